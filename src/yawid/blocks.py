@@ -1,0 +1,149 @@
+"""The values that travel: frozen structs of arrays, one row per message or sample.
+
+A block may have any length >= 1. A replay block holds thousands of rows, a live block often one, and no
+result depends on how the stream was cut into blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+
+
+class Status(IntEnum):
+    """What an estimator says of its own estimate."""
+
+    WARMING_UP = 0
+    TRACKING = 1
+    HELD = 2
+    DIVERGED = 3
+
+
+class Held(IntFlag):
+    """Why a sample must not update the estimators; several may hold at once."""
+
+    NONE = 0
+    GAP = 1
+    REBOOT = 2
+    RUDDER_INVALID = 4
+
+
+@dataclass(frozen=True, slots=True)
+class MessageBlock:
+    """Messages of one type, in the order heard.
+
+    ``order`` (n,) is the byte at which the record starts in the stream: it sorts messages of all types.
+    ``received_us`` (n,) is the receive stamp in microseconds of Unix time, ``sysid`` and ``compid`` (n,)
+    the sender, ``fields`` (n,) a structured array with one column per MAVLink field under its own name.
+    """
+
+    name: str
+    order: Ints
+    received_us: Ints
+    sysid: Bytes
+    compid: Bytes
+    fields: NDArray[Any]
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def select(self, rows: NDArray[Any] | slice) -> MessageBlock:
+        """Return the rows chosen by a mask, an index array or a slice."""
+        return MessageBlock(
+            self.name,
+            self.order[rows],
+            self.received_us[rows],
+            self.sysid[rows],
+            self.compid[rows],
+            self.fields[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBlock:
+    """All wanted messages of one stretch of the stream, by message name; absent names had none."""
+
+    messages: Mapping[str, MessageBlock]
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBlock:
+    """Samples on the uniform grid ``t_k = k * sample_time_s`` of vehicle time.
+
+    ``k`` (n,) grid index; ``boot_us`` (n,) vehicle time in microseconds; ``unix_ns`` (n,) the same mapped
+    to Unix time, never decreasing; ``received_us`` (n,) receive stamp of the message that completed the
+    sample. ``u`` (n, n_inputs) mean deflection over ``[t_k, t_k+1)`` in units of half the travel and ``y``
+    (n,) yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not zero. ``yaw`` and ``roll`` (n,)
+    in rad (yaw unwrapped) are for the reader. ``epoch`` (n,) counts how often the meaning of ``u``
+    changed: the estimators start anew with each.
+    """
+
+    sample_time_s: float
+    k: Ints
+    boot_us: Ints
+    unix_ns: Ints
+    received_us: Ints
+    u: Floats
+    y: Floats
+    yaw: Floats
+    roll: Floats
+    held: Ints
+    epoch: Ints
+
+    def __len__(self) -> int:
+        return len(self.k)
+
+    def select(self, rows: NDArray[Any] | slice) -> SampleBlock:
+        """Return the rows chosen by a mask, an index array or a slice."""
+        columns = [getattr(self, name)[rows] for name in self.__slots__[1:]]
+        return SampleBlock(self.sample_time_s, *columns)
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateBlock:
+    """What one estimator made of a block of samples, a row each.
+
+    ``theta`` and ``theta_std`` (n, p) in the user's units, ``covariance`` (n, p, p) of theta or None where
+    it was not asked for, ``y_hat`` (n,) one-step prediction, ``innovation`` (n,) a priori and ``residual``
+    (n,) a posteriori error, ``noise_std`` (n,) of the innovation, ``status`` (n,) see :class:`Status`.
+    """
+
+    theta: Floats
+    theta_std: Floats
+    covariance: Floats | None
+    y_hat: Floats
+    innovation: Floats
+    residual: Floats
+    noise_std: Floats
+    status: Bytes
+
+    def __len__(self) -> int:
+        return len(self.y_hat)
+
+
+@dataclass(frozen=True, slots=True)
+class ModesBlock:
+    """The continuous poles of each estimate and the Dutch roll among them; NaN where there is none.
+
+    ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``, ``zeta_std``
+    (n, na) of each pole; ``dutch_roll`` (n, 4) holds wn, wn_std, zeta, zeta_std of the Dutch roll.
+    """
+
+    poles: NDArray[np.complex128]
+    wn: Floats
+    wn_std: Floats
+    zeta: Floats
+    zeta_std: Floats
+    dutch_roll: Floats
+
+    def __len__(self) -> int:
+        return len(self.wn)

@@ -1,0 +1,119 @@
+"""Configuration: frozen, complete and validated when built.
+
+A change is ``dataclasses.replace`` and a new estimator; nothing is ever reset.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from yawid.errors import ConfigError
+
+Method = Literal["els", "rml"]
+Engine = Literal["numba", "filterpy"]
+METHODS: tuple[Method, ...] = ("els", "rml")
+ENGINES: tuple[Engine, ...] = ("numba", "filterpy")
+
+
+@dataclass(frozen=True, slots=True)
+class ArmaxOrders:
+    """Orders of ``A(q) y(k) = B(q) u(k) + C(q) e(k)``, paper eq. 28-29.
+
+    ``nb`` and ``nk`` have one entry per input; an int means one input. ``nk`` counts as MATLAB does: with
+    nk = 1 the newest input used is u(k-1).
+
+    Raises:
+        ConfigError: an order is negative or no int, nb and nk differ in length, or theta would be empty.
+    """
+
+    na: int
+    nb: tuple[int, ...]
+    nc: int
+    nk: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nb", _entries("nb", self.nb))
+        object.__setattr__(self, "nk", _entries("nk", self.nk))
+        for name in ("na", "nc"):
+            _check_order(name, getattr(self, name))
+        if len(self.nb) != len(self.nk):
+            raise ConfigError(f"nb has {len(self.nb)} entries and nk {len(self.nk)}: one per input each")
+        if self.na + sum(self.nb) + self.nc == 0:
+            raise ConfigError("orders of zero everywhere: na, nb or nc must be at least 1")
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.nb)
+
+    @property
+    def n_theta(self) -> int:
+        """Number of polynomial coefficients in theta, without the bias."""
+        return self.na + sum(self.nb) + self.nc
+
+
+def _entries(name: str, value: Any) -> tuple[int, ...]:
+    entries = (value,) if isinstance(value, int) else tuple(value)
+    for entry in entries:
+        _check_order(name, entry)
+    return entries
+
+
+def _check_order(name: str, value: Any) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 50:
+        raise ConfigError(f"{name} must be an int from 0 to 50, got {value!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorConfig:
+    """All that defines a :class:`yawid.RecursiveArmax`.
+
+    ``forgetting_factor`` is lambda after start-up; ``forgetting_start`` and ``forgetting_rate`` give the
+    schedule ``lambda(t) = rate * lambda(t-1) + (1 - rate) * lambda_inf``. ``P0`` is the starting variance of
+    each parameter on scaled signals. ``information_floor`` None means 0.1 where lambda < 1 and else 0.
+    ``scale_window`` counts the samples that set the scale (0: none), ``start_buffer`` those given to one
+    Gauss-Newton fit (0: none).
+
+    Raises:
+        ConfigError: a value outside its limits.
+    """
+
+    orders: ArmaxOrders
+    sample_time_s: float
+    forgetting_factor: float = 1.0
+    method: Method = "els"
+    bias: bool = True
+    P0: float = 100.0
+    forgetting_start: float = 0.95
+    forgetting_rate: float = 0.995
+    start_buffer: int = 0
+    information_floor: float | None = None
+    scale_window: int = 100
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ConfigError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
+        for name in ("sample_time_s", "P0"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
+        for name in ("forgetting_factor", "forgetting_start"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise ConfigError(f"{name} must lie in (0, 1], got {getattr(self, name)!r}")
+        if not 0.0 <= self.forgetting_rate < 1.0:
+            raise ConfigError(f"forgetting_rate must lie in [0, 1), got {self.forgetting_rate!r}")
+        for name in ("start_buffer", "scale_window"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 0:
+                raise ConfigError(f"{name} must be an int >= 0, got {value!r}")
+        if self.information_floor is None:
+            floor = 0.1 if self.forgetting_factor < 1.0 else 0.0
+            object.__setattr__(self, "information_floor", floor)
+        elif not 0.0 <= self.information_floor < math.inf:
+            raise ConfigError(f"information_floor must be >= 0, got {self.information_floor!r}")
+
+    @property
+    def n_theta(self) -> int:
+        """Number of parameters, the bias included."""
+        return self.orders.n_theta + int(self.bias)

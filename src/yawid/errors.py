@@ -1,0 +1,21 @@
+"""Every exception yawid raises on purpose; only ``cli.py`` turns them into a line and an exit code."""
+
+
+class YawidError(Exception):
+    """The root: anything that yawid itself has to say about its input, output or use."""
+
+
+class ConfigError(YawidError, ValueError):
+    """A setting outside its limits; the message names the value and the limit."""
+
+
+class SourceError(YawidError):
+    """A log or a link that cannot be read."""
+
+
+class ChannelError(YawidError):
+    """A channel that cannot be made from the messages there are."""
+
+
+class SinkError(YawidError):
+    """A file or viewer that cannot be written."""
