@@ -1,7 +1,7 @@
 """The values that travel: frozen structs of arrays, one row per message or sample.
 
-A block may have any length >= 1. A replay block holds thousands of rows, a live block often one, and no
-result depends on how the stream was cut into blocks.
+A block may have any length >= 1. A replay block holds thousands of rows, a live block often one,
+and no result depends on how the stream was cut into blocks.
 """
 
 from __future__ import annotations
@@ -35,15 +35,18 @@ class Held(IntFlag):
     GAP = 1
     REBOOT = 2
     RUDDER_INVALID = 4
+    YAW_INVALID = 8
+    RUDDER_CHANGED = 16
 
 
 @dataclass(frozen=True, slots=True)
 class MessageBlock:
     """Messages of one type, in the order heard.
 
-    ``order`` (n,) is the byte at which the record starts in the stream: it sorts messages of all types.
-    ``received_us`` (n,) is the receive stamp in microseconds of Unix time, ``sysid`` and ``compid`` (n,)
-    the sender, ``fields`` (n,) a structured array with one column per MAVLink field under its own name.
+    ``order`` (n,) is the byte at which the record starts in the stream: it sorts messages of all
+    types. ``received_us`` (n,) is the receive stamp in microseconds of Unix time, ``sysid`` and
+    ``compid`` (n,) the sender, ``fields`` (n,) a structured array with one column per MAVLink field
+    under its own name.
     """
 
     name: str
@@ -79,12 +82,12 @@ class FrameBlock:
 class SampleBlock:
     """Samples on the uniform grid ``t_k = k * sample_time_s`` of vehicle time.
 
-    ``k`` (n,) grid index; ``boot_us`` (n,) vehicle time in microseconds; ``unix_ns`` (n,) the same mapped
-    to Unix time, never decreasing; ``received_us`` (n,) receive stamp of the message that completed the
-    sample. ``u`` (n, n_inputs) mean deflection over ``[t_k, t_k+1)`` in units of half the travel and ``y``
-    (n,) yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not zero. ``yaw`` and ``roll`` (n,)
-    in rad (yaw unwrapped) are for the reader. ``epoch`` (n,) counts how often the meaning of ``u``
-    changed: the estimators start anew with each.
+    ``k`` (n,) grid index; ``boot_us`` (n,) vehicle time in microseconds; ``unix_ns`` (n,) the same
+    mapped to Unix time, never decreasing; ``received_us`` (n,) receive stamp of the message that
+    completed the sample. ``u`` (n, n_inputs) mean deflection over ``[t_k, t_k+1)`` in units of half
+    the travel and ``y`` (n,) yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not
+    zero. ``yaw`` and ``roll`` (n,) in rad (yaw unwrapped) are for the reader. ``epoch`` (n,) counts
+    how often the meaning of ``u`` changed: the estimators start anew with each.
     """
 
     sample_time_s: float
@@ -112,9 +115,10 @@ class SampleBlock:
 class EstimateBlock:
     """What one estimator made of a block of samples, a row each.
 
-    ``theta`` and ``theta_std`` (n, p) in the user's units, ``covariance`` (n, p, p) of theta or None where
-    it was not asked for, ``y_hat`` (n,) one-step prediction, ``innovation`` (n,) a priori and ``residual``
-    (n,) a posteriori error, ``noise_std`` (n,) of the innovation, ``status`` (n,) see :class:`Status`.
+    ``theta`` and ``theta_std`` (n, p) in the user's units, ``covariance`` (n, p, p) of theta or
+    None where it was not asked for, ``y_hat`` (n,) one-step prediction, ``innovation`` (n,) a
+    priori and ``residual`` (n,) a posteriori error, ``noise_std`` (n,) of the innovation,
+    ``status`` (n,) see :class:`Status`.
     """
 
     theta: Floats
@@ -134,8 +138,9 @@ class EstimateBlock:
 class ModesBlock:
     """The continuous poles of each estimate and the Dutch roll among them; NaN where there is none.
 
-    ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``, ``zeta_std``
-    (n, na) of each pole; ``dutch_roll`` (n, 4) holds wn, wn_std, zeta, zeta_std of the Dutch roll.
+    ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``,
+    ``zeta_std`` (n, na) of each pole; ``dutch_roll`` (n, 4) holds wn, wn_std, zeta, zeta_std of the
+    Dutch roll.
     """
 
     poles: NDArray[np.complex128]

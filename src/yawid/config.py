@@ -21,11 +21,12 @@ ENGINES: tuple[Engine, ...] = ("numba", "filterpy")
 class ArmaxOrders:
     """Orders of ``A(q) y(k) = B(q) u(k) + C(q) e(k)``, paper eq. 28-29.
 
-    ``nb`` and ``nk`` have one entry per input; an int means one input. ``nk`` counts as MATLAB does: with
-    nk = 1 the newest input used is u(k-1).
+    ``nb`` and ``nk`` have one entry per input; an int means one input. ``nk`` counts as MATLAB
+    does: with nk = 1 the newest input used is u(k-1).
 
     Raises:
-        ConfigError: an order is negative or no int, nb and nk differ in length, or theta would be empty.
+        ConfigError: an order is negative or no int, nb and nk differ in length, or theta would be
+        empty.
     """
 
     na: int
@@ -39,7 +40,9 @@ class ArmaxOrders:
         for name in ("na", "nc"):
             _check_order(name, getattr(self, name))
         if len(self.nb) != len(self.nk):
-            raise ConfigError(f"nb has {len(self.nb)} entries and nk {len(self.nk)}: one per input each")
+            raise ConfigError(
+                f"nb has {len(self.nb)} entries and nk {len(self.nk)}: one per input each"
+            )
         if self.na + sum(self.nb) + self.nc == 0:
             raise ConfigError("orders of zero everywhere: na, nb or nc must be at least 1")
 
@@ -52,6 +55,19 @@ class ArmaxOrders:
     def n_theta(self) -> int:
         """Number of polynomial coefficients in theta, without the bias."""
         return self.na + sum(self.nb) + self.nc
+
+
+def forgetting_factor(memory_s: float, sample_time_s: float) -> float:
+    """Return lambda = exp(-Ts / memory): a sample as old as the memory weighs 1/e.
+
+    Raises:
+        ConfigError: either is not > 0, or the sample time is not finite.
+    """
+    if not memory_s > 0.0:
+        raise ConfigError(f"memory must be > 0 s, got {memory_s!r}")
+    if not 0.0 < sample_time_s < math.inf:
+        raise ConfigError(f"sample_time_s must be > 0 and finite, got {sample_time_s!r}")
+    return math.exp(-sample_time_s / memory_s)
 
 
 def _entries(name: str, value: Any) -> tuple[int, ...]:
@@ -70,11 +86,15 @@ def _check_order(name: str, value: Any) -> None:
 class EstimatorConfig:
     """All that defines a :class:`yawid.RecursiveArmax`.
 
-    ``forgetting_factor`` is lambda after start-up; ``forgetting_start`` and ``forgetting_rate`` give the
-    schedule ``lambda(t) = rate * lambda(t-1) + (1 - rate) * lambda_inf``. ``P0`` is the starting variance of
-    each parameter on scaled signals. ``information_floor`` None means 0.1 where lambda < 1 and else 0.
-    ``scale_window`` counts the samples that set the scale (0: none), ``start_buffer`` those given to one
-    Gauss-Newton fit (0: none).
+    ``forgetting_factor`` is lambda after start-up; ``forgetting_start`` and ``forgetting_rate``
+    give the schedule ``lambda(t) = rate * lambda(t-1) + (1 - rate) * lambda_inf``. ``P0`` is the
+    starting variance of each parameter on scaled signals. ``information_floor`` None means 0.1
+    where lambda < 1 and else 0. ``scale_window`` counts the samples that set the scale (0: none),
+    ``start_buffer`` those given to one Gauss-Newton fit (0: none); both wait until each channel's
+    standard deviation over them exceeds ``scale_minimum``, in the channel's unit. ``drift`` (Kalman
+    mode, with a forgetting factor of 1) is the variance each parameter gains per second, in the
+    units of P0: a float, or one for each parameter. ``residual_lags`` counts the lags of the
+    residual's autocorrelation that whiteness and sigma use; 0 leaves both out.
 
     Raises:
         ConfigError: a value outside its limits.
@@ -91,8 +111,13 @@ class EstimatorConfig:
     start_buffer: int = 0
     information_floor: float | None = None
     scale_window: int = 100
+    scale_minimum: float = 1e-3
+    drift: float | tuple[float, ...] = 0.0
+    residual_lags: int = 10
 
     def __post_init__(self) -> None:
+        if not isinstance(self.orders, ArmaxOrders):
+            raise ConfigError(f"orders must be ArmaxOrders, got {self.orders!r}")
         if self.method not in METHODS:
             raise ConfigError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
         for name in ("sample_time_s", "P0"):
@@ -103,15 +128,30 @@ class EstimatorConfig:
                 raise ConfigError(f"{name} must lie in (0, 1], got {getattr(self, name)!r}")
         if not 0.0 <= self.forgetting_rate < 1.0:
             raise ConfigError(f"forgetting_rate must lie in [0, 1), got {self.forgetting_rate!r}")
-        for name in ("start_buffer", "scale_window"):
+        for name in ("start_buffer", "scale_window", "residual_lags"):
             value = getattr(self, name)
-            if not isinstance(value, int) or value < 0:
+            if not isinstance(value, int) or isinstance(value, bool) or value < 0:
                 raise ConfigError(f"{name} must be an int >= 0, got {value!r}")
+        if not 0.0 <= self.scale_minimum < math.inf:
+            raise ConfigError(f"scale_minimum must be >= 0, got {self.scale_minimum!r}")
+        self._check_drift()
         if self.information_floor is None:
             floor = 0.1 if self.forgetting_factor < 1.0 else 0.0
             object.__setattr__(self, "information_floor", floor)
         elif not 0.0 <= self.information_floor < math.inf:
             raise ConfigError(f"information_floor must be >= 0, got {self.information_floor!r}")
+
+    def _check_drift(self) -> None:
+        drift = self.drift if isinstance(self.drift, tuple) else (self.drift,) * self.n_theta
+        if len(drift) != self.n_theta:
+            raise ConfigError(f"drift has {len(drift)} entries for {self.n_theta} parameters")
+        if not all(0.0 <= rate < math.inf for rate in drift):
+            raise ConfigError(f"drift must be >= 0 and finite, got {self.drift!r}")
+        if any(drift) and self.forgetting_factor < 1.0:
+            raise ConfigError(
+                f"drift needs a forgetting_factor of 1, got {self.forgetting_factor!r}: one adaptation"
+            )
+        object.__setattr__(self, "drift", drift if any(drift) else 0.0)
 
     @property
     def n_theta(self) -> int:

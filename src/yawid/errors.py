@@ -1,4 +1,4 @@
-"""Every exception yawid raises on purpose; only ``cli.py`` turns them into a line and an exit code."""
+"""Every exception yawid raises on purpose; ``cli.py`` alone makes lines and exit codes of them."""
 
 
 class YawidError(Exception):

@@ -1,0 +1,210 @@
+"""Two channels on one uniform grid of vehicle time: t_k = k * Ts.
+
+y(k) is the yaw rate at the instant t_k, interpolated between the two messages around it; u(k) is
+the mean over [t_k, t_k+1) of the deflection held from message to message. With these meanings a
+plant without dead time is nk = 1 and its zero-order-hold discretisation is what the estimator
+finds. A gap is a break: of the instants it swallows only the first becomes a (held) sample, none is
+filled in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from yawid.blocks import Floats, Held, Ints, SampleBlock
+from yawid.channels.clock import Piece, Series
+
+Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Aligned rows, not yet samples; ``order`` (n,) is the message that completed each."""
+
+    k: Ints
+    order: Ints
+    received_us: Ints
+    offset_us: Ints
+    yaw: Floats
+    surface: Floats
+    held: Ints
+
+
+@dataclass(slots=True)
+class Aligner:
+    """Aligns one segment after another.
+
+    ``gaps_us`` are the longest message intervals bridged (yaw, surface).
+    """
+
+    sample_time_s: float
+    gaps_us: tuple[float, float]
+    gaps: int = 0
+    _yaw: Series = field(default_factory=lambda: Series.empty(3))
+    _surface: Series = field(default_factory=lambda: Series.empty(0))
+    _offset: tuple[Ints, Ints] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    _next_k: int | None = None
+    _why: Held = Held.NONE
+    _epoch: int = 0
+    _in_gap: bool = False
+    _last_unix_ns: int = 0
+
+    def feed(self, piece: Piece) -> SampleBlock | None:
+        """Take one piece of a segment in; return the samples it completes."""
+        if piece.opens:
+            self._open(piece)
+        self._surface = Series.concatenate(self._surface, piece.surface)
+        self._yaw = Series.concatenate(self._yaw, piece.yaw)
+        self._offset = (
+            np.concatenate([self._offset[0], piece.offset_order]),
+            np.concatenate([self._offset[1], piece.offset_us]),
+        )
+        blocks = [] if self._next_k is not None else self._start()
+        if self._next_k is not None:
+            blocks += self._emit()
+        self._prune()
+        return self._samples(blocks) if blocks else None
+
+    def _open(self, piece: Piece) -> None:
+        self._yaw, self._surface = piece.yaw.select(slice(0, 0)), piece.surface.select(slice(0, 0))
+        self._offset = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+        self._next_k, self._why, self._in_gap = None, piece.why, False
+        self._epoch = piece.epoch
+
+    @property
+    def _ts_us(self) -> float:
+        return 1e6 * self.sample_time_s
+
+    def _start(self) -> list[Rows]:
+        """Begin the grid once both channels flow, with one held sample where a segment ended."""
+        if len(self._yaw) == 0 or len(self._surface) == 0:
+            return []
+        both = max(self._yaw.order[0], self._surface.order[0])
+        begin = max(
+            int(series.t_us[series.order <= both].max()) for series in (self._yaw, self._surface)
+        )
+        self._next_k = math.ceil(begin / self._ts_us)
+        if self._why == Held.NONE:
+            return []
+        received = self._yaw if self._yaw.order[0] == both else self._surface
+        hole = np.full((1, 3), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
+        return [
+            Rows(
+                np.array([self._next_k - 1]),
+                np.array([both]),
+                received.received_us[:1],
+                self._offset_at(np.array([both])),
+                *hole,
+                np.array([int(self._why)]),
+            )
+        ]
+
+    def _emit(self) -> list[Rows]:
+        """Align every grid instant that both channels have passed."""
+        assert self._next_k is not None
+        last = min(self._yaw.t_us[-1], self._surface.t_us[-1] - self._ts_us) / self._ts_us
+        edges = np.arange(self._next_k, math.floor(last) + 3) * self._ts_us
+        ready = (edges[:-1] <= self._yaw.t_us[-1]) & (edges[1:] <= self._surface.t_us[-1])
+        n = int(ready.sum())
+        if n == 0:
+            return []
+        k, edges = self._next_k + np.arange(n), edges[: n + 1]
+        yaw, yaw_row, yaw_gap = self._at_instants(edges[:-1])
+        surface, surface_row, surface_gap = self._over_intervals(edges)
+        gap = yaw_gap | surface_gap
+        first_of_gap = gap & ~np.concatenate([[self._in_gap], gap[:-1]])
+        self._next_k, self._in_gap = self._next_k + n, bool(gap[-1])
+        self.gaps += int(first_of_gap.sum())
+        yaw[gap], surface[gap] = np.nan, np.nan
+        later = self._yaw.order[yaw_row] >= self._surface.order[surface_row]
+        rows = Rows(
+            k,
+            np.where(later, self._yaw.order[yaw_row], self._surface.order[surface_row]),
+            np.where(later, self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]),
+            np.zeros(n, np.int64),
+            yaw,
+            surface,
+            np.where(gap, int(Held.GAP), 0),
+        )
+        keep = ~gap | first_of_gap
+        kept = [getattr(rows, name)[keep] for name in rows.__slots__]
+        kept[3] = self._offset_at(kept[1])
+        return [Rows(*kept)] if keep.any() else []
+
+    def _at_instants(self, t: Floats) -> tuple[Floats, Ints, Bools]:
+        """Interpolate the yaw columns; return them, the later message used and the gaps."""
+        b = np.searchsorted(self._yaw.t_us, t, side="left")
+        a = np.where(self._yaw.t_us[b] == t, b, b - 1)
+        width = (self._yaw.t_us[b] - self._yaw.t_us[a]).astype(float)
+        weight = np.where(
+            width > 0.0, (t - self._yaw.t_us[a]) / np.where(width > 0.0, width, 1.0), 0.0
+        )
+        low, high = self._yaw.values[a], self._yaw.values[b]
+        return low + weight[:, None] * (high - low), b, width > self.gaps_us[0]
+
+    def _over_intervals(self, edges: Floats) -> tuple[Floats, Ints, Bools]:
+        """Average the held columns over [edge, next edge), piece by piece between messages."""
+        times = self._surface.t_us
+        inside = times[(times > edges[0]) & (times < edges[-1])].astype(float)
+        cuts = np.union1d(edges, inside)
+        starts = np.searchsorted(cuts, edges[:-1])
+        holds = np.searchsorted(times, cuts[:-1], side="right") - 1
+        area = self._surface.values[holds] * np.diff(cuts)[:, None]
+        mean = np.add.reduceat(area, starts, axis=0) / self._ts_us
+        interval = (times[holds + 1] - times[holds]).astype(float)
+        closing = np.searchsorted(times, edges[1:], side="left")
+        return mean, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]
+
+    def _offset_at(self, order: Ints) -> Ints:
+        row = np.searchsorted(self._offset[0], order, side="right") - 1
+        offset: Ints = self._offset[1][row]
+        return offset
+
+    def _prune(self) -> None:
+        """Forget the rows no later sample can need."""
+        if self._next_k is None:
+            # Until the other channel starts, only the newest row can reach into the first sample.
+            self._yaw, self._surface = (
+                self._yaw.select(slice(-1, None)),
+                self._surface.select(slice(-1, None)),
+            )
+        else:
+            t = self._next_k * self._ts_us
+            self._yaw, self._surface = _from(self._yaw, t), _from(self._surface, t)
+        if len(self._yaw) and len(self._surface):
+            oldest = min(self._yaw.order[0], self._surface.order[0])
+            row = max(int(np.searchsorted(self._offset[0], oldest, side="right")) - 1, 0)
+            self._offset = (self._offset[0][row:], self._offset[1][row:])
+        else:
+            self._offset = (self._offset[0][-1:], self._offset[1][-1:])
+
+    def _samples(self, blocks: list[Rows]) -> SampleBlock:
+        columns = [np.concatenate([getattr(b, name) for b in blocks]) for name in Rows.__slots__]
+        k, _, received, offset, yaw, surface, held = columns
+        boot_us = np.rint(k * self._ts_us).astype(np.int64)
+        unix = np.maximum.accumulate(np.append(self._last_unix_ns, (boot_us + offset) * 1000))[1:]
+        self._last_unix_ns = int(unix[-1])
+        no_rudder = (held == 0) & np.isnan(surface).any(axis=1)
+        no_yaw = (held == 0) & np.isnan(yaw[:, 0])
+        held = held + int(Held.RUDDER_INVALID) * no_rudder + int(Held.YAW_INVALID) * no_yaw
+        return SampleBlock(
+            self.sample_time_s,
+            k,
+            boot_us,
+            unix,
+            received,
+            np.where(held[:, None] != 0, np.nan, surface),
+            np.where(held != 0, np.nan, yaw[:, 0]),
+            yaw[:, 1],
+            yaw[:, 2],
+            held,
+            np.full(len(k), self._epoch, np.int64),
+        )
+
+
+def _from(series: Series, t: float) -> Series:
+    first = max(int(np.searchsorted(series.t_us, t, side="right")) - 1, 0)
+    return series.select(slice(first, None))

@@ -1,0 +1,200 @@
+"""The vehicle's clock: one time in microseconds since boot for every message, and where it breaks.
+
+SERVO_OUTPUT_RAW.time_usec is 32 bits wide and wraps every 71.6 minutes while ATTITUDE.time_boot_ms
+goes on, so the first is unwrapped beside the second. A stretch in which both channels flow on one
+clock is a segment; a reboot, a step back or a long silence of either channel ends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from yawid.blocks import Floats, Held, Ints
+
+BACK_STEP_US = 1_000_000
+"""A channel's time may fall back less than this (a repeated or reordered message) without a new
+segment."""
+REBOOT_US = 5_000_000
+"""A step back by more than this is called a reboot, by less a clock step."""
+SILENCE_US = 10_000_000
+"""A channel silent for longer than this, while the clock goes on, ends the segment."""
+OFFSET_WINDOW_US = 5_000_000
+"""The offset to Unix time is sought in this much of each segment, then kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Rows of one channel group in stream order: vehicle time ``t_us`` (n,), ``values`` (n, m)."""
+
+    order: Ints
+    received_us: Ints
+    t_us: Ints
+    values: Floats
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def select(self, rows: Ints | slice | np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Series:
+        """Return the rows chosen by a mask, an index array or a slice."""
+        return Series(self.order[rows], self.received_us[rows], self.t_us[rows], self.values[rows])
+
+    @staticmethod
+    def concatenate(a: Series, b: Series) -> Series:
+        """Return the rows of both, a first."""
+        if len(a) == 0:
+            return b
+        return Series(
+            np.concatenate([a.order, b.order]),
+            np.concatenate([a.received_us, b.received_us]),
+            np.concatenate([a.t_us, b.t_us]),
+            np.concatenate([a.values, b.values]),
+        )
+
+    @staticmethod
+    def empty(columns: int) -> Series:
+        """Return a series without rows."""
+        none = np.zeros(0, np.int64)
+        return Series(none, none, none, np.zeros((0, columns)))
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A stretch of one segment: its rows, and if it opens the segment, why the last one ended.
+
+    ``epoch`` counts the meanings the surfaces have had. ``offset_us`` maps order to Unix minus boot
+    time: the least seen so far in the segment's first seconds.
+    """
+
+    opens: bool
+    why: Held
+    epoch: int
+    yaw: Series
+    surface: Series
+    offset_order: Ints
+    offset_us: Ints
+
+
+def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) -> Ints:
+    """Unwrap 32-bit microseconds beside the last full boot time heard before each of them.
+
+    ``boot_us`` and ``boot_order`` (m >= 1,) are the full times. Returns int64 microseconds (n,);
+    the result lies within 2**31 us (35.8 min) of the full time.
+    """
+    last = np.maximum(np.searchsorted(boot_order, order) - 1, 0)
+    turns = np.rint((boot_us[last] - raw) / 2.0**32).astype(np.int64)
+    unwrapped: Ints = raw + turns * 2**32
+    return unwrapped
+
+
+@dataclass(slots=True)
+class Segmenter:
+    """Cuts two series in stream order into pieces of segments."""
+
+    newest: list[int | None] = field(default_factory=lambda: [None, None])
+    began_us: int | None = None
+    offset_us: int | None = None
+    reboots: int = 0
+    clock_steps: int = 0
+    silences: int = 0
+    epoch: int = 0
+    _why: Held = Held.NONE
+
+    def feed(self, yaw: Series, surface: Series) -> Iterator[Piece]:
+        """Yield the pieces of this stretch of the stream, in order."""
+        kind = np.repeat([0, 1], [len(yaw), len(surface)])
+        merged = Series.concatenate(
+            Series(yaw.order, yaw.received_us, yaw.t_us, np.zeros((len(yaw), 0))),
+            Series(surface.order, surface.received_us, surface.t_us, np.zeros((len(surface), 0))),
+        )
+        by_order = np.argsort(merged.order, kind="stable")
+        merged, kind = merged.select(by_order), kind[by_order]
+        row = np.where(by_order < len(yaw), by_order, by_order - len(yaw))
+        start = 0
+        while start < len(kind):
+            opens = self.newest == [None, None]
+            stop, good = self._until_break(merged.t_us[start:], kind[start:])
+            rows, kinds = row[start : start + stop], kind[start : start + stop]
+            offset_order, offset_us = self._offsets(merged.select(slice(start, start + stop)))
+            yield Piece(
+                opens,
+                self._why if opens else Held.NONE,
+                self.epoch,
+                yaw.select(rows[good & (kinds == 0)]),
+                surface.select(rows[good & (kinds == 1)]),
+                offset_order,
+                offset_us,
+            )
+            start += stop
+            if start < len(kind):
+                self._break(int(merged.t_us[start]), int(kind[start]))
+
+    def _until_break(
+        self, t: Ints, kind: Ints
+    ) -> tuple[int, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+        """Return how many rows belong to this segment, and which of them go forward in time."""
+        before = np.stack([_newest_before(t, kind == k, self.newest[k]) for k in (0, 1)])
+        own = before[kind, np.arange(len(t))]
+        other = before[1 - kind, np.arange(len(t))]
+        never = np.iinfo(np.int64).min
+        back = (own != never) & (t <= own - BACK_STEP_US)
+        silent = (own != never) & (t - np.maximum(own, 0) > SILENCE_US)
+        alone = (other != never) & (t - np.maximum(other, 0) > SILENCE_US)
+        breaks = back | silent | alone
+        stop = int(np.argmax(breaks)) if breaks.any() else len(t)
+        good = (own[:stop] == never) | (t[:stop] > own[:stop])
+        for k in (0, 1):
+            mine = t[:stop][kind[:stop] == k]
+            if len(mine):
+                last = self.newest[k]
+                self.newest[k] = int(max(mine.max(), mine[0] if last is None else last))
+        return stop, good
+
+    def _break(self, t: int, kind: int) -> None:
+        own = self.newest[kind]
+        step = 0 if own is None else t - own
+        if step <= -REBOOT_US:
+            self.reboots += 1
+        elif step < 0:
+            self.clock_steps += 1
+        else:
+            self.silences += 1
+        self._restart(Held.REBOOT if step < 0 else Held.GAP)
+
+    def new_meaning(self) -> None:
+        """Start a new segment because a unit of deflection no longer means what it did."""
+        self.epoch += 1
+        self._restart(Held.RUDDER_CHANGED)
+
+    def _restart(self, why: Held) -> None:
+        self._why = why
+        self.newest = [None, None]
+        self.began_us = self.offset_us = None
+
+    def _offsets(self, rows: Series) -> tuple[Ints, Ints]:
+        """Return the running minimum of received - boot over the segment's first seconds."""
+        if len(rows) == 0:
+            return rows.order, rows.t_us
+        if self.began_us is None:
+            self.began_us = int(rows.t_us[0])
+        young = rows.t_us <= self.began_us + OFFSET_WINDOW_US
+        latest = np.iinfo(np.int64).max if self.offset_us is None else self.offset_us
+        lag = np.where(young, rows.received_us - rows.t_us, latest)
+        lag[0] = min(lag[0], latest)
+        offsets = np.minimum.accumulate(lag)
+        self.offset_us = int(offsets[-1])
+        return rows.order, offsets
+
+
+def _newest_before(
+    t: Ints, mine: np.ndarray[tuple[int], np.dtype[np.bool_]], carried: int | None
+) -> Ints:
+    """Return the newest time of one channel strictly before each row (int64 minimum: none)."""
+    never = np.iinfo(np.int64).min
+    seen = np.where(mine, t, never)
+    first = never if carried is None else carried
+    shifted = np.concatenate([[first], seen[:-1]])
+    newest: Ints = np.maximum.accumulate(shifted)
+    return newest

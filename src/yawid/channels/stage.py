@@ -1,0 +1,191 @@
+"""The stage as a whole: blocks of messages in, blocks of samples out.
+
+lock the vehicle -> name its surfaces -> rows on the vehicle's clock -> segments -> one grid
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from yawid.blocks import FrameBlock, MessageBlock, SampleBlock
+from yawid.channels.align import Aligner
+from yawid.channels.clock import Piece, Segmenter, Series
+from yawid.channels.mapping import (
+    AILERON_FUNCTION,
+    RUDDER_FUNCTION,
+    ParameterTable,
+    Surface,
+    check_selector,
+    find_surface,
+)
+from yawid.channels.series import SurfaceReader, YawReader
+from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
+from yawid.channels.vehicle import VehicleLock
+from yawid.errors import ConfigError
+from yawid.run_config import RunConfig
+
+WANTED = frozenset(
+    {
+        "HEARTBEAT",
+        "PARAM_VALUE",
+        "ATTITUDE",
+        "SERVO_OUTPUT_RAW",
+        "ACTUATOR_CONTROL_TARGET",
+        "RC_CHANNELS",
+    }
+)
+"""The messages this stage reads."""
+
+
+class Channels:
+    """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
+
+    Raises:
+        ConfigError: a channel selector is none, or the rate asked for is above the log's own.
+    """
+
+    def __init__(self, config: RunConfig) -> None:
+        self.config = config
+        self.lock = VehicleLock(config.sysid)
+        self.parameters = ParameterTable({})
+        self.segmenter = Segmenter()
+        self.startup: StartUp | None = StartUp()
+        self.aligner: Aligner | None = None
+        self.intervals_us: tuple[float, float] | None = None
+        self.surfaces: tuple[Surface, ...] = ()
+        self.yaw_rows = 0
+        self.surface_rows = 0
+        self._used: tuple[Surface, ...] = ()
+        self._controls_heard = False
+        self._yaw = YawReader()
+        self._surface = SurfaceReader()
+        self._selectors = [
+            (check_selector(name, getattr(config, name)), function)
+            for name, function in (("rudder", RUDDER_FUNCTION), ("aileron", AILERON_FUNCTION))
+            if name in config.inputs
+        ]
+
+    def feed(self, frames: FrameBlock) -> list[SampleBlock]:
+        """Take a block of messages in; return the samples it completes, in order."""
+        messages, parameters = self.lock.filter(frames)
+        if self.lock.vehicle is None:
+            return []
+        self._controls_heard |= "ACTUATOR_CONTROL_TARGET" in messages
+        samples = []
+        for stretch, surfaces in self._stretches(messages, parameters):
+            samples += self._read(stretch, surfaces)
+        return samples
+
+    def finish(self) -> list[SampleBlock]:
+        """Return the samples still held back for want of five seconds of both channels."""
+        if self.startup is None or not self.startup.give_up():
+            return []
+        return self._begin(self.startup)
+
+    def _stretches(
+        self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
+    ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
+        """Cut the block where a parameter changes the surfaces; yield each stretch with them."""
+        self.surfaces = self._find_surfaces()
+        low = -1
+        for block in parameters:
+            for order in self.parameters.changes(block):
+                found = self._find_surfaces()
+                if found != self.surfaces:
+                    yield _between(messages, low, order), self.surfaces
+                    low, self.surfaces = order, found
+        yield _between(messages, low, None), self.surfaces
+
+    def _find_surfaces(self) -> tuple[Surface, ...]:
+        """Return a surface for every input, or none at all while one is missing."""
+        vehicle = self.lock.vehicle
+        assert vehicle is not None
+        found = []
+        for selector, function in self._selectors:
+            surface = find_surface(
+                selector, function, vehicle, self.parameters, controls_heard=self._controls_heard
+            )
+            if surface is None:
+                return ()
+            found.append(replace(surface, scale=self._scale(function)))
+        if len({surface.message for surface in found}) > 1:
+            raise ConfigError("--rudder and --aileron must come from the same message")
+        return tuple(found)
+
+    def _scale(self, function: int) -> float:
+        if function != RUDDER_FUNCTION:
+            return 1.0
+        sign = -1.0 if self.config.rudder_sign == "nose-left" else 1.0
+        degrees = self.config.rudder_max_deg
+        return sign if degrees is None else sign * float(np.deg2rad(degrees))
+
+    def _read(
+        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
+    ) -> list[SampleBlock]:
+        yaw = self._yaw.read(messages.get("ATTITUDE"))
+        self._surface.note_clock(messages.get("ATTITUDE"))
+        surface = self._surface.read(messages, surfaces)
+        self.yaw_rows += len(yaw)
+        self.surface_rows += len(surface)
+        samples: list[SampleBlock] = []
+        if len(surface) and self._used and not _same_meaning(self._used, surfaces):
+            # What was heard before the first row of the new meaning still belongs to the old one.
+            early = yaw.order < surface.order[0]
+            samples += self._segments(yaw.select(early), surface.select(slice(0, 0)))
+            self.segmenter.new_meaning()
+            yaw = yaw.select(~early)
+        if len(surface):
+            self._used = surfaces
+        return samples + self._segments(yaw, surface)
+
+    def _segments(self, yaw: Series, surface: Series) -> list[SampleBlock]:
+        pieces = self.segmenter.feed(yaw, surface)
+        return [block for piece in pieces for block in self._align(piece)]
+
+    def _align(self, piece: Piece) -> list[SampleBlock]:
+        if self.startup is not None:
+            return self._begin(self.startup) if self.startup.feed(piece) else []
+        assert self.aligner is not None
+        block = self.aligner.feed(piece)
+        return [] if block is None else self._chosen(block)
+
+    def _begin(self, startup: StartUp) -> list[SampleBlock]:
+        """Fix the rate and align what was kept until now."""
+        assert startup.intervals_us is not None
+        self.intervals_us = startup.intervals_us
+        sample_time_s = 1.0 / sample_rate(self.config.rate, startup.intervals_us)
+        gaps_us = bridged_gaps_us(sample_time_s, startup.intervals_us)
+        self.startup, self.aligner = None, Aligner(sample_time_s, gaps_us)
+        return [block for piece in startup.pieces for block in self._align(piece)]
+
+    def _chosen(self, block: SampleBlock) -> list[SampleBlock]:
+        """Apply --from and --to, which choose samples and not parameters."""
+        low = -np.inf if self.config.from_s is None else 1e6 * self.config.from_s
+        high = np.inf if self.config.to_s is None else 1e6 * self.config.to_s
+        rows = (block.boot_us >= low) & (block.boot_us <= high)
+        if rows.all():
+            return [block]
+        return [block.select(rows)] if rows.any() else []
+
+
+def _same_meaning(old: tuple[Surface, ...], new: tuple[Surface, ...]) -> bool:
+    return all(a.same_meaning(b) for a, b in zip(old, new, strict=True))
+
+
+def _between(
+    messages: Mapping[str, MessageBlock], low: int, high: int | None
+) -> Mapping[str, MessageBlock]:
+    """Return the messages at or after byte ``low`` and before ``high``."""
+    if low < 0 and high is None:
+        return messages
+    chosen = {}
+    for name, block in messages.items():
+        rows = block.order >= low
+        if high is not None:
+            rows &= block.order < high
+        if rows.any():
+            chosen[name] = block.select(rows)
+    return chosen

@@ -1,0 +1,136 @@
+"""Which of the senders is the aircraft, and what parameters it has told so far.
+
+A link carries ground stations, radios, gimbals and ADS-B receivers, each with HEARTBEATs of its
+own. The vehicle is the first sender whose HEARTBEAT names an autopilot and no ground or payload
+type. Numbers are those of MAV_TYPE and MAV_AUTOPILOT in MAVLink's common.xml.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from yawid.blocks import FrameBlock, MessageBlock
+
+AUTOPILOT_INVALID = 8
+ARDUPILOT = 3
+PX4 = 12
+FIXED_WING = 1
+TYPE_NAMES = {
+    0: "generic",
+    1: "fixed wing",
+    2: "quadrotor",
+    3: "coaxial helicopter",
+    4: "helicopter",
+    5: "antenna tracker",
+    6: "ground station",
+    7: "airship",
+    8: "balloon",
+    9: "rocket",
+    10: "ground rover",
+    11: "boat",
+    12: "submarine",
+    13: "hexarotor",
+    14: "octorotor",
+    15: "tricopter",
+    18: "onboard controller",
+    19: "VTOL duo-rotor tailsitter",
+    20: "VTOL quad tailsitter",
+    21: "VTOL tiltrotor",
+    22: "VTOL fixed-rotor",
+    26: "gimbal",
+    27: "ADS-B receiver",
+    30: "camera",
+}
+NOT_A_VEHICLE = frozenset({5, 6, 18, 26, 27, 30, 31, 32, 33, 34, 36, 37, 38, 39})
+AUTOPILOT_NAMES = {0: "generic", 3: "ArduPilot", 12: "PX4"}
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The aircraft that was locked: its address and what its HEARTBEAT says it is."""
+
+    sysid: int
+    compid: int
+    type: int
+    autopilot: int
+    order: int
+
+    @property
+    def type_name(self) -> str:
+        """The type in words, with its number."""
+        return f"{TYPE_NAMES.get(self.type, 'unknown')} (type {self.type})"
+
+    @property
+    def autopilot_name(self) -> str:
+        """The autopilot in words."""
+        return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot {self.autopilot}")
+
+
+@dataclass(slots=True)
+class VehicleLock:
+    """Finds the vehicle and keeps only its messages; remembers who else was heard."""
+
+    sysid: int | None = None
+    vehicle: Vehicle | None = None
+    heard: dict[tuple[int, int], int] = field(default_factory=dict)
+    _parameters: list[MessageBlock] = field(default_factory=list)
+
+    def filter(self, frames: FrameBlock) -> tuple[dict[str, MessageBlock], list[MessageBlock]]:
+        """Return the vehicle's messages from its first HEARTBEAT on, by name, and its PARAM_VALUEs.
+
+        Parameters heard before the lock count too: they are facts, not samples.
+        """
+        heartbeats = frames.messages.get("HEARTBEAT")
+        if heartbeats is not None:
+            self._note_heartbeats(heartbeats)
+        if "PARAM_VALUE" in frames.messages:
+            self._parameters.append(frames.messages["PARAM_VALUE"])
+        if self.vehicle is None:
+            return {}, []
+        mine = {}
+        for name, block in frames.messages.items():
+            own = self._own(block)
+            own = own.select(own.order >= self.vehicle.order)
+            if name != "PARAM_VALUE" and len(own):
+                mine[name] = own
+        parameters = [own for block in self._parameters if len(own := self._own(block))]
+        self._parameters.clear()
+        return mine, parameters
+
+    def _own(self, block: MessageBlock) -> MessageBlock:
+        assert self.vehicle is not None
+        rows = (block.sysid == self.vehicle.sysid) & (block.compid == self.vehicle.compid)
+        return block.select(rows)
+
+    def _note_heartbeats(self, block: MessageBlock) -> None:
+        kinds, autopilots = block.fields["type"], block.fields["autopilot"]
+        senders = np.stack([block.sysid, block.compid, kinds], axis=1)
+        for sysid, compid, kind in np.unique(senders, axis=0).tolist():
+            self.heard.setdefault((sysid, compid), kind)
+        if self.vehicle is not None:
+            return
+        flies = (autopilots != AUTOPILOT_INVALID) & ~np.isin(kinds, list(NOT_A_VEHICLE))
+        if self.sysid is not None:
+            flies &= block.sysid == self.sysid
+        if flies.any():
+            i = int(np.argmax(flies))
+            self.vehicle = Vehicle(
+                sysid=int(block.sysid[i]),
+                compid=int(block.compid[i]),
+                type=int(kinds[i]),
+                autopilot=int(autopilots[i]),
+                order=int(block.order[i]),
+            )
+
+    def why_none(self) -> str:
+        """Say who was heard instead of a vehicle."""
+        if not self.heard:
+            return "no HEARTBEAT in the log: nobody says what vehicle this is"
+        names = ", ".join(
+            f"{sysid}/{compid} {TYPE_NAMES.get(kind, f'type {kind}')}"
+            for (sysid, compid), kind in sorted(self.heard.items())
+        )
+        wanted = "" if self.sysid is None else f" with system id {self.sysid}"
+        return f"no vehicle{wanted} among the HEARTBEATs heard: {names}"

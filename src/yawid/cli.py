@@ -1,0 +1,198 @@
+"""The command line: arguments to a configuration, errors to one line and an exit code.
+
+Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
+rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed. Results go
+to stdout, everything else to stderr. Heavy imports wait until a command needs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from yawid import __version__
+from yawid.errors import ChannelError, ConfigError, SinkError, SourceError, YawidError
+
+if TYPE_CHECKING:
+    from yawid.outputs import Outputs
+    from yawid.run_config import RunConfig
+
+DEFAULT_OUT = "yawid-out"
+_ESTIMATOR_OPTIONS: tuple[tuple[str, type, str, str], ...] = (
+    ("--orders", str, "NA,NB,NC,NK", "orders of the model, nb and nk for every input (3,3,2,1)"),
+    ("--method", str, "els|rml", "the estimator asked for (els)"),
+    ("--also", str, "METHOD|none", "a second estimator beside it (rml)"),
+    ("--engine", str, "numba|filterpy", "what computes the recursion (numba)"),
+    ("--memory", float, "SECONDS", "forgetting by a memory of so many seconds (60)"),
+    ("--forgetting", float, "LAMBDA", "forgetting factor instead of a memory; 1 keeps everything"),
+    ("--rate", float, "HZ", "rate of the grid (20, or the slower channel's where that is lower)"),
+    ("--inputs", str, "rudder[,aileron]", "inputs of the model (rudder)"),
+    ("--rudder", str, "CHANNEL", "auto, servo:N, control:K or rc:N (auto)"),
+    ("--aileron", str, "CHANNEL", "the same for the aileron (auto)"),
+    ("--rudder-sign", str, "nose-right|nose-left", "where positive rudder turns the nose"),
+    ("--rudder-max-deg", float, "DEG", "rudder at full travel, to have gains per radian"),
+    ("--from", float, "S", "first second since boot to estimate from"),
+    ("--to", float, "S", "last second since boot to estimate from"),
+    ("--sysid", int, "N", "system id of the vehicle, where several are heard"),
+)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="yawid", description="How does this aircraft's yaw answer its rudder, right now?"
+    )
+    parser.add_argument("--version", action="version", version=f"yawid {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    replay = commands.add_parser("replay", help="estimate from recorded tlogs")
+    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path)
+    _add_outputs(replay)
+    replay.set_defaults(run=_replay)
+    live = commands.add_parser("live", help="estimate from a live UDP link, passively")
+    live.add_argument("endpoint", metavar="ENDPOINT", help="such as udpin:127.0.0.1:14560")
+    live.add_argument("--seconds", type=float, metavar="N", help="stop after so many seconds")
+    live.add_argument("--no-record", action="store_true", help="write no tlog")
+    _add_outputs(live)
+    live.set_defaults(run=_live)
+    regress = commands.add_parser("regress", help="replay cases against their references")
+    regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
+    regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")
+    regress.add_argument("--update", action="store_true", help="write the references anew")
+    regress.add_argument("--why", metavar="TEXT", help="the reason, recorded with the update")
+    regress.set_defaults(run=_regress)
+    return parser
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR")
+    parser.add_argument("--force", action="store_true", help="overwrite files that exist")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per log")
+    parser.add_argument(
+        "--rerun", default="off", metavar="off|save|spawn|URL", help="a Rerun recording or viewer"
+    )
+    parser.add_argument("--config", type=Path, metavar="FILE", help="options from a TOML file")
+    for name, kind, metavar, text in _ESTIMATOR_OPTIONS:
+        parser.add_argument(name, type=kind, metavar=metavar, help=text)
+
+
+def _config(arguments: argparse.Namespace) -> RunConfig:
+    """Return the configuration: the TOML file's settings, overruled by the options given."""
+    from yawid.run_config import RunConfig, check_settings, settings_from_toml
+
+    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
+    given = {
+        name[2:]: value
+        for name, *_ in _ESTIMATOR_OPTIONS
+        if (value := getattr(arguments, name[2:].replace("-", "_"))) is not None
+    }
+    return RunConfig(**(settings | check_settings(given, "the command line")))
+
+
+def _outputs(arguments: argparse.Namespace, name: str) -> Outputs:
+    from yawid.outputs import Outputs
+
+    rerun = arguments.rerun
+    if rerun not in ("off", "save", "spawn") and not rerun.startswith("rerun+http"):
+        raise ConfigError(f"--rerun must be off, save, spawn or rerun+http://..., got {rerun!r}")
+    record = not getattr(arguments, "no_record", False)
+    return Outputs(arguments.out, name, rerun, arguments.force, record)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from yawid.session import StopFlag, replay
+
+    config = _config(arguments)
+    codes = []
+    with StopFlag().installed() as stop:
+        for log, name in zip(arguments.logs, _names(arguments.logs), strict=True):
+            if stop.is_set:
+                break
+            outputs = _outputs(arguments, name)
+            codes.append(
+                _told(
+                    lambda log=log, outputs=outputs: replay(log, config, outputs, stop),
+                    arguments.json,
+                )
+            )
+    return max(codes, default=0)
+
+
+def _names(logs: Sequence[Path]) -> list[str]:
+    """Name each log's outputs: by its stem, and by its folder too where two agree."""
+    stems = [log.stem for log in logs]
+    names: list[str] = []
+    for log, stem in zip(logs, stems, strict=True):
+        name = stem if stems.count(stem) == 1 else f"{log.absolute().parent.name}-{stem}"
+        count = names.count(name)
+        names.append(f"{name}-{count + 1}" if count else name)
+    return names
+
+
+def _live(arguments: argparse.Namespace) -> int:
+    from yawid.live import live, session_name
+    from yawid.session import StopFlag
+
+    config, outputs = _config(arguments), _outputs(arguments, session_name())
+    if arguments.seconds is not None and not arguments.seconds > 0.0:
+        raise ConfigError(f"--seconds must be > 0, got {arguments.seconds!r}")
+    with StopFlag().installed() as stop:
+        return _told(
+            lambda: live(arguments.endpoint, config, outputs, stop, arguments.seconds, _say),
+            arguments.json,
+        )
+
+
+def _regress(arguments: argparse.Namespace) -> int:
+    from yawid.regress import regress, update
+
+    if arguments.update != (arguments.why is not None):
+        raise ConfigError("--update and --why belong together: a new reference has a reason")
+    if arguments.update:
+        return update(arguments.folder, arguments.cases, arguments.why, print)
+    return regress(arguments.folder, arguments.cases, print)
+
+
+def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool) -> int:
+    """Do one run and print what came of it; return its exit code."""
+    try:
+        summary, verdict = run()
+    except YawidError as error:
+        return _explained(error)
+    if as_json:
+        print(json.dumps(summary), flush=True)
+    else:
+        from yawid.sinks.terminal import print_summary
+
+        print_summary(summary, sys.stdout)
+    code: int = verdict.exit_code
+    return code
+
+
+def _say(text: str) -> None:
+    print(f"yawid: {text}", file=sys.stderr, flush=True)
+
+
+def _explained(error: YawidError) -> int:
+    _say(" ".join(str(error).split()))
+    kinds = ((ConfigError, 2), (ChannelError, 3), (SourceError, 6), (SinkError, 6))
+    return next((code for kind, code in kinds if isinstance(error, kind)), 6)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        code: int = arguments.run(arguments)
+    except YawidError as error:
+        return _explained(error)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of our stdout has gone; nothing more can be said there.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 6
+    return code

@@ -1,0 +1,307 @@
+"""The recursive ARMAX estimator: extended least squares and recursive maximum likelihood."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from yawid.blocks import EstimateBlock, Floats, Status
+from yawid.config import EstimatorConfig
+from yawid.estimation import entry
+from yawid.estimation import state as slots
+from yawid.estimation.layout import new_state
+from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
+from yawid.estimation.saving import pack, unpack
+from yawid.estimation.shapes import checked_samples, checked_u
+from yawid.estimation.start import fit_start
+from yawid.estimation.uncertainty import ljung_box
+
+__all__ = ["Estimate", "RecursiveArmax", "parameter_names"]
+
+
+class Estimate:
+    """A snapshot after one sample; its fields are computed when asked for."""
+
+    __slots__ = ("_row", "_state")
+
+    def __init__(self, state: Floats) -> None:
+        self._state = state
+        self._row: Floats | None = None
+
+    def _read(self) -> Floats:
+        if self._row is None:
+            self._row = np.empty(2 * int(self._state[slots.N]) + 5)
+            entry.read(self._state, entry.views(self._state), self._row)
+        return self._row
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n,) in the user's units."""
+        return self._read()[: int(self._state[slots.N])]
+
+    @property
+    def theta_std(self) -> Floats:
+        """Standard deviation (n,) of theta; NaN before the first update."""
+        n = int(self._state[slots.N])
+        return self._read()[n : 2 * n]
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (n, n) of theta."""
+        return _covariance(self._state)
+
+    @property
+    def y_hat(self) -> float:
+        """One-step prediction of y; NaN where there was none."""
+        return float(self._state[slots.Y_HAT])
+
+    @property
+    def innovation(self) -> float:
+        """The error a priori, y - y_hat."""
+        return float(self._state[slots.INNOVATION])
+
+    @property
+    def residual(self) -> float:
+        """The error a posteriori, y - phi' theta(k)."""
+        return float(self._state[slots.RESIDUAL])
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the innovation."""
+        return float(self._read()[-2])
+
+    @property
+    def status(self) -> Status:
+        """What the estimator says of itself."""
+        return Status(int(self._state[slots.STATUS]))
+
+    def __repr__(self) -> str:
+        return f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
+
+
+class RecursiveArmax:
+    """Recursive estimation of A(q) y = B(q) u + C(q) e + bias, paper eq. 28-33.
+
+    theta = [a1.., b1.. of each input, c1.., bias]; phi(k) = [-y(k-1).., u(k-nk).., eps(k-1).., 1];
+    psi = phi for ``els`` and phi filtered by 1/C(q) for ``rml``; then, a sample at a time::
+
+        e     = y - phi' theta                     innovation (a priori)
+        alpha = lambda + psi' P psi
+        theta = theta + P psi e / alpha            halved until C(q) is stable (rml)
+        eps   = y - phi' theta                     residual (a posteriori), the one in phi
+        P     = (P - P psi psi' P / alpha) / lambda
+
+    with P = U D U' (Bierman 1977). Ljung and Soderstrom (1983), chapter 3.
+    """
+
+    def __init__(self, config: EstimatorConfig) -> None:
+        self._adopt(config, new_state(config))
+
+    def _adopt(self, config: EstimatorConfig, state: Floats) -> None:
+        self.config = config
+        self._state = state
+        parts = entry.views(state)
+        self._parts: tuple[Floats, ...] = tuple(parts)
+        self._live = len(state) - len(parts[slots.SAMPLES])
+        self._input_at = self._live - config.orders.n_inputs
+        self._one_input = config.orders.n_inputs == 1
+
+    def update(self, u: ArrayLike, y: float) -> Estimate:
+        """Take one sample; ``u`` is a float, or (n_inputs,). A NaN makes it a held record.
+
+        Raises:
+            ValueError: u or y is infinite, or u has another number of inputs.
+        """
+        state = self._state
+        if self._one_input and type(u) is float:
+            if math.isinf(u) or math.isinf(y):
+                raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
+            state[self._input_at] = u
+        else:
+            u = checked_u(u, y, self.config.orders.n_inputs)
+            state[self._input_at : self._live] = u
+        state[slots.Y] = y
+        entry.step(state)
+        if state[slots.PHASE] == slots.FITTING:
+            self._start()
+        return Estimate(state[: self._live].copy())
+
+    def run(
+        self,
+        u: ArrayLike,
+        y: ArrayLike,
+        keep: Literal["all", "last"] = "all",
+        covariance: bool = False,
+    ) -> EstimateBlock:
+        """Take a block of samples: the same numbers as so many updates.
+
+        ``u`` (samples,) or (samples, n_inputs), ``y`` (samples,). ``keep="last"`` returns the last row
+        only; ``covariance`` adds theta's, (samples, n, n).
+
+        Raises:
+            ValueError: wrong shapes or an infinite value; nothing has been taken then.
+        """
+        if keep not in ("all", "last"):
+            raise ValueError(f'keep must be "all" or "last", got {keep!r}')
+        u, y = checked_samples(u, y, self.config.orders.n_inputs)
+        n = self.config.n_theta
+        width = 2 * n + 5 + (n * n if covariance else 0)
+        rows = np.empty((len(y) if keep == "all" else 1, width))
+        done = entry.run(self._state, u, y, rows, 0)
+        if done < len(y):  # a start fit is due, once in a life
+            self._start()
+            if keep == "all":
+                entry.read(self._state, self._parts, rows[done])
+            entry.run(self._state, u, y, rows, done + 1)
+        return _block(rows, n, covariance)
+
+    def _start(self) -> None:
+        fitted = fit_start(self.config, self._state, self._parts)
+        entry.release(self._state, fitted)
+
+    def predict(self, u: ArrayLike = math.nan) -> float:
+        """Return y_hat(k), in y's unit; ``u`` is u(k), which matters only where nk = 0.
+
+        Changes nothing. NaN where the lags or the window are not full.
+        """
+        scratch = self._state[: self._live].copy()
+        if not all(self.config.orders.nk):
+            u = checked_u(u, 0.0, self.config.orders.n_inputs)
+            scratch[self._input_at :] = u
+        return float(entry.predict(scratch))
+
+    def to_bytes(self) -> bytes:
+        """Save everything; the estimator that comes back resumes bit for bit."""
+        return pack(self.config, self._state)
+
+    @classmethod
+    def from_bytes(cls, saved: bytes) -> RecursiveArmax:
+        """Return the estimator that ``to_bytes`` saved.
+
+        Raises:
+            ConfigError: the bytes are not a whole save, or one of another version.
+        """
+        config, state = unpack(saved)
+        estimator = cls.__new__(cls)
+        estimator._adopt(config, state)
+        return estimator
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n,) in the user's units."""
+        return self._parts[slots.THETA] * self._parts[slots.UNITS]
+
+    @property
+    def theta_std(self) -> Floats:
+        """Standard deviation (n,) of theta, see :attr:`covariance`."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (n, n) of theta in the user's units; NaN before the first update."""
+        return _covariance(self._state)
+
+    @property
+    def P(self) -> Floats:
+        """P (n, n) in the user's units, not multiplied by the noise variance."""
+        n, d, upper = self.config.n_theta, self._parts[slots.D], self._parts[slots.UPPER]
+        P = np.empty((n, n))
+        for j in range(n):
+            for i in range(j + 1):
+                P[i, j] = P[j, i] = entry.p_entry(d, upper, i, j)
+        units = self._parts[slots.UNITS] * self._parts[slots.FACTORS][0]
+        return P * np.outer(units, units)
+
+    @property
+    def status(self) -> Status:
+        """The status after the last sample."""
+        return Status(int(self._state[slots.STATUS]))
+
+    @property
+    def updates(self) -> int:
+        """Samples that moved theta (or took part in the start fit)."""
+        return int(self._state[slots.UPDATES])
+
+    @property
+    def held(self) -> int:
+        """Samples that did not: NaN, lags refilling, or dropped from a window that did not move."""
+        return int(self._state[slots.HELD])
+
+    @property
+    def halved(self) -> int:
+        """Updates whose step was halved to keep C(q) stable."""
+        return int(self._state[slots.HALVED])
+
+    @property
+    def restarts(self) -> int:
+        """How often a non-finite result made theta and P start anew."""
+        return int(self._state[slots.RESTARTS])
+
+    @property
+    def forgetting_factor(self) -> float:
+        """Lambda of the next update, on its way to the one configured."""
+        return float(self._state[slots.LAMBDA])
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the noise e, in y's unit."""
+        return math.sqrt(entry.noise_variance(self._state)) / self._scale
+
+    @property
+    def innovation_std(self) -> float:
+        """Root mean square of the innovation, with the same forgetting."""
+        return self._mean_root(slots.E2)
+
+    @property
+    def residual_std(self) -> float:
+        """Root mean square of the residual, with the same forgetting."""
+        return self._mean_root(slots.EPS2)
+
+    @property
+    def whiteness_p(self) -> float:
+        """Ljung-Box p-value that the residuals are white; NaN while unknown."""
+        fitted = self.config.orders.na + self.config.orders.nc
+        s1, s2 = self._state[slots.S1], self._state[slots.S2]
+        return ljung_box(self._parts[slots.PRODUCTS], s1, s2, fitted)
+
+    @property
+    def spr_margin(self) -> float:
+        """Min Re(1/C) - 1/2 at the estimate: ELS converges surely only where it is > 0."""
+        return spr_margin(c_of(self.theta, self.config.orders))
+
+    @property
+    def sigma_optimistic(self) -> bool:
+        """Whether theta_std is too small: ELS with a C(q) that is not 1."""
+        if self.config.method != "els" or self.config.orders.nc == 0:
+            return False
+        c, std = (c_of(x, self.config.orders) for x in (self.theta, self.theta_std))
+        return bool(np.any(np.abs(c) > 3.0 * std))
+
+    @property
+    def _scale(self) -> float:
+        return float(self._parts[slots.FACTORS][0])
+
+    def _mean_root(self, slot: int) -> float:
+        s1 = self._state[slots.S1]
+        return math.sqrt(self._state[slot] / s1) / self._scale if s1 else math.nan
+
+
+def _covariance(state: Floats) -> Floats:
+    n = int(state[slots.N])
+    row = np.empty(2 * n + 5 + n * n)
+    entry.read(state, entry.views(state), row)
+    return row[2 * n + 5 :].reshape(n, n)
+
+
+def _block(rows: Floats, n: int, covariance: bool) -> EstimateBlock:
+    series: Any = [rows[:, 2 * n + i].copy() for i in range(4)]
+    return EstimateBlock(
+        rows[:, :n].copy(),
+        rows[:, n : 2 * n].copy(),
+        rows[:, 2 * n + 5 :].reshape(-1, n, n).copy() if covariance else None,
+        *series,
+        rows[:, 2 * n + 4].astype(np.uint8),
+    )

@@ -1,0 +1,76 @@
+"""A bank of estimators over the same samples: the one asked for, the others as evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from yawid.estimation.reference import make_estimator
+
+from yawid.blocks import EstimateBlock, Floats, SampleBlock
+from yawid.run_config import RunConfig
+
+HISTORY = 2**19
+"""Samples kept for the simulation fit: seven hours at 20 Hz; a longer run is judged by its end."""
+COMPACT = 512
+"""Parts are joined when there are this many: a live part holds one sample."""
+
+
+@dataclass(slots=True)
+class Record:
+    """The newest samples of the epoch, held ones as NaN: what the final model is tried on."""
+
+    parts: list[tuple[Floats, ...]] = field(default_factory=list)
+    length: int = 0
+
+    def add(self, *columns: Floats) -> None:
+        """Append rows of (u (n, inputs), y (n,), y_hat (n,) of each method)."""
+        self.parts.append(columns)
+        self.length += len(columns[0])
+        if len(self.parts) > COMPACT or self.length > 2 * HISTORY:
+            self.parts = [self.joined()]
+            self.length = len(self.parts[0][0])
+
+    def joined(self) -> tuple[Floats, ...]:
+        """Return the columns of the newest rows, at most HISTORY of them."""
+        columns = zip(*self.parts, strict=True)
+        return tuple(np.concatenate(column)[-HISTORY:] for column in columns)
+
+
+class Bank:
+    """Runs the estimators of a configuration; each change of epoch starts all of them anew."""
+
+    def __init__(self, config: RunConfig, sample_time_s: float) -> None:
+        self.config = config
+        self.sample_time_s = sample_time_s
+        self.methods = config.bank_methods()
+        self._epoch: int | None = None
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self.estimators = {
+            method: make_estimator(
+                self.config.estimator(method, self.sample_time_s), self.config.engine
+            )
+            for method in self.methods
+        }
+        self._record = Record()
+        self.last: dict[str, EstimateBlock] = {}
+
+    def run(self, samples: SampleBlock) -> dict[str, EstimateBlock]:
+        """Return each method's estimates of a block of samples of one epoch, a row per sample."""
+        epoch = int(samples.epoch[0])
+        if self._epoch is not None and epoch != self._epoch:
+            self._start_anew()
+        self._epoch = epoch
+        self.last = {
+            method: estimator.run(samples.u, samples.y, covariance=True)
+            for method, estimator in self.estimators.items()
+        }
+        self._record.add(samples.u, samples.y, *(block.y_hat for block in self.last.values()))
+        return self.last
+
+    def record(self, method: str) -> tuple[Floats, Floats, Floats]:
+        """Return (u (n, inputs), y (n,), y_hat (n,) of one method) of the newest samples."""
+        u, y, *predictions = self._record.joined()
+        return u, y, predictions[self.methods.index(method)]

@@ -1,0 +1,61 @@
+"""How well a model tells what was measured: one step ahead, and run free from the inputs alone.
+
+Both are 100 * (1 - |y - y_hat| / |y - mean(y)|) in percent. The one-step figure flatters every
+model, because each prediction starts from the measured past; the simulation is the harder judge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from yawid.blocks import Floats
+from yawid.config import ArmaxOrders
+
+
+def fit_percent(y: Floats, y_hat: Floats) -> float:
+    """Return the fit in percent over the rows where both are finite; NaN where y does not move."""
+    rows = np.isfinite(y) & np.isfinite(y_hat)
+    if rows.sum() < 2:
+        return float("nan")
+    y, y_hat = y[rows], y_hat[rows]
+    spread = float(np.linalg.norm(y - y.mean()))
+    if spread == 0.0:
+        return float("nan")
+    return 100.0 * (1.0 - float(np.linalg.norm(y - y_hat)) / spread)
+
+
+def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats) -> Floats:
+    """Return y (n,) of A(q) y = B(q) u + bias run free, anew after every held (NaN) sample.
+
+    ``u`` (n, inputs). Each stretch starts from its first measured samples, as many as the lags
+    need; those rows are NaN, as are held ones.
+    """
+    simulated = np.full(len(y), np.nan)
+    good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    for start, stop in edges.reshape(-1, 2):
+        stretch = slice(start, stop)
+        simulated[stretch] = _simulate_stretch(theta, orders, bias, u[stretch], y[stretch])
+    return simulated
+
+
+def _simulate_stretch(
+    theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats
+) -> Floats:
+    lags = max([orders.na, *(nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True))])
+    drive = np.full(len(y), theta[-1] if bias else 0.0)
+    first = orders.na
+    for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
+        b = np.concatenate([np.zeros(nk), theta[first : first + nb]])
+        drive += lfilter(b, [1.0], u[:, i])
+        first += nb
+    a = np.concatenate([[1.0], theta[: orders.na]])
+    simulated = np.full(len(y), np.nan)
+    if len(y) > lags:
+        # The filter's state that continues the measured past: what A(q) still has to subtract.
+        past = y[lags - orders.na : lags][::-1]
+        state = -np.array([a[i + 1 :] @ past[: orders.na - i] for i in range(orders.na)])
+        with np.errstate(over="ignore", invalid="ignore"):
+            simulated[lags:], _ = lfilter([1.0], a, drive[lags:], zi=state)
+    return simulated

@@ -1,0 +1,193 @@
+"""The arithmetic of the recursion, compiled by numba: the one file that imports it.
+
+The functions run as plain Python under ``NUMBA_DISABLE_JIT=1``; without fastmath both give the same bits.
+"""
+
+# numba infers the types: float64 arrays and floats.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+HALVINGS = 12  # then the step is not taken at all
+COMPILED = ("kernel.py", "state.py", "recursion.py", "entry.py")
+
+
+def _cache_folder() -> str:
+    """Name a folder by what is compiled: numba's cache sees changes of the function's own file only."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256(b"".join((here / name).read_bytes() for name in COMPILED))
+    base = Path(numba.config.CACHE_DIR or here / "__pycache__")
+    return str(base / digest.hexdigest()[:16])
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile with numba's cache, or without where it finds no directory to write to."""
+    given, numba.config.CACHE_DIR = numba.config.CACHE_DIR, FOLDER
+    try:
+        return numba.njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:
+        return numba.njit(error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = given
+
+
+FOLDER = _cache_folder()
+
+
+@jit
+def push(register, start, length, x):
+    for i in range(start + length - 1, start, -1):
+        register[i] = register[i - 1]
+    if length > 0:
+        register[start] = x
+
+
+@jit
+def gather(register, signals, count, vector):
+    p = 0
+    for j in range(count):
+        at = int(signals[4 * j]) + int(signals[4 * j + 2])
+        for i in range(int(signals[4 * j + 3])):
+            vector[p] = register[at + i]
+            p += 1
+
+
+@jit
+def bierman(d, upper, psi, lam, gain):
+    """Update P = U D U' by the row psi with forgetting; return alpha = lambda + psi' P psi.
+
+    ``gain`` becomes P psi: the Kalman gain times alpha (Bierman 1977).
+    """
+    alpha, inverse, column = lam, 1.0 / lam, 0
+    for j in range(len(psi)):
+        f = psi[j]
+        for i in range(j):
+            f += upper[column + i] * psi[i]
+        v = d[j] * f
+        mu = -f * inverse
+        before = alpha
+        alpha += f * v
+        inverse = 1.0 / alpha
+        d[j] *= before * inverse
+        gain[j] = v
+        for i in range(j):
+            old = upper[column + i]
+            upper[column + i] = old + gain[i] * mu
+            gain[i] += old * v
+        column += j
+    return alpha
+
+
+@jit
+def floor(d, upper, k, weight, gain):
+    """Add the row "theta[k] is what it is", of the given weight: P shrinks, theta stays."""
+    alpha, inverse, column = 1.0, 1.0, k * (k - 1) // 2
+    for i in range(k):
+        gain[i] = 0.0
+    for j in range(k, len(d)):
+        f = 1.0 if j == k else upper[column + k]
+        v = weight * d[j] * f
+        mu = -f * inverse
+        before = alpha
+        alpha += f * v
+        inverse = 1.0 / alpha
+        d[j] *= before * inverse
+        gain[j] = v
+        for i in range(j):
+            old = upper[column + i]
+            upper[column + i] = old + gain[i] * mu
+            gain[i] += old * v
+        column += j
+
+
+@jit
+def drift_entry(d, upper, k, q, a):
+    """Add q to P[k, k] (Agee and Turner's rank-one update)."""
+    a[:] = 0.0
+    a[k] = 1.0
+    for j in range(k, -1, -1):
+        column = j * (j - 1) // 2
+        old = d[j]
+        d[j] = old + q * a[j] * a[j]
+        share = q * a[j] / d[j]
+        q *= old / d[j]
+        for i in range(j):
+            a[i] -= a[j] * upper[column + i]
+            upper[column + i] += share * a[i]
+
+
+@jit
+def stable(a):
+    """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle (Jury); destroys a."""
+    for m in range(len(a) - 1, -1, -1):
+        k = a[m]
+        if not abs(k) < 1.0:
+            return False
+        rest = 1.0 / (1.0 - k * k)
+        for i in range((m + 1) // 2):
+            low, high = a[i], a[m - 1 - i]
+            a[i] = (low - k * high) * rest
+            a[m - 1 - i] = (high - k * low) * rest
+    return True
+
+
+@jit
+def follow_covariance(covariance, echoes, products, psi, gain, h, inverse):
+    """Follow the covariance of theta over the noise variance, the residual's autocorrelation included.
+
+    With K the gain and F = I - K psi': cov <- F cov F' + K K' + F h K' + K h' F', where h sums the echoes
+    w(l) = F ... F K(k-l), each times the residual's correlation over l samples (Bartlett's taper).
+    """
+    n, lags = len(psi), len(products) - 1
+    h[:] = 0.0
+    for j in range(lags if products[0] > 0.0 else 0):
+        rho = (1.0 - (j + 1.0) / (lags + 1.0)) * products[j + 1] / products[0]
+        for i in range(n):
+            h[i] += rho * echoes[j * n + i]
+    quadratic, cross = 1.0, 0.0
+    for i in range(n):
+        row = 0.0
+        for j in range(n):
+            row += covariance[i * n + j] * psi[j]
+        quadratic += psi[i] * row
+        cross += psi[i] * h[i]
+        gain[i] *= inverse
+        h[i] -= row
+    for i in range(n):
+        h[i] += gain[i] * (0.5 * quadratic - cross)
+    for i in range(n):
+        for j in range(n):
+            covariance[i * n + j] += gain[i] * h[j] + h[i] * gain[j]
+    for k in range(lags - 1, 0, -1):
+        dot = 0.0
+        for i in range(n):
+            dot += psi[i] * echoes[(k - 1) * n + i]
+        for i in range(n):
+            echoes[k * n + i] = echoes[(k - 1) * n + i] - gain[i] * dot
+    for i in range(n):
+        echoes[i] = gain[i]
+
+
+@jit
+def correlate(residuals, products, eps, lam):
+    """Running sums of eps(k) eps(k - l), l = 0..LAGS."""
+    products[0] = lam * products[0] + eps * eps
+    for i in range(len(residuals)):
+        products[i + 1] = lam * products[i + 1] + eps * residuals[i]
+    push(residuals, 0, len(residuals), eps)
+
+
+@jit
+def p_entry(d, upper, i, j):
+    """P[i, j] of P = U D U', i <= j."""
+    total = d[j] if i == j else upper[j * (j - 1) // 2 + i] * d[j]
+    for k in range(j + 1, len(d)):
+        column = k * (k - 1) // 2
+        total += upper[column + i] * d[k] * upper[column + j]
+    return total

@@ -1,0 +1,57 @@
+"""The polynomials A, B, C of theta: their names, their order and where C is well behaved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.config import ArmaxOrders
+
+FREQUENCIES = 512
+
+
+def parameter_names(
+    orders: ArmaxOrders, inputs: tuple[str, ...] = ("rudder",), bias: bool = True
+) -> tuple[str, ...]:
+    """Return the name of each entry of theta: a1.., b1.. of the first input, b1_<input>.., c1.., bias.
+
+    Raises:
+        ValueError: the number of inputs is not that of the orders.
+    """
+    if len(inputs) != orders.n_inputs:
+        raise ValueError(f"{len(inputs)} input names for orders with {orders.n_inputs} inputs")
+    names = [f"a{i + 1}" for i in range(orders.na)]
+    for j, (name, nb) in enumerate(zip(inputs, orders.nb, strict=True)):
+        names += [f"b{i + 1}" + (f"_{name}" if j else "") for i in range(nb)]
+    names += [f"c{i + 1}" for i in range(orders.nc)]
+    return (*names, "bias") if bias else tuple(names)
+
+
+def c_of(theta: Floats, orders: ArmaxOrders) -> Floats:
+    """Return c1..c_nc, a view of theta (..., n)."""
+    first = orders.na + sum(orders.nb)
+    return theta[..., first : first + orders.nc]
+
+
+def spr_margin(c: Floats) -> float:
+    """Return min over frequency of Re(1/C(e^jw)) - 1/2: ELS converges surely only where it is > 0.
+
+    (Ljung 1977; Ljung and Soderstrom 1983, section 4.4.)
+    """
+    w = np.linspace(0.0, np.pi, FREQUENCIES)
+    powers = np.exp(-1j * np.outer(w, np.arange(len(c) + 1)))
+    response = powers @ np.concatenate([[1.0], c])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        real = response.real / np.abs(response) ** 2
+    return float(np.min(real)) - 0.5
+
+
+def reflected(c: Floats) -> Floats:
+    """Return C with the zeros outside the unit circle mirrored into it: the same spectrum."""
+    if not len(c) or not np.isfinite(c).all():
+        return np.zeros_like(c)
+    zeros = np.roots(np.concatenate([[1.0], c]))
+    outside = np.abs(zeros) >= 1.0
+    zeros[outside] = 1.0 / np.conj(zeros[outside])
+    zeros *= np.minimum(1.0, 0.98 / np.maximum(np.abs(zeros), 1e-300))
+    return np.asarray(np.real(np.poly(zeros))[1:], dtype=np.float64)

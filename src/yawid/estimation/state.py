@@ -1,0 +1,78 @@
+"""The packed state: all that the recursion knows, in one contiguous float64 array.
+
+First the header slots named here, then the parts that :func:`views` cuts out, the window last.
+One array makes a single-sample call cheap and saving exact.
+"""
+
+# numba infers the types: float64 arrays and floats.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+from __future__ import annotations
+
+from yawid.estimation.kernel import jit
+
+# The structure, fixed when the state is made.
+N, NA, NC, M, R, LAGS, WINDOW, DEPTH, BIAS, RML = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+SCALED, START_FIT, MINIMUM, DRIFTS, P0, D_MAX, WARM = 10, 11, 12, 13, 14, 15, 16
+LAMBDA_START, LAMBDA_END, LAMBDA_RATE, FLOOR = 17, 18, 19, 20
+# The sample: y as given (the inputs have their own part) and what became of it, in its units.
+Y, Y_HAT, INNOVATION, RESIDUAL, STATUS = 21, 22, 23, 24, 25
+# What moves.
+PHASE, COUNT, HEAD, BROKEN, FILL, UPDATES, HELD, SINCE, NEXT = 26, 27, 28, 29, 30, 31, 32, 33, 34
+LAMBDA, S1, S2, LOSS, E2, EPS2, Y2, FAST_E2, FAST_Y2 = 35, 36, 37, 38, 39, 40, 41, 42, 43
+DIVERGED, HALVED, RESTARTS, HEADER = 44, 45, 46, 47
+
+# The parts, as views() returns them.
+THETA, D, UPPER, PHI, PSI, GAIN, RAW, FILTERED, SCRATCH = range(9)
+COVARIANCE, ECHOES, RESIDUALS, PRODUCTS, SIGNALS, FACTORS, UNITS, DRIFT, INPUTS, SAMPLES = range(
+    9, 19
+)
+
+GATHERING, FITTING, RUNNING = 0.0, 1.0, 2.0  # PHASE: fill the window, await the start fit, recurse
+WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # STATUS, as blocks.Status
+PSI_FROM = 100  # rml: updates with psi = phi, until C is good enough to filter by
+FAST = 0.99  # forgetting of the test for divergence
+
+
+@jit
+def views(s):
+    """Cut the packed state into its parts; all share memory with ``s``.
+
+    On scaled signals: theta, D (N,), U (N(N-1)/2,) the columns above the diagonal, phi, psi, gain
+    (N,), raw and filtered registers (R,), scratch (N,). Where LAGS > 0: covariance (N N,) of theta
+    over the noise variance, echoes (LAGS N,) of past gains, residuals (LAGS,), products (LAGS + 1,)
+    of them. signals (4 (M + 3),): offset, length, first lag used and count of y, inputs, residual,
+    bias. factors (M + 1,) scale y and u, units (N,) take theta to the user's units, drift (N,) is
+    added to P. inputs (M,). samples: WINDOW rows of break flag, y, u.
+    """
+    n, m, r, lags = int(s[N]), int(s[M]), int(s[R]), int(s[LAGS])
+    a = HEADER + 2 * n
+    b = a + n * (n - 1) // 2
+    c = b + 3 * n
+    d = c + 2 * r + n
+    big = n * n if lags > 0 else 0
+    e = d + big + lags * n
+    last = 1 if lags > 0 else 0
+    f = e + 2 * lags + last
+    g = f + 4 * (m + 3)
+    h = g + (m + 1) + 2 * n
+    return (
+        s[HEADER : HEADER + n],
+        s[HEADER + n : a],
+        s[a:b],
+        s[b : b + n],
+        s[b + n : b + 2 * n],
+        s[b + 2 * n : c],
+        s[c : c + r],
+        s[c + r : c + 2 * r],
+        s[c + 2 * r : d],
+        s[d : d + big],
+        s[d + big : e],
+        s[e : e + lags],
+        s[e + lags : f],
+        s[f:g],
+        s[g : g + m + 1],
+        s[g + m + 1 : g + m + 1 + n],
+        s[g + m + 1 + n : h],
+        s[h : h + m],
+        s[h + m :],
+    )

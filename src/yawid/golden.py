@@ -1,0 +1,202 @@
+"""Golden references: what a replay once gave, and how far a new one may differ.
+
+``expected.csv`` holds one row a second and the last one, ``expected.json`` the summary. Counts,
+times and status are compared exactly, values by a tolerance per column relative to the larger of
+the value and the column's root mean square; NaN equals NaN.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
+from yawid.errors import ConfigError
+from yawid.sinks.base import LogLevel
+
+EXACT = ("k", "t", "held", "status")
+VALUE_TOLERANCE = 1e-6
+SPREAD_TOLERANCE = 1e-3
+"""For sigmas: small differences of a covariance's factors show in them first."""
+NOT_COMPARED = frozenset({"log", "files", "text"})
+"""Where a run stood on disk, and the wording of reasons, are no result."""
+
+
+@dataclass(slots=True)
+class RowsSink:
+    """A sink that keeps one row a second and the last."""
+
+    columns: list[str] = field(default_factory=list)
+    rows: list[list[float]] = field(default_factory=list)
+    newest: list[float] = field(default_factory=list)
+    _second: int = -1
+
+    def start(
+        self,
+        parameter_names: tuple[str, ...],
+        inputs: tuple[str, ...],
+        methods: tuple[str, ...],
+        sample_time_s: float,
+    ) -> None:
+        """Name the columns."""
+        self.columns = ["k", "t", "held", *inputs, "yaw_rate"]
+        for method in methods:
+            per_sample = ("status", "y_hat", "innovation", "residual", "noise_std")
+            self.columns += [f"{method}.{name}" for name in per_sample]
+            self.columns += [f"{method}.{name}" for name in parameter_names]
+            self.columns += [f"{method}.{name}_std" for name in parameter_names]
+        self.columns += ["wn", "wn_std", "zeta", "zeta_std"]
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """Keep the first row of each second."""
+        columns = [samples.k, samples.boot_us / 1e6, samples.held, samples.u, samples.y]
+        for block in estimates.values():
+            columns += [block.status, block.y_hat, block.innovation, block.residual]
+            columns += [block.noise_std, block.theta, block.theta_std]
+        table = np.column_stack([*columns, modes.dutch_roll]).astype(float)
+        seconds = samples.boot_us // 1_000_000
+        first = np.diff(seconds, prepend=self._second) != 0
+        self.rows += table[first].tolist()
+        self._second, self.newest = int(seconds[-1]), table[-1].tolist()
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """Lines for people are no result."""
+
+    def flush(self) -> None:
+        """Nothing is buffered."""
+
+    def finish(self, summary: Mapping[str, object], attachments: Mapping[str, bytes]) -> None:
+        """Add the last row."""
+        if self.newest and (not self.rows or self.rows[-1] != self.newest):
+            self.rows.append(self.newest)
+
+    def abort(self) -> None:
+        """Nothing is open."""
+
+
+def write_csv(path: Path, columns: list[str], rows: list[list[float]]) -> None:
+    """Write a table as text that ``git diff`` can show."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([f"{value:.9g}" for value in row] for row in rows)
+
+
+def read_csv(path: Path) -> tuple[list[str], Floats]:
+    """Return the columns' names and the table (n, m) of a reference."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        header, *rows = csv.reader(stream)
+    return header, np.array([[float(value) for value in row] for row in rows]).reshape(
+        len(rows), len(header)
+    )
+
+
+def tolerance_of(column: str, tolerances: Mapping[str, float]) -> float:
+    """Return a column's tolerance; zero means exactly."""
+    if column in tolerances:
+        return tolerances[column]
+    name = column.rpartition(".")[2]
+    if name in EXACT:
+        return 0.0
+    return SPREAD_TOLERANCE if name.endswith("_std") else VALUE_TOLERANCE
+
+
+@dataclass(frozen=True, slots=True)
+class Mismatch:
+    """One column or key that differs: how far beyond its tolerance, and in words."""
+
+    excess: float
+    text: str
+
+
+def compare_tables(
+    columns: list[str],
+    expected: Floats,
+    actual_columns: list[str],
+    actual: Floats,
+    tolerances: Mapping[str, float],
+) -> list[Mismatch]:
+    """Return the columns that differ, worst first.
+
+    Raises:
+        ConfigError: a tolerance is given for no such column.
+    """
+    if unused := sorted(set(tolerances) - set(columns)):
+        raise ConfigError(f"tolerance for no such column: {', '.join(unused)}")
+    if columns != actual_columns:
+        return [Mismatch(math.inf, f"columns: expected {columns}, got {actual_columns}")]
+    if expected.shape != actual.shape:
+        text = f"rows: expected {len(expected)}, got {len(actual)}"
+        return [Mismatch(math.inf, text)]
+    found = [
+        mismatch
+        for i, column in enumerate(columns)
+        if (
+            mismatch := _compare_column(
+                column, expected[:, i], actual[:, i], tolerances, expected[:, :2]
+            )
+        )
+    ]
+    return sorted(found, key=lambda m: -m.excess)
+
+
+def _compare_column(
+    column: str,
+    expected: Floats,
+    actual: Floats,
+    tolerances: Mapping[str, float],
+    k_and_t: Floats,
+) -> Mismatch | None:
+    tolerance = tolerance_of(column, tolerances)
+    finite = expected[np.isfinite(expected)]
+    scale = float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
+    allowed = tolerance * np.maximum(np.abs(np.nan_to_num(expected)), scale)
+    same = (np.isnan(expected) & np.isnan(actual)) | (np.abs(actual - expected) <= allowed)
+    if same.all():
+        return None
+    bad = np.flatnonzero(~same)
+    first = bad[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        excess = np.abs(actual - expected)[bad] / allowed[bad]
+    worst = float(np.max(np.nan_to_num(excess, nan=np.inf)))
+    text = (
+        f"{column}: {len(bad)} of {len(same)} rows differ, by up to {worst:.3g} tolerances; first "
+        f"at k={k_and_t[first, 0]:.0f} t={k_and_t[first, 1]:.3f}: "
+        f"expected {expected[first]:.9g}, got {actual[first]:.9g}"
+    )
+    return Mismatch(worst, text)
+
+
+def compare_summaries(expected: Any, actual: Any, where: str = "summary") -> Iterator[str]:
+    """Yield every key of the summary that differs."""
+    if isinstance(expected, dict) and isinstance(actual, dict):
+        for key in sorted(expected.keys() | actual.keys()):
+            if key in NOT_COMPARED:
+                continue
+            if key not in expected or key not in actual:
+                there = "not there" if key in expected else "there"
+                yield f"{where}.{key}: {there}, unlike the reference"
+            else:
+                yield from compare_summaries(expected[key], actual[key], f"{where}.{key}")
+    elif isinstance(expected, list) and isinstance(actual, list) and len(expected) == len(actual):
+        for i, (a, b) in enumerate(zip(expected, actual, strict=True)):
+            yield from compare_summaries(a, b, f"{where}[{i}]")
+    elif not _same_value(expected, actual, where):
+        yield f"{where}: expected {expected!r}, got {actual!r}"
+
+
+def _same_value(expected: Any, actual: Any, where: str) -> bool:
+    if not isinstance(expected, float) or not isinstance(actual, int | float):
+        return bool(expected == actual)
+    if where.endswith("whiteness_p"):
+        return math.isclose(expected, actual, abs_tol=SPREAD_TOLERANCE)
+    spread = "_std" in where
+    return math.isclose(expected, actual, rel_tol=SPREAD_TOLERANCE if spread else VALUE_TOLERANCE)

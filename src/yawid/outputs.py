@@ -1,0 +1,104 @@
+"""Where a run writes, and what every output says of its own origin."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from yawid.errors import SinkError
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.sinks.base import Sink
+from yawid.sinks.mcap_file import McapSink
+from yawid.sinks.rerun_view import RerunSink
+
+SIGN = "positive rudder = nose right, positive yaw rate = nose right"
+LIBRARIES = ("numpy", "numba", "scipy", "pymavlink", "mcap", "protobuf", "rerun-sdk", "filterpy")
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where a run writes: the folder, the name of its files, and which of them."""
+
+    folder: Path
+    name: str
+    rerun: str = "off"
+    force: bool = False
+    record: bool = True
+
+    def path(self, suffix: str) -> Path:
+        """Return the absolute path of one output."""
+        return (self.folder / f"{self.name}{suffix}").absolute()
+
+    def files(self) -> dict[str, str]:
+        """Return the paths of MCAP and Rerun recording."""
+        rrd = {"rrd": str(self.path(".rrd"))} if self.rerun == "save" else {}
+        return {"mcap": str(self.path(".mcap"))} | rrd
+
+
+def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
+    """Open every sink of a replay.
+
+    Raises:
+        SinkError: the folder or a file cannot be written.
+    """
+    return [open_mcap(config, outputs), *open_rerun(outputs)]
+
+
+def open_mcap(config: RunConfig, outputs: Outputs) -> McapSink:
+    """Open the MCAP file with what is known before the first frame."""
+    metadata: dict[str, str | Mapping[str, object]] = {
+        "configuration": asdict(config),
+        "versions": versions(),
+        "sign": SIGN,
+    }
+    _make_folder(outputs.folder)
+    return McapSink(outputs.path(".mcap"), metadata, force=outputs.force)
+
+
+def open_rerun(outputs: Outputs) -> list[Sink]:
+    """Open the Rerun recording or viewer, if one is wanted."""
+    if outputs.rerun == "off":
+        return []
+    _make_folder(outputs.folder)
+    return [
+        RerunSink(
+            outputs.rerun,
+            outputs.path(".rrd"),
+            name=outputs.name,
+            warn=lambda text: print(f"yawid: {text}", file=sys.stderr),
+            force=outputs.force,
+        )
+    ]
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SinkError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def finish(pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str]) -> None:
+    """Add the file names to the summary and finish every sink with it."""
+    summary["files"] = files
+    parameters = pipeline.channels.parameters.values
+    attachments = {
+        "configuration.toml": pipeline.config.to_toml().encode(),
+        "parameters.txt": "".join(f"{n} {v!r}\n" for n, v in sorted(parameters.items())).encode(),
+        "summary.json": json.dumps(summary).encode(),
+    }
+    for sink in pipeline.sinks:
+        sink.finish(summary, attachments)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of yawid, Python and the libraries a result depends on."""
+    found = {name: version(name) for name in LIBRARIES}
+    return {"yawid": version("yawid"), "python": platform.python_version()} | found

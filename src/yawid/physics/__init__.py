@@ -1,0 +1,1 @@
+"""Physics: from theta to what a flight-test engineer asks for, each with its sigma."""

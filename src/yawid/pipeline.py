@@ -1,0 +1,69 @@
+"""The whole way through, to be read from top to bottom.
+
+    bytes -> frames -> channels -> samples on one grid -> estimates -> physics -> sinks
+
+The only module that knows all stages; whether the bytes come from a file or a socket it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
+from yawid.channels.stage import WANTED, Channels
+from yawid.estimation.armax import parameter_names
+from yawid.estimation.bank import Bank
+from yawid.physics.modes import modes
+from yawid.run_config import RunConfig
+from yawid.sinks.base import Sink
+from yawid.sources.frames import Decoder
+
+
+class Pipeline:
+    """Feed it tlog bytes cut anywhere, then ``finish``; the sinks are told as results come.
+
+    Raises:
+        ConfigError: what was asked for does not fit the log (its rate).
+        SinkError: a sink cannot write.
+    """
+
+    def __init__(self, config: RunConfig, sinks: Sequence[Sink] = ()) -> None:
+        self.config = config
+        self.sinks = list(sinks)
+        self.decoder = Decoder(WANTED)
+        self.channels = Channels(config)
+        self.bank: Bank | None = None
+        self.modes: ModesBlock | None = None
+        self.newest: SampleBlock | None = None
+        self.samples = 0
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes in; every sample they complete is estimated and written."""
+        self._advance(self.decoder.feed(data))
+
+    def finish(self) -> None:
+        """Take in what was held back for want of more; the sinks stay open for the summary."""
+        self._advance(self.decoder.finish())
+        for samples in self.channels.finish():
+            self._estimate(samples)
+
+    def _advance(self, frames: FrameBlock | None) -> None:
+        if frames is not None:
+            for samples in self.channels.feed(frames):
+                self._estimate(samples)
+
+    def _estimate(self, samples: SampleBlock) -> None:
+        bank = self.bank or self._open_bank(samples.sample_time_s)
+        estimates = bank.run(samples)
+        primary = estimates[self.config.method]
+        self.modes = modes(primary, self.config.armax_orders(), samples.sample_time_s)
+        self.newest, self.samples = samples, self.samples + len(samples)
+        for sink in self.sinks:
+            sink.write(samples, estimates, self.modes)
+
+    def _open_bank(self, sample_time_s: float) -> Bank:
+        self.bank = Bank(self.config, sample_time_s)
+        names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
+        for sink in self.sinks:
+            sink.start(names, self.config.inputs, self.bank.methods, sample_time_s)
+        return self.bank

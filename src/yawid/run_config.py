@@ -1,0 +1,175 @@
+"""The configuration of a run, from the command line or a TOML file: complete and frozen."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from yawid.config import ENGINES, METHODS, ArmaxOrders, EstimatorConfig
+from yawid.errors import ConfigError
+
+INPUTS = (("rudder",), ("rudder", "aileron"))
+DEFAULT_RATE_HZ = 20.0
+DEFAULT_MEMORY_S = 60.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunConfig:
+    """One run of the pipeline; each field is the command-line option of the same name.
+
+    ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
+    ``rate`` in Hz (None: 20, or the rate of the slower channel), ``from_s`` and ``to_s`` in seconds
+    since boot, ``rudder_max_deg`` the deflection at full travel (None: one unit is half the
+    travel).
+
+    Raises:
+        ConfigError: a value outside its limits.
+    """
+
+    orders: tuple[int, int, int, int] = (3, 3, 2, 1)
+    method: str = "els"
+    also: str = "rml"
+    engine: str = "numba"
+    memory: float | None = None
+    forgetting: float | None = None
+    rate: float | None = None
+    inputs: tuple[str, ...] = ("rudder",)
+    rudder: str = "auto"
+    aileron: str = "auto"
+    rudder_sign: str = "nose-right"
+    rudder_max_deg: float | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+    sysid: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "orders", tuple(self.orders))
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        if len(self.orders) != 4:
+            raise ConfigError(f"--orders must be na,nb,nc,nk, got {self.orders!r}")
+        if self.orders[3] == 0:
+            raise ConfigError(
+                "--orders: nk = 0 is acausal (u(k) is the mean after y(k)); use nk >= 1"
+            )
+        self.armax_orders()
+        _check_choice("method", self.method, METHODS)
+        _check_choice("also", self.also, (*METHODS, "none"))
+        _check_choice("engine", self.engine, ENGINES)
+        _check_choice("rudder-sign", self.rudder_sign, ("nose-right", "nose-left"))
+        if self.inputs not in INPUTS:
+            raise ConfigError(
+                f"--inputs must be rudder or rudder,aileron, got {','.join(self.inputs)}"
+            )
+        if self.memory is not None and self.forgetting is not None:
+            raise ConfigError("--memory and --forgetting say the same thing: give one of them")
+        if self.forgetting is not None and not 0.0 < self.forgetting <= 1.0:
+            raise ConfigError(f"--forgetting must lie in (0, 1], got {self.forgetting!r}")
+        for name in ("memory", "rate", "rudder_max_deg"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise ConfigError(
+                    f"--{name.replace('_', '-')} must be > 0 and finite, got {value!r}"
+                )
+        if self.rate is not None and not 0.1 <= self.rate <= 1000.0:
+            raise ConfigError(f"--rate must lie in 0.1 to 1000 Hz, got {self.rate!r}")
+        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
+            raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
+        if self.sysid is not None and not 1 <= self.sysid <= 255:
+            raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
+
+    def armax_orders(self) -> ArmaxOrders:
+        """Return the orders with nb and nk for every input."""
+        na, nb, nc, nk = self.orders
+        count = len(self.inputs)
+        return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
+
+    def forgetting_factor(self, sample_time_s: float) -> float:
+        """Return lambda = exp(-Ts / memory), or what was asked for."""
+        if self.forgetting is not None:
+            return self.forgetting
+        return math.exp(-sample_time_s / (self.memory or DEFAULT_MEMORY_S))
+
+    def estimator(self, method: str, sample_time_s: float) -> EstimatorConfig:
+        """Return the configuration of one estimator of the bank."""
+        return EstimatorConfig(
+            orders=self.armax_orders(),
+            sample_time_s=sample_time_s,
+            forgetting_factor=self.forgetting_factor(sample_time_s),
+            method="rml" if method == "rml" else "els",
+        )
+
+    def bank_methods(self) -> tuple[str, ...]:
+        """Return the methods to run, the one asked for first."""
+        also = () if self.also in ("none", self.method) else (self.also,)
+        return (self.method, *also)
+
+    def to_toml(self) -> str:
+        """Return the configuration as TOML; ``from_toml`` of it is equal."""
+        return "".join(
+            f"{name} = {_toml(value)}\n"
+            for name, value in asdict(self).items()
+            if value is not None
+        )
+
+
+def settings_from_toml(path: Path) -> dict[str, Any]:
+    """Return the settings a TOML file holds, by field name of :class:`RunConfig`.
+
+    Raises:
+        ConfigError: the file cannot be read, is no TOML, or names an unknown setting.
+    """
+    try:
+        loaded = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: not a readable TOML file: {error}") from error
+    return check_settings(loaded, str(path))
+
+
+def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return settings under their field names, after checking that each is known.
+
+    Raises:
+        ConfigError: a setting is unknown or of the wrong type.
+    """
+    known = {field.name for field in fields(RunConfig)}
+    settings = {}
+    for raw, value in loaded.items():
+        name = {"from": "from_s", "to": "to_s"}.get(raw, raw.replace("-", "_"))
+        if name not in known:
+            raise ConfigError(
+                f"{where}: unknown setting {raw!r}; known are {', '.join(sorted(known))}"
+            )
+        settings[name] = _typed(name, value, where)
+    return settings
+
+
+def _typed(name: str, value: Any, where: str) -> Any:
+    if name in ("orders", "inputs"):
+        parts = value.split(",") if isinstance(value, str) else value
+        kind = int if name == "orders" else str
+        try:
+            return tuple(kind(part) for part in parts)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{where}: {name} must be a list, got {value!r}") from error
+    numeric = name in ("memory", "forgetting", "rate", "rudder_max_deg", "from_s", "to_s")
+    wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name == "sysid" else (str,)
+    if not isinstance(value, wanted) or isinstance(value, bool):
+        raise ConfigError(f"{where}: {name} must be {wanted[-1].__name__}, got {value!r}")
+    return value
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ConfigError(f"--{name} must be one of {', '.join(choices)}, got {value!r}")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
+    return repr(value)

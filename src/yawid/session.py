@@ -1,0 +1,75 @@
+"""One replay, from the log to its finished files, and how a run is told to stop."""
+
+from __future__ import annotations
+
+import hashlib
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from yawid.outputs import Outputs, finish, open_sinks
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.sinks.terminal import progress
+from yawid.sources.tlog import check_readable, read_tlog
+from yawid.summary import summarise
+from yawid.verdict import Verdict
+
+
+class StopFlag:
+    """Set by SIGINT or SIGTERM; a run then finishes its files and its summary as usual."""
+
+    def __init__(self) -> None:
+        self.is_set = False
+
+    def _set(self, number: int, frame: FrameType | None) -> None:
+        self.is_set = True
+
+    @contextmanager
+    def installed(self) -> Iterator[StopFlag]:
+        """Catch the two signals while the context lasts."""
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        before = [signal.signal(number, self._set) for number in numbers]
+        try:
+            yield self
+        finally:
+            for number, handler in zip(numbers, before, strict=True):
+                signal.signal(number, handler)
+
+
+def replay(
+    log: Path, config: RunConfig, outputs: Outputs, stop: StopFlag
+) -> tuple[dict[str, Any], Verdict]:
+    """Replay one log; return its summary and verdict.
+
+    Raises:
+        SourceError: the log cannot be read.
+        SinkError: an output cannot be written.
+        ConfigError: what is asked for does not fit the log.
+    """
+    digest = hashlib.sha256()
+    check_readable(log)
+    sinks = open_sinks(config, outputs)
+    pipeline = Pipeline(config, sinks)
+    try:
+        with progress(sys.stderr, log.name, log.stat().st_size) as advance:
+            for chunk in read_tlog(log, digest=digest):
+                pipeline.feed(chunk)
+                advance(len(chunk))
+                if stop.is_set:
+                    break
+        pipeline.finish()
+        summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())
+        finish(pipeline, summary, outputs.files())
+    except BaseException:
+        # The log is still there: half an output of it is of no use to anybody.
+        for sink in sinks:
+            sink.abort()
+        for suffix in (".mcap", ".rrd"):
+            outputs.path(suffix + ".part").unlink(missing_ok=True)
+        raise
+    return summary, verdict

@@ -1,0 +1,106 @@
+"""What every sink offers the pipeline, and how a file comes to bear its final name."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, Literal, Protocol
+
+from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.errors import SinkError
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+
+
+class Sink(Protocol):
+    """Where results go: ``start`` once the grid is known, ``write`` per block, then ``finish``.
+
+    ``log`` and ``flush`` may be called at any time before the end, also before ``start``; a run
+    that never came to a grid is finished without it. Every method may raise
+    :class:`yawid.errors.SinkError` except ``abort``, which takes the place of ``finish`` after an
+    error and leaves what there is as readable as it can be.
+    """
+
+    def start(
+        self,
+        parameter_names: tuple[str, ...],
+        inputs: tuple[str, ...],
+        methods: tuple[str, ...],
+        sample_time_s: float,
+    ) -> None:
+        """Name the parameters (p,), the inputs (n_inputs,) and the methods, the primary first."""
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """Add one row for each sample; ``modes`` are those of the primary method, the first key."""
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """Add one line for people."""
+
+    def flush(self) -> None:
+        """Bring out what is complete: made to be called after every block of a live run.
+
+        It acts at most twice a second, so that a live file is not made of chunks of one sample:
+        call it when the link is silent too.
+        """
+
+    def finish(self, summary: Mapping[str, object], attachments: Mapping[str, bytes]) -> None:
+        """Add the verdict of the JSON ``summary``, close, and give the file its final name."""
+
+    def abort(self) -> None:
+        """Close without the final name; never raises."""
+
+
+class Pace:
+    """Says at most once in ``period_s`` seconds of wall time that something is due."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._next_s = float("-inf")
+
+    def due(self) -> bool:
+        """Whether the period has passed since this was last true."""
+        now = time.monotonic()
+        if now < self._next_s:
+            return False
+        self._next_s = now + self._period_s
+        return True
+
+
+@contextmanager
+def os_errors_as_sink_error(path: Path) -> Iterator[None]:
+    """Turn what the operating system says about ``path`` into one line."""
+    try:
+        yield
+    except OSError as error:
+        raise SinkError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def open_part(path: Path, *, force: bool, suffix: str = ".part") -> tuple[Path, BinaryIO]:
+    """Open ``<path><suffix>``, the name a file bears until it is finished.
+
+    Raises:
+        SinkError: the file or its part exists and ``force`` is not set, or it cannot be written.
+    """
+    part = path.with_name(path.name + suffix)
+    if path.is_dir():
+        raise SinkError(f"cannot write {path}: it is a folder")
+    if path.exists() and not force:
+        raise SinkError(f"{path} exists: --force overwrites it")
+    with os_errors_as_sink_error(part):
+        try:
+            return part, part.open("wb" if force else "xb")
+        except FileExistsError as error:
+            raise SinkError(
+                f"{part} exists: a run still writes it or was cut off; move it away or use --force"
+            ) from error
+
+
+def sync(stream: BinaryIO) -> None:
+    """Bring what was written to ``stream`` through every buffer to the disk."""
+    stream.flush()
+    os.fsync(stream.fileno())

@@ -1,0 +1,94 @@
+"""Blocks as protobuf messages: which column of a block is which field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import EstimateBlock, Held, Ints, ModesBlock, SampleBlock
+from yawid.sinks.base import LogLevel
+from yawid.sinks.rows import RowLayout
+from yawid.sinks.schemas import LogLevelNumber, descriptor, message_class
+
+Rows = NDArray[Any]
+
+
+@lru_cache
+def _layout(full_name: str, **lengths: int) -> RowLayout:
+    return RowLayout(descriptor(full_name), lengths)
+
+
+def _fill_held(rows: Rows, held: Ints) -> None:
+    rows["held"] = held
+    for flag in Held:
+        rows["held_reasons"][str(flag.name).lower()] = held & flag.value != 0
+
+
+def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
+    """Return ``yawid.Sample`` messages (n,); ``inputs`` names the columns of u."""
+    rows = _layout("yawid.Sample", u=samples.u.shape[1]).rows(len(samples))
+    rows["boot_time"] = samples.boot_us / 1e6
+    rows["received_time"] = samples.received_us / 1e6
+    _fill_held(rows, samples.held)
+    for name in ("k", "epoch", "u", "yaw", "roll"):
+        rows[name] = getattr(samples, name)
+    rows["yaw_rate"] = samples.y
+    for name in ("rudder", "aileron"):
+        rows[name] = samples.u[:, inputs.index(name)] if name in inputs else np.nan
+    return rows
+
+
+def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
+    """Return ``yawid.Estimate`` messages (n,)."""
+    p = estimate.theta.shape[1]
+    rows = _layout("yawid.Estimate", theta=p, theta_std=p).rows(len(samples))
+    rows["boot_time"] = samples.boot_us / 1e6
+    _fill_held(rows, samples.held)
+    for name in (
+        "theta",
+        "theta_std",
+        "y_hat",
+        "innovation",
+        "residual",
+        "noise_std",
+        "status",
+    ):
+        rows[name] = getattr(estimate, name)
+    return rows
+
+
+def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
+    """Return ``yawid.Modes`` messages (n,)."""
+    repeated = ("pole_re", "pole_im", "wn", "wn_std", "zeta", "zeta_std")
+    na = modes.poles.shape[1]
+    rows = _layout("yawid.Modes", **dict.fromkeys(repeated, na)).rows(len(samples))
+    rows["boot_time"] = samples.boot_us / 1e6
+    rows["pole_re"], rows["pole_im"] = modes.poles.real, modes.poles.imag
+    for name in repeated[2:]:
+        rows[name] = getattr(modes, name)
+    for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
+        rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
+    return rows
+
+
+def log_message(unix_ns: int, level: LogLevel, text: str) -> bytes:
+    """Return one ``foxglove.Log``."""
+    message: Any = message_class("foxglove.Log")()  # its fields are known at run time only
+    message.timestamp.FromNanoseconds(unix_ns)
+    message.level = LogLevelNumber[level.upper()]
+    message.message = text
+    message.name = "yawid"
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def verdict_message(verdict: Mapping[str, Any]) -> bytes:
+    """Return one ``yawid.Verdict`` from the summary's ``{usable, reasons[{id, weight, text}]}``."""
+    message: Any = message_class("yawid.Verdict")()  # as above
+    message.usable = verdict["usable"]
+    for reason in verdict["reasons"]:
+        message.reasons.add(**{name: reason[name] for name in ("id", "weight", "text")})
+    return bytes(message.SerializeToString(deterministic=True))

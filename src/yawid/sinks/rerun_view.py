@@ -1,0 +1,176 @@
+"""One Rerun recording and its blueprint: the only file that knows rerun.
+
+Whatever goes wrong here is raised as rerun raises it; what that means for the run is decided in
+:mod:`yawid.sinks.rerun_sink`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
+from yawid.sinks.base import LogLevel
+from yawid.sinks.series import group_rows, series_styles, verdict_markdown
+
+APPLICATION: Final = "yawid"
+DEFAULT_PORT: Final = 9876  # rerun's own
+REACH_S: Final = 2.0  # how long a viewer may take to accept a connection, and to take what is sent
+FINISH_S: Final = 30.0
+BATCH_ROWS: Final = 1000  # a call costs the same for one row as for some hundred
+_LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
+
+Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
+
+
+def blueprint() -> rrb.Blueprint:
+    """Return the first picture: what went in, what came out, what was learnt, what it is worth."""
+
+    def lines(name: str, origin: str) -> rrb.TimeSeriesView:
+        linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+        return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked)
+
+    flight = rrb.Vertical(
+        lines("Rudder and aileron", "/input"),
+        lines("Yaw rate, measured and predicted", "/yaw_rate"),
+        lines("Innovation", "/innovation"),
+        lines("Held and status", "/status"),
+        row_shares=[3, 4, 3, 1.5],
+    )
+    learnt = rrb.Vertical(
+        lines("Dutch roll: natural frequency", "/dutch_roll/wn"),
+        lines("Dutch roll: damping ratio", "/dutch_roll/zeta"),
+        lines("Parameters", "/parameters"),
+        rrb.Tabs(
+            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
+            rrb.TextLogView(name="Log", origin="/log"),
+        ),
+        row_shares=[3, 3, 4, 2.5],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(flight, learnt, column_shares=[1, 1]),
+        rrb.TimePanel(timeline="boot_time", state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+class RerunView:
+    """A recording that goes to ``target``: a file (Path), ``spawn``, or the address of a viewer."""
+
+    def __init__(self, target: str | Path, name: str) -> None:
+        self._is_file = isinstance(target, Path)
+        self._batch: list[Batch] = []
+        self._waiting = 0
+        self._boot_offset_us: int | None = None  # boot time minus Unix time
+        # Building it also warms up what else makes the first rows of a live run wait for 0.2 s.
+        first = blueprint()
+        self._recording = rr.RecordingStream(APPLICATION)
+        if not rr.is_enabled(self._recording):
+            raise RuntimeError("rerun is switched off by the environment variable RERUN")
+        if isinstance(target, Path):
+            self._recording.save(target, default_blueprint=first)
+        else:
+            address = _spawn_viewer() if target == "spawn" else target
+            _check_listening(address)
+            self._recording.connect_grpc(address, default_blueprint=first)
+        self._recording.send_recording_name(name)
+        self._show_verdict("No verdict yet: the run goes on.\n")
+
+    def start(self, parameter_names: tuple[str, ...], inputs: tuple[str, ...]) -> None:
+        """Name and colour the lines."""
+        for entity, style in series_styles(inputs, parameter_names).items():
+            self._recording.log(entity, rr.SeriesLines(**style), static=True)
+
+    def write(self, samples: SampleBlock, primary: EstimateBlock, modes: ModesBlock) -> None:
+        """Take a block; its rows go out by the thousand or with :meth:`flush`."""
+        self._boot_offset_us = int(samples.boot_us[-1] - samples.unix_ns[-1] // 1000)
+        rows = group_rows(samples, primary, modes)
+        self._batch.append((samples.boot_us, samples.unix_ns, rows))
+        self._waiting += len(samples)
+        if self._waiting >= BATCH_ROWS:
+            self._send()
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """Add a line to the log, on the clock of the vehicle too once that is known."""
+        times = [_unix_times(np.array([unix_ns]))]
+        if self._boot_offset_us is not None:
+            times.append(_boot_times(np.array([unix_ns // 1000 + self._boot_offset_us])))
+        line = rr.TextLog.columns(text=[text], level=[_LEVELS[level]])
+        self._recording.send_columns("log", times, line)
+
+    def flush(self) -> None:
+        """Send what waits to a viewer; a file waits for whole batches, which keeps it small.
+
+        Raises:
+            RuntimeError: the viewer is gone.
+        """
+        if not self._is_file:
+            self._send()
+            self._recording.flush(timeout_sec=REACH_S)
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Send the rest and the verdict, and close.
+
+        Raises:
+            RuntimeError: not all of it could be written.
+        """
+        self._show_verdict(verdict_markdown(summary))
+        self.close()
+
+    def close(self) -> None:
+        """Send the rest and close."""
+        self._send()
+        self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
+        self._recording.disconnect()
+
+    def _show_verdict(self, markdown: str) -> None:
+        document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
+        self._recording.log("verdict", document, static=True)
+
+    def _send(self) -> None:
+        if not self._batch:
+            return
+        boot_us, unix_ns, blocks = zip(*self._batch, strict=True)
+        self._batch, self._waiting = [], 0
+        times = [_boot_times(np.concatenate(boot_us)), _unix_times(np.concatenate(unix_ns))]
+        for entity in blocks[0]:
+            values = np.concatenate([block[entity] for block in blocks])
+            self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
+
+
+def _boot_times(boot_us: Ints) -> rr.TimeColumn:
+    return rr.TimeColumn("boot_time", duration=boot_us.astype("timedelta64[us]"))
+
+
+def _unix_times(unix_ns: Ints) -> rr.TimeColumn:
+    return rr.TimeColumn("unix_time", timestamp=unix_ns.astype("datetime64[ns]"))
+
+
+def _spawn_viewer() -> str:
+    """Start a viewer, or find one that listens already, and return its address."""
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        # Without this rerun starts a viewer that dies, and waits six seconds for it.
+        raise RuntimeError("there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)")
+    # The viewer comes with rerun-sdk, in an environment that need not be on PATH.
+    executable = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    rr.spawn(port=DEFAULT_PORT, connect=False, executable_path=executable)
+    return f"rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
+
+
+def _check_listening(address: str) -> None:
+    """Raise OSError where no one listens: rerun itself would try for five seconds."""
+    url = urlsplit(address)
+    if url.hostname:  # else rerun says what is wrong with the address
+        where = url.hostname, url.port or DEFAULT_PORT
+        socket.create_connection(where, timeout=REACH_S).close()

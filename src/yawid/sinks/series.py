@@ -1,0 +1,122 @@
+"""What the viewer draws: the lines of each entity, their names, colours and values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
+
+Rgba = tuple[int, int, int, int]
+
+# One colour per channel wherever it is drawn; readable on the viewer's dark and light grounds.
+MEASURED: Final[Rgba] = (66, 133, 244, 255)
+PREDICTED: Final[Rgba] = (244, 140, 36, 255)
+INPUTS: Final[Mapping[str, Rgba]] = {"rudder": (52, 168, 83, 255), "aileron": (171, 71, 188, 255)}
+NEUTRAL: Final[Rgba] = (140, 140, 140, 255)
+PALETTE: Final[tuple[Rgba, ...]] = (
+    MEASURED,
+    PREDICTED,
+    (52, 168, 83, 255),
+    (234, 67, 53, 255),
+    (171, 71, 188, 255),
+    (141, 110, 99, 255),
+    (236, 98, 161, 255),
+    (120, 144, 156, 255),
+    (175, 180, 43, 255),
+    (0, 172, 193, 255),
+)
+PALE_ALPHA: Final = 90
+LINE_WIDTH, BAND_WIDTH = 1.5, 0.7
+
+
+def _pale(colour: Rgba) -> Rgba:
+    return (*colour[:3], PALE_ALPHA)
+
+
+def _style(names: list[str], colours: list[Rgba], widths: list[float]) -> dict[str, Any]:
+    return {"names": names, "colors": colours, "widths": widths}
+
+
+def _banded(name: str, colour: Rgba) -> dict[str, Any]:
+    """Style of a line with its lower and upper 2 sigma bound."""
+    return _style(
+        [name, f"{name} - 2 sigma", f"{name} + 2 sigma"],
+        [colour, _pale(colour), _pale(colour)],
+        [LINE_WIDTH, BAND_WIDTH, BAND_WIDTH],
+    )
+
+
+def series_styles(
+    inputs: tuple[str, ...], parameter_names: tuple[str, ...]
+) -> dict[str, dict[str, Any]]:
+    """Return names, colours and widths of the lines of every entity, in column order."""
+    p = len(parameter_names)
+    colours = [PALETTE[i % len(PALETTE)] for i in range(p)]
+    bounds = [f"{name} {sign} 2 sigma" for sign in "-+" for name in parameter_names]
+    return {
+        "input": _style(
+            [f"{name} [half travel]" for name in inputs],
+            [INPUTS.get(name, NEUTRAL) for name in inputs],
+            [LINE_WIDTH] * len(inputs),
+        ),
+        "yaw_rate": _style(
+            ["measured [rad/s]", "predicted [rad/s]"], [MEASURED, PREDICTED], [LINE_WIDTH] * 2
+        ),
+        "innovation": _banded("innovation [rad/s]", PREDICTED),
+        "parameters/theta": _style(list(parameter_names), colours, [LINE_WIDTH] * p),
+        "parameters/band": _style(
+            bounds, [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
+        ),
+        "dutch_roll/wn": _banded("wn [rad/s]", MEASURED),
+        "dutch_roll/zeta": _banded("zeta", PREDICTED),
+        "status": _style(
+            ["held", "status: 0 warming up, 1 tracking, 2 held, 3 diverged"],
+            [(234, 67, 53, 255), NEUTRAL],
+            [LINE_WIDTH] * 2,
+        ),
+    }
+
+
+def _two_sigma(std: Floats, limit: Floats | float) -> Floats:
+    """Return 2 std, NaN beyond ``limit``: such a band says "unknown" and squeezes the axis."""
+    return 2.0 * np.where(std <= limit, std, np.nan)
+
+
+def _with_band(value: Floats, two_sigma: Floats) -> Floats:
+    """Return value, lower and upper bound (n, 3)."""
+    return np.column_stack([value, value - two_sigma, value + two_sigma])
+
+
+def group_rows(
+    samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock
+) -> dict[str, Floats]:
+    """Return the values (n, m) of every entity of :func:`series_styles`; NaN leaves a line open."""
+    live = estimate.status != Status.WARMING_UP
+    theta = np.where(live[:, None], estimate.theta, np.nan)
+    band = _two_sigma(estimate.theta_std, np.maximum(np.abs(estimate.theta), 1.0))
+    noise = 2.0 * estimate.noise_std
+    wn, wn_std, zeta, zeta_std = modes.dutch_roll.T
+    return {
+        "input": samples.u,
+        "yaw_rate": np.column_stack([samples.y, np.where(live, estimate.y_hat, np.nan)]),
+        "innovation": np.column_stack([estimate.innovation, -noise, noise]),
+        "parameters/theta": theta,
+        "parameters/band": np.hstack([theta - band, theta + band]),
+        "dutch_roll/wn": _with_band(wn, _two_sigma(wn_std, wn)),
+        "dutch_roll/zeta": _with_band(zeta, _two_sigma(zeta_std, 0.5)),
+        "status": np.column_stack([samples.held != 0, estimate.status]).astype(np.float64),
+    }
+
+
+def verdict_markdown(summary: Mapping[str, Any]) -> str:
+    """Return the verdict of the JSON summary for the text panel."""
+    verdict = summary["verdict"]
+    lines = ["# Usable" if verdict["usable"] else "# Not usable"]
+    lines += [
+        f"- **{reason['id']}** ({reason['weight']}): {reason['text']}"
+        for reason in verdict["reasons"]
+    ]
+    return "\n".join(lines) + "\n"

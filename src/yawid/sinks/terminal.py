@@ -1,0 +1,102 @@
+"""What a person reads in the terminal: progress on stderr, and the summary as a table on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import TransferSpeedColumn as Speed
+from rich.table import Table
+from rich.text import Text
+
+WIDTH = 80
+
+
+@contextmanager
+def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Any]:
+    """Show how far a log has been read, on a terminal only; yields ``advance(bytes)``."""
+    console = Console(file=stream)
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), Speed())
+    with Progress(
+        *columns,
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not stream.isatty(),
+    ) as bar:
+        task = bar.add_task(name, total=total_bytes)
+        yield lambda count: bar.update(task, advance=count)
+
+
+def print_summary(summary: Mapping[str, Any], stream: TextIO) -> None:
+    """Print the summary of one run: the verdict first, then how sure, then where it comes from."""
+    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console.print(Text(str(summary["log"]), style="bold"))
+    _print_verdict(console, summary["verdict"])
+    if summary.get("estimates"):
+        console.print(_estimates_table(summary["estimates"]))
+    for line in _origin(summary):
+        console.print(Text(line))
+    for kind, path in summary.get("files", {}).items():
+        # A path is for copying: it must not be wrapped.
+        console.print(Text(f"{kind:>8}  {path}"), soft_wrap=True)
+
+
+def _print_verdict(console: Console, verdict: Mapping[str, Any]) -> None:
+    word = Text("usable", "bold green") if verdict["usable"] else Text("NOT USABLE", "bold red")
+    console.print(Text("verdict  ") + word)
+    for reason in verdict["reasons"]:
+        style = "red" if reason["weight"] == "fatal" else "yellow"
+        console.print(Text(f"  {reason['id']}: ", style) + Text(reason["text"]))
+
+
+def _estimates_table(estimates: Mapping[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for method in estimates:
+        table.add_column(method.upper(), justify="right")
+    rows: dict[str, list[str]] = {}
+    for estimate in estimates.values():
+        for name, text in _estimate_rows(estimate).items():
+            rows.setdefault(name, []).append(text)
+    for name, texts in rows.items():
+        table.add_row(name, *texts)
+    return table
+
+
+def _estimate_rows(estimate: Mapping[str, Any]) -> dict[str, str]:
+    mode, fit = estimate.get("dutch_roll", {}), estimate["fit"]
+    orders = estimate["orders"]
+    return {
+        "Dutch roll wn, rad/s": _with_sigma(mode, "wn_rad_s", "wn_std"),
+        "Dutch roll zeta": _with_sigma(mode, "zeta", "zeta_std"),
+        "fit one step, %": _number(fit, "one_step_pct", ".1f"),
+        "fit simulated, %": _number(fit, "simulation_pct", ".1f"),
+        "updates / held": f"{estimate['updates']} / {estimate['held']}",
+        "na,nb,nc,nk at rate": ",".join(str(orders[o]) for o in ("na", "nb", "nc", "nk"))
+        + f" at {1.0 / estimate['sample_time_s']:.3g} Hz",
+    }
+
+
+def _with_sigma(values: Mapping[str, float], name: str, sigma: str) -> str:
+    if name not in values:
+        return "none"
+    spread = f" ± {values[sigma]:.2g}" if sigma in values else ""
+    return f"{values[name]:.4g}{spread}"
+
+
+def _number(values: Mapping[str, float], name: str, spec: str) -> str:
+    return format(values[name], spec) if name in values else "-"
+
+
+def _origin(summary: Mapping[str, Any]) -> Iterator[str]:
+    for name, channel in summary["channels"].items():
+        rate = f" at {channel['rate_hz']:.3g} Hz" if "rate_hz" in channel else ""
+        how = f" ({channel['how']})" if "how" in channel else ""
+        yield f"{name:>8}  {channel['source']}{rate}{how}"
+    link = summary["link"]
+    counts = ", ".join(f"{link[n]} {n.replace('_', ' ')}" for n in link if link[n] or n == "frames")
+    yield f"    link  {counts}"

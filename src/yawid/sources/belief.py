@@ -1,0 +1,61 @@
+"""Believe a record only if its stamp fits: within 3 days of its neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from yawid.blocks import Ints
+from yawid.sources.chain import STAMP_TOLERANCE_US, stamps_agree
+
+_MOST_PENDING = 8
+
+
+class StampFilter:
+    """Sorts records by whether their stamps belong to the stream.
+
+    A stamp belongs if it agrees with that of the last record believed. One that does not stays pending: a
+    later record that agrees with it makes both believed (the clock was set), a later one that agrees with
+    the last record believed drops it (the stamp was damaged). Nothing is lost if the very first stamp is
+    the damaged one.
+    """
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def sort(self, stamps: Ints, pending: int) -> tuple[Ints | slice, Ints]:
+        """Return the rows to believe and the rows that stay pending, both rising.
+
+        ``stamps`` (n,) are those of the records in the order heard; the first ``pending`` of them are what
+        the call before left pending.
+        """
+        fresh = stamps[pending:]
+        near = np.abs(np.diff(fresh)) <= STAMP_TOLERANCE_US
+        near &= (fresh[1:] >= 0) & (fresh[:-1] >= 0)
+        edges = [0, *(np.flatnonzero(~near) + 1).tolist(), len(fresh)]
+        if not pending and len(edges) == 2 and len(fresh) and self._continues(int(fresh[0])):
+            self._last = int(fresh[-1])
+            return slice(None), np.empty(0, np.int64)
+        believed = np.zeros(len(stamps), np.bool_)
+        waiting = list(range(pending))
+        for first, stop in zip(edges[:-1], edges[1:], strict=True):
+            if first == stop:
+                continue
+            run = slice(pending + first, pending + stop)
+            stamp = int(stamps[run.start])
+            if not self._continues(stamp):
+                partner = [i for i in waiting if stamps_agree(int(stamps[i]), stamp)]
+                if not partner and stop - first == 1:
+                    waiting = [*waiting, run.start][-_MOST_PENDING:]
+                    continue
+                believed[partner] = True
+            believed[run] = True
+            waiting = []
+            self._last = int(stamps[run.stop - 1])
+        return np.flatnonzero(believed), np.array(waiting, np.int64)
+
+    def settle(self, pending: int) -> bool:
+        """Return whether what is pending at the end is believed: the only record there is."""
+        return self._last is None and pending == 1
+
+    def _continues(self, stamp: int) -> bool:
+        return self._last is not None and stamps_agree(self._last, stamp)

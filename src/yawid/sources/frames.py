@@ -1,0 +1,170 @@
+"""The decoder: bytes of a tlog in, messages as columns and a count of everything out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
+from yawid.sources.belief import StampFilter
+from yawid.sources.chain import Chain, stamps_of
+from yawid.sources.framing import MAGIC_V2, SLACK, STAMP_SIZE, Frames, find_frames
+from yawid.sources.link import LinkStats, Tally
+from yawid.sources.messages import definitions, dtype_of
+
+DEFAULT = frozenset(
+    {
+        "ACTUATOR_CONTROL_TARGET",
+        "ACTUATOR_OUTPUT_STATUS",
+        "ATTITUDE",
+        "HEARTBEAT",
+        "HIL_ACTUATOR_CONTROLS",
+        "PARAM_VALUE",
+        "RC_CHANNELS",
+        "SERVO_OUTPUT_RAW",
+        "SYSTEM_TIME",
+        "VFR_HUD",
+    }
+)
+_SLICE = 1 << 20  # bytes worked on at once: large enough for NumPy, small enough for the cache
+_NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
+
+
+class Decoder:
+    """Turns the bytes of a tlog, cut anywhere, into messages; the cuts change nothing in what comes out.
+
+    A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record whose
+    stamp and frame are intact is found, whatever stands around it, and none is invented: see ``chain`` and
+    ``belief`` for the rules. A damaged stamp that stays within 3 days of its neighbours cannot be seen.
+
+    Raises:
+        ConfigError: a name in ``wanted`` is no message of the dialect.
+    """
+
+    def __init__(self, wanted: Iterable[str] = DEFAULT) -> None:
+        self._known = definitions()
+        self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
+        self._chain = Chain(self._known)
+        self._filter = StampFilter()
+        self._tally = Tally(self._known)
+        self._tail = b""
+        self._decided = 0
+        self._held = b""
+        self._held_frames = _NO_FRAMES
+        self._held_order = np.empty(0, np.int64)
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of all that has been decided so far."""
+        decided = self._decided - len(self._held)
+        chain = self._chain
+        return self._tally.stats(decided, chain.passed_bytes, chain.bad_crc, chain.unknown)
+
+    def feed(self, data: bytes) -> FrameBlock | None:
+        """Return the wanted messages that ``data`` completes, or None if there are none."""
+        view = memoryview(data)
+        slices = (view[at : at + _SLICE] for at in range(0, len(view), _SLICE))
+        return _merge([self._decode(piece, final=False) for piece in slices])
+
+    def finish(self) -> FrameBlock | None:
+        """Return what the end of the stream still holds; nothing may be fed after it."""
+        return self._decode(memoryview(b""), final=True)
+
+    def _decode(self, data: memoryview, *, final: bool) -> FrameBlock | None:
+        held = len(self._held)
+        start = STAMP_SIZE + held
+        room = bytes(SLACK)
+        joined = b"".join((room[:STAMP_SIZE], self._held, self._tail, data, room))
+        stop = len(joined) - SLACK
+        buffer = np.frombuffer(joined, np.uint8)
+        found, open_from = find_frames(buffer, start, stop, self._known)
+        rows, decided = self._chain.walk(buffer, start, stop, found, open_from, final=final)
+        records = found.select(rows)
+        order = records.begin + (self._decided - STAMP_SIZE - start)
+        self._tail = joined[decided:stop]
+        self._decided += decided - start
+        if held:
+            records = self._held_frames.joined(records)
+            order = np.concatenate((self._held_order, order))
+        return self._believe(joined, buffer, records, order, final=final)
+
+    def _believe(
+        self, joined: bytes, buffer: Bytes, records: Frames, order: Ints, *, final: bool
+    ) -> FrameBlock | None:
+        """Count the records whose stamps fit and return them; hold back those that are pending."""
+        stamps = stamps_of(buffer, records.begin)
+        rows, pending = self._filter.sort(stamps, len(self._held_order))
+        if final and self._filter.settle(len(pending)):
+            rows, pending = pending, pending[:0]
+        self._hold(joined, records.select(pending), order[pending])
+        if final:
+            self._hold(joined, _NO_FRAMES, order[:0])
+        believed = records.select(rows)
+        if not len(believed):
+            return None
+        return self._columns(buffer, believed, order[rows], stamps[rows])
+
+    def _hold(self, joined: bytes, records: Frames, order: Ints) -> None:
+        spans = list(zip(records.begin - STAMP_SIZE, records.end, strict=True))
+        self._held = b"".join(joined[first:stop] for first, stop in spans)
+        sizes = records.end - records.begin + STAMP_SIZE
+        place = STAMP_SIZE + np.cumsum(sizes) - sizes
+        moves = place - (records.begin - STAMP_SIZE)
+        self._held_frames = Frames(
+            records.begin + moves,
+            records.end + moves,
+            records.payload + moves,
+            records.length,
+            records.row,
+        )
+        self._held_order = order
+
+    def _columns(
+        self, buffer: Bytes, frames: Frames, order: Ints, stamps: Ints
+    ) -> FrameBlock | None:
+        header = frames.begin + np.where(buffer[frames.begin] == MAGIC_V2, 4, 2)
+        sysid, compid = buffer[header + 1], buffer[header + 2]
+        sender = sysid.astype(np.int64) * 256 + compid
+        self._tally.add(buffer, frames, stamps, buffer[header], sender)
+        messages = {}
+        for name, dtype in self._dtypes.items():
+            rows = np.flatnonzero(frames.row == self._known.names[name])
+            if len(rows):
+                fields = _payloads(buffer, frames.payload[rows], frames.length[rows], dtype)
+                columns = order[rows], stamps[rows], sysid[rows], compid[rows], fields
+                messages[name] = MessageBlock(name, *columns)
+        return FrameBlock(messages) if messages else None
+
+
+def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the payloads (n,) of one message; bytes that were not sent are zero."""
+    size = dtype.itemsize
+    row_at = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))
+    rows = row_at[at]
+    if (length < size).any():
+        sent = np.arange(size) < np.arange(size + 1)[:, None]
+        masks = np.where(sent, np.uint8(0xFF), np.uint8(0))
+        rows.view(np.uint8).reshape(-1, size)[:] &= masks[np.minimum(length, size)]
+    return rows.view(dtype)
+
+
+def _merge(blocks: list[FrameBlock | None]) -> FrameBlock | None:
+    """Return the blocks as one."""
+    parts: dict[str, list[MessageBlock]] = {}
+    for block in blocks:
+        for name, message in (block.messages if block else {}).items():
+            parts.setdefault(name, []).append(message)
+    if not parts:
+        return None
+    return FrameBlock({name: _joined(parts[name]) for name in sorted(parts)})
+
+
+def _joined(blocks: list[MessageBlock]) -> MessageBlock:
+    if len(blocks) == 1:
+        return blocks[0]
+    columns = ("order", "received_us", "sysid", "compid", "fields")
+    arrays = (np.concatenate([getattr(block, name) for block in blocks]) for name in columns)
+    return MessageBlock(blocks[0].name, *arrays)

@@ -1,0 +1,152 @@
+"""Find intact MAVLink frames in raw bytes: by magic, header and CRC, wherever they stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from yawid.blocks import Bytes, Ints
+from yawid.sources.crc import crc_of_frames
+from yawid.sources.messages import UNKNOWN, Definitions
+
+MAGIC_V1 = 0xFE
+MAGIC_V2 = 0xFD
+STAMP_SIZE = 8
+MAX_FRAME = 280  # MAVLink 2: header 10, payload 255, CRC 2, signature 13
+LONGEST_HEADER = 10
+SLACK = MAX_FRAME + 16  # bytes behind the last valid one: no look-ahead leaves the array
+_SIGNED = 1
+_SIGNATURE = 13
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Frames in an array of bytes, a row each, by rising position.
+
+    ``begin`` (n,) is the position of the magic, ``end`` one past the last byte, ``payload`` and ``length``
+    where the payload lies, ``row`` the message's row in :class:`Definitions`.
+    """
+
+    begin: Ints
+    end: Ints
+    payload: Ints
+    length: Ints
+    row: Ints
+
+    def __len__(self) -> int:
+        return len(self.begin)
+
+    def select(self, rows: Ints | slice) -> Frames:
+        """Return the rows chosen by an index array or a slice."""
+        return Frames(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def moved(self, by: int) -> Frames:
+        """Return the same frames for an array in which they stand ``by`` bytes later."""
+        return Frames(self.begin + by, self.end + by, self.payload + by, self.length, self.row)
+
+    def joined(self, other: Frames) -> Frames:
+        """Return these frames and then the others."""
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return Frames(*(np.concatenate(pair) for pair in pairs))
+
+
+class Header(NamedTuple):
+    """One frame's header: its whole ``size`` in bytes and the ``row`` of its message or ``UNKNOWN``."""
+
+    size: int
+    row: int
+
+
+def frame_size(head: bytes) -> int | None:
+    """Return the size of the frame whose first three bytes are given, None if no frame begins so."""
+    if len(head) < 3:
+        return None
+    if head[0] == MAGIC_V1:
+        return 8 + head[1]
+    if head[0] == MAGIC_V2 and head[2] <= _SIGNED:
+        return 12 + head[1] + _SIGNATURE * head[2]
+    return None
+
+
+def read_header(data: Bytes, begin: int, known: Definitions) -> Header | None:
+    """Return the header at ``begin``, or None if no MAVLink frame can begin like that."""
+    head = data[begin : begin + 10].tobytes()
+    size = frame_size(head[:3])
+    if size is None:
+        return None
+    message_id = head[5] if head[0] == MAGIC_V1 else int.from_bytes(head[7:10], "little")
+    return Header(size, int(known.row_of[message_id]) if message_id < len(known.row_of) else UNKNOWN)
+
+
+def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple[Frames, int]:
+    """Return the intact frames in ``data[start:stop]`` and the position from which more may be found.
+
+    That position is where the first frame begins that could be intact once bytes after ``stop`` are known
+    (``stop`` itself if there is none): frames that begin before it can no longer change. ``data`` has
+    ``SLACK`` bytes after ``stop`` and ``start`` is at least ``STAMP_SIZE``.
+    """
+    window = data[start:stop]
+    at = np.flatnonzero((window == MAGIC_V1) | (window == MAGIC_V2)) + start
+    is_v2 = data[at] == MAGIC_V2
+    v2, open_v2 = _finished(_parse_v2(data, at[is_v2], known), stop)
+    v1, open_v1 = _finished(_parse_v1(data, at[~is_v2], known), stop)
+    found = [_intact(data, frames, known) for frames in (v1, v2) if len(frames)]
+    if len(found) == 2:
+        both = found[0].joined(found[1])
+        found = [both.select(np.argsort(both.begin, kind="stable"))]
+    unread = at[np.searchsorted(at, stop - LONGEST_HEADER + 1) :]
+    open_from = min([stop, open_v1, open_v2, *unread[:1].tolist()])
+    return (found[0] if found else v1), open_from
+
+
+def _parse_v1(data: Bytes, at: Ints, known: Definitions) -> Frames:
+    """Return the frames of MAVLink 1 that may begin at ``at``."""
+    row = known.row_of[data[at + 5]]
+    fits = np.flatnonzero((row != UNKNOWN) & known.fits_v1[row, data[at + 1]])
+    at = at[fits]
+    return _frames(at, 6, data[at + 1], row[fits], 0)
+
+
+def _parse_v2(data: Bytes, at: Ints, known: Definitions) -> Frames:
+    """Return the frames of MAVLink 2 that may begin at ``at``.
+
+    The payload may be cut short (trailing zeros) or longer than known (extensions of a newer
+    dialect).
+    """
+    low_id = data[at + 7] | data[at + 8].astype(np.uint16) << np.uint16(8)
+    row = known.row_of[low_id]
+    # No id of the dialect needs the third byte.
+    fits = np.flatnonzero((row != UNKNOWN) & (data[at + 2] <= _SIGNED) & (data[at + 9] == 0))
+    at = at[fits]
+    return _frames(at, 10, data[at + 1], row[fits], data[at + 2] * np.int64(_SIGNATURE))
+
+
+def _finished(frames: Frames, stop: int) -> tuple[Frames, int]:
+    """Return the frames that end by ``stop`` and where the first of the others begins (or ``stop``)."""
+    unfinished = np.flatnonzero(frames.end > stop)
+    if not len(unfinished):
+        return frames, stop
+    first = int(unfinished[0])
+    rows = slice(0, first)
+    if first + len(unfinished) < len(frames):
+        rows = np.flatnonzero(frames.end <= stop)
+    return frames.select(rows), int(frames.begin[first])
+
+
+def _frames(at: Ints, header: int, length: Bytes, row: Ints, trailer: Ints | int) -> Frames:
+    payload = at + header
+    size = length.astype(np.int64)
+    return Frames(at, payload + size + 2 + trailer, payload, size, row)
+
+
+def _intact(data: Bytes, frames: Frames, known: Definitions) -> Frames:
+    """Return the frames whose CRC fits."""
+    if not len(frames):
+        return frames
+    end = frames.payload + frames.length
+    crc = crc_of_frames(data, frames.begin + 1, end, known.crc_extra[frames.row])
+    sent = data[end] | data[end + 1].astype(np.uint16) << np.uint16(8)
+    fits = crc == sent
+    return frames if fits.all() else frames.select(np.flatnonzero(fits))

@@ -1,0 +1,205 @@
+"""The summary of a run: everything ``--json`` prints, and the verdict it carries.
+
+A key that does not apply is absent; no value is ever NaN.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from yawid.channels.mapping import STOCK_TRAVEL_US, Surface, why_no_surface
+from yawid.channels.stage import Channels
+from yawid.estimation.armax import parameter_names
+from yawid.estimation.bank import Bank
+from yawid.estimation.fit import fit_percent, simulate
+from yawid.physics.handling import dutch_roll_level
+from yawid.physics.modes import finite, mode_list, modes
+from yawid.physics.response import early_response
+from yawid.pipeline import Pipeline
+from yawid.verdict import (
+    Evidence,
+    Reason,
+    Verdict,
+    agreement_reasons,
+    estimate_reasons,
+    input_reasons,
+    rate_reasons,
+)
+
+
+def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
+    """Return the summary of a finished pipeline and its verdict."""
+    link = pipeline.decoder.link
+    channels, bank = pipeline.channels, pipeline.bank
+    summary: dict[str, Any] = {
+        "log": log,
+        "sha256": sha256,
+        "duration_s": max((link.last_us or 0) - (link.first_us or 0), 0) / 1e6,
+    }
+    vehicle = channels.lock.vehicle
+    if vehicle is not None:
+        summary["vehicle"] = {
+            "sysid": vehicle.sysid,
+            "compid": vehicle.compid,
+            "type": vehicle.type,
+            "autopilot": vehicle.autopilot,
+        }
+    summary["link"] = _link(pipeline)
+    summary["channels"] = _channels(channels)
+    evidence: dict[str, Evidence] = {}
+    if bank is not None and channels.surfaces:
+        summary["estimates"] = {}
+        for method in bank.methods:
+            summary["estimates"][method], evidence[method] = _estimate(bank, method)
+    verdict = Verdict.of(_reasons(pipeline, evidence))
+    summary["verdict"] = {
+        "usable": verdict.usable,
+        "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
+    }
+    return summary, verdict
+
+
+def _link(pipeline: Pipeline) -> dict[str, int]:
+    link, segmenter, aligner = (
+        pipeline.decoder.link,
+        pipeline.channels.segmenter,
+        pipeline.channels.aligner,
+    )
+    return {
+        "frames": link.frames,
+        "skipped_bytes": link.skipped_bytes,
+        "bad_crc": link.bad_crc,
+        "unknown": link.unknown,
+        "lost": link.lost,
+        "reboots": segmenter.reboots,
+        "clock_steps": segmenter.clock_steps,
+        "gaps": segmenter.silences + (0 if aligner is None else aligner.gaps),
+        "unsigned_rejected": 0,
+    }
+
+
+def _channels(channels: Channels) -> dict[str, Any]:
+    rates = [] if channels.intervals_us is None else [1e6 / t for t in channels.intervals_us]
+    found: dict[str, Any] = {}
+    for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
+        found[name] = _surface(surface) | ({"rate_hz": rates[1]} if rates else {})
+    if channels.yaw_rows:
+        found["yaw"] = {"source": "ATTITUDE.yawspeed"} | ({"rate_hz": rates[0]} if rates else {})
+    return found
+
+
+def _surface(surface: Surface) -> dict[str, Any]:
+    described: dict[str, Any] = {"source": surface.source, "how": surface.how}
+    if surface.travel_us is not None:
+        names = ("min_us", "trim_us", "max_us")
+        described |= dict(zip(names, surface.travel_us, strict=True))
+        described["reversed"] = surface.reversed
+    return described
+
+
+def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
+    """Return the summary of one method, and what the verdict needs of it."""
+    estimator, last = bank.estimators[method], bank.last[method]
+    config = estimator.config
+    orders = config.orders
+    names = parameter_names(orders, bank.config.inputs, bias=config.bias)
+    found = modes(last, orders, bank.sample_time_s)
+    wn, wn_std, zeta, zeta_std = (float(v) for v in found.dutch_roll[-1])
+    theta, theta_std = last.theta[-1], last.theta_std[-1]
+    described: dict[str, Any] = {
+        "method": method,
+        "orders": {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]},
+        "sample_time_s": bank.sample_time_s,
+        "forgetting_factor": config.forgetting_factor,
+        "updates": estimator.updates,
+        "held": estimator.held,
+        "theta": finite(dict(zip(names, theta, strict=True))),
+        "theta_std": finite(dict(zip(names, theta_std, strict=True))),
+        "modes": mode_list(found),
+    }
+    if np.isfinite(wn):
+        described["dutch_roll"] = finite(
+            {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
+        )
+        level = dutch_roll_level(wn, zeta)
+        if level is not None:
+            described["dutch_roll"]["level"] = level
+    described["fit"] = _fit(bank, method)
+    early = early_response(theta, orders, bank.sample_time_s, wn)
+    evidence = Evidence(
+        int(last.status[-1]),
+        estimator.updates,
+        found.dutch_roll[-1],
+        estimator.whiteness_p,
+        early,
+    )
+    return described, evidence
+
+
+def _fit(bank: Bank, method: str) -> dict[str, float]:
+    estimator = bank.estimators[method]
+    u, y, y_hat = bank.record(method)
+    theta, config = bank.last[method].theta[-1], estimator.config
+    simulated = simulate(theta, config.orders, config.bias, u, y)
+    return finite(
+        {
+            "one_step_pct": fit_percent(y, y_hat),
+            "simulation_pct": fit_percent(y, simulated),
+            "innovation_std": estimator.innovation_std,
+            "residual_std": estimator.residual_std,
+            "whiteness_p": estimator.whiteness_p,
+            "spr_margin": estimator.spr_margin,
+        }
+    )
+
+
+def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
+    channels, bank, config = pipeline.channels, pipeline.bank, pipeline.config
+    vehicle = channels.lock.vehicle
+    if vehicle is None:
+        return [Reason("no_vehicle", channels.lock.why_none())]
+    reasons = []
+    if channels.surface_rows == 0 or not channels.surfaces:
+        missing = "rudder" if config.inputs == ("rudder",) else " or ".join(config.inputs)
+        if channels.surfaces:
+            text = f"no message carries {channels.surfaces[0].source}"
+        else:
+            text = why_no_surface(missing, vehicle, channels.parameters)
+        reasons.append(Reason("no_rudder", text))
+    if channels.yaw_rows == 0:
+        reasons.append(Reason("no_yaw", "no ATTITUDE from the vehicle: no yaw rate"))
+    if reasons:
+        return reasons
+    reasons += _surface_reasons(channels)
+    if bank is None or channels.intervals_us is None:
+        text = "rudder and yaw rate never flow together for as long as an answer needs"
+        return [*reasons, Reason("not_excited", text)]
+    primary = evidence[config.method]
+    yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
+    wn = float(primary.dutch_roll[0])
+    reasons += rate_reasons(yaw_hz, rudder_hz, 1.0 / bank.sample_time_s, wn)
+    travel_unit = abs(channels.surfaces[0].scale)
+    reasons += input_reasons(config.inputs, bank.record(config.method)[0], travel_unit)
+    reasons += estimate_reasons(config.method, primary)
+    reasons += agreement_reasons(evidence)
+    return reasons
+
+
+def _surface_reasons(channels: Channels) -> list[Reason]:
+    reasons = []
+    for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
+        if "assumed" in surface.how:
+            low, trim, high = surface.travel_us or STOCK_TRAVEL_US
+            reasons.append(
+                Reason(
+                    "rudder_assumed",
+                    f"the log does not say which channel moves the {name}, or how far: "
+                    f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
+                )
+            )
+        if surface.message == "RC_CHANNELS":
+            text = f"{surface.source} is the pilot's stick, not the {name} itself"
+            reasons.append(Reason("channel_stand_in", text))
+    return reasons

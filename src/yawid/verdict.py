@@ -1,0 +1,198 @@
+"""Can this answer be used, and if not, why? Named reasons, each fatal or a warning.
+
+A wrong answer that looks right is the worst that could leave this program, so whatever speaks
+against the estimate is said, and what speaks loudly enough makes it unusable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Floats, Status
+
+EXIT_CODES = {
+    "no_vehicle": 3,
+    "no_rudder": 3,
+    "no_yaw": 3,
+    "rate_too_low": 4,
+    "not_excited": 5,
+    "collinear_inputs": 5,
+    "not_converged": 5,
+    "diverged": 5,
+    "turn_dominated": 5,
+}
+"""The fatal reasons in their order; the first that applies gives the exit code."""
+
+LEAST_RATE_HZ = 5.0
+LOW_RATE_HZ = 10.0
+RATE_SLACK = 0.98
+"""Measured rates jitter: 4.95 Hz counts as 5."""
+LEAST_TRAVEL = 0.02
+"""A rudder whose middle 98 % stays within this part of half its travel has not been moved."""
+COLLINEAR = 0.995
+"""Correlation of two inputs from which their effects cannot be told apart."""
+UNCERTAIN = 0.25
+"""A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
+SATURATED_SHARE = 0.05
+WHITE_P = 0.01
+DISAGREE_SIGMAS = 3.0
+DISAGREE_SHARE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One thing that speaks against the estimate."""
+
+    id: str
+    text: str
+
+    @property
+    def weight(self) -> str:
+        """Whether it makes the estimate unusable: fatal or warning."""
+        return "fatal" if self.id in EXIT_CODES else "warning"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """All reasons, the fatal ones first and in the order of their weight."""
+
+    reasons: tuple[Reason, ...]
+
+    @staticmethod
+    def of(reasons: list[Reason]) -> Verdict:
+        """Order the reasons; one id stands once."""
+        rank = list(EXIT_CODES)
+        unique = {reason.id: reason for reason in reversed(reasons)}
+        return Verdict(
+            tuple(
+                sorted(
+                    unique.values(),
+                    key=lambda r: (rank.index(r.id) if r.id in EXIT_CODES else len(rank), r.id),
+                )
+            )
+        )
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing fatal was found."""
+        return self.exit_code == 0
+
+    @property
+    def exit_code(self) -> int:
+        """The code of the first fatal reason, or 0."""
+        return next((EXIT_CODES[r.id] for r in self.reasons if r.id in EXIT_CODES), 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one estimator leaves for judgement.
+
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
+    mean yaw rate over the first half period after a unit step of the rudder.
+    """
+
+    status: int
+    updates: int
+    dutch_roll: Floats
+    whiteness_p: float
+    early_response: float
+
+
+def rate_reasons(
+    yaw_hz: float, rudder_hz: float, rate_hz: float, wn_rad_s: float
+) -> Iterator[Reason]:
+    """Judge the message rates, and once wn is known the grid against it."""
+    slowest = min(yaw_hz, rudder_hz)
+    said = f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
+    if slowest < LEAST_RATE_HZ * RATE_SLACK:
+        text = f"{said}: below {LEAST_RATE_HZ:g} Hz there is no answer; ask for 25 Hz or more"
+        yield Reason("rate_too_low", text)
+    elif slowest < LOW_RATE_HZ * RATE_SLACK:
+        yield Reason("rate_low", f"{said}: below {LOW_RATE_HZ:g} Hz the damping is uncertain")
+    if math.isfinite(wn_rad_s):
+        needed = 4.0 * wn_rad_s / (2.0 * math.pi)
+        have = min(slowest, rate_hz)
+        if have < needed:
+            yield Reason(
+                "rate_too_low",
+                f"{have:.3g} Hz is below 4 times the natural frequency found ({needed:.3g} Hz)",
+            )
+
+
+def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Iterator[Reason]:
+    """Judge the inputs (n, inputs): moved, kept apart from each other, not at their stops.
+
+    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``.
+    """
+    rows = u[np.isfinite(u).all(axis=1)]
+    if len(rows) < 2:
+        yield Reason("not_excited", "there is no stretch with both rudder and yaw rate")
+        return
+    low, high = np.percentile(rows[:, 0], [1.0, 99.0]) / travel_unit
+    if high - low < LEAST_TRAVEL:
+        moved = f"{100 * (high - low):.1f} % of half its travel"
+        yield Reason("not_excited", f"the rudder moved over {moved}: nothing to learn from")
+    stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * travel_unit))
+    if stops > SATURATED_SHARE:
+        text = f"the rudder stood at its stops for {100 * stops:.0f} % of the time"
+        yield Reason("saturated", text)
+    spread = rows.std(axis=0)
+    for i in range(1, len(inputs)):
+        if spread[0] > 0.0 and spread[i] > 0.0:
+            r = float(np.corrcoef(rows[:, 0], rows[:, i])[0, 1])
+            if abs(r) > COLLINEAR:
+                yield Reason(
+                    "collinear_inputs",
+                    f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}): "
+                    "their effects cannot be told apart",
+                )
+
+
+def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
+    """Judge the primary estimate itself."""
+    if evidence.status == Status.DIVERGED:
+        yield Reason("diverged", f"{method} did not stay finite")
+        return
+    if evidence.updates == 0:
+        yield Reason("not_excited", "the channels never moved enough to begin")
+        return
+    wn, wn_std, zeta, zeta_std = (float(value) for value in evidence.dutch_roll)
+    if not math.isfinite(wn):
+        yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
+    elif not (wn_std < UNCERTAIN * wn and zeta_std < UNCERTAIN):
+        yield Reason(
+            "not_converged",
+            f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
+            f"zeta {zeta:.3g} ± {zeta_std:.2g}",
+        )
+    if evidence.whiteness_p < WHITE_P:
+        yield Reason(
+            "coloured_residuals",
+            f"the residuals are not white (p = {evidence.whiteness_p:.1e}): "
+            "the model leaves something out",
+        )
+    if evidence.early_response < 0.0:
+        yield Reason(
+            "wrong_sign",
+            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
+        )
+
+
+def agreement_reasons(evidence: Mapping[str, Evidence]) -> Iterator[Reason]:
+    """Compare the Dutch rolls of ELS and RML."""
+    if not {"els", "rml"} <= evidence.keys():
+        return
+    els, rml = evidence["els"].dutch_roll, evidence["rml"].dutch_roll
+    for name, i in (("wn", 0), ("zeta", 2)):
+        difference = abs(float(els[i] - rml[i]))
+        sigma = math.hypot(float(els[i + 1]), float(rml[i + 1]))
+        if difference > DISAGREE_SIGMAS * sigma and difference > DISAGREE_SHARE * abs(els[i]):
+            yield Reason(
+                "els_rml_disagree",
+                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML: the noise model matters",
+            )
+            return

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import numpy as np
+from flightlog import FlightLog, fly, samples_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from yawid.blocks import Held
+from yawid.channels.clock import unwrap_uint32_us
+
+
+@given(
+    start=st.integers(0, 40 * 24 * 3600 * 1_000_000),
+    steps=st.lists(st.integers(1, 100_000_000), min_size=1, max_size=50),
+    skew=st.integers(-30_000_000, 30_000_000),
+)
+def test_unwrapping_beside_the_full_clock_inverts_the_wrap(start, steps, skew):
+    true = start + 60_000_000 + np.cumsum(np.array(steps, np.int64))
+    order = np.arange(len(true), dtype=np.int64)
+
+    found = unwrap_uint32_us(true % 2**32, 2 * order + 1, true + skew, 2 * order)
+
+    np.testing.assert_array_equal(found, true)
+
+
+def still(t: float) -> float:
+    return 0.1
+
+
+def centred(t: float) -> int:
+    return 1500
+
+
+def test_the_32_bit_clock_may_wrap_in_flight():
+    log = fly(still, centred, 20.0, start_s=2**32 / 1e6 - 10.0)
+
+    found = samples_of(log.data)
+
+    assert len(found) > 380
+    assert not found.held.any()
+    assert (np.diff(found.k) == 1).all()
+
+
+def test_a_reboot_ends_the_segment_with_one_held_sample():
+    log = fly(still, centred, 20.0, start_s=300.0)
+    second = fly(still, centred, 20.0, start_s=12.0)
+
+    found = samples_of(log.data + second.data)
+
+    assert found.channels.segmenter.reboots == 1
+    assert found.held.tolist().count(int(Held.REBOOT)) == 1
+    assert (found.held != 0).sum() == 1
+    assert (np.diff(found.unix_ns) >= 0).all()
+
+
+def test_a_small_step_back_is_no_reboot():
+    log = fly(still, centred, 20.0, start_s=300.0)
+    second = fly(still, centred, 20.0, start_s=317.5)
+
+    found = samples_of(log.data + second.data)
+
+    segmenter = found.channels.segmenter
+    assert (segmenter.reboots, segmenter.clock_steps) == (0, 1)
+
+
+def test_a_repeated_message_changes_nothing():
+    log = fly(still, centred, 20.0)
+    twice = FlightLog()
+    record = len(fly(still, centred, 0.02).data) - len(fly(still, centred, 0.0).data)
+    assert record > 0
+    found = samples_of(log.data)
+    again = samples_of(log.data[:-record] + log.data[-record:] + log.data[-record:])
+    assert twice.data == b""
+
+    np.testing.assert_array_equal(again.y, found.y)
+    np.testing.assert_array_equal(again.u, found.u)
+
+
+def test_a_long_silence_is_one_held_sample_however_long():
+    log = fly(still, centred, 4000.0, attitude_s=0.1, servo_s=0.1, skip=lambda t: 20 < t < 3980)
+
+    found = samples_of(log.data)
+
+    assert (found.held != 0).sum() == 1
+    assert found.channels.segmenter.silences == 1
+    assert len(found) < 450
+
+
+def test_receive_stamps_in_bursts_leave_unix_time_even():
+    log = fly(still, centred, 30.0)
+    found = samples_of(log.data)
+
+    steps = np.diff(found.unix_ns) / 1e9
+    np.testing.assert_allclose(steps[200:], 0.05, atol=1e-6)

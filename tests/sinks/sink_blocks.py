@@ -1,0 +1,136 @@
+"""Blocks for the tests of the sinks, and a reader that knows of our files only what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+
+from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
+
+PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")
+METHODS = ("els", "rml")
+START_NS = 1_700_000_000_000_000_000
+SAMPLE_TIME_S = 0.05
+VERDICT = {
+    "usable": False,
+    "reasons": [
+        {"id": "not_excited", "weight": "fatal", "text": "the rudder moves by less than 1 %"},
+        {"id": "rudder_assumed", "weight": "warning", "text": "servo 4 taken for the rudder"},
+    ],
+}
+Blocks = tuple[SampleBlock, dict[str, EstimateBlock], ModesBlock]
+
+
+def make_samples(n: int, n_inputs: int, rng: np.random.Generator) -> SampleBlock:
+    k = np.arange(n) + 100
+    boot_us = (k * SAMPLE_TIME_S * 1e6).astype(np.int64)
+    held = np.where(rng.random(n) < 0.2, Held.GAP | Held.RUDDER_INVALID, Held.NONE).astype(np.int64)
+    u, y = rng.normal(size=(n, n_inputs)), rng.normal(size=n)
+    u[held != 0], y[held != 0] = np.nan, np.nan
+    return SampleBlock(
+        sample_time_s=SAMPLE_TIME_S,
+        k=k,
+        boot_us=boot_us,
+        unix_ns=START_NS + boot_us * 1000,
+        received_us=START_NS // 1000 + boot_us + rng.integers(0, 40_000, n),
+        u=u,
+        y=y,
+        yaw=np.cumsum(rng.normal(size=n)),
+        roll=rng.normal(size=n),
+        held=held,
+        epoch=np.arange(n) // 50,
+    )
+
+
+def make_estimate(samples: SampleBlock, p: int, rng: np.random.Generator) -> EstimateBlock:
+    n = len(samples)
+    status = np.where(samples.held != 0, Status.HELD, Status.TRACKING).astype(np.uint8)
+    status[:3] = Status.WARMING_UP
+    return EstimateBlock(
+        theta=rng.normal(size=(n, p)),
+        theta_std=rng.random((n, p)),
+        covariance=None,
+        y_hat=rng.normal(size=n),
+        innovation=rng.normal(size=n),
+        residual=rng.normal(size=n),
+        noise_std=rng.random(n),
+        status=status,
+    )
+
+
+def make_modes(n: int, na: int, rng: np.random.Generator) -> ModesBlock:
+    dutch_roll = rng.random((n, 4))
+    dutch_roll[:2] = np.nan
+    return ModesBlock(
+        poles=rng.normal(size=(n, na)) + 1j * rng.normal(size=(n, na)),
+        wn=rng.random((n, na)),
+        wn_std=rng.random((n, na)),
+        zeta=rng.normal(size=(n, na)),
+        zeta_std=rng.random((n, na)),
+        dutch_roll=dutch_roll,
+    )
+
+
+def make_blocks(n: int = 100, n_inputs: int = 1, p: int = len(PARAMETERS), na: int = 2) -> Blocks:
+    rng = np.random.default_rng(20)
+    samples = make_samples(n, n_inputs, rng)
+    estimates = {method: make_estimate(samples, p, rng) for method in METHODS}
+    return samples, estimates, make_modes(n, na, rng)
+
+
+def rows_of(block: Any, rows: slice) -> Any:
+    """The same rows of every column."""
+    columns = {field.name: getattr(block, field.name) for field in fields(block)}
+    return replace(block, **{k: v[rows] for k, v in columns.items() if isinstance(v, np.ndarray)})
+
+
+def cut(blocks: Blocks, edges: list[int]) -> Iterator[Blocks]:
+    """The same rows in blocks that end at the given edges."""
+    samples, estimates, modes = blocks
+    bounds = sorted({0, len(samples), *edges})
+    for first, last in pairwise(bounds):
+        rows = slice(first, last)
+        yield (
+            rows_of(samples, rows),
+            {method: rows_of(estimate, rows) for method, estimate in estimates.items()},
+            rows_of(modes, rows),
+        )
+
+
+def foreign_class(schema: Any) -> Any:
+    """The message class made of nothing but the schema in the file."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+    pool = descriptor_pool.DescriptorPool()
+    for file in files.file:  # dependencies first, or Add refuses
+        pool.AddSerializedFile(file.SerializeToString())
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+
+
+def decoded(path: Path) -> dict[str, list[Any]]:
+    """Messages by topic in order of log time: the record and its decoded payload."""
+    classes: dict[int, Any] = {}
+    topics: dict[str, list[Any]] = {}
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if schema.id not in classes:
+                classes[schema.id] = foreign_class(schema)
+            payload = classes[schema.id].FromString(message.data)
+            topics.setdefault(channel.topic, []).append((message, payload))
+    return topics
+
+
+def raw(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    """Everything that was written, in the order of the file."""
+    with path.open("rb") as stream:
+        return [
+            (channel.topic, message.log_time, message.publish_time, message.sequence, message.data)
+            for _, channel, message in make_reader(stream).iter_messages(log_time_order=False)
+        ]

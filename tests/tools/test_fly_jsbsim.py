@@ -1,0 +1,291 @@
+"""The flown test aircraft: true to its truth file, its frames genuine, its bytes repeatable."""
+
+import importlib
+import json
+import socket
+import struct
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v10 import ardupilotmega as v1
+from pymavlink.dialects.v20 import ardupilotmega as v2
+
+TOOLS = Path(__file__).parents[2] / "tools"
+REPLAY_LOGS = Path(__file__).parents[2] / "replay_logs"
+
+if str(TOOLS) not in sys.path:
+    sys.path.insert(0, str(TOOLS))
+fly_jsbsim = importlib.import_module("fly_jsbsim")
+jsbsim_flight = importlib.import_module("jsbsim_flight")
+telemetry = importlib.import_module("telemetry")
+
+Servo, FlightPlan, Link = jsbsim_flight.Servo, jsbsim_flight.FlightPlan, telemetry.Link
+Frames = list[tuple[int, bytes]]
+SHORT = FlightPlan(seconds=12.0)
+
+
+def decoded(frames: Iterable[tuple[int, bytes]], dialect: Any = v2) -> list[Any]:
+    """Every frame by pymavlink's own decoder, which raises where a CRC is wrong."""
+    mav = dialect.MAVLink(None)
+    return [mav.decode(bytearray(frame)) for _, frame in frames]
+
+
+def named(messages: list[Any], name: str) -> list[Any]:
+    return [message for message in messages if message.get_type() == name]
+
+
+@pytest.fixture(scope="module")
+def frames() -> Frames:
+    return list(fly_jsbsim.fly(SHORT, Link()))
+
+
+@pytest.fixture(scope="module")
+def messages(frames: Frames) -> list[Any]:
+    return decoded(frames)
+
+
+def test_positive_rudder_turns_the_nose_right() -> None:
+    flight = jsbsim_flight.Flight(SHORT, np.full(1001, 0.2))
+
+    flight.advance_to(1000)
+
+    assert flight["velocities/r-rad_sec"] > 0.02
+
+
+def test_a_command_acts_from_its_own_millisecond_on() -> None:
+    still, moved = (
+        jsbsim_flight.Flight(SHORT, np.r_[np.zeros(100), np.full(10, x)]) for x in (0.0, 0.2)
+    )
+    yaw_rates = []
+    for ms in (100, 101):
+        still.advance_to(ms)
+        moved.advance_to(ms)
+        yaw_rates.append(moved["velocities/r-rad_sec"] - still["velocities/r-rad_sec"])
+
+    assert yaw_rates[0] == 0.0
+    assert yaw_rates[1] > 0.0
+
+
+def test_the_same_plan_and_link_give_the_same_bytes(frames: Frames) -> None:
+    assert frames == list(fly_jsbsim.fly(SHORT, Link()))
+    assert frames != list(fly_jsbsim.fly(SHORT, Link(seed=2)))
+
+
+def test_a_flight_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    next(fly_jsbsim.fly(SHORT, Link()))
+
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_link_carries_vehicle_and_ground_station_and_the_parameters_early(
+    messages: list[Any],
+) -> None:
+    senders = {
+        (m.get_srcSystem(), m.get_srcComponent(), m.type, m.autopilot)
+        for m in named(messages, "HEARTBEAT")
+    }
+    parameters = {m.param_id: m.param_value for m in named(messages[:250], "PARAM_VALUE")}
+
+    assert senders == {(1, 1, v2.MAV_TYPE_FIXED_WING, 3), (255, 190, v2.MAV_TYPE_GCS, 8)}
+    assert all(m.base_mode & 128 for m in named(messages, "HEARTBEAT") if m.get_srcSystem() == 1)
+    assert parameters["SERVO4_FUNCTION"] == 21
+    assert parameters["SERVO1_FUNCTION"] == 4
+    assert parameters["SERVO4_TRIM"] == 1500
+    assert parameters["SERVO4_REVERSED"] == 0
+    assert parameters.keys() >= {f"SERVO{n}_{end}" for n in (1, 2, 3, 4) for end in ("MIN", "MAX")}
+
+
+def test_each_sender_counts_its_own_frames(messages: list[Any]) -> None:
+    for system in (1, 255):
+        sequence = [m.get_seq() for m in messages if m.get_srcSystem() == system]
+
+        assert sequence == [n % 256 for n in range(len(sequence))]
+
+
+@pytest.mark.parametrize(("attitude_hz", "servo_hz"), [(50.0, 50.0), (10.0, 5.0), (33.0, 4.0)])
+def test_the_rates_are_those_asked_for(attitude_hz: float, servo_hz: float) -> None:
+    sent = decoded(fly_jsbsim.fly(SHORT, Link(attitude_hz=attitude_hz, servo_hz=servo_hz)))
+    counts = Counter(m.get_type() for m in sent)
+
+    assert counts["ATTITUDE"] == pytest.approx(12 * attitude_hz, abs=1)
+    assert counts["SERVO_OUTPUT_RAW"] == pytest.approx(12 * servo_hz, abs=1)
+
+
+def test_receive_stamps_never_decrease_and_stalls_make_bursts() -> None:
+    stamps = [stamp for stamp, _ in fly_jsbsim.fly(replace(SHORT, seconds=30.0), Link())]
+
+    assert np.all(np.diff(stamps) >= 0)
+    assert max(Counter(stamps).values()) >= 4
+
+
+def test_a_servo_message_says_what_the_rudder_is_told_at_its_stamp() -> None:
+    plan = replace(SHORT, rudder=Servo(1050, 1480, 1950, reverse=True))
+    told = jsbsim_flight.excitation(plan)
+    trim = -jsbsim_flight.trimmed(plan)["fcs/rudder-cmd-norm"]
+
+    servo = named(decoded(fly_jsbsim.fly(plan, Link(boot_s=0.0))), "SERVO_OUTPUT_RAW")
+
+    expected = [plan.rudder.pulse(trim + told[m.time_usec // 1000]) for m in servo]
+    assert [m.servo4_raw for m in servo] == expected
+    assert len(set(expected)) == 3
+
+
+def test_the_quantised_pulse_is_what_is_flown() -> None:
+    plan = replace(SHORT, rudder=Servo(1490, 1500, 1510))
+    flight = jsbsim_flight.Flight(plan, np.full(11, 0.234))
+
+    flight.advance_to(10)
+
+    assert flight.rudder_us == 1502
+    assert flight["fcs/rudder-cmd-norm"] == -0.2
+
+
+def test_the_attitude_is_the_flight_s_within_the_sensor_noise() -> None:
+    clean = Link(rate_noise=0.0, angle_noise=0.0, boot_s=0.0)
+    plan = replace(SHORT, heading_deg=180.0)
+    flight = jsbsim_flight.Flight(plan, jsbsim_flight.excitation(plan))
+    sent = named(decoded(fly_jsbsim.fly(plan, clean)), "ATTITUDE")
+
+    for message in sent[::50]:
+        flight.advance_to(message.time_boot_ms)
+        assert message.yawspeed == np.float32(flight["velocities/r-rad_sec"])
+        assert message.roll == np.float32(flight["attitude/phi-rad"])
+    assert {m.yaw > 0 for m in sent} == {True, False}  # wrapped within +-pi
+    noisy = named(decoded(fly_jsbsim.fly(plan, replace(clean, rate_noise=0.01))), "ATTITUDE")
+    noise = [a.yawspeed - b.yawspeed for a, b in zip(noisy, sent, strict=True)]
+    assert np.std(noise) == pytest.approx(0.01, rel=0.1)
+
+
+def test_attitude_and_servo_messages_leave_at_different_instants(messages: list[Any]) -> None:
+    attitude = [m.time_boot_ms for m in named(messages, "ATTITUDE")]
+    servo = [m.time_usec / 1000 for m in named(messages, "SERVO_OUTPUT_RAW")]
+
+    assert np.min(np.abs(np.subtract.outer(attitude, servo))) > 0.0
+    assert set(np.diff(attitude)) == {18, 19, 20, 21, 22}
+
+
+def test_servo_time_rolls_over_at_32_bits_while_boot_time_goes_on() -> None:
+    sent = decoded(fly_jsbsim.fly(replace(SHORT, seconds=6.0), Link(boot_s=4290.0)))
+    servo_us = [m.time_usec for m in named(sent, "SERVO_OUTPUT_RAW")]
+    boot_ms = [m.time_boot_ms for m in named(sent, "ATTITUDE")]
+
+    assert np.count_nonzero(np.diff(servo_us) < 0) == 1
+    assert np.all(np.diff(boot_ms) > 0)
+
+
+def test_mavlink_1_frames_are_genuine() -> None:
+    frames = list(fly_jsbsim.fly(replace(SHORT, seconds=2.0), Link(mavlink1=True)))
+    sent = decoded(frames, v1)
+
+    assert {frame[0] for _, frame in frames} == {0xFE}
+    assert {len(f) for _, f in frames if f[5] == v1.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW} == {29}
+    assert len(named(sent, "ATTITUDE")) == 100
+
+
+@given(
+    unit=st.floats(-1.0, 1.0),
+    ends=st.tuples(st.integers(800, 1400), st.integers(1401, 1600), st.integers(1601, 2200)),
+    reverse=st.booleans(),
+)
+def test_a_pulse_stands_for_its_unit_to_half_a_microsecond(
+    unit: float, ends: tuple[int, int, int], reverse: bool
+) -> None:
+    servo = Servo(*ends, reverse=reverse)
+    smaller_side = min(ends[1] - ends[0], ends[2] - ends[1])
+
+    assert ends[0] <= servo.pulse(unit) <= ends[2]
+    assert abs(servo.unit(servo.pulse(unit)) - unit) <= 0.5 / smaller_side + 1e-12
+    assert servo.pulse(5.0) == (ends[0] if reverse else ends[2])
+
+
+@pytest.mark.parametrize("manoeuvre", ["3211", "doublets", "prbs"])
+def test_a_manoeuvre_goes_both_ways_and_starts_after_the_lead_in(manoeuvre: str) -> None:
+    rudder = jsbsim_flight.excitation(FlightPlan(manoeuvre=manoeuvre, amplitude=0.15))
+
+    assert len(rudder) == 120_001
+    assert not rudder[:5000].any()
+    assert set(np.round(rudder[5000:], 9)) - {0.0} == {-0.15, 0.15}
+    assert abs(np.mean(rudder)) < 0.02
+    assert not jsbsim_flight.excitation(FlightPlan(manoeuvre="none")).any()
+
+
+def test_frames_sent_over_udp_arrive_as_they_were_flown() -> None:
+    frames = list(fly_jsbsim.fly(replace(SHORT, seconds=2.0), Link(attitude_hz=10, servo_hz=5)))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5.0)
+
+        sent = fly_jsbsim.send(frames, receiver.getsockname(), speedup=1000.0)
+
+        assert [receiver.recv(300) for _ in range(sent)] == [frame for _, frame in frames]
+
+
+def test_the_command_writes_a_tlog_and_its_truth(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log, truth = tmp_path / "log.tlog", tmp_path / "truth.json"
+
+    code = fly_jsbsim.main(["--seconds", "12", "--out", str(log), "--truth", str(truth)])
+
+    frames = list(fly_jsbsim.fly(SHORT, Link()))
+    assert code == 0
+    assert log.read_bytes() == b"".join(struct.pack(">Q", stamp) + f for stamp, f in frames)
+    found = json.loads(truth.read_text())
+    assert found["command"].startswith("python tools/fly_jsbsim.py --seconds 12")
+    assert found["rudder_travel_rad"]["nose_left"] == pytest.approx(0.279, abs=0.001)
+    assert capfd.readouterr() == ("", f"fly_jsbsim: {len(frames)} frames\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--aircraft", "nonsense"], "cannot load 'nonsense'"),
+        (["--aircraft", "p51d"], "finds no trim"),
+        (["--amplitude", "1.5"], "pass the rudder's stop"),
+        (["--seconds", "nan"], "seconds must be > 0"),
+        (["--step-s", "0.001"], "step_s must be at least"),
+        (["--servo-hz", "0"], "servo_hz must lie in"),
+        (["--boot-s", "-1"], "boot_s must be >= 0"),
+    ],
+)
+def test_what_cannot_be_flown_is_one_line_and_code_2(
+    options: list[str], reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    code = fly_jsbsim.main([*options, "--out", str(tmp_path / "log.tlog")])
+
+    said = capfd.readouterr()
+    assert code == 2
+    assert reason in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+
+@pytest.mark.parametrize(
+    "options",
+    [[], ["--udp", "14560"], ["--udp", "host:70000"], ["--out", "x", "--rudder", "1900,1500,1100"]],
+)
+def test_a_malformed_command_line_is_refused(
+    options: list[str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as refusal:
+        fly_jsbsim.main(options)
+
+    assert refusal.value.code == 2
+    assert "error:" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("case", ["c172p_3211", "c172p_gcs_rates", "sitl_fbwa_50hz"])
+def test_a_replay_log_stays_below_a_megabyte_and_names_its_dutch_roll(case: str) -> None:
+    truth = json.loads((REPLAY_LOGS / case / "truth.json").read_text())
+
+    assert (REPLAY_LOGS / case / "log.tlog").stat().st_size < 1_000_000
+    assert truth["dutch_roll"]["wn_rad_s"] > 2.0
+    assert 0.2 < truth["dutch_roll"]["zeta"] < 0.7

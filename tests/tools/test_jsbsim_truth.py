@@ -1,0 +1,57 @@
+"""What a flight's truth file says is what the simulated aircraft does."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TOOLS = Path(__file__).parents[2] / "tools"
+
+if str(TOOLS) not in sys.path:
+    sys.path.insert(0, str(TOOLS))
+jsbsim_truth = importlib.import_module("jsbsim_truth")
+FlightPlan = importlib.import_module("jsbsim_flight").FlightPlan
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "speed_kt", "altitude_ft"), [("c172p", 100.0, 3000.0), ("T37", 200.0, 10000.0)]
+)
+def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(
+    aircraft: str, speed_kt: float, altitude_ft: float
+) -> None:
+    plan = FlightPlan(aircraft=aircraft, speed_kt=speed_kt, altitude_ft=altitude_ft)
+
+    found = jsbsim_truth.truth(plan)
+
+    linear, seen = found["dutch_roll"], found["dutch_roll_pulse"]
+    assert seen["wn_rad_s"] == pytest.approx(linear["wn_rad_s"], rel=0.005)
+    assert seen["zeta"] == pytest.approx(linear["zeta"], abs=0.005)
+    assert abs(seen["zeta"] - found["dutch_roll_open_loop"]["zeta"]) > 0.03
+    assert jsbsim_truth.disagreement(found) is None
+
+
+def test_without_roll_hold_the_closed_loop_is_the_open_one() -> None:
+    found = jsbsim_truth.truth(FlightPlan(roll_gain=0.0, roll_rate_gain=0.0))
+
+    assert found["dutch_roll"] == pytest.approx(found["dutch_roll_open_loop"], rel=1e-12)
+
+
+def test_decay_modes_gives_back_the_exponentials_a_response_was_made_of() -> None:
+    t = np.arange(200) * 0.05
+    response = np.exp(-0.5 * t) * np.cos(2.4 * t + 0.3) + 0.3 * np.exp(-0.9 * t)
+
+    poles, amplitudes = jsbsim_truth.decay_modes(response, 0.05, order=3)
+    mode = jsbsim_truth.strongest_pair(poles, amplitudes)
+
+    assert mode["wn_rad_s"] == pytest.approx(abs(-0.5 + 2.4j), rel=1e-8)
+    assert mode["zeta"] == pytest.approx(0.5 / abs(-0.5 + 2.4j), rel=1e-8)
+
+
+def test_an_aircraft_whose_controls_have_dynamics_is_told_apart() -> None:
+    linear, other = {"wn_rad_s": 4.37, "zeta": 0.144}, {"wn_rad_s": 4.44, "zeta": 0.100}
+    found = {"aircraft": "X", "dutch_roll": linear, "dutch_roll_pulse": other}
+
+    assert "X's controls have dynamics" in jsbsim_truth.disagreement(found)
+    assert "no oscillatory" in jsbsim_truth.disagreement(found | {"dutch_roll_pulse": None})

@@ -1,0 +1,93 @@
+"""A trimmed tlog is whole records of the stretch asked for, bytes untouched."""
+
+import importlib
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega
+
+TOOLS = Path(__file__).parents[2] / "tools"
+REPLAY_LOGS = Path(__file__).parents[2] / "replay_logs"
+SHARED = Path(__file__).parents[3] / "shared" / "flights"
+
+if str(TOOLS) not in sys.path:
+    sys.path.insert(0, str(TOOLS))
+trim_tlog = importlib.import_module("trim_tlog")
+
+
+@pytest.fixture(scope="module")
+def log() -> bytes:
+    """Ten seconds from boot time 30 s on: attitude and servo at 50 Hz, a heartbeat a second."""
+    vehicle = ardupilotmega.MAVLink(None, 1, 1)
+    records = []
+    for ms in range(30_000, 40_000, 10):
+        messages: list[Any] = []
+        if ms % 20 == 0:
+            messages.append(vehicle.attitude_encode(ms, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
+        else:
+            messages.append(vehicle.servo_output_raw_encode(1000 * ms, 0, *[1500] * 8))
+        if ms % 1000 == 0:
+            messages.append(vehicle.heartbeat_encode(1, 3, 128, 5, 4))
+        records += [struct.pack(">Q", 1000 * ms) + m.pack(vehicle) for m in messages]
+    return b"".join(records)
+
+
+def test_trimming_keeps_whole_records_of_the_window_and_the_messages_named(log: bytes) -> None:
+    part = trim_tlog.trim(log + b"torn", 33.0, 36.0, ["ATTITUDE", "HEARTBEAT"])
+
+    records = [record for _, _, record in trim_tlog.records(part)]
+    decoder = ardupilotmega.MAVLink(None)
+    kept = [decoder.decode(bytearray(record[8:])) for record in records]
+    boot_ms = [m.time_boot_ms for m in kept if m.get_type() == "ATTITUDE"]
+    assert b"".join(records) == part
+    assert boot_ms == list(range(33_000, 36_000, 20))
+    assert sum(m.get_type() == "HEARTBEAT" for m in kept) == 3
+    assert len(kept) == 153
+
+
+def test_trimming_nothing_away_gives_the_whole_records_back(log: bytes) -> None:
+    assert trim_tlog.trim(log, 0.0, np.inf) == log
+    assert trim_tlog.trim(log[:-1], 0.0, np.inf) == log[: log.rindex(struct.pack(">Q", 39_990_000))]
+
+
+def test_mavlink_1_and_signed_records_are_kept_whole() -> None:
+    sender = ardupilotmega.MAVLink(None, 1, 1)
+    attitude = ardupilotmega.MAVLink_attitude_message(5_000, 0, 0, 0, 0, 0, 0)
+    old = attitude.pack(sender, force_mavlink1=True)
+    sender.signing.secret_key = b"k" * 32
+    sender.signing.sign_outgoing = True
+    log = bytes(8) + old + bytes(8) + attitude.pack(sender)
+
+    assert [len(record) for _, _, record in trim_tlog.records(log)] == [8 + len(old), len(log) - 44]
+    assert trim_tlog.trim(log, 4.0, 6.0) == log
+
+
+def test_bytes_that_are_no_frame_and_unknown_messages_are_named(log: bytes) -> None:
+    with pytest.raises(ValueError, match="no MAVLink frame at byte 8"):
+        trim_tlog.trim(b"\0" * 40, 0.0, 1.0)
+    with pytest.raises(ValueError, match="no MAVLink message 'NONSENSE'"):
+        trim_tlog.trim(log, 0.0, 1.0, ["NONSENSE"])
+
+
+def test_the_command_says_what_is_wrong_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = trim_tlog.main([str(tmp_path / "absent.tlog"), str(tmp_path / "out.tlog")])
+
+    assert code == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_autopilot_s_replay_log_is_a_part_of_the_recorded_flight(tmp_path: Path) -> None:
+    flight = SHARED / "sitl_fbwa_50hz.tlog"
+    if not flight.exists():
+        pytest.skip("the recorded flights are not here")
+    out = tmp_path / "log.tlog"
+
+    trim_tlog.main([str(flight), str(out), "--from", "76.5", "--to", "255", "--only"])
+
+    assert out.read_bytes() == (REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog").read_bytes()

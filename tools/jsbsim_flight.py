@@ -1,0 +1,200 @@
+"""An aircraft nobody here wrote: JSBSim trimmed, wings held level, its rudder moved on purpose.
+
+Signs: outside :func:`_jsbsim_rudder` a positive rudder turns the nose right, as ArduPilot has it.
+In JSBSim a positive ``fcs/rudder-cmd-norm`` turns it left. Ailerons agree: positive rolls right.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import cycle
+from typing import Any
+
+import jsbsim
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import max_len_seq
+
+STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
+LEAD_IN_S = 5.0  # at trim, while a receiver finds the vehicle and its parameters
+FULL_TRIM = 1
+MANOEUVRES = ("3211", "doublets", "prbs", "none")
+
+
+class FlightError(RuntimeError):
+    """An aircraft that cannot be loaded, trimmed or flown as asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """One servo output: travel in us, as SERVOn_MIN, _TRIM, _MAX and _REVERSED give it."""
+
+    min_us: int = 1100
+    trim_us: int = 1500
+    max_us: int = 1900
+    reverse: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.min_us < self.trim_us < self.max_us < 65535:
+            raise ValueError(f"servo travel must rise, got {self}")
+
+    def pulse(self, unit: float) -> int:
+        """Return the pulse in whole us for a deflection of -1..1; what lies outside is clipped."""
+        shaft = -unit if self.reverse else unit
+        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
+        return min(max(self.trim_us + round(shaft * travel), self.min_us), self.max_us)
+
+    def unit(self, pulse_us: int) -> float:
+        """Return the deflection a pulse stands for: ArduPilot's pwm_from_angle inverted."""
+        shaft = pulse_us - self.trim_us
+        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
+        return (-shaft if self.reverse else shaft) / travel
+
+
+@dataclass(frozen=True, slots=True)
+class FlightPlan:
+    """All that decides a flight.
+
+    ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and per
+    rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time,
+    best 0.3 periods of the Dutch roll.
+
+    Raises:
+        ValueError: a manoeuvre or number that is none.
+    """
+
+    aircraft: str = "c172p"
+    speed_kt: float = 100.0
+    altitude_ft: float = 3000.0
+    heading_deg: float = 90.0
+    seconds: float = 120.0
+    manoeuvre: str = "3211"
+    amplitude: float = 0.2
+    step_s: float = 0.78
+    roll_gain: float = 1.0
+    roll_rate_gain: float = 0.3
+    rudder: Servo = field(default_factory=Servo)
+    aileron: Servo = field(default_factory=Servo)
+
+    def __post_init__(self) -> None:
+        if self.manoeuvre not in MANOEUVRES:
+            raise ValueError(f"manoeuvre must be one of {', '.join(MANOEUVRES)}")
+        for name in ("speed_kt", "seconds", "amplitude", "step_s"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
+        if self.step_s < 0.02:
+            raise ValueError(f"step_s must be at least 0.02, got {self.step_s!r}")
+        for name in ("altitude_ft", "heading_deg", "roll_gain", "roll_rate_gain"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} must be finite, got {getattr(self, name)!r}")
+
+
+def _jsbsim_rudder(unit: float) -> float:
+    """Turn yawid's rudder (positive: nose right) into JSBSim's (positive: nose left), and back."""
+    return -unit
+
+
+def trimmed(plan: FlightPlan) -> Any:
+    """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running.
+
+    Raises:
+        FlightError: JSBSim does not have the aircraft or finds no trim.
+    """
+    jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
+    fdm = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())
+    fdm.set_debug_level(0)
+    fdm.disable_output()
+    if not fdm.load_model(plan.aircraft):
+        raise FlightError(f"JSBSim cannot load {plan.aircraft!r}")
+    fdm.set_dt(STEP_S)
+    fdm["ic/h-sl-ft"] = plan.altitude_ft
+    fdm["ic/vc-kts"] = plan.speed_kt
+    fdm["ic/gamma-deg"] = 0.0
+    fdm["ic/psi-true-deg"] = plan.heading_deg
+    fdm["gear/gear-cmd-norm"] = 0.0
+    fdm["propulsion/set-running"] = -1
+    fdm.run_ic()
+    try:
+        fdm.do_trim(FULL_TRIM)
+    except jsbsim.TrimFailureError as error:
+        where = f"{plan.speed_kt:g} kt, {plan.altitude_ft:g} ft"
+        raise FlightError(f"{plan.aircraft} finds no trim at {where}") from error
+    return fdm
+
+
+def excitation(plan: FlightPlan) -> NDArray[np.float64]:
+    """Return the rudder about trim for every simulation step, (n,), in units."""
+    n = round(plan.seconds / STEP_S) + 1
+    rudder = np.zeros(n)
+    start = round(LEAD_IN_S / STEP_S)
+    for length_s, value in cycle(_pieces(plan.manoeuvre, plan.step_s)):
+        stop = start + round(length_s / STEP_S)
+        rudder[start:stop] = value * plan.amplitude
+        start = stop
+        if start >= n:
+            break
+    return rudder
+
+
+def _pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
+    """Return the pieces (seconds, -1 | 0 | 1) of one round of a manoeuvre."""
+    if manoeuvre == "none":
+        return []
+    if manoeuvre == "prbs":
+        bits, _ = max_len_seq(9)
+        return [(step_s / 2, 2.0 * bit - 1.0) for bit in bits]
+    one = [(5 / 3, 1), (5 / 3, -1), (5, 0)]  # half a period each way
+    if manoeuvre == "3211":
+        one = [(3, 1), (2, -1), (1, 1), (1, -1), (4, 0)]
+    # Both signs, and three tempos so that no repetition excites quite the same band.
+    turns = [(sign, tempo) for tempo in (1.0, 0.7, 1.3) for sign in (1, -1)]
+    return [
+        (length * tempo * step_s, float(value * sign))
+        for sign, tempo in turns
+        for length, value in one
+    ]
+
+
+class Flight:
+    """A flight in progress: ``advance_to`` a millisecond after the start, then read.
+
+    ``rudder`` (n,) is the rudder about trim, in units, for every simulation step.
+
+    The command of an instant is set before the run that arrives there: JSBSim propagates first and
+    evaluates controls and forces at the new state, so that the command acts from that instant on.
+    """
+
+    def __init__(self, plan: FlightPlan, rudder: NDArray[np.float64]) -> None:
+        self._fdm = trimmed(plan)
+        self._plan = plan
+        self._aileron_trim = self._fdm["fcs/aileron-cmd-norm"]
+        rudder_trim = _jsbsim_rudder(self._fdm["fcs/rudder-cmd-norm"])
+        self._rudder = (rudder_trim + rudder).tolist()
+        self._roll_trim = self._fdm["attitude/phi-rad"]
+        if max(map(abs, self._rudder)) > 1.0:
+            raise FlightError("trim and amplitude together pass the rudder's stop")
+        self._ms = 0
+        self.rudder_us = plan.rudder.pulse(self._rudder[0])
+        self.aileron_us = plan.aileron.pulse(self._aileron_trim)
+
+    def advance_to(self, ms: int) -> None:
+        """Fly on to a millisecond after the start."""
+        while self._ms < ms:
+            self._ms += 1
+            self._step()
+
+    def _step(self) -> None:
+        fdm, plan = self._fdm, self._plan
+        self.rudder_us = plan.rudder.pulse(self._rudder[self._ms])
+        roll = fdm["attitude/phi-rad"] - self._roll_trim
+        hold = plan.roll_gain * roll + plan.roll_rate_gain * fdm["velocities/p-rad_sec"]
+        self.aileron_us = plan.aileron.pulse(self._aileron_trim - hold)
+        # What the servos are told is what is flown, quantised as it is.
+        fdm["fcs/rudder-cmd-norm"] = _jsbsim_rudder(plan.rudder.unit(self.rudder_us))
+        fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
+        fdm.run()
+
+    def __getitem__(self, name: str) -> float:
+        """Return a JSBSim property now."""
+        return float(self._fdm[name])

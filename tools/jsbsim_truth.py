@@ -1,0 +1,140 @@
+"""What identification should find in a flight of JSBSim, twice: linearised, and seen in a pulse."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jsbsim
+import numpy as np
+from jsbsim_flight import STEP_S, Flight, FlightPlan, Servo, trimmed
+from numpy.typing import NDArray
+
+Mode = dict[str, float]
+LATERAL = ("Beta", "Phi", "P", "R")  # FGLinearization's names
+
+
+def truth(plan: FlightPlan) -> dict[str, Any]:
+    """Return what identification should find, from ``jsbsim.FGLinearization`` at trim.
+
+    ``dutch_roll`` is that of the aircraft with the roll hold that is flown,
+    ``dutch_roll_open_loop`` that of the bare airframe, both from the lateral block (beta, roll, p,
+    r; rad and rad/s). The linearisation knows the flight-control system by its statics only;
+    ``dutch_roll_pulse``, seen in the simulation itself, differs where an aircraft has actuator lags
+    or dampers of its own.
+    """
+    fdm = trimmed(plan)
+    A, aileron, rudder = _lateral(jsbsim.FGLinearization(fdm))
+    hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
+    hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
+    closed = A - np.outer(aileron, hold)
+    r = LATERAL.index("R")
+    return {
+        "aircraft": plan.aircraft,
+        "jsbsim": jsbsim.__version__,
+        "speed_kt": plan.speed_kt,
+        "altitude_ft": plan.altitude_ft,
+        "true_airspeed_m_s": round(fdm["velocities/vt-fps"] * 0.3048, 3),
+        "dutch_roll": dutch_roll(closed, rudder, r),
+        "dutch_roll_open_loop": dutch_roll(A, rudder, r),
+        "dutch_roll_pulse": pulse_dutch_roll(plan),
+        "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
+        "eigenvalues": _as_pairs(np.linalg.eigvals(closed)),
+        "eigenvalues_open_loop": _as_pairs(np.linalg.eigvals(A)),
+        "rudder_travel_rad": rudder_travel(plan),
+    }
+
+
+def _lateral(linear: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return A (4, 4) of the lateral states and the columns (4,) of aileron and rudder commands."""
+    states, inputs = list(linear.x_names), list(linear.u_names)
+    rows = [states.index(name) for name in LATERAL]
+    B = np.array(linear.input_matrix)[rows]
+    A = np.array(linear.system_matrix)[np.ix_(rows, rows)]
+    return A, B[:, inputs.index("DaCmd")], B[:, inputs.index("DrCmd")]
+
+
+def rudder_travel(plan: FlightPlan) -> dict[str, float]:
+    """Return the rudder's stops in rad of JSBSim's surface angle, by holding it there for 2 s."""
+    stops = {}
+    for name, command in (("nose_right", -1.0), ("nose_left", 1.0)):
+        fdm = trimmed(plan)
+        fdm["fcs/rudder-cmd-norm"] = command
+        for _ in range(round(2.0 / STEP_S)):
+            fdm.run()
+        stops[name] = round(float(fdm["fcs/rudder-pos-rad"]), 6)
+    return stops
+
+
+def dutch_roll(A: NDArray[np.float64], b: NDArray[np.float64], output: int) -> Mode | None:
+    """Return the oscillatory pair with the largest energy from input ``b`` to one state."""
+    poles, modes = np.linalg.eig(A)
+    return strongest_pair(poles, modes[output] * np.linalg.solve(modes, b.astype(complex)))
+
+
+def strongest_pair(poles: NDArray[np.complex128], residues: NDArray[np.complex128]) -> Mode | None:
+    """Return wn_rad_s and zeta of the pair with the largest ``|R|^2 / (2 |Re p|)``, if any."""
+    pairs = poles.imag > 1e-3
+    if not pairs.any():
+        return None
+    energy = np.abs(residues) ** 2 / np.maximum(2.0 * np.abs(poles.real), 1e-9)
+    p = poles[np.argmax(np.where(pairs, energy, -1.0))]
+    return {"wn_rad_s": float(abs(p)), "zeta": float(-p.real / abs(p))}
+
+
+def _as_pairs(poles: NDArray[Any]) -> list[list[float]]:
+    ordered = sorted(poles, key=lambda p: (-abs(p), p.imag))
+    return [[round(float(p.real), 6), round(float(p.imag), 6)] for p in ordered]
+
+
+def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> NDArray[np.float64]:
+    """Return the yaw rate in rad/s at 20 Hz after a small rudder pulse, roll hold on, (n,).
+
+    The same flight without the pulse is subtracted, which leaves no trim error and no drift. The
+    servos have 32 766 steps of travel a side: quantisation would hide the end of the decay.
+    """
+    fine = Servo(1, 32_767, 65_533)
+    plan = replace(plan, rudder=fine, aileron=fine)
+    every_ms, pulse_ms = 50, 200
+    rudder = np.zeros(round(seconds / STEP_S) + pulse_ms + 1)
+    still = Flight(plan, rudder)
+    rudder[1 : pulse_ms + 1] = 0.02
+    moved = Flight(plan, rudder)
+    response = []
+    for ms in range(pulse_ms + every_ms, len(rudder), every_ms):
+        still.advance_to(ms)
+        moved.advance_to(ms)
+        response.append(moved["velocities/r-rad_sec"] - still["velocities/r-rad_sec"])
+    return np.array(response)
+
+
+def decay_modes(
+    response: NDArray[np.float64], sample_time_s: float, order: int = 6
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return poles in rad/s and amplitudes of ``response = sum(a_i exp(p_i t))``.
+
+    The Hankel matrix's shift within its leading ``order`` left singular vectors (Ho and Kalman).
+    """
+    hankel = np.lib.stride_tricks.sliding_window_view(response, len(response) // 2)
+    left = np.linalg.svd(hankel.T)[0][:, :order]
+    z = np.linalg.eigvals(np.linalg.lstsq(left[:-1], left[1:], rcond=None)[0]).astype(complex)
+    powers = z ** np.arange(len(response))[:, None]
+    amplitudes = np.linalg.lstsq(powers, response.astype(complex), rcond=None)[0]
+    return np.log(z) / sample_time_s, amplitudes
+
+
+def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
+    """Return the Dutch roll seen in the decay after a rudder pulse, without any linearisation."""
+    poles, amplitudes = decay_modes(pulse_response(plan), 0.05)
+    return strongest_pair(poles, amplitudes)
+
+
+def disagreement(found: dict[str, Any]) -> str | None:
+    """Return a warning where pulse and linearisation differ by 2.5 % in wn or 0.02 in zeta."""
+    linear, pulse = found["dutch_roll"], found["dutch_roll_pulse"]
+    if not linear or not pulse:
+        return f"{found['aircraft']} shows no oscillatory Dutch roll here"
+    off_wn = abs(pulse["wn_rad_s"] / linear["wn_rad_s"] - 1.0)
+    if off_wn <= 0.025 and abs(pulse["zeta"] - linear["zeta"]) <= 0.02:
+        return None
+    return f"linearisation and pulse disagree: {found['aircraft']}'s controls have dynamics"
