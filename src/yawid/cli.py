@@ -12,6 +12,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,12 +113,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             if stop.is_set:
                 break
             outputs = _outputs(arguments, name)
-            codes.append(
-                _told(
-                    lambda log=log, outputs=outputs: replay(log, config, outputs, stop),
-                    arguments.json,
-                )
-            )
+            codes.append(_told(partial(replay, log, config, outputs, stop), arguments.json))
     return max(codes, default=0)
 
 
@@ -140,10 +136,8 @@ def _live(arguments: argparse.Namespace) -> int:
     if arguments.seconds is not None and not arguments.seconds > 0.0:
         raise ConfigError(f"--seconds must be > 0, got {arguments.seconds!r}")
     with StopFlag().installed() as stop:
-        return _told(
-            lambda: live(arguments.endpoint, config, outputs, stop, arguments.seconds, _say),
-            arguments.json,
-        )
+        run = partial(live, arguments.endpoint, config, outputs, stop, arguments.seconds, _say)
+        return _told(run, arguments.json)
 
 
 def _regress(arguments: argparse.Namespace) -> int:

@@ -57,7 +57,7 @@ class RowsSink:
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
         """Keep the first row of each second."""
-        columns = [samples.k, samples.boot_us / 1e6, samples.held, samples.u, samples.y]
+        columns: list[Any] = [samples.k, samples.boot_us / 1e6, samples.held, samples.u, samples.y]
         for block in estimates.values():
             columns += [block.status, block.y_hat, block.innovation, block.residual]
             columns += [block.noise_std, block.theta, block.theta_std]

@@ -16,7 +16,7 @@ from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap_file import McapSink
-from yawid.sinks.rerun_view import RerunSink
+from yawid.sinks.rerun_sink import RerunSink
 
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"
 LIBRARIES = ("numpy", "numba", "scipy", "pymavlink", "mcap", "protobuf", "rerun-sdk", "filterpy")
@@ -70,7 +70,7 @@ def open_rerun(outputs: Outputs) -> list[Sink]:
     return [
         RerunSink(
             outputs.rerun,
-            outputs.path(".rrd"),
+            path=outputs.path(".rrd"),
             name=outputs.name,
             warn=lambda text: print(f"yawid: {text}", file=sys.stderr),
             force=outputs.force,

@@ -5,13 +5,14 @@ A key that does not apply is absent; no value is ever NaN.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from yawid.channels.mapping import STOCK_TRAVEL_US, Surface, why_no_surface
 from yawid.channels.stage import Channels
-from yawid.estimation.armax import parameter_names
+from yawid.estimation.polynomials import parameter_names
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.physics.handling import dutch_roll_level
@@ -127,6 +128,7 @@ def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
         if level is not None:
             described["dutch_roll"]["level"] = level
     described["fit"] = _fit(bank, method)
+    simulation_pct = described["fit"].get("simulation_pct", float("nan"))
     early = early_response(theta, orders, bank.sample_time_s, wn)
     evidence = Evidence(
         int(last.status[-1]),
@@ -134,14 +136,18 @@ def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
         found.dutch_roll[-1],
         estimator.whiteness_p,
         early,
+        simulation_pct,
     )
     return described, evidence
 
 
 def _fit(bank: Bank, method: str) -> dict[str, float]:
     estimator = bank.estimators[method]
-    u, y, y_hat = bank.record(method)
     theta, config = bank.last[method].theta[-1], estimator.config
+    # A model that forgets is asked about what it still remembers: three times its memory.
+    memory = 1.0 - config.forgetting_factor
+    newest = slice(-math.ceil(3.0 / memory) if memory > 0.0 else None, None)
+    u, y, y_hat = (column[newest] for column in bank.record(method))
     simulated = simulate(theta, config.orders, config.bias, u, y)
     return finite(
         {

@@ -37,6 +37,8 @@ COLLINEAR = 0.995
 """Correlation of two inputs from which their effects cannot be told apart."""
 UNCERTAIN = 0.25
 """A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
+LEAST_SIMULATION_PCT = 20.0
+"""A free-running model that tells less of the yaw rate than this has learned something else."""
 SATURATED_SHARE = 0.05
 WHITE_P = 0.01
 DISAGREE_SIGMAS = 3.0
@@ -92,7 +94,8 @@ class Evidence:
     """What one estimator leaves for judgement.
 
     ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
-    mean yaw rate over the first half period after a unit step of the rudder.
+    mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
+    much of the yaw rate the model tells from the inputs alone.
     """
 
     status: int
@@ -100,6 +103,7 @@ class Evidence:
     dutch_roll: Floats
     whiteness_p: float
     early_response: float
+    simulation_pct: float
 
 
 def rate_reasons(
@@ -168,6 +172,12 @@ def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
             "not_converged",
             f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
             f"zeta {zeta:.3g} ± {zeta_std:.2g}",
+        )
+    if not evidence.simulation_pct >= LEAST_SIMULATION_PCT:
+        yield Reason(
+            "not_excited",
+            f"the inputs explain {max(evidence.simulation_pct, 0.0):.0f} % of the yaw rate "
+            "(free run): turns or gusts hide the rudder's effect",
         )
     if evidence.whiteness_p < WHITE_P:
         yield Reason(

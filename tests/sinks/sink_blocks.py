@@ -1,16 +1,16 @@
-"""Blocks for the tests of the sinks, and a reader that knows of our files only what they say."""
+"""Blocks for the tests of the sinks."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.reader import make_reader
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 
@@ -104,33 +104,16 @@ def cut(blocks: Blocks, edges: list[int]) -> Iterator[Blocks]:
         )
 
 
-def foreign_class(schema: Any) -> Any:
-    """The message class made of nothing but the schema in the file."""
-    files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
-    pool = descriptor_pool.DescriptorPool()
-    for file in files.file:  # dependencies first, or Add refuses
-        pool.AddSerializedFile(file.SerializeToString())
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+def run_script(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in an interpreter of its own that sees what this one sees."""
+    return subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        env=script_environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
 
 
-def decoded(path: Path) -> dict[str, list[Any]]:
-    """Messages by topic in order of log time: the record and its decoded payload."""
-    classes: dict[int, Any] = {}
-    topics: dict[str, list[Any]] = {}
-    with path.open("rb") as stream:
-        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
-            assert schema is not None
-            if schema.id not in classes:
-                classes[schema.id] = foreign_class(schema)
-            payload = classes[schema.id].FromString(message.data)
-            topics.setdefault(channel.topic, []).append((message, payload))
-    return topics
-
-
-def raw(path: Path) -> list[tuple[str, int, int, int, bytes]]:
-    """Everything that was written, in the order of the file."""
-    with path.open("rb") as stream:
-        return [
-            (channel.topic, message.log_time, message.publish_time, message.sequence, message.data)
-            for _, channel, message in make_reader(stream).iter_messages(log_time_order=False)
-        ]
+def script_environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import subprocess
 import sys
@@ -12,7 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from sinks.sink_blocks import METHODS, PARAMETERS, SAMPLE_TIME_S, VERDICT, decoded, make_blocks, raw
+from sinks.mcap_reading import decoded, raw
+from sinks.sink_blocks import (
+    METHODS,
+    PARAMETERS,
+    SAMPLE_TIME_S,
+    VERDICT,
+    make_blocks,
+    script_environment,
+)
 
 from yawid.errors import SinkError
 from yawid.sinks.mcap_file import McapSink
@@ -60,7 +67,7 @@ def test_kill_9_loses_at_most_a_second(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with subprocess.Popen(
         [sys.executable, "-c", WRITER, str(path), str(n)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env=script_environment(),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     ) as writer:

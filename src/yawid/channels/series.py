@@ -58,6 +58,7 @@ def _sound(values: Floats) -> Floats:
 class SurfaceReader:
     """The servo message to rows of deflections, its time unwrapped beside the last boot time."""
 
+    columns: int
     _boot: tuple[Ints, Ints] = (_NONE, _NONE)
 
     def note_clock(self, attitude: MessageBlock | None) -> None:
@@ -70,8 +71,8 @@ class SurfaceReader:
         self._boot = (order, np.concatenate([self._boot[1][-1:], t_us]))
 
     def read(self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]) -> Series:
-        """Return one row per message with the deflection of every surface, (n, len(surfaces))."""
-        none = Series.empty(len(surfaces))
+        """Return one row per message with the deflection of every surface, (n, columns)."""
+        none = Series.empty(self.columns)
         if not surfaces or surfaces[0].message not in messages or len(self._boot[0]) == 0:
             return none
         block = messages[surfaces[0].message]

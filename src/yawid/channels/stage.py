@@ -61,7 +61,7 @@ class Channels:
         self._used: tuple[Surface, ...] = ()
         self._controls_heard = False
         self._yaw = YawReader()
-        self._surface = SurfaceReader()
+        self._surface = SurfaceReader(len(config.inputs))
         self._selectors = [
             (check_selector(name, getattr(config, name)), function)
             for name, function in (("rudder", RUDDER_FUNCTION), ("aileron", AILERON_FUNCTION))

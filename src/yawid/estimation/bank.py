@@ -50,7 +50,8 @@ class Bank:
     def _start_anew(self) -> None:
         self.estimators = {
             method: make_estimator(
-                self.config.estimator(method, self.sample_time_s), self.config.engine
+                self.config.estimator(method, self.sample_time_s),
+                "filterpy" if self.config.engine == "filterpy" else "numba",
             )
             for method in self.methods
         }

@@ -86,7 +86,8 @@ def release(s, frozen):
         row = ((int(s[HEAD]) + i) % w) * width
         s[BROKEN] = max(s[BROKEN], v[SAMPLES][row])
         s[Y] = v[SAMPLES][row + 1]
-        v[INPUTS][:] = v[SAMPLES][row + 2 : row + width]
+        for j in range(int(s[M])):
+            v[INPUTS][j] = v[SAMPLES][row + 2 + j]
         take(s, v, frozen)
     if frozen:
         s[LAMBDA] = s[LAMBDA_END]
@@ -105,7 +106,8 @@ def _collect(s, v):
         s[COUNT] += 1.0
     row = ((head + int(s[COUNT]) - 1) % w) * width if s[HEAD] == head else head * width
     v[SAMPLES][row], v[SAMPLES][row + 1] = s[BROKEN], s[Y]
-    v[SAMPLES][row + 2 : row + width] = v[INPUTS]
+    for j in range(int(s[M])):
+        v[SAMPLES][row + 2 + j] = v[INPUTS][j]
     s[BROKEN] = 0.0
     s[Y_HAT], s[INNOVATION], s[RESIDUAL] = math.nan, math.nan, math.nan
     s[STATUS] = WARMING_UP

@@ -138,6 +138,17 @@ def stable(a):
 
 
 @jit
+def over_c(c, columns):
+    """Filter each of the columns (n, m) by 1/C(q), from rest, in place."""
+    for k in range(columns.shape[0]):
+        for j in range(columns.shape[1]):
+            x = columns[k, j]
+            for i in range(min(len(c), k)):
+                x -= c[i] * columns[k - 1 - i, j]
+            columns[k, j] = x
+
+
+@jit
 def follow_covariance(covariance, echoes, products, psi, gain, h, inverse):
     """Follow the covariance of theta over the noise variance, the residual's autocorrelation included.
 

@@ -243,7 +243,7 @@ def take(s, v, frozen):
     eps = e if frozen or s[SINCE] > 0.0 else 0.0
     learning = s[FILL] > s[DEPTH] + s[NC]
     if learning and frozen:
-        _account(s, v, y, e, e, 1.0, 1.0)
+        _account(s, v, y, e, e, s[LAMBDA_END], 1.0)
     elif learning:
         if s[RML] > 0.0:
             gather(v[FILTERED], v[SIGNALS], m + 3, v[PSI])

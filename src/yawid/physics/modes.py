@@ -36,7 +36,7 @@ def discrete_poles(a: Floats) -> Complexes:
     companion[:, np.arange(1, na), np.arange(na - 1)] = 1.0
     z: Complexes = np.linalg.eigvals(companion).astype(np.complex128)
     with np.errstate(divide="ignore", invalid="ignore"):
-        key = np.nan_to_num(np.abs(np.log(z)), posinf=1e300)
+        key = np.nan_to_num(np.abs(np.log(z)), posinf=1e3)
     # Conjugates differ in the last bits of |ln z|; rounding keeps them side by side.
     row = np.arange(n)[:, None] + np.zeros((1, na), int)
     by_frequency = np.lexsort((z.imag.ravel(), np.round(key, 9).ravel(), row.ravel()))
@@ -54,8 +54,9 @@ def modes(estimates: EstimateBlock, orders: ArmaxOrders, sample_time_s: float) -
     n, na = len(estimates), orders.na
     z = discrete_poles(estimates.theta[:, :na])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        z = np.where((z.imag == 0.0) & (z.real <= 0.0), np.nan, z)
-        s = (np.log(z) / sample_time_s).astype(np.complex128)
+        # NaN only the pole itself: the others' slopes still need its distance.
+        continuous = (z.imag != 0.0) | (z.real > 0.0)
+        s = np.where(continuous, np.log(z) / sample_time_s, np.nan).astype(np.complex128)
         wn = np.abs(s)
         zeta = -s.real / wn
         wn_std, zeta_std = np.full((n, na), np.nan), np.full((n, na), np.nan)

@@ -50,6 +50,8 @@ class RerunSink:
         try:
             self._view = _open_view(self._part or target, name)
         except Exception as error:
+            if self._part is not None:
+                self._part.unlink(missing_ok=True)  # nothing in it, and it would stand in the way
             self._failed(error)
 
     def start(

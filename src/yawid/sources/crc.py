@@ -1,13 +1,14 @@
 """CRC-16/MCRF4XX of many frames at once, eight bytes a step.
 
 The generator ``P = x^16 + x^12 + x^5 + 1`` is sparse and squaring over GF(2) spreads its exponents:
-``P^4 = x^64 + x^48 + x^20 + 1``. A message is therefore reduced modulo P^4 in words of 64 bits by a few
-shifts, then modulo P^2 and P. The first byte of a word holds its highest powers, lowest bit first: a shift
-to the left is a division by x.
+``P^4 = x^64 + x^48 + x^20 + 1``. A message is therefore reduced modulo P^4 in words of 64 bits by a
+few shifts, then modulo P^2 and P. The first byte of a word holds its highest powers, lowest bit
+first: a shift to the left is a division by x.
 """
 
 from __future__ import annotations
 
+from binascii import crc_hqx
 from typing import Any
 
 import numpy as np
@@ -19,70 +20,88 @@ Words = NDArray[np.unsignedinteger[Any]]
 
 _WORD = 8
 _START = 0xFFFF  # the CRC's start value, added to the first two bytes of a message
+_FEW = 32  # fewer messages than this are quicker one by one
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def crc_of_frames(data: Bytes, first: Ints, end: Ints, extra: Bytes) -> NDArray[np.uint16]:
     """Return the CRC of ``data[first:end]`` followed by the byte ``extra``, one row per frame.
 
-    ``first``, ``end`` and ``extra`` are (n,), n >= 1, with ``end - first >= 2``; up to 7 bytes before
+    ``first``, ``end`` and ``extra`` are (n,) with ``end - first >= 2``; up to 7 bytes before
     ``first`` are read and ignored, so ``first`` must be at least 7.
     """
     size = end - first
-    count = (size + (_WORD - 1)) // _WORD
+    count = (size + (_WORD - 1)) >> 3
     longest_first = np.argsort(count.astype(np.uint8), kind="stable")[::-1]
-    unused_bits = ((-size % _WORD) * 8)[longest_first].astype(np.uint64)
-    columns = _columns(data, end[longest_first], np.bincount(count))
-    remainder = _modulo_p4(columns, unused_bits, np.bincount(count))
+    at_least = np.bincount(count)[::-1].cumsum()[::-1]  # messages of so many words or more
+    words = int(np.count_nonzero(at_least[1:] >= _FEW))
+    few = int(at_least[words + 1]) if words + 1 < len(at_least) else 0
     crc = np.empty(len(first), np.uint16)
-    crc[longest_first] = _advance(_modulo_p(remainder))
+    for row in longest_first[:few].tolist():
+        crc[row] = _crc_of_one(data[first[row] : end[row]].tobytes())
+    if words:
+        rows = longest_first[few:]
+        unused_bits = ((-size & (_WORD - 1)) << 3)[rows].astype(np.uint64)
+        rows_of_step = (at_least[words:0:-1] - few).tolist()
+        columns = _columns(data, end[rows], rows_of_step)
+        remainder = _modulo_p4(columns, unused_bits, rows_of_step)
+        crc[rows] = _advance(_modulo_p(remainder))
     return _append(crc, extra)
 
 
-def _columns(data: Bytes, end: Ints, counts: Ints) -> NDArray[np.uint64]:
-    """Return the last words of each message (words, n), rows sorted by falling number of words.
+def _crc_of_one(message: bytes) -> int:
+    """Return the CRC of one message: that of ``crc_hqx``, which takes the highest bit first."""
+    crc = crc_hqx(message.translate(_REVERSED), _START)
+    return _REVERSED[crc >> 8] | _REVERSED[crc & 0xFF] << 8
 
-    ``counts[w]`` is the number of messages of ``w`` words. What lies above a message is not set.
+
+def _columns(data: Bytes, end: Ints, rows_of_step: list[int]) -> NDArray[np.uint64]:
+    """Return the words of each message (words, n), rows sorted by falling number of words.
+
+    All messages end together: ``rows_of_step`` (words,) says how many have begun in each step. What
+    lies before a message is not set.
     """
-    most = len(counts) - 1
+    most = len(rows_of_step)
     columns = np.empty((most, len(end)), np.uint64)
-    done = 0
-    for words in range(most, 0, -1):
-        rows = slice(done, done + int(counts[words]))
-        if rows.stop > rows.start:
-            size = words * _WORD
+    begun = 0
+    for step, rows in enumerate(rows_of_step):
+        if rows > begun:
+            size = (most - step) * _WORD
             message_at = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))
-            messages = message_at[end[rows] - size].view(np.uint64).reshape(-1, words)
-            columns[most - words :, rows] = messages.T
-        done = rows.stop
+            messages = message_at[end[begun:rows] - size].view(np.uint64)
+            columns[step:, begun:rows] = messages.reshape(rows - begun, -1).T
+            begun = rows
     return columns
 
 
-def _modulo_p4(columns: NDArray[np.uint64], unused: NDArray[np.uint64], counts: Ints) -> Words:
-    """Return the messages modulo P^4 (n,); ``columns`` is used up.
+def _modulo_p4(
+    columns: NDArray[np.uint64], unused: NDArray[np.uint64], rows_of_step: list[int]
+) -> NDArray[np.uint64]:
+    """Return the messages modulo P^4 (n,), working in ``columns``.
 
-    All messages end together, a shorter one joins later. The first word of each loses the ``unused``
-    bits that lie before the message and takes up the start value.
+    The first word of each message loses the ``unused`` bits that lie before it and takes up the
+    start value, which may spill into the second word.
     """
     keep = ~np.uint64(0) << unused
     start = np.uint64(_START) << unused
-    spilt = np.uint64(_START) >> (np.uint64(64) - unused).clip(max=np.uint64(63))
-    before = joined = 0
-    for row, column in enumerate(columns):
-        rows = joined + int(counts[len(columns) - row])
-        column[joined:rows] &= keep[joined:rows]
-        column[joined:rows] ^= start[joined:rows]
-        if row:
-            column[before:joined] ^= spilt[before:joined]
-            column[:joined] ^= _advance(columns[row - 1, :joined])
-        before, joined = joined, rows
-    return columns[-1]
+    spill = np.uint64(_START) >> (np.uint64(64) - unused).clip(max=np.uint64(63))
+    before = begun = 0
+    for step, rows in enumerate(rows_of_step):
+        column = columns[step]
+        column[begun:rows] &= keep[begun:rows]
+        column[begun:rows] ^= start[begun:rows]
+        if begun:
+            column[before:begun] ^= spill[before:begun]
+            column[:begun] ^= _advance(columns[step - 1, :begun])
+        before, begun = begun, rows
+    return np.asarray(columns[-1], np.uint64)
 
 
 def _modulo_p(remainder: NDArray[np.uint64]) -> NDArray[np.uint16]:
     """Reduce modulo P^4 to modulo P: each half step is ``high * x^(width / 2) + low``."""
-    halves = remainder.view(np.uint32).reshape(-1, 2)
-    quarters = (_advance(halves[:, 0]) ^ halves[:, 1]).view(np.uint16).reshape(-1, 2)
-    return np.asarray(_advance(quarters[:, 0]) ^ quarters[:, 1], np.uint16)
+    half = _advance(remainder.astype(np.uint32)) ^ (remainder >> np.uint64(32)).astype(np.uint32)
+    quarter = _advance(half.astype(np.uint16)) ^ (half >> np.uint32(16)).astype(np.uint16)
+    return np.asarray(quarter, np.uint16)
 
 
 def _advance(v: Words) -> Words:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
 from yawid.sources.belief import StampFilter
 from yawid.sources.chain import Chain, stamps_of
-from yawid.sources.framing import MAGIC_V2, SLACK, STAMP_SIZE, Frames, find_frames
+from yawid.sources.framing import SLACK, STAMP_SIZE, Frames, find_frames
 from yawid.sources.link import LinkStats, Tally
 from yawid.sources.messages import definitions, dtype_of
 
@@ -29,7 +29,8 @@ DEFAULT = frozenset(
         "VFR_HUD",
     }
 )
-_SLICE = 1 << 20  # bytes worked on at once: large enough for NumPy, small enough for the cache
+_SLICE = 1 << 21  # bytes worked on at once
+_SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
 _NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
 
 
@@ -45,6 +46,7 @@ class Decoder:
     """
 
     def __init__(self, wanted: Iterable[str] = DEFAULT) -> None:
+        np.empty(1 << 24, np.uint8)
         self._known = definitions()
         self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
         self._chain = Chain(self._known)
@@ -125,7 +127,7 @@ class Decoder:
     def _columns(
         self, buffer: Bytes, frames: Frames, order: Ints, stamps: Ints
     ) -> FrameBlock | None:
-        header = frames.begin + np.where(buffer[frames.begin] == MAGIC_V2, 4, 2)
+        header = frames.begin + _SEQUENCE_AT[frames.payload - frames.begin]
         sysid, compid = buffer[header + 1], buffer[header + 2]
         sender = sysid.astype(np.int64) * 256 + compid
         self._tally.add(buffer, frames, stamps, buffer[header], sender)

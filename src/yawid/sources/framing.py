@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yawid.blocks import Bytes, Ints
 from yawid.sources.crc import crc_of_frames
@@ -18,7 +19,8 @@ MAX_FRAME = 280  # MAVLink 2: header 10, payload 255, CRC 2, signature 13
 LONGEST_HEADER = 10
 SLACK = MAX_FRAME + 16  # bytes behind the last valid one: no look-ahead leaves the array
 _SIGNED = 1
-_SIGNATURE = 13
+SIGNATURE_SIZE = 13
+CRC_SIZE = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ def frame_size(head: bytes) -> int | None:
     if head[0] == MAGIC_V1:
         return 8 + head[1]
     if head[0] == MAGIC_V2 and head[2] <= _SIGNED:
-        return 12 + head[1] + _SIGNATURE * head[2]
+        return 12 + head[1] + SIGNATURE_SIZE * head[2]
     return None
 
 
@@ -77,7 +79,9 @@ def read_header(data: Bytes, begin: int, known: Definitions) -> Header | None:
     if size is None:
         return None
     message_id = head[5] if head[0] == MAGIC_V1 else int.from_bytes(head[7:10], "little")
-    return Header(size, int(known.row_of[message_id]) if message_id < len(known.row_of) else UNKNOWN)
+    return Header(
+        size, int(known.row_of[message_id]) if message_id < len(known.row_of) else UNKNOWN
+    )
 
 
 def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple[Frames, int]:
@@ -92,13 +96,14 @@ def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple
     is_v2 = data[at] == MAGIC_V2
     v2, open_v2 = _finished(_parse_v2(data, at[is_v2], known), stop)
     v1, open_v1 = _finished(_parse_v1(data, at[~is_v2], known), stop)
-    found = [_intact(data, frames, known) for frames in (v1, v2) if len(frames)]
-    if len(found) == 2:
-        both = found[0].joined(found[1])
-        found = [both.select(np.argsort(both.begin, kind="stable"))]
+    found = _intact(data, v2, known)
+    others = _intact(data, v1, known)
+    if len(others):
+        found = found.joined(others) if len(found) else others
+        found = found.select(np.argsort(found.begin, kind="stable"))
     unread = at[np.searchsorted(at, stop - LONGEST_HEADER + 1) :]
     open_from = min([stop, open_v1, open_v2, *unread[:1].tolist()])
-    return (found[0] if found else v1), open_from
+    return found, open_from
 
 
 def _parse_v1(data: Bytes, at: Ints, known: Definitions) -> Frames:
@@ -115,12 +120,11 @@ def _parse_v2(data: Bytes, at: Ints, known: Definitions) -> Frames:
     The payload may be cut short (trailing zeros) or longer than known (extensions of a newer
     dialect).
     """
-    low_id = data[at + 7] | data[at + 8].astype(np.uint16) << np.uint16(8)
-    row = known.row_of[low_id]
+    row = known.row_of[data[at + 7] + data[at + 8].astype(np.int64) * 256]
     # No id of the dialect needs the third byte.
     fits = np.flatnonzero((row != UNKNOWN) & (data[at + 2] <= _SIGNED) & (data[at + 9] == 0))
     at = at[fits]
-    return _frames(at, 10, data[at + 1], row[fits], data[at + 2] * np.int64(_SIGNATURE))
+    return _frames(at, 10, data[at + 1], row[fits], data[at + 2] * np.int64(SIGNATURE_SIZE))
 
 
 def _finished(frames: Frames, stop: int) -> tuple[Frames, int]:
@@ -135,10 +139,12 @@ def _finished(frames: Frames, stop: int) -> tuple[Frames, int]:
     return frames.select(rows), int(frames.begin[first])
 
 
-def _frames(at: Ints, header: int, length: Bytes, row: Ints, trailer: Ints | int) -> Frames:
+def _frames(
+    at: Ints, header: int, length: Bytes, row: NDArray[np.int16], trailer: Ints | int
+) -> Frames:
     payload = at + header
     size = length.astype(np.int64)
-    return Frames(at, payload + size + 2 + trailer, payload, size, row)
+    return Frames(at, payload + size + CRC_SIZE + trailer, payload, size, row.astype(np.int64))
 
 
 def _intact(data: Bytes, frames: Frames, known: Definitions) -> Frames:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from yawid.blocks import Bytes, Ints
-from yawid.sources.framing import MAGIC_V2, Frames
+from yawid.sources.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE, Frames
 from yawid.sources.messages import HEARTBEAT, Definitions
 
 Sender = tuple[int, int]
@@ -61,9 +61,11 @@ class Tally:
         if self._first is None:
             self._first = int(stamps[0])
         self._last = int(stamps[-1])
-        v2 = data[frames.begin] == MAGIC_V2
-        self._signed += int(np.count_nonzero(v2 & (data[frames.begin + 2] == 1)))
-        self.record_bytes += int((frames.end - frames.begin).sum()) + 8 * len(frames)
+        payload_bytes = int(frames.length.sum())
+        trailer_bytes = int((frames.end - frames.payload).sum()) - payload_bytes
+        self._signed += (trailer_bytes - CRC_SIZE * len(frames)) // SIGNATURE_SIZE
+        header_bytes = int((frames.payload - frames.begin).sum()) + STAMP_SIZE * len(frames)
+        self.record_bytes += header_bytes + payload_bytes + trailer_bytes
         for key in np.flatnonzero(np.bincount(sender)).tolist():
             self._add_sender(divmod(key, 256), sequence[sender == key])
         self._find_ground(data, frames, sender)

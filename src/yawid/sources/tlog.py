@@ -13,7 +13,7 @@ from yawid.sources.frames import Decoder
 from yawid.sources.framing import SLACK, STAMP_SIZE, find_frames
 from yawid.sources.messages import definitions
 
-CHUNK = 1 << 20
+CHUNK = 1 << 21  # what the decoder works on at once
 _HEAD = 1 << 20  # a log has an intact record in its first MiB
 _OTHER_FORMATS = (
     (b"\x1f\x8b", "is compressed by gzip: unpack it first (gunzip)"),

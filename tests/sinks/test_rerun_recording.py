@@ -1,83 +1,24 @@
 from __future__ import annotations
 
-import os
-import signal
-import socket
 import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import rerun_cli
 from rerun.chunk import RrdReader
+from sinks.rerun_reading import SUMMARY, VIEWER, fail, recorded, save, statics, values
 from sinks.sink_blocks import (
     METHODS,
     PARAMETERS,
     SAMPLE_TIME_S,
-    START_NS,
     VERDICT,
-    Blocks,
-    cut,
     make_blocks,
+    run_script,
 )
 
 from yawid.blocks import Status
 from yawid.errors import SinkError
 from yawid.sinks.rerun_sink import RerunSink
-
-SUMMARY = {"verdict": VERDICT}
-# The command beside the interpreter is a script that waits for this one.
-VIEWER = str(Path(rerun_cli.__file__).with_name("rerun"))
-
-
-def run(sink: RerunSink, blocks: Blocks, edges: list[int] | None = None) -> None:
-    sink.log(START_NS, "info", "before the grid is known")
-    sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
-    for block in cut(blocks, edges or []):
-        sink.write(*block)
-        sink.flush()
-    sink.log(int(blocks[0].unix_ns[5]), "warning", "gap of 3 s")
-    sink.finish(SUMMARY, {})
-
-
-def fail(text: str) -> None:
-    pytest.fail(f"warned: {text}")
-
-
-def save(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Path:
-    run(RerunSink("save", name="flight", warn=fail, path=path), blocks, edges)
-    return path
-
-
-def recorded(path: Path) -> dict[str, dict[str, Any]]:
-    """Columns of each entity over time, its chunks joined in order of boot time."""
-    entities: dict[str, dict[str, list[Any]]] = {}
-    for chunk in RrdReader(path).stream().to_chunks():
-        if not chunk.is_static:
-            columns = chunk.to_record_batch().to_pydict()
-            entity = entities.setdefault(chunk.entity_path, {})
-            for name, values in columns.items():
-                entity.setdefault(name, []).extend(values)
-    return entities
-
-
-def statics(path: Path, entity: str, component: str) -> list[Any]:
-    return [
-        chunk.to_record_batch().to_pydict()[component][-1]
-        for chunk in RrdReader(path).stream().to_chunks()
-        if chunk.is_static and chunk.entity_path == entity
-    ]
-
-
-def values(entities: dict[str, dict[str, Any]], entity: str) -> Any:
-    columns = entities[entity]
-    order = np.argsort(columns["boot_time"], kind="stable")
-    return np.array(columns["Scalars:scalars"])[order]
 
 
 def test_the_saved_recording_holds_every_sample_on_both_clocks(tmp_path: Path) -> None:
@@ -209,114 +150,17 @@ sink.abort()
 
 def test_a_disk_that_fills_up_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
-    done = subprocess.run(
-        [sys.executable, "-c", DISK_FILLS_UP, str(path)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_script(DISK_FILLS_UP, str(path))
     assert done.stdout.startswith(f"cannot write {path}.part: ")
     assert len(done.stdout.splitlines()) == 1
     assert done.stderr == ""
     assert not path.exists()
 
 
-@contextmanager
-def viewer(*options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """Rerun's own receiver, without a window, on a free port."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with subprocess.Popen(
-        [VIEWER, *options, "--bind", "127.0.0.1", "--port", str(port)],
-        env={**os.environ, "RUST_LOG": "info"},
-        stderr=subprocess.PIPE,
-    ) as process:
-        assert process.stderr is not None
-        while b"Listening for gRPC" not in process.stderr.readline():
-            assert process.poll() is None
-        try:
-            yield f"rerun+http://127.0.0.1:{port}/proxy", process
-        finally:
-            process.send_signal(signal.SIGINT)
-
-
-def wait_for_rows(path: Path, n: int) -> dict[str, dict[str, Any]]:
-    """What the other process has written once it holds ``n`` rows: it gives no sign of its own."""
-    deadline = time.monotonic() + 20.0
-    while time.monotonic() < deadline:
-        try:
-            entities = recorded(path)
-        except (RuntimeError, ValueError):  # half a message at the end
-            continue
-        last = entities.get("/log", {}).get("TextLog:text", [])
-        if len(last) == 2 and len(entities["/input"]["boot_time"]) == n:
-            return entities
-    pytest.fail(f"{path} does not hold {n} rows")
-
-
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # a receiver that still runs
-def test_a_viewer_that_runs_already_gets_everything(tmp_path: Path) -> None:
-    blocks = make_blocks(n=300)
-    with viewer("--save", str(tmp_path / "got.rrd")) as (address, _):
-        run(RerunSink(address, name="flight", warn=fail), blocks, [100, 101])
-        entities = wait_for_rows(tmp_path / "got.rrd", 300)
-    np.testing.assert_array_equal(values(entities, "/input"), blocks[0].u)
-    assert entities["/log"]["TextLog:text"][-1] == ["gap of 3 s"]
-
-
-def test_a_viewer_that_dies_is_one_warning_and_the_run_goes_on() -> None:
-    warnings: list[str] = []
-    blocks = make_blocks(n=300)
-    with viewer("--serve-grpc") as (address, process):
-        sink = RerunSink(address, name="flight", warn=warnings.append)
-        sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
-        sink.write(*blocks)
-        sink.flush()
-        assert warnings == []
-        process.kill()
-        process.wait()
-        sink.write(*blocks)
-        sink.log(START_NS, "info", "still flying")
-        sink.finish(SUMMARY, {})
-    [warning] = warnings
-    assert "no Rerun viewer" in warning
-    assert "\n" not in warning
-
-
-def test_a_viewer_that_is_not_there_is_one_warning() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    warnings: list[str] = []
-    sink = RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", name="flight", warn=warnings.append)
-    run(sink, make_blocks(n=30))
-    sink.abort()
-    assert len(warnings) == 1
-    assert "Connection refused" in warnings[0]
-
-
-def test_an_address_that_is_none_is_one_warning() -> None:
-    warnings: list[str] = []
-    run(RerunSink("somewhere", name="flight", warn=warnings.append), make_blocks(n=30))
-    assert len(warnings) == 1
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
-def test_a_machine_without_a_screen_is_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    warnings: list[str] = []
-    run(RerunSink("spawn", name="flight", warn=warnings.append), make_blocks(n=30))
-    assert len(warnings) == 1
-    assert "no screen" in warnings[0]
-
-
-def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
-    script = (
-        "import sys, yawid.sinks.base, yawid.sinks.rerun_sink\n"
-        "assert not {'rerun', 'mcap', 'google.protobuf'} & sys.modules.keys()\n"
-        "import yawid.sinks.mcap_file, yawid.sinks.recover\n"
-        "assert 'rerun' not in sys.modules"
-    )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", script], env=environment, check=True)
+def test_a_recording_that_rerun_refuses_is_one_line_and_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RERUN", "off")
+    with pytest.raises(SinkError, match="switched off"):
+        RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,72 @@
+"""A reader that knows of our MCAP files only what they themselves say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+from sinks.sink_blocks import METHODS, PARAMETERS, SAMPLE_TIME_S, VERDICT, Blocks, cut
+
+from yawid.sinks.mcap_file import McapSink
+
+INPUTS = ("rudder", "aileron")
+SUMMARY = {
+    "log": "/flights/a.tlog",
+    "sha256": "ab" * 32,
+    "vehicle": {"sysid": 1, "type": "FIXED_WING"},
+    "channels": {"rudder": {"source": "servo 4", "reversed": True, "rate_hz": 50.0}},
+    "verdict": VERDICT,
+}
+
+
+def open_sink(path: Path, n_inputs: int = 1, parameters: tuple[str, ...] = PARAMETERS) -> McapSink:
+    sink = McapSink(path, {"configuration": {"rate": 20.0, "method": "els"}, "note": "by hand"})
+    sink.start(parameters, INPUTS[:n_inputs], METHODS, SAMPLE_TIME_S)
+    return sink
+
+
+def write_file(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Path:
+    sink = open_sink(path, blocks[0].u.shape[1])
+    for block in cut(blocks, edges or []):
+        sink.write(*block)
+    sink.finish(SUMMARY, {})
+    return path
+
+
+def column(messages: list[Any], field: str) -> Any:
+    return np.array([getattr(payload, field) for _, payload in messages])
+
+
+def foreign_class(schema: Any) -> Any:
+    """The message class made of nothing but the schema in the file."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+    pool = descriptor_pool.DescriptorPool()
+    for file in files.file:  # dependencies first, or Add refuses
+        pool.AddSerializedFile(file.SerializeToString())
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+
+
+def decoded(path: Path) -> dict[str, list[Any]]:
+    """Messages by topic in order of log time: the record and its decoded payload."""
+    classes: dict[int, Any] = {}
+    topics: dict[str, list[Any]] = {}
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if schema.id not in classes:
+                classes[schema.id] = foreign_class(schema)
+            payload = classes[schema.id].FromString(message.data)
+            topics.setdefault(channel.topic, []).append((message, payload))
+    return topics
+
+
+def raw(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    """Everything that was written, in the order of the file."""
+    with path.open("rb") as stream:
+        return [
+            (channel.topic, message.log_time, message.publish_time, message.sequence, message.data)
+            for _, channel, message in make_reader(stream).iter_messages(log_time_order=False)
+        ]

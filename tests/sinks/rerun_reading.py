@@ -1,0 +1,71 @@
+"""Writing and reading Rerun recordings for the tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun_cli
+from rerun.chunk import RrdReader
+from sinks.sink_blocks import (
+    METHODS,
+    PARAMETERS,
+    SAMPLE_TIME_S,
+    START_NS,
+    VERDICT,
+    Blocks,
+    cut,
+)
+
+from yawid.sinks.rerun_sink import RerunSink
+
+SUMMARY = {"verdict": VERDICT}
+# The command beside the interpreter is a script that waits for this one.
+VIEWER = str(Path(rerun_cli.__file__).with_name("rerun"))
+
+
+def run(sink: RerunSink, blocks: Blocks, edges: list[int] | None = None) -> None:
+    sink.log(START_NS, "info", "before the grid is known")
+    sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+    for block in cut(blocks, edges or []):
+        sink.write(*block)
+        sink.flush()
+    sink.log(int(blocks[0].unix_ns[5]), "warning", "gap of 3 s")
+    sink.finish(SUMMARY, {})
+
+
+def fail(text: str) -> None:
+    pytest.fail(f"warned: {text}")
+
+
+def save(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Path:
+    run(RerunSink("save", name="flight", warn=fail, path=path), blocks, edges)
+    return path
+
+
+def recorded(path: Path) -> dict[str, dict[str, Any]]:
+    """Columns of each entity over time, its chunks joined in order of boot time."""
+    entities: dict[str, dict[str, list[Any]]] = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        if not chunk.is_static:
+            columns = chunk.to_record_batch().to_pydict()
+            entity = entities.setdefault(chunk.entity_path, {})
+            for name, values in columns.items():
+                entity.setdefault(name, []).extend(values)
+    return entities
+
+
+def statics(path: Path, entity: str, component: str) -> list[Any]:
+    return [
+        chunk.to_record_batch().to_pydict()[component][-1]
+        for chunk in RrdReader(path).stream().to_chunks()
+        if chunk.is_static and chunk.entity_path == entity
+    ]
+
+
+def values(entities: dict[str, dict[str, Any]], entity: str) -> Any:
+    columns = entities[entity]
+    order = np.argsort(columns["boot_time"], kind="stable")
+    return np.array(columns["Scalars:scalars"])[order]
