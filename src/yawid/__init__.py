@@ -20,7 +20,7 @@ _HOMES = {
     "YawidError": "yawid.errors",
     "ConfigError": "yawid.errors",
 }
-__all__ = ["__version__", *_HOMES]  # noqa: PLE0604  (the names are strings, resolved below)
+__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:

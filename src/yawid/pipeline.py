@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import WANTED, Channels
-from yawid.estimation.polynomials import parameter_names
 from yawid.estimation.bank import Bank
+from yawid.estimation.polynomials import parameter_names
 from yawid.physics.modes import modes
 from yawid.run_config import RunConfig
 from yawid.sinks.base import Sink

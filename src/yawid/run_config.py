@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,6 +13,7 @@ from yawid.config import ENGINES, METHODS, ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 
 INPUTS = (("rudder",), ("rudder", "aileron"))
+SELECTORS = re.compile(r"auto|servo:([1-9]|[12]\d|3[0-2])|control:([0-7])|rc:([1-9]|1[0-8])")
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 
@@ -48,37 +50,52 @@ class RunConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "orders", tuple(self.orders))
         object.__setattr__(self, "inputs", tuple(self.inputs))
+        self._check_model()
+        self._check_channels()
+        self._check_numbers()
+
+    def _check_model(self) -> None:
         if len(self.orders) != 4:
             raise ConfigError(f"--orders must be na,nb,nc,nk, got {self.orders!r}")
         if self.orders[3] == 0:
-            raise ConfigError(
-                "--orders: nk = 0 is acausal (u(k) is the mean after y(k)); use nk >= 1"
-            )
-        self.armax_orders()
+            text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
+            raise ConfigError(f"--orders: {text}")
         _check_choice("method", self.method, METHODS)
         _check_choice("also", self.also, (*METHODS, "none"))
         _check_choice("engine", self.engine, ENGINES)
-        _check_choice("rudder-sign", self.rudder_sign, ("nose-right", "nose-left"))
-        if self.inputs not in INPUTS:
-            raise ConfigError(
-                f"--inputs must be rudder or rudder,aileron, got {','.join(self.inputs)}"
-            )
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting say the same thing: give one of them")
         if self.forgetting is not None and not 0.0 < self.forgetting <= 1.0:
             raise ConfigError(f"--forgetting must lie in (0, 1], got {self.forgetting!r}")
+
+    def _check_channels(self) -> None:
+        if self.inputs not in INPUTS:
+            given = ",".join(self.inputs)
+            raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
+        self.armax_orders()
+        _check_choice("rudder-sign", self.rudder_sign, ("nose-right", "nose-left"))
+        for name in ("rudder", "aileron"):
+            selector = getattr(self, name)
+            if SELECTORS.fullmatch(selector) is None:
+                choices = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
+                raise ConfigError(f"--{name} must be {choices}, got {selector!r}")
+        if self.sysid is not None and not 1 <= self.sysid <= 255:
+            raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
+
+    def _check_numbers(self) -> None:
         for name in ("memory", "rate", "rudder_max_deg"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
-                raise ConfigError(
-                    f"--{name.replace('_', '-')} must be > 0 and finite, got {value!r}"
-                )
+                option = name.replace("_", "-")
+                raise ConfigError(f"--{option} must be > 0 and finite, got {value!r}")
         if self.rate is not None and not 0.1 <= self.rate <= 1000.0:
             raise ConfigError(f"--rate must lie in 0.1 to 1000 Hz, got {self.rate!r}")
+        for name in ("from_s", "to_s"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ConfigError(f"--{name[:-2]} must be finite, got {value!r}")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
-        if self.sysid is not None and not 1 <= self.sysid <= 255:
-            raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
 
     def armax_orders(self) -> ArmaxOrders:
         """Return the orders with nb and nk for every input."""

@@ -53,8 +53,8 @@ def replay(
     """
     digest = hashlib.sha256()
     check_readable(log)
-    sinks = open_sinks(config, outputs)
-    pipeline = Pipeline(config, sinks)
+    pipeline = Pipeline(config)
+    pipeline.sinks = open_sinks(config, outputs)
     try:
         with progress(sys.stderr, log.name, log.stat().st_size) as advance:
             for chunk in read_tlog(log, digest=digest):
@@ -67,7 +67,7 @@ def replay(
         finish(pipeline, summary, outputs.files())
     except BaseException:
         # The log is still there: half an output of it is of no use to anybody.
-        for sink in sinks:
+        for sink in pipeline.sinks:
             sink.abort()
         for suffix in (".mcap", ".rrd"):
             outputs.path(suffix + ".part").unlink(missing_ok=True)

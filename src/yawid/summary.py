@@ -12,9 +12,9 @@ import numpy as np
 
 from yawid.channels.mapping import STOCK_TRAVEL_US, Surface, why_no_surface
 from yawid.channels.stage import Channels
-from yawid.estimation.polynomials import parameter_names
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.polynomials import parameter_names
 from yawid.physics.handling import dutch_roll_level
 from yawid.physics.modes import finite, mode_list, modes
 from yawid.physics.response import early_response

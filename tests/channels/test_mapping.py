@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.blocks import Held, MessageBlock
-from yawid.channels.mapping import Surface, check_selector
+from yawid.channels.mapping import Surface
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -47,7 +47,7 @@ def test_an_output_that_is_off_gives_no_deflection():
 @pytest.mark.parametrize("text", ["servo:0", "servo:33", "servo", "control:8", "rc:0", "4", ""])
 def test_a_selector_that_names_no_channel_is_refused(text):
     with pytest.raises(ConfigError, match="servo:N"):
-        check_selector("rudder", text)
+        RunConfig(rudder=text)
 
 
 def log_with_parameters(parameters: dict[str, float], pwm: list[int]) -> bytes:

@@ -16,7 +16,6 @@ import numpy as np
 
 from yawid.blocks import Floats, MessageBlock
 from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, Vehicle
-from yawid.errors import ConfigError
 
 RUDDER_FUNCTION = 21
 AILERON_FUNCTION = 4
@@ -26,20 +25,6 @@ STOCK_TRAVEL_US = (1100.0, 1500.0, 1900.0)
 """ArduPilot's defaults of SERVOn_MIN, SERVOn_TRIM and SERVOn_MAX."""
 _TRAVEL = ("MIN", "TRIM", "MAX")
 _SERVO_PARAMETER = re.compile(r"SERVO([1-9]\d?)_(FUNCTION|MIN|TRIM|MAX|REVERSED)")
-_SELECTORS = re.compile(r"auto|servo:([1-9]|[12]\d|3[0-2])|control:([0-7])|rc:([1-9]|1[0-8])")
-
-
-def check_selector(name: str, text: str) -> str:
-    """Return a channel selector such as ``auto``, ``servo:4``, ``control:2`` or ``rc:4``.
-
-    Raises:
-        ConfigError: it is none of these, or its number is out of range.
-    """
-    if _SELECTORS.fullmatch(text) is None:
-        raise ConfigError(
-            f"--{name} must be auto, servo:N (1-32), control:K (0-7) or rc:N (1-18), got {text!r}"
-        )
-    return text
 
 
 @dataclass(frozen=True, slots=True)

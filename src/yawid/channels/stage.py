@@ -18,7 +18,6 @@ from yawid.channels.mapping import (
     RUDDER_FUNCTION,
     ParameterTable,
     Surface,
-    check_selector,
     find_surface,
 )
 from yawid.channels.series import SurfaceReader, YawReader
@@ -44,7 +43,7 @@ class Channels:
     """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
 
     Raises:
-        ConfigError: a channel selector is none, or the rate asked for is above the log's own.
+        ConfigError: the rate asked for is above the log's own.
     """
 
     def __init__(self, config: RunConfig) -> None:
@@ -63,7 +62,7 @@ class Channels:
         self._yaw = YawReader()
         self._surface = SurfaceReader(len(config.inputs))
         self._selectors = [
-            (check_selector(name, getattr(config, name)), function)
+            (getattr(config, name), function)
             for name, function in (("rudder", RUDDER_FUNCTION), ("aileron", AILERON_FUNCTION))
             if name in config.inputs
         ]

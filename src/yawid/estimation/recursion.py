@@ -85,11 +85,17 @@ from yawid.estimation.state import (
 
 @jit
 def _over_c(s, theta, register, start, x):
-    """Return x filtered by 1/C(q); the register holds the filter's outputs, newest first."""
+    """Return x filtered by 1/C(q); the register holds the filter's outputs, newest first.
+
+    While lambda(t) is on its way, C's zeros are drawn in as far: an early C may lie at the edge.
+    """
     nc = int(s[NC])
     first = int(s[N]) - nc - int(s[BIAS])
+    contraction = 1.0 - (s[LAMBDA_END] - s[LAMBDA])
+    power = contraction
     for i in range(nc):
-        x -= theta[first + i] * register[start + i]
+        x -= power * theta[first + i] * register[start + i]
+        power *= contraction
     return x
 
 

@@ -29,7 +29,7 @@ COVARIANCE, ECHOES, RESIDUALS, PRODUCTS, SIGNALS, FACTORS, UNITS, DRIFT, INPUTS,
 
 GATHERING, FITTING, RUNNING = 0.0, 1.0, 2.0  # PHASE: fill the window, await the start fit, recurse
 WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # STATUS, as blocks.Status
-PSI_FROM = 100  # rml: updates with psi = phi, until C is good enough to filter by
+PSI_FROM = 150  # rml: updates with psi = phi, until C is good enough to filter by
 FAST = 0.99  # forgetting of the test for divergence
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from yawid.blocks import Ints
-from yawid.sources.chain import STAMP_TOLERANCE_US, stamps_agree
+from yawid.sources.chain import NO_STAMP, STAMP_TOLERANCE_US, stamps_agree
 
 _MOST_PENDING = 8
 
@@ -13,10 +15,10 @@ _MOST_PENDING = 8
 class StampFilter:
     """Sorts records by whether their stamps belong to the stream.
 
-    A stamp belongs if it agrees with that of the last record believed. One that does not stays pending: a
-    later record that agrees with it makes both believed (the clock was set), a later one that agrees with
-    the last record believed drops it (the stamp was damaged). Nothing is lost if the very first stamp is
-    the damaged one.
+    A stamp belongs if it agrees with that of the last record believed. One that does not stays
+    pending: a later record that agrees with it makes both believed (the clock was set), a later one
+    that agrees with the last record believed drops it (the stamp was damaged). Nothing is lost if
+    the very first stamp is the damaged one.
     """
 
     def __init__(self) -> None:
@@ -25,19 +27,19 @@ class StampFilter:
     def sort(self, stamps: Ints, pending: int) -> tuple[Ints | slice, Ints]:
         """Return the rows to believe and the rows that stay pending, both rising.
 
-        ``stamps`` (n,) are those of the records in the order heard; the first ``pending`` of them are what
-        the call before left pending.
+        ``stamps`` (n,) are those of the records in the order heard; the first ``pending`` of them
+        are what the call before left pending.
         """
         fresh = stamps[pending:]
         near = np.abs(np.diff(fresh)) <= STAMP_TOLERANCE_US
-        near &= (fresh[1:] >= 0) & (fresh[:-1] >= 0)
+        near &= (fresh[1:] != NO_STAMP) & (fresh[:-1] != NO_STAMP)
         edges = [0, *(np.flatnonzero(~near) + 1).tolist(), len(fresh)]
         if not pending and len(edges) == 2 and len(fresh) and self._continues(int(fresh[0])):
             self._last = int(fresh[-1])
             return slice(None), np.empty(0, np.int64)
         believed = np.zeros(len(stamps), np.bool_)
         waiting = list(range(pending))
-        for first, stop in zip(edges[:-1], edges[1:], strict=True):
+        for first, stop in pairwise(edges):
             if first == stop:
                 continue
             run = slice(pending + first, pending + stop)
@@ -53,9 +55,10 @@ class StampFilter:
             self._last = int(stamps[run.stop - 1])
         return np.flatnonzero(believed), np.array(waiting, np.int64)
 
-    def settle(self, pending: int) -> bool:
-        """Return whether what is pending at the end is believed: the only record there is."""
-        return self._last is None and pending == 1
+    @property
+    def has_believed(self) -> bool:
+        """Whether any record was believed so far."""
+        return self._last is not None
 
     def _continues(self, stamp: int) -> bool:
         return self._last is not None and stamps_agree(self._last, stamp)

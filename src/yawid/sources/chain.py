@@ -1,21 +1,22 @@
 """Decide which intact frames are records of the stream, and which only look like one.
 
-The stream is walked from front to back; what is decided depends on the bytes alone, never on how they were
-cut. A position is *in step* when the record before it has just ended there.
+The stream is walked from front to back; what is decided depends on the bytes alone, never on how
+they were cut. A position is *in step* when the record before it has just ended there.
 
-1. In step, an intact frame behind its stamp is a record.
-2. In step, a frame that is not intact (wrong CRC, unknown id) is passed over whole if a record header
-   follows it whose stamp agrees with its own, so that nothing inside its payload is believed. If an intact
-   frame ends at that very place, the length is what was damaged, and 3 applies.
+1. In step, an intact frame behind its stamp is a record. 2. In step, a frame that is not intact
+(wrong CRC, unknown id) is passed over whole if a record header
+   follows whose stamp agrees with its own, so that nothing inside its payload is believed; at the
+   end of the stream the stamp before it must agree. If an intact frame ends at that very place, it
+   is the length that was damaged, and 3 applies.
 3. Otherwise the next intact frame is looked for byte by byte.
 
-A frame inside an intact one is never looked at. A frame whose stamp would reach into the frame before has
-none: it hides what is inside it and is no record.
+A frame inside an intact one is never looked at. A frame whose stamp would reach into the frame
+before has none: it hides what is inside it and is no record.
 """
 
 from __future__ import annotations
 
-from enum import Enum
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,106 +33,131 @@ from yawid.sources.framing import (
 from yawid.sources.messages import UNKNOWN, Definitions
 
 STAMP_TOLERANCE_US = 3 * 86400 * 1_000_000
+NO_STAMP = -1
+_LATEST_US = 1 << 53  # the year 2255
+_NOT_YET = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Bytes not yet decided, ``data[start:stop]``, and the intact ``frames`` in them.
+
+    ``open_from`` is that of :func:`find_frames`. With ``final`` no more bytes will come and
+    everything is to be decided.
+    """
+
+    data: Bytes
+    start: int
+    stop: int
+    frames: Frames
+    open_from: int
+    final: bool
+
+    def first_at(self, position: int) -> int:
+        """Return the row of the first intact frame that begins at ``position`` or later."""
+        return int(np.searchsorted(self.frames.begin, position))
+
+    def is_settled(self, row: int) -> bool:
+        """Return whether there is such a row and nothing before it can still become intact."""
+        if row == len(self.frames):
+            return False
+        return self.final or bool(self.frames.begin[row] < self.open_from)
+
+    def stamp(self, at: int) -> int:
+        """Return the stamp that stands at a position, ``NO_STAMP`` if out of range."""
+        stamp = int.from_bytes(self.data[at : at + STAMP_SIZE].tobytes(), "big")
+        return stamp if stamp <= _LATEST_US else NO_STAMP
 
 
 def stamps_agree(a: int, b: int) -> bool:
     """Return whether two stamps may stand side by side: both in range and within 3 days."""
-    return a >= 0 and b >= 0 and abs(a - b) <= STAMP_TOLERANCE_US
+    return NO_STAMP not in (a, b) and abs(a - b) <= STAMP_TOLERANCE_US
 
 
 def stamps_of(data: Bytes, begin: Ints) -> Ints:
-    """Return the stamps (n,) in microseconds in front of the frames; out of range is negative."""
+    """Return the stamps (n,) in microseconds in front of frames, ``NO_STAMP`` if out of range."""
     stamp_at = np.ndarray((len(data) - STAMP_SIZE + 1,), ">i8", data, 0, (1,))
-    return stamp_at[begin - STAMP_SIZE].astype(np.int64)
-
-
-class _Pass(Enum):
-    """What is to be done with a record that is not intact."""
-
-    WAIT = 0  # the bytes that decide have not come yet
-    SEARCH = 1
+    stamps = stamp_at[begin - STAMP_SIZE].astype(np.int64)
+    stamps[(stamps < 0) | (stamps > _LATEST_US)] = NO_STAMP
+    return stamps
 
 
 class Chain:
-    """The walk along one stream. ``bad_crc`` and ``unknown`` count the records passed over whole."""
+    """The walk along one stream.
+
+    ``bad_crc`` and ``unknown`` count the records passed over whole, ``passed_bytes`` their size,
+    and ``unstamped`` the intact frames that have no stamp.
+    """
 
     def __init__(self, known: Definitions) -> None:
         self.bad_crc = 0
         self.unknown = 0
         self.passed_bytes = 0
+        self.unstamped = 0
         self._known = known
         self._in_step = True
-        self._last_stamp = -1
+        self._last_stamp = NO_STAMP
 
-    def walk(
-        self, data: Bytes, start: int, stop: int, frames: Frames, open_from: int, *, final: bool
-    ) -> tuple[Ints | slice, int]:
-        """Return the rows of ``frames`` that are records, and the position up to which all is decided.
-
-        ``data[start:stop]`` are the bytes not yet decided and ``open_from`` is that of
-        :func:`find_frames`. With ``final`` no more bytes will come and everything is decided.
-        """
-        begin, end = frames.begin, frames.end
-        if final:
-            open_from = stop
-        run_ends = np.append(np.flatnonzero(begin[1:] != end[:-1] + STAMP_SIZE), len(begin) - 1)
+    def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
+        """Return the rows of the frames that are records, and where the undecided bytes begin."""
+        begin, end = stretch.frames.begin, stretch.frames.end
+        run_ends = np.append(np.flatnonzero(begin[1:] != end[:-1] + STAMP_SIZE) + 1, len(begin))
         runs: list[tuple[int, int]] = []
-        at = start
+        at = stretch.start
         while True:
-            row = int(np.searchsorted(begin, at + STAMP_SIZE))
+            row = stretch.first_at(at + STAMP_SIZE)
             is_here = row < len(begin) and begin[row] == at + STAMP_SIZE
-            if is_here and (self._in_step or begin[row] < open_from):
-                last = int(run_ends[np.searchsorted(run_ends, row)])
-                runs.append((row, last + 1))
-                at, self._in_step = int(end[last]), True
-                self._last_stamp = int(stamps_of(data, begin[last : last + 1])[0])
+            if is_here and (self._in_step or stretch.is_settled(row)):
+                after = int(run_ends[np.searchsorted(run_ends, row, side="right")])
+                runs.append((row, after))
+                at, self._in_step = int(end[after - 1]), True
+                self._last_stamp = stretch.stamp(int(begin[after - 1]) - STAMP_SIZE)
                 continue
             if self._in_step:
-                after = self._pass_over(data, at, stop, frames, final=final)
-                if after is _Pass.WAIT:
+                passed = self._pass_over(stretch, at)
+                if passed == _NOT_YET:
                     return _rows(runs, len(begin)), at
-                if isinstance(after, int):
-                    at = after
+                if passed is not None:
+                    at = passed
                     continue
                 self._in_step = False
-            row = int(np.searchsorted(begin, at))
-            if row == len(begin) or begin[row] >= open_from:
+            row = stretch.first_at(at)
+            if not stretch.is_settled(row):
                 break
             has_stamp = begin[row] >= at + STAMP_SIZE
             at = int(begin[row] - STAMP_SIZE if has_stamp else end[row])
             self._in_step = not has_stamp
-        decided = stop if final else max(at, open_from - STAMP_SIZE)
-        return _rows(runs, len(begin)), decided
+            self.unstamped += not has_stamp
+        searched = stretch.stop if stretch.final else stretch.open_from - STAMP_SIZE
+        return _rows(runs, len(begin)), max(at, searched)
 
-    def _pass_over(
-        self, data: Bytes, at: int, stop: int, frames: Frames, *, final: bool
-    ) -> int | _Pass:
-        """Return where the record at ``at``, in step and not intact, ends; or what else to do."""
+    def _pass_over(self, stretch: Stretch, at: int) -> int | None:
+        """Return where the damaged or unknown record at ``at`` ends.
+
+        None if there is no such record, ``_NOT_YET`` if the bytes that decide have not come.
+        """
         begin = at + STAMP_SIZE
-        if begin + LONGEST_HEADER > stop:
-            return _Pass.SEARCH if final else _Pass.WAIT
-        header = read_header(data, begin, self._known)
+        undecided = None if stretch.final else _NOT_YET
+        if begin + LONGEST_HEADER > stretch.stop:
+            return undecided
+        header = read_header(stretch.data, begin, self._known)
         if header is None:
-            return _Pass.SEARCH
+            return None
         after = begin + header.size
-        at_the_end = final and after == stop
-        if after + STAMP_SIZE >= stop and not at_the_end:
-            return _Pass.SEARCH if final else _Pass.WAIT
-        neighbour = self._last_stamp if at_the_end else _stamp(data, after)
-        follows = at_the_end or data[after + STAMP_SIZE] in (MAGIC_V1, MAGIC_V2)
-        if not follows or not stamps_agree(_stamp(data, at), neighbour):
-            return _Pass.SEARCH
-        inside = slice(*np.searchsorted(frames.begin, (begin + 1, after)))
-        if (frames.end[inside] == after).any():
-            return _Pass.SEARCH
+        at_the_end = stretch.final and after == stretch.stop
+        if after + STAMP_SIZE >= stretch.stop and not at_the_end:
+            return undecided
+        neighbour = self._last_stamp if at_the_end else stretch.stamp(after)
+        follows = at_the_end or stretch.data[after + STAMP_SIZE] in (MAGIC_V1, MAGIC_V2)
+        if not follows or not stamps_agree(stretch.stamp(at), neighbour):
+            return None
+        inside = slice(stretch.first_at(begin + 1), stretch.first_at(after))
+        if (stretch.frames.end[inside] == after).any():
+            return None
         self.unknown += header.row == UNKNOWN
         self.bad_crc += header.row != UNKNOWN
         self.passed_bytes += after - at
         return after
-
-
-def _stamp(data: Bytes, at: int) -> int:
-    return int.from_bytes(data[at : at + STAMP_SIZE].tobytes(), "big", signed=True)
 
 
 def _rows(runs: list[tuple[int, int]], count: int) -> Ints | slice:

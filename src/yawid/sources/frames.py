@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
 from yawid.sources.belief import StampFilter
-from yawid.sources.chain import Chain, stamps_of
+from yawid.sources.chain import Chain, Stretch, stamps_of
 from yawid.sources.framing import SLACK, STAMP_SIZE, Frames, find_frames
 from yawid.sources.link import LinkStats, Tally
 from yawid.sources.messages import definitions, dtype_of
@@ -35,18 +35,19 @@ _NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
 
 
 class Decoder:
-    """Turns the bytes of a tlog, cut anywhere, into messages; the cuts change nothing in what comes out.
+    """Turns the bytes of a tlog, cut anywhere, into messages; no cut changes what comes out.
 
-    A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record whose
-    stamp and frame are intact is found, whatever stands around it, and none is invented: see ``chain`` and
-    ``belief`` for the rules. A damaged stamp that stays within 3 days of its neighbours cannot be seen.
+    A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record
+    whose stamp and frame are intact is found, whatever stands around it, and none is invented: see
+    ``chain`` and ``belief`` for the rules. A damaged stamp that stays within 3 days of its
+    neighbours cannot be seen.
 
     Raises:
         ConfigError: a name in ``wanted`` is no message of the dialect.
     """
 
     def __init__(self, wanted: Iterable[str] = DEFAULT) -> None:
-        np.empty(1 << 24, np.uint8)
+        _keep_freed_memory()
         self._known = definitions()
         self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
         self._chain = Chain(self._known)
@@ -83,7 +84,8 @@ class Decoder:
         stop = len(joined) - SLACK
         buffer = np.frombuffer(joined, np.uint8)
         found, open_from = find_frames(buffer, start, stop, self._known)
-        rows, decided = self._chain.walk(buffer, start, stop, found, open_from, final=final)
+        stretch = Stretch(buffer, start, stop, found, open_from, final)
+        rows, decided = self._chain.walk(stretch)
         records = found.select(rows)
         order = records.begin + (self._decided - STAMP_SIZE - start)
         self._tail = joined[decided:stop]
@@ -99,7 +101,8 @@ class Decoder:
         """Count the records whose stamps fit and return them; hold back those that are pending."""
         stamps = stamps_of(buffer, records.begin)
         rows, pending = self._filter.sort(stamps, len(self._held_order))
-        if final and self._filter.settle(len(pending)):
+        is_alone = len(pending) == 1 and not self._filter.has_believed
+        if final and is_alone and not self._chain.unstamped:
             rows, pending = pending, pending[:0]
         self._hold(joined, records.select(pending), order[pending])
         if final:
@@ -139,6 +142,11 @@ class Decoder:
                 columns = order[rows], stamps[rows], sysid[rows], compid[rows], fields
                 messages[name] = MessageBlock(name, *columns)
         return FrameBlock(messages) if messages else None
+
+
+def _keep_freed_memory() -> None:
+    """Free a large block once: from then on glibc keeps what NumPy frees, not unmaps it."""
+    np.empty(1 << 24, np.uint8)
 
 
 def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -27,8 +27,8 @@ CRC_SIZE = 2
 class Frames:
     """Frames in an array of bytes, a row each, by rising position.
 
-    ``begin`` (n,) is the position of the magic, ``end`` one past the last byte, ``payload`` and ``length``
-    where the payload lies, ``row`` the message's row in :class:`Definitions`.
+    ``begin`` (n,) is the position of the magic, ``end`` one past the last byte, ``payload`` and
+    ``length`` where the payload lies, ``row`` the message's row in :class:`Definitions`.
     """
 
     begin: Ints
@@ -44,10 +44,6 @@ class Frames:
         """Return the rows chosen by an index array or a slice."""
         return Frames(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def moved(self, by: int) -> Frames:
-        """Return the same frames for an array in which they stand ``by`` bytes later."""
-        return Frames(self.begin + by, self.end + by, self.payload + by, self.length, self.row)
-
     def joined(self, other: Frames) -> Frames:
         """Return these frames and then the others."""
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
@@ -55,14 +51,14 @@ class Frames:
 
 
 class Header(NamedTuple):
-    """One frame's header: its whole ``size`` in bytes and the ``row`` of its message or ``UNKNOWN``."""
+    """The ``size`` in bytes of a whole frame and the ``row`` of its message or ``UNKNOWN``."""
 
     size: int
     row: int
 
 
 def frame_size(head: bytes) -> int | None:
-    """Return the size of the frame whose first three bytes are given, None if no frame begins so."""
+    """Return the size of the frame that begins with these three bytes, None if none does."""
     if len(head) < 3:
         return None
     if head[0] == MAGIC_V1:
@@ -85,11 +81,11 @@ def read_header(data: Bytes, begin: int, known: Definitions) -> Header | None:
 
 
 def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple[Frames, int]:
-    """Return the intact frames in ``data[start:stop]`` and the position from which more may be found.
+    """Return the intact frames in ``data[start:stop]`` and where more may yet be found.
 
-    That position is where the first frame begins that could be intact once bytes after ``stop`` are known
-    (``stop`` itself if there is none): frames that begin before it can no longer change. ``data`` has
-    ``SLACK`` bytes after ``stop`` and ``start`` is at least ``STAMP_SIZE``.
+    That position is where the first frame begins that could be intact once bytes after ``stop`` are
+    known (``stop`` itself if there is none): frames that begin before it can no longer change.
+    ``data`` has ``SLACK`` bytes after ``stop`` and ``start`` is at least ``STAMP_SIZE``.
     """
     window = data[start:stop]
     at = np.flatnonzero((window == MAGIC_V1) | (window == MAGIC_V2)) + start
@@ -128,12 +124,12 @@ def _parse_v2(data: Bytes, at: Ints, known: Definitions) -> Frames:
 
 
 def _finished(frames: Frames, stop: int) -> tuple[Frames, int]:
-    """Return the frames that end by ``stop`` and where the first of the others begins (or ``stop``)."""
+    """Return the frames that end by ``stop`` and where the first of the others begins."""
     unfinished = np.flatnonzero(frames.end > stop)
     if not len(unfinished):
         return frames, stop
     first = int(unfinished[0])
-    rows = slice(0, first)
+    rows: slice | Ints = slice(0, first)
     if first + len(unfinished) < len(frames):
         rows = np.flatnonzero(frames.end <= stop)
     return frames.select(rows), int(frames.begin[first])

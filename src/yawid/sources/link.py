@@ -23,12 +23,12 @@ _RESTART = 127  # a larger step of the sequence is a reboot or a duplicate, not 
 class LinkStats:
     """What has been read so far.
 
-    ``frames`` counts the records whose stamp and frame are intact, of all senders, ``signed`` those of
-    them that carry a signature (which nobody has checked) and ``senders`` splits them by (sysid, compid).
-    ``bad_crc`` and ``unknown`` count records passed over whole because the CRC was wrong or the message
-    id unknown; ``skipped_bytes`` are the bytes in no record of these three kinds. ``lost`` counts the
-    frames missing by sequence number, ground stations left out. ``first_us`` and ``last_us`` are
-    the receive stamps of the first and last record, None before there is one.
+    ``frames`` counts the records whose stamp and frame are intact, of all senders, ``signed`` those
+    of them that carry a signature (which nobody has checked) and ``senders`` splits them by (sysid,
+    compid). ``bad_crc`` and ``unknown`` count records passed over whole because the CRC was wrong
+    or the message id unknown; ``skipped_bytes`` are the bytes in no record of these three kinds.
+    ``lost`` counts the frames missing by sequence number, ground stations left out. ``first_us``
+    and ``last_us`` are the receive stamps of the first and last record, None before there is one.
     """
 
     frames: int

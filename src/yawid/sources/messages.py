@@ -27,8 +27,9 @@ _SCALARS = {
 class Definitions:
     """The dialect's messages, a row each.
 
-    ``row_of`` (65536,) is the row of a message id or ``UNKNOWN``. ``crc_extra`` (n,) and ``fits_v1``
-    (n, 256), the payload lengths a MAVLink 1 frame may have, are by row; ``names`` gives the row by name.
+    ``row_of`` (65536,) is the row of a message id or ``UNKNOWN``. ``crc_extra`` (n,) and
+    ``fits_v1`` (n, 256), the payload lengths a MAVLink 1 frame may have, are by row; ``names``
+    gives the row by name.
     """
 
     row_of: NDArray[np.int16]
@@ -91,8 +92,8 @@ def _wire_fields(cls: Any) -> Iterator[tuple[str, str, int]]:
 def _lengths_v1(cls: Any) -> Iterator[int]:
     """Yield the payload lengths of MAVLink 1: without extensions, or with some of them.
 
-    The class does not say where the extensions begin, but CRC_EXTRA is the check sum of the base fields
-    alone: it is met at the first field where they may end.
+    The class does not say where the extensions begin, but CRC_EXTRA is the check sum of the base
+    fields alone: it is met at the first field where they may end.
     """
     from pymavlink.generator.mavcrc import x25crc
 

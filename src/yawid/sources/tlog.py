@@ -10,7 +10,7 @@ import numpy as np
 
 from yawid.errors import SourceError
 from yawid.sources.frames import Decoder
-from yawid.sources.framing import SLACK, STAMP_SIZE, find_frames
+from yawid.sources.framing import SLACK, find_frames
 from yawid.sources.messages import definitions
 
 CHUNK = 1 << 21  # what the decoder works on at once
@@ -35,7 +35,8 @@ def check_readable(path: Path) -> None:
     """Read the head of a log and return if it is one.
 
     Raises:
-        SourceError: there is no such file, it cannot be read, or its first MiB holds no intact record.
+        SourceError: there is no such file, it cannot be read, or its first MiB holds no intact
+        record.
     """
     next(read_tlog(path))
 
@@ -92,7 +93,10 @@ def _what_it_is(head: bytes) -> str:
             "is a text file, not MAVLink (MSBuild calls its files .tlog too): give a telemetry log"
         )
     if _has_bare_frames(head):
-        return "holds MAVLink frames without time stamps (.rlog, .raw): give the .tlog recorded beside it"
+        return (
+            "holds MAVLink frames without time stamps (.rlog, .raw): "
+            "give the .tlog recorded beside it"
+        )
     return "holds no intact MAVLink record in its first MiB: give a telemetry log (.tlog)"
 
 
@@ -107,5 +111,5 @@ def _is_text(head: bytes) -> bool:
 def _has_bare_frames(head: bytes) -> bool:
     room = bytes(SLACK)
     data = np.frombuffer(b"".join((room, head, room)), np.uint8)
-    found, _ = find_frames(data, SLACK - STAMP_SIZE, SLACK + len(head), definitions())
+    found, _ = find_frames(data, SLACK, SLACK + len(head), definitions())
     return len(found) > 0

@@ -42,7 +42,8 @@ def parse_endpoint(text: str) -> Endpoint:
     """Return the endpoint that a pymavlink connection string names.
 
     Raises:
-        ConfigError: it is not of the form ``udpin:HOST:PORT``; the message gives the right spellings.
+        ConfigError: it is not of the form ``udpin:HOST:PORT``; the message gives the right
+        spellings.
     """
     kind, _, rest = text.partition(":")
     host, _, port = rest.rpartition(":")
@@ -57,7 +58,10 @@ def _spellings(text: str) -> str:
     """Give both right spellings, with the port that was meant if one can be seen."""
     match = re.search(r"(\d+)$", text)
     port = match[1] if match and 0 < int(match[1]) < 65536 else "14560"
-    return f"write udpin:127.0.0.1:{port} (from this machine) or udpin:0.0.0.0:{port} (from the network)"
+    return (
+        f"write udpin:127.0.0.1:{port} (from this machine) "
+        f"or udpin:0.0.0.0:{port} (from the network)"
+    )
 
 
 def split_datagram(datagram: bytes) -> Iterator[bytes]:
@@ -76,10 +80,11 @@ def split_datagram(datagram: bytes) -> Iterator[bytes]:
 class UdpTap:
     """Listens on a UDP port of its own and hands out what it hears as tlog records.
 
-    A thread takes datagrams off the socket, stamps and queues them; :meth:`read` turns them into records.
-    All frames of a datagram carry its stamp and stamps never decrease. ``datagrams`` counts those heard,
-    ``dropped`` those for which the queue of ``queue_size`` had no room, ``skipped_bytes`` the bytes heard that
-    are in no frame. ``receive_buffer`` is the socket's buffer in bytes as the system reports it.
+    A thread takes datagrams off the socket, stamps and queues them; :meth:`read` turns them into
+    records. All frames of a datagram carry its stamp and stamps never decrease. ``datagrams``
+    counts those heard, ``dropped`` those for which the queue of ``queue_size`` had no room,
+    ``skipped_bytes`` the bytes heard that are in no frame. ``receive_buffer`` is the socket's
+    buffer in bytes as the system reports it.
 
     Raises:
         SourceError: the address cannot be listened on.
@@ -158,7 +163,7 @@ class UdpTap:
 
 
 def _bound(endpoint: Endpoint) -> socket.socket:
-    """Return a socket that listens; without SO_REUSEADDR, so that nobody takes the port unnoticed."""
+    """Return a listening socket; with SO_REUSEADDR the next program could take the port unseen."""
     tap = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
