@@ -37,6 +37,17 @@ class Held(IntFlag):
     RUDDER_INVALID = 4
     YAW_INVALID = 8
     RUDDER_CHANGED = 16
+    ON_GROUND = 32
+    NO_AIRSPEED = 64
+
+
+class Noted(IntFlag):
+    """What is worth knowing of a sample that updates the estimators all the same."""
+
+    NONE = 0
+    SATURATED = 1
+    MODE_CHANGED = 2
+    AIRSPEED_CHANGED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +110,9 @@ class SampleBlock:
     y: Floats
     yaw: Floats
     roll: Floats
+    turn: Floats
+    airspeed: Floats
+    noted: Ints
     held: Ints
     epoch: Ints
 

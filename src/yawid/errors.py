@@ -19,3 +19,7 @@ class ChannelError(YawidError):
 
 class SinkError(YawidError):
     """A file or viewer that cannot be written."""
+
+
+class NotIdentifiable(YawidError):
+    """A record that cannot answer: it does not have the form asked for, or shows too little of it."""

@@ -12,8 +12,15 @@ from typing import Any
 from yawid.config import ENGINES, METHODS, ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 
+OUTPUTS = ("yaw-rate", "heading-rate", "yaw")
 INPUTS = (("rudder",), ("rudder", "aileron"))
-SELECTORS = re.compile(r"auto|servo:([1-9]|[12]\d|3[0-2])|control:([0-7])|rc:([1-9]|1[0-8])")
+_SERVO = r"([1-9]|[12]\d|3[0-2])"
+SELECTORS = {
+    "rudder": re.compile(
+        rf"auto|servo:{_SERVO}|vtail:{_SERVO},{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
+    ),
+    "aileron": re.compile(rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"),
+}
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 
@@ -23,9 +30,9 @@ class RunConfig:
     """One run of the pipeline; each field is the command-line option of the same name.
 
     ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
-    ``rate`` in Hz (None: 20, or the rate of the slower channel), ``from_s`` and ``to_s`` in seconds
-    since boot, ``rudder_max_deg`` the deflection at full travel (None: one unit is half the
-    travel).
+    ``rate`` in Hz (None: 20, or the rate of the slower channel), ``band`` in Hz (None: no filter),
+    ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
+    (None: one unit is half the travel).
 
     Raises:
         ConfigError: a value outside its limits.
@@ -38,7 +45,10 @@ class RunConfig:
     memory: float | None = None
     forgetting: float | None = None
     rate: float | None = None
+    band: tuple[float, float] | None = None
     inputs: tuple[str, ...] = ("rudder",)
+    output: str = "yaw-rate"
+    turn: str = "keep"
     rudder: str = "auto"
     aileron: str = "auto"
     rudder_sign: str = "nose-right"
@@ -73,11 +83,14 @@ class RunConfig:
             given = ",".join(self.inputs)
             raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
         self.armax_orders()
+        _check_choice("output", self.output, OUTPUTS)
+        _check_choice("turn", self.turn, ("keep", "remove"))
         _check_choice("rudder-sign", self.rudder_sign, ("nose-right", "nose-left"))
-        for name in ("rudder", "aileron"):
+        for name, allowed in SELECTORS.items():
             selector = getattr(self, name)
-            if SELECTORS.fullmatch(selector) is None:
+            if allowed.fullmatch(selector) is None:
                 choices = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
+                choices = "vtail:L,R, " + choices if name == "rudder" else choices
                 raise ConfigError(f"--{name} must be {choices}, got {selector!r}")
         if self.sysid is not None and not 1 <= self.sysid <= 255:
             raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
@@ -90,6 +103,10 @@ class RunConfig:
                 raise ConfigError(f"--{option} must be > 0 and finite, got {value!r}")
         if self.rate is not None and not 0.1 <= self.rate <= 1000.0:
             raise ConfigError(f"--rate must lie in 0.1 to 1000 Hz, got {self.rate!r}")
+        if self.band is not None:
+            object.__setattr__(self, "band", tuple(self.band))
+            if len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf:
+                raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {self.band!r}")
         for name in ("from_s", "to_s"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
@@ -98,8 +115,13 @@ class RunConfig:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
 
     def armax_orders(self) -> ArmaxOrders:
-        """Return the orders with nb and nk for every input."""
+        """Return the orders with nb and nk for every input.
+
+        With the yaw angle as output nb is one more: its difference quotient is the mean of the rate
+        over the interval before, which answers to one input more than the rate at an instant.
+        """
         na, nb, nc, nk = self.orders
+        nb += self.output == "yaw"
         count = len(self.inputs)
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
 
@@ -164,9 +186,10 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _typed(name: str, value: Any, where: str) -> Any:
-    if name in ("orders", "inputs"):
+    lists: dict[str, type] = {"orders": int, "inputs": str, "band": float}
+    if name in lists:
         parts = value.split(",") if isinstance(value, str) else value
-        kind = int if name == "orders" else str
+        kind = lists[name]
         try:
             return tuple(kind(part) for part in parts)
         except (TypeError, ValueError) as error:

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from yawid.channels.mapping import STOCK_TRAVEL_US, Surface, why_no_surface
+from yawid.channels.mapping import why_no_surface
+from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
-from yawid.estimation.bank import Bank
+from yawid.channels.surface import Surface
+from yawid.estimation.bank import Bank, History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import parameter_names
 from yawid.physics.handling import dutch_roll_level
@@ -25,6 +27,7 @@ from yawid.verdict import (
     Verdict,
     agreement_reasons,
     estimate_reasons,
+    flight_reasons,
     input_reasons,
     rate_reasons,
 )
@@ -93,10 +96,11 @@ def _channels(channels: Channels) -> dict[str, Any]:
 
 def _surface(surface: Surface) -> dict[str, Any]:
     described: dict[str, Any] = {"source": surface.source, "how": surface.how}
-    if surface.travel_us is not None:
+    first = surface.parts[0]
+    if first.travel_us is not None:
         names = ("min_us", "trim_us", "max_us")
-        described |= dict(zip(names, surface.travel_us, strict=True))
-        described["reversed"] = surface.reversed
+        described |= dict(zip(names, first.travel_us, strict=True))
+        described["reversed"] = first.reversed
     return described
 
 
@@ -144,11 +148,9 @@ def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
 def _fit(bank: Bank, method: str) -> dict[str, float]:
     estimator = bank.estimators[method]
     theta, config = bank.last[method].theta[-1], estimator.config
-    # A model that forgets is asked about what it still remembers: three times its memory.
-    memory = 1.0 - config.forgetting_factor
-    newest = slice(-math.ceil(3.0 / memory) if memory > 0.0 else None, None)
-    u, y, y_hat = (column[newest] for column in bank.record(method))
-    simulated = simulate(theta, config.orders, config.bias, u, y)
+    history = _remembered(bank)
+    y, y_hat = history.y, history.y_hat[method]
+    simulated = simulate(theta, config.orders, config.bias, history.u, y)
     return finite(
         {
             "one_step_pct": fit_percent(y, y_hat),
@@ -159,6 +161,13 @@ def _fit(bank: Bank, method: str) -> dict[str, float]:
             "spr_margin": estimator.spr_margin,
         }
     )
+
+
+def _remembered(bank: Bank) -> History:
+    """Return what a model that forgets can be asked about: three times its memory."""
+    forgotten = 1.0 - bank.config.forgetting_factor(bank.sample_time_s)
+    history = bank.history()
+    return history.newest(math.ceil(3.0 / forgotten)) if forgotten > 0.0 else history
 
 
 def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
@@ -187,7 +196,9 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
     wn = float(primary.dutch_roll[0])
     reasons += rate_reasons(yaw_hz, rudder_hz, 1.0 / bank.sample_time_s, wn)
     travel_unit = abs(channels.surfaces[0].scale)
-    reasons += input_reasons(config.inputs, bank.record(config.method)[0], travel_unit)
+    history = _remembered(bank)
+    reasons += input_reasons(config.inputs, history.u, travel_unit)
+    reasons += flight_reasons(history, config.turn)
     reasons += estimate_reasons(config.method, primary)
     reasons += agreement_reasons(evidence)
     return reasons
@@ -197,7 +208,7 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
     reasons = []
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
         if "assumed" in surface.how:
-            low, trim, high = surface.travel_us or STOCK_TRAVEL_US
+            low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
             reasons.append(
                 Reason(
                     "rudder_assumed",

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats, Status
+from yawid.estimation.bank import History
 
 EXIT_CODES = {
     "no_vehicle": 3,
@@ -35,9 +36,13 @@ LEAST_TRAVEL = 0.02
 """A rudder whose middle 98 % stays within this part of half its travel has not been moved."""
 COLLINEAR = 0.995
 """Correlation of two inputs from which their effects cannot be told apart."""
+TURN_DOMINATED = 0.6
+"""Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
+AIRSPEED_SHARE = 0.1
+CLOSED_LOOP = 0.8
 UNCERTAIN = 0.25
 """A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
-LEAST_SIMULATION_PCT = 20.0
+LEAST_SIMULATION_PCT = 10.0
 """A free-running model that tells less of the yaw rate than this has learned something else."""
 SATURATED_SHARE = 0.05
 WHITE_P = 0.01
@@ -154,6 +159,52 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Ite
                     f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}): "
                     "their effects cannot be told apart",
                 )
+
+
+def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
+    """Judge the flying: turns that hide the rudder, another airspeed, a rudder that only reacts."""
+    y, u = history.y, history.u[:, 0]
+    rows = np.isfinite(y) & np.isfinite(u)
+    turning = rows & np.isfinite(history.turn)
+    r = _correlation(y[turning], history.turn[turning])
+    if turn == "keep" and r > TURN_DOMINATED:
+        yield Reason(
+            "turn_dominated",
+            f"the yaw rate follows the bank (correlation {r:+.2f} with the turn rate), not the "
+            "rudder: try --turn remove with --band",
+        )
+    speed = history.airspeed[rows & np.isfinite(history.airspeed)]
+    if len(speed) > 1:
+        low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
+        if high - low > 2.0 * AIRSPEED_SHARE * middle:
+            yield Reason(
+                "airspeed_changed",
+                f"the airspeed went from {low:.1f} to {high:.1f} m/s: wn and the gain go with it",
+            )
+    explained = _explained(u[rows], np.column_stack([y, history.roll])[rows])
+    if explained > CLOSED_LOOP:
+        yield Reason(
+            "closed_loop",
+            f"yaw rate and roll explain {100 * explained:.0f} % of the rudder: it reacts more "
+            "than it excites",
+        )
+
+
+def _correlation(a: Floats, b: Floats) -> float:
+    if len(a) < 3 or a.std() == 0.0 or b.std() == 0.0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def _explained(target: Floats, causes: Floats) -> float:
+    """Return R^2 of a linear regression with intercept."""
+    good = np.isfinite(causes).all(axis=1)
+    target, causes = target[good], causes[good]
+    if len(target) < 10 or target.std() == 0.0:
+        return 0.0
+    columns = np.column_stack([causes, np.ones(len(target))])
+    coefficients = np.linalg.lstsq(columns, target, rcond=None)[0]
+    return 1.0 - float(np.var(target - columns @ coefficients) / np.var(target))
 
 
 def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:

@@ -7,7 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.blocks import Held, MessageBlock
-from yawid.channels.mapping import Surface
+from yawid.channels.mapping import find_surface
+from yawid.channels.parameters import ParameterTable
+from yawid.channels.surface import Part, Surface
+from yawid.channels.vehicle import ARDUPILOT, PX4, Vehicle
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -32,14 +35,14 @@ def test_the_deflection_is_what_ardupilot_turned_into_the_pulse(low, trim, high,
     value = -command if reverse else command
     pulse = trim + value * ((high - trim) if value > 0 else (trim - low))
 
-    surface = Surface("SERVO_OUTPUT_RAW", 4, "parameter", (low, trim, high), reverse)
+    surface = Surface("SERVO_OUTPUT_RAW", "parameter", (Part(4, (low, trim, high), reverse),))
     found = surface.deflection(servo_block([round(pulse)]))
 
     assert abs(found[0] - command) <= 0.5 / min(high - trim, trim - low) + 1e-12
 
 
 def test_an_output_that_is_off_gives_no_deflection():
-    surface = Surface("SERVO_OUTPUT_RAW", 4, "parameter", (1100.0, 1500.0, 1900.0))
+    surface = Surface("SERVO_OUTPUT_RAW", "parameter", (Part(4, (1100.0, 1500.0, 1900.0)),))
 
     assert np.isnan(surface.deflection(servo_block([0, 65535]))).all()
 
@@ -82,7 +85,8 @@ def test_without_any_function_the_stock_channel_is_an_assumption():
     found = samples_of(log_with_parameters({}, [1500, 0, 0, 1700]))
 
     surface = found.channels.surfaces[0]
-    assert (surface.number, surface.how, surface.travel_us) == (4, "assumed", (1100, 1500, 1900))
+    assert surface.how == "assumed"
+    assert surface.parts == (Part(4, (1100.0, 1500.0, 1900.0)),)
     np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
 
 
@@ -143,3 +147,104 @@ def test_a_rudder_found_on_another_channel_than_assumed_starts_a_new_epoch():
     first = np.flatnonzero(found.epoch == 1)[0]
     assert found.held[first] == Held.RUDDER_CHANGED
     np.testing.assert_allclose(found.u[first + 1 :, 0], 0.5)
+
+
+def mixed(left: float, right: float) -> list[int]:
+    """Pulses of servo 2 (left) and 3 (right) for outputs on -1..1 with the stock travel."""
+    return [1500, round(1500 + 400 * left), round(1500 + 400 * right), 1500]
+
+
+@given(
+    rudder=st.floats(-0.9, 0.9),
+    elevator=st.floats(-0.9, 0.9),
+    gain=st.floats(0.3, 0.55),
+    offset=st.integers(-30, 30),
+)
+def test_a_v_tail_is_unmixed_as_ardupilot_mixed_it(rudder, elevator, gain, offset):
+    # channel_function_mixer of ArduPlane/servos.cpp: offset < 0 scales the elevator.
+    e = elevator * (1.0 - offset / 100.0 if offset < 0 else 1.0)
+    r = rudder * (1.0 + offset / 100.0 if offset > 0 else 1.0)
+    left, right = (e + r) * gain, (e - r) * gain
+    table = ParameterTable()
+    table.values = {
+        "SERVO2_FUNCTION": 79.0,
+        "SERVO3_FUNCTION": 80.0,
+        "MIXING_GAIN": gain,
+        "MIXING_OFFSET": float(offset),
+    }
+    found = find_surface("rudder", "auto", PLANE, table, frozenset())
+    pulses = mixed(left, right)
+    fields = np.zeros(1, [(f"servo{i}_raw", "u2") for i in range(1, 17)])
+    for i, pulse in enumerate(pulses):
+        fields[f"servo{i + 1}_raw"] = pulse
+    one = np.ones(1, np.uint8)
+    block = MessageBlock("SERVO_OUTPUT_RAW", one, one, one, one, fields)
+
+    value = found.deflection(block)[0]
+
+    if max(abs(left), abs(right)) < 0.99:
+        assert value == pytest.approx(rudder, abs=1.0 / (400 * 2 * gain) * 1.01)
+    if max(abs(left), abs(right)) > 1.0:
+        assert np.isnan(value)
+
+
+PLANE = Vehicle(sysid=1, compid=1, type=1, autopilot=ARDUPILOT, order=0)
+PX4_PLANE = Vehicle(sysid=1, compid=1, type=1, autopilot=PX4, order=0)
+
+
+@pytest.mark.parametrize(
+    ("functions", "weights"),
+    [
+        ({"SERVO5_FUNCTION": 4.0}, [(5, 1.0)]),
+        ({"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0}, [(1, -1.0), (2, 1.0)]),
+        ({"SERVO1_FUNCTION": 24.0, "SERVO2_FUNCTION": 25.0}, [(1, 0.5), (2, 0.5)]),
+        ({"SERVO1_FUNCTION": 4.0, "SERVO7_FUNCTION": 4.0}, [(1, 1.0)]),
+    ],
+)
+def test_the_aileron_is_found_as_ailerons_elevons_or_flaperons(functions, weights):
+    table = ParameterTable()
+    table.values = functions
+
+    found = find_surface("aileron", "auto", PLANE, table, frozenset())
+
+    assert [(part.number, part.weight) for part in found.parts] == weights
+
+
+def test_px4_names_its_rudder_by_output_function_and_surface_type():
+    table = ParameterTable()
+    table.values = {
+        "CA_SV_CS0_TYPE": 1.0,
+        "CA_SV_CS1_TYPE": 2.0,
+        "CA_SV_CS2_TYPE": 3.0,
+        "CA_SV_CS3_TYPE": 4.0,
+        "PWM_MAIN_FUNC6": 204.0,
+        "PWM_MAIN_FUNC1": 201.0,
+        "PWM_MAIN_FUNC2": 202.0,
+        "PWM_MAIN_MIN6": 1100.0,
+        "PWM_MAIN_MAX6": 1900.0,
+        "PWM_MAIN_REV": 32.0,
+    }
+    rudder = find_surface("rudder", "auto", PX4_PLANE, table, frozenset())
+    aileron = find_surface("aileron", "auto", PX4_PLANE, table, frozenset())
+
+    assert rudder.parts == (Part(6, (1100.0, 1500.0, 1900.0), reversed=True),)
+    assert [(part.number, part.weight) for part in aileron.parts] == [(1, -0.5), (2, 0.5)]
+
+
+def test_px4_outputs_are_taken_from_the_message_that_is_sent():
+    table = ParameterTable()
+    table.values = {"CA_SV_CS0_TYPE": 4.0, "PWM_MAIN_FUNC2": 201.0}
+    status = frozenset({"ACTUATOR_OUTPUT_STATUS"})
+
+    assert find_surface("rudder", "auto", PX4_PLANE, table, status).message == min(status)
+    found = find_surface("rudder", "auto", PX4_PLANE, table, status | {"SERVO_OUTPUT_RAW"})
+    assert found.source == "SERVO_OUTPUT_RAW.servo2_raw"
+
+
+def test_without_named_outputs_px4_has_its_control_group():
+    heard = frozenset({"ACTUATOR_CONTROL_TARGET"})
+
+    found = find_surface("rudder", "auto", PX4_PLANE, ParameterTable(), heard)
+
+    assert found.source == "ACTUATOR_CONTROL_TARGET.controls[2]"
+    assert find_surface("rudder", "auto", PX4_PLANE, ParameterTable(), frozenset()) is None

@@ -1,4 +1,4 @@
-"""Every record whose stamp and frame are intact is found, whatever was done to the rest; none is invented."""
+"""Every record whose stamp and frame are intact is found and none is invented."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ DAY_US = 86400 * 1_000_000
 
 
 def vibration(stamp_us: int, seq: int, **kinds: bool) -> bytes:
-    return record(stamp_us, pack(message(BY_NAME["VIBRATION"], b"\x01" * 32), sender(), seq=seq, **kinds))
+    return record(
+        stamp_us, pack(message(BY_NAME["VIBRATION"], b"\x01" * 32), sender(), seq=seq, **kinds)
+    )
 
 
 def flipped(records: list[bytes], rng: np.random.Generator, rate: float) -> tuple[bytes, list[int]]:
@@ -139,7 +141,9 @@ def test_frames_inside_a_payload_are_not_believed(inner: bytes, damage: str) -> 
     assert names.count("VIBRATION") == 6
     assert names.count("TUNNEL") == (3 if damage == "none" else 0)
     link = decoder.link
-    assert (link.bad_crc, link.unknown) == {"none": (0, 0), "crc": (3, 0), "unknown id": (0, 3)}[damage]
+    assert (link.bad_crc, link.unknown) == {"none": (0, 0), "crc": (3, 0), "unknown id": (0, 3)}[
+        damage
+    ]
     assert link.skipped_bytes == 0
 
 
@@ -239,3 +243,15 @@ def test_stamps_damaged_all_alike_are_not_believed() -> None:
     assert all(b"\n" in rec[:8] for rec in records)
     blocks, _ = run(b"".join(records).replace(b"\n", b"\r\n"))
     assert blocks == []
+
+
+def test_a_length_no_message_can_have_hides_no_intact_record() -> None:
+    # The third record claims to end where the fifth does; the fifth is damaged, the fourth is not.
+    records = [vibration(START_US + i, i) for i in range(7)]
+    size = len(records[0])
+    longer, damaged = bytearray(records[2]), bytearray(records[4])
+    longer[8 + 1] += 2 * size
+    damaged[-1] ^= 1
+    data = b"".join([*records[:2], bytes(longer), records[3], bytes(damaged), *records[5:]])
+    blocks, _ = run(data)
+    assert orders(blocks) == [i * size for i in (0, 1, 3, 5, 6)]

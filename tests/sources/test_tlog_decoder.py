@@ -22,6 +22,7 @@ from sources.tlog_records import (
     run,
     sender,
 )
+
 from yawid.errors import ConfigError
 from yawid.sources.frames import DEFAULT, Decoder
 
@@ -101,7 +102,7 @@ def test_feeding_byte_by_byte_changes_nothing(seed: int, damage: list[tuple[floa
 
 
 def damaged_log(seed: int, damage: list[tuple[float, str]]) -> bytes:
-    """Return a short log with bytes changed (x), garbage put in (g), ids changed (i) or cut out (d)."""
+    """Return a log with bytes changed (x) or cut out (d), garbage (g) or magics (i) put in."""
     rng = np.random.default_rng(seed)
     data = bytearray(b"".join(random_records(rng, 12)))
     for where, kind in damage:
@@ -149,10 +150,10 @@ def test_a_payload_longer_than_known_keeps_the_known_fields() -> None:
 def longer_frame(cls: Any, payload: bytes) -> bytes:
     from pymavlink.generator.mavcrc import x25crc
 
-    body = bytes([len(payload), 0, 0, 7, 1, 1]) + cls.id.to_bytes(3, "little") + payload
+    body: bytes = bytes([len(payload), 0, 0, 7, 1, 1]) + cls.id.to_bytes(3, "little") + payload
     crc = x25crc(body)
     crc.accumulate(bytes([cls.crc_extra]))
-    return b"\xfd" + body + crc.crc.to_bytes(2, "little")
+    return b"\xfd" + bytes(body) + int(crc.crc).to_bytes(2, "little")
 
 
 def test_text_keeps_its_bytes_without_trailing_zeros() -> None:

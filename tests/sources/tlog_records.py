@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 from yawid.blocks import FrameBlock
 from yawid.sources.frames import Decoder
 
@@ -79,7 +81,7 @@ def run(
     """Feed ``data`` cut at the given places and return the blocks and the finished decoder."""
     decoder = Decoder(wanted)
     edges = [0, *sorted(cuts or []), len(data)]
-    blocks = [decoder.feed(data[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    blocks = [decoder.feed(data[a:b]) for a, b in pairwise(edges)]
     blocks.append(decoder.finish())
     return [block for block in blocks if block is not None], decoder
 
@@ -87,8 +89,14 @@ def run(
 def rows(blocks: list[FrameBlock]) -> list[tuple[Any, ...]]:
     """Return all messages as rows in the order heard, fields as bytes."""
     found = [
-        (int(m.order[i]), m.name, int(m.received_us[i]), int(m.sysid[i]), int(m.compid[i]))
-        + (m.fields[i].tobytes(),)
+        (
+            int(m.order[i]),
+            m.name,
+            int(m.received_us[i]),
+            int(m.sysid[i]),
+            int(m.compid[i]),
+            m.fields[i].tobytes(),
+        )
         for block in blocks
         for m in block.messages.values()
         for i in range(len(m))

@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import Floats, Held, Ints, SampleBlock
+from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.clock import Piece, Series
+from yawid.channels.series import AIRSPEED, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
 
 Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
@@ -43,7 +44,7 @@ class Aligner:
     sample_time_s: float
     gaps_us: tuple[float, float]
     gaps: int = 0
-    _yaw: Series = field(default_factory=lambda: Series.empty(3))
+    _yaw: Series = field(default_factory=lambda: Series.empty(MODE + 1))
     _surface: Series = field(default_factory=lambda: Series.empty(0))
     _offset: tuple[Ints, Ints] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
     _next_k: int | None = None
@@ -51,6 +52,7 @@ class Aligner:
     _epoch: int = 0
     _in_gap: bool = False
     _last_unix_ns: int = 0
+    _last_mode: float = math.nan
 
     def feed(self, piece: Piece) -> SampleBlock | None:
         """Take one piece of a segment in; return the samples it completes."""
@@ -90,7 +92,7 @@ class Aligner:
         if self._why == Held.NONE:
             return []
         received = self._yaw if self._yaw.order[0] == both else self._surface
-        hole = np.full((1, 3), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
+        hole = np.full((1, MODE + 1), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
         return [
             Rows(
                 np.array([self._next_k - 1]),
@@ -143,7 +145,9 @@ class Aligner:
             width > 0.0, (t - self._yaw.t_us[a]) / np.where(width > 0.0, width, 1.0), 0.0
         )
         low, high = self._yaw.values[a], self._yaw.values[b]
-        return low + weight[:, None] * (high - low), b, width > self.gaps_us[0]
+        between = low + weight[:, None] * (high - low)
+        between[:, AIRSPEED:] = low[:, AIRSPEED:]
+        return between, b, width > self.gaps_us[0]
 
     def _over_intervals(self, edges: Floats) -> tuple[Floats, Ints, Bools]:
         """Average the held columns over [edge, next edge), piece by piece between messages."""
@@ -188,8 +192,10 @@ class Aligner:
         unix = np.maximum.accumulate(np.append(self._last_unix_ns, (boot_us + offset) * 1000))[1:]
         self._last_unix_ns = int(unix[-1])
         no_rudder = (held == 0) & np.isnan(surface).any(axis=1)
-        no_yaw = (held == 0) & np.isnan(yaw[:, 0])
+        no_yaw = (held == 0) & np.isnan(yaw[:, RATE])
+        on_ground = (held == 0) & (yaw[:, ON_GROUND] == 1.0)
         held = held + int(Held.RUDDER_INVALID) * no_rudder + int(Held.YAW_INVALID) * no_yaw
+        held = held + int(Held.ON_GROUND) * on_ground
         return SampleBlock(
             self.sample_time_s,
             k,
@@ -197,12 +203,26 @@ class Aligner:
             unix,
             received,
             np.where(held[:, None] != 0, np.nan, surface),
-            np.where(held != 0, np.nan, yaw[:, 0]),
-            yaw[:, 1],
-            yaw[:, 2],
+            np.where(held != 0, np.nan, yaw[:, RATE]),
+            yaw[:, YAW],
+            yaw[:, ROLL],
+            yaw[:, TURN],
+            yaw[:, AIRSPEED],
+            self._noted(yaw[:, MODE]),
             held,
             np.full(len(k), self._epoch, np.int64),
         )
+
+    def _noted(self, mode: Floats) -> Ints:
+        """Mark the samples at which the flight mode is another than before."""
+        known = np.isfinite(mode)
+        before = np.concatenate([[self._last_mode], mode[known]])
+        changed = np.zeros(len(mode), np.int64)
+        changed[known] = np.where(np.diff(before) != 0.0, int(Noted.MODE_CHANGED), 0)
+        if np.isnan(self._last_mode) and known.any():
+            changed[np.argmax(known)] = 0
+        self._last_mode = float(before[-1])
+        return changed
 
 
 def _from(series: Series, t: float) -> Series:

@@ -1,167 +1,154 @@
-"""Which message fields are the rudder and the aileron, in which units, and with which sign.
+"""Which outputs are the rudder and the aileron, by what the vehicle's parameters say.
 
-Positive rudder means nose right (ArduPilot's and PX4's convention); ``rudder_sign="nose-left"``
-turns a source that counts the other way. One unit of rudder is half the travel, MAX - TRIM. The
-normalisation is the inverse of ArduPilot's ``SRV_Channel::pwm_from_angle``: the slope differs on
-the two sides of TRIM.
+ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), PX4 by PWM_MAIN_FUNCn, which
+names a servo, and CA_SV_CSi_TYPE, which names the control surface that servo moves.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 
-import numpy as np
-
-from yawid.blocks import Floats, MessageBlock
+from yawid.channels.parameters import ParameterTable
+from yawid.channels.surface import Part, Surface
 from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, Vehicle
 
-RUDDER_FUNCTION = 21
-AILERON_FUNCTION = 4
-STOCK_SERVO = {RUDDER_FUNCTION: 4, AILERON_FUNCTION: 1}
-CONTROL_INDEX = {RUDDER_FUNCTION: 2, AILERON_FUNCTION: 0}
-STOCK_TRAVEL_US = (1100.0, 1500.0, 1900.0)
-"""ArduPilot's defaults of SERVOn_MIN, SERVOn_TRIM and SERVOn_MAX."""
-_TRAVEL = ("MIN", "TRIM", "MAX")
-_SERVO_PARAMETER = re.compile(r"SERVO([1-9]\d?)_(FUNCTION|MIN|TRIM|MAX|REVERSED)")
-
-
-@dataclass(frozen=True, slots=True)
-class Surface:
-    """One control surface: the field that carries it and how a raw value becomes a deflection.
-
-    ``number`` counts as the message does (servo and rc from 1, control from 0); ``how`` is one of
-    parameter, option, assumed; ``travel_us`` is (min, trim, max) or None where the raw value is
-    already in -1..1; ``scale`` turns half the travel into the unit wanted, sign included.
-    """
-
-    message: str
-    number: int
-    how: str
-    travel_us: tuple[float, float, float] | None
-    reversed: bool = False
-    scale: float = 1.0
-
-    @property
-    def source(self) -> str:
-        """The message field, as a person would write it."""
-        if self.message == "ACTUATOR_CONTROL_TARGET":
-            return f"{self.message}.controls[{self.number}]"
-        field = "servo{}_raw" if self.message == "SERVO_OUTPUT_RAW" else "chan{}_raw"
-        return f"{self.message}.{field.format(self.number)}"
-
-    def same_meaning(self, other: Surface) -> bool:
-        """Tell whether a deflection of one unit still means the same, but for a moving trim."""
-        mine, theirs = replace(self, travel_us=None, how=""), replace(other, travel_us=None, how="")
-        measured = self.how == other.how == "parameter"
-        return mine == theirs and (measured or self.travel_us == other.travel_us)
-
-    def deflection(self, block: MessageBlock) -> Floats:
-        """Return the deflection (n,) of each row, NaN where the output is off or absent."""
-        raw = self._raw(block)
-        if self.travel_us is None:
-            value = np.where(np.abs(raw) <= 2.0, raw, np.nan)
-        else:
-            low, trim, high = self.travel_us
-            pwm = np.where((raw > 0.0) & (raw < 65535.0), raw, np.nan)
-            half = np.where(pwm > trim, high - trim, trim - low)
-            value = (pwm - trim) / half
-        sign = -self.scale if self.reversed else self.scale
-        deflection: Floats = sign * value
-        return deflection
-
-    def _raw(self, block: MessageBlock) -> Floats:
-        fields = block.fields
-        if self.message == "ACTUATOR_CONTROL_TARGET":
-            raw = fields["controls"][:, self.number].astype(float)
-            return np.where(fields["group_mlx"] == 0, raw, np.nan)
-        if self.message == "RC_CHANNELS":
-            return np.asarray(fields[f"chan{self.number}_raw"], float)
-        return np.asarray(fields[f"servo{(self.number - 1) % 16 + 1}_raw"], float)
-
-    def rows(self, block: MessageBlock) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Return which rows of the message carry this channel at all (port, group)."""
-        if self.message == "SERVO_OUTPUT_RAW":
-            return np.asarray(block.fields["port"] == (self.number - 1) // 16)
-        if self.message == "ACTUATOR_CONTROL_TARGET":
-            return np.asarray(block.fields["group_mlx"] == 0)
-        return np.ones(len(block), bool)
-
-
-@dataclass(slots=True)
-class ParameterTable:
-    """The parameters heard so far, by name; the last value counts."""
-
-    values: dict[str, float]
-
-    def changes(self, block: MessageBlock) -> Iterator[int]:
-        """Take PARAM_VALUE rows in, one by one; yield the order of each that may matter."""
-        for order, raw, value in zip(
-            block.order.tolist(),
-            block.fields["param_id"].tolist(),
-            block.fields["param_value"].tolist(),
-            strict=True,
-        ):
-            name = raw.split(b"\0", 1)[0].decode("ascii", "replace")
-            changed = self.values.get(name) != value
-            self.values[name] = value
-            if changed and (_SERVO_PARAMETER.fullmatch(name) or name.startswith("RC")):
-                yield order
-
-    def functions(self) -> dict[int, int]:
-        """Return servo number -> function for every SERVOn_FUNCTION heard."""
-        found = {}
-        for name, value in self.values.items():
-            match = _SERVO_PARAMETER.fullmatch(name)
-            if match is not None and match[2] == "FUNCTION" and np.isfinite(value):
-                found[int(match[1])] = int(value)
-        return dict(sorted(found.items()))
-
-    def travel(self, prefix: str) -> tuple[tuple[float, float, float], bool, bool]:
-        """Return (min, trim, max), reversed, and whether all three were told and make sense."""
-        told = [self.values.get(f"{prefix}_{end}") for end in _TRAVEL]
-        low, trim, high = (
-            s if t is None else t for s, t in zip(STOCK_TRAVEL_US, told, strict=True)
-        )
-        sound = 0.0 < low < trim < high < 65535.0
-        reverse = self.values.get(f"{prefix}_REVERSED", 0.0) == 1.0
-        return (low, trim, high) if sound else STOCK_TRAVEL_US, reverse, sound and None not in told
+AP_RUDDER, AP_AILERON = 21, 4
+AP_VTAIL_LEFT, AP_VTAIL_RIGHT = 79, 80
+AP_ELEVON_LEFT, AP_ELEVON_RIGHT = 77, 78
+AP_FLAPERON_LEFT, AP_FLAPERON_RIGHT = 24, 25
+STOCK_SERVO = {"rudder": 4, "aileron": 1}
+CONTROL_INDEX = {"rudder": 2, "aileron": 0}
+PX4_SINGLE = {"rudder": (4,), "aileron": (15,)}
+PX4_PAIR = {"rudder": (7, 8, 0.5, -0.5), "aileron": (1, 2, -0.5, 0.5)}
+"""CA_SV_CSi_TYPE of left and right, and their weights: torque about the axis is half of each."""
+PX4_FIRST_SERVO = 201
+PX4_BANKS = (("PWM_MAIN", 0), ("PWM_AUX", 16), ("HIL_ACT", 0))
 
 
 def find_surface(
-    selector: str, function: int, vehicle: Vehicle, table: ParameterTable, *, controls_heard: bool
+    what: str, selector: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
 ) -> Surface | None:
-    """Return where a surface is to be read now, or None while nothing names it.
+    """Return where the ``rudder`` or ``aileron`` is to be read now, or None while nothing names it.
 
-    With ``auto``: the servo whose SERVOn_FUNCTION says so; on an ArduPilot fixed-wing that has told
-    no SERVOn_FUNCTION at all the stock channel, as an assumption; elsewhere
-    ACTUATOR_CONTROL_TARGET.
+    With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has told no
+    SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
+    no output ACTUATOR_CONTROL_TARGET, if it is ``heard``.
     """
     kind, _, number = selector.partition(":")
     if kind == "servo":
-        return _servo(int(number), "option", table)
+        return Surface("SERVO_OUTPUT_RAW", "option", (_servo(int(number), table),))
+    if kind == "vtail":
+        left, right = (int(n) for n in number.split(","))
+        return Surface("SERVO_OUTPUT_RAW", "option", _vtail(left, right, table))
     if kind == "control":
-        return Surface("ACTUATOR_CONTROL_TARGET", int(number), "option", None)
+        return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
     if kind == "rc":
         travel, reverse, _ = table.travel(f"RC{number}")
-        return Surface("RC_CHANNELS", int(number), "option", travel, reverse)
+        return Surface("RC_CHANNELS", "option", (Part(int(number), travel, reverse),))
+    if vehicle.autopilot == ARDUPILOT:
+        return _ardupilot(what, vehicle, table)
+    named = _px4(what, table, heard)
+    if named is None and "ACTUATOR_CONTROL_TARGET" in heard:
+        part = Part(CONTROL_INDEX[what], None)
+        return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
+    return named
+
+
+def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:
     functions = table.functions()
-    for servo, found in functions.items():
-        if found == function:
-            return _servo(servo, "parameter", table)
-    if not functions and vehicle.autopilot == ARDUPILOT and vehicle.type == FIXED_WING:
-        return _servo(STOCK_SERVO[function], "assumed", table)
-    if not functions and controls_heard and vehicle.autopilot != ARDUPILOT:
-        return Surface("ACTUATOR_CONTROL_TARGET", CONTROL_INDEX[function], "convention", None)
-    return None
+    if not functions:
+        if vehicle.type != FIXED_WING:
+            return None
+        return Surface("SERVO_OUTPUT_RAW", "assumed", (_servo(STOCK_SERVO[what], table),))
+    servo_of: dict[int, int] = {}
+    for servo, function in functions.items():
+        servo_of.setdefault(function, servo)
+    parts = _ap_rudder(servo_of, table) if what == "rudder" else _ap_aileron(servo_of, table)
+    if not parts:
+        return None
+    told = all(table.travel(f"SERVO{part.number}")[2] for part in parts)
+    how = "parameter" if told else "parameter, travel assumed"
+    return Surface("SERVO_OUTPUT_RAW", how, parts)
 
 
-def _servo(number: int, how: str, table: ParameterTable) -> Surface:
-    travel, reverse, told = table.travel(f"SERVO{number}")
-    if how == "parameter" and not told:
-        how = "parameter, travel assumed"
-    return Surface("SERVO_OUTPUT_RAW", number, how, travel, reverse)
+def _ap_rudder(servo_of: dict[int, int], table: ParameterTable) -> tuple[Part, ...]:
+    if AP_RUDDER in servo_of:
+        return (_servo(servo_of[AP_RUDDER], table),)
+    if AP_VTAIL_LEFT in servo_of and AP_VTAIL_RIGHT in servo_of:
+        return _vtail(servo_of[AP_VTAIL_LEFT], servo_of[AP_VTAIL_RIGHT], table)
+    return ()
+
+
+def _ap_aileron(servo_of: dict[int, int], table: ParameterTable) -> tuple[Part, ...]:
+    if AP_AILERON in servo_of:
+        return (_servo(servo_of[AP_AILERON], table),)
+    if AP_ELEVON_LEFT in servo_of and AP_ELEVON_RIGHT in servo_of:
+        weight = 0.5 / _mixing(table)
+        left, right = servo_of[AP_ELEVON_LEFT], servo_of[AP_ELEVON_RIGHT]
+        return _servo(left, table, -weight), _servo(right, table, weight)
+    if AP_FLAPERON_LEFT in servo_of and AP_FLAPERON_RIGHT in servo_of:
+        left, right = servo_of[AP_FLAPERON_LEFT], servo_of[AP_FLAPERON_RIGHT]
+        return _servo(left, table, 0.5), _servo(right, table, 0.5)
+    return ()
+
+
+def _vtail(left: int, right: int, table: ParameterTable) -> tuple[Part, ...]:
+    """Invert left = (elevator + rudder) * gain, right = (elevator - rudder) * gain."""
+    weight = 0.5 / _mixing(table)
+    return _servo(left, table, weight), _servo(right, table, -weight)
+
+
+def _mixing(table: ParameterTable) -> float:
+    """Return the mixer's factor of rudder or aileron: MIXING_GAIN, more with an offset > 0."""
+    gain, offset = table.get("MIXING_GAIN", 0.5), table.get("MIXING_OFFSET", 0.0)
+    mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
+    return mixing if 0.0 < mixing < 100.0 else 0.5
+
+
+def _servo(number: int, table: ParameterTable, weight: float = 1.0) -> Part:
+    travel, reverse, _ = table.travel(f"SERVO{number}")
+    return Part(number, travel, reverse, weight)
+
+
+def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | None:
+    types = {
+        i: int(table.get(f"CA_SV_CS{i}_TYPE", 0.0))
+        for i in range(8)
+        if f"CA_SV_CS{i}_TYPE" in table.values
+    }
+    left, right, left_weight, right_weight = PX4_PAIR[what]
+    single = [i for i, kind in types.items() if kind in PX4_SINGLE[what]]
+    pair = [i for kind in (left, right) for i, found in types.items() if found == kind]
+    if single:
+        wanted = [(single[0], 1.0)]
+    elif len(pair) == 2:
+        wanted = [(pair[0], left_weight), (pair[1], right_weight)]
+    else:
+        return None
+    parts, messages = [], set()
+    for index, weight in wanted:
+        found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
+        if found is None:
+            return None
+        bank, number, shift = found
+        travel, reverse = table.px4_travel(bank, number)
+        parts.append(Part(number + shift, travel, reverse, weight))
+        messages.add(_px4_message(bank, heard))
+    return Surface(messages.pop(), "parameter", tuple(parts)) if len(messages) == 1 else None
+
+
+def _px4_message(bank: str, heard: frozenset[str]) -> str:
+    if bank == "HIL_ACT":
+        return "HIL_ACTUATOR_CONTROLS"
+    raw, status = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS"
+    return status if status in heard and raw not in heard else raw
+
+
+def _px4_outputs(function: int, table: ParameterTable) -> Iterator[tuple[str, int, int]]:
+    for bank, shift in PX4_BANKS:
+        for number in range(1, 17):
+            if table.get(f"{bank}_FUNC{number}", 0.0) == function:
+                yield bank, number, shift
 
 
 def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
@@ -172,5 +159,5 @@ def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
         return f"no {what}: the servo functions found are {found}"
     return (
         f"no {what}: the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name} "
-        "and no SERVOn_FUNCTION names one"
+        "and no parameter or message names one"
     )

@@ -9,30 +9,44 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.clock import Series, unwrap_uint32_us
-from yawid.channels.mapping import Surface
+from yawid.channels.context import LEAST_AIRSPEED, Context
+from yawid.channels.surface import Surface
 
 ABSURD_RAD_S = 50.0
 """No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
+STEEPEST = np.deg2rad(80.0)
+"""Beyond this pitch Euler's formula has no heading rate."""
 _NONE = np.zeros(0, np.int64)
+
+
+GRAVITY = 9.80665
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE = range(7)
+"""The columns of a yaw row; those from AIRSPEED on are held from message to message."""
 
 
 @dataclass(slots=True)
 class YawReader:
-    """ATTITUDE to rows of (yaw rate rad/s, yaw rad unwrapped, roll rad)."""
+    """ATTITUDE to the columns above; ``heading_rate`` makes the rate psi_dot by Euler's formula."""
 
+    heading_rate: bool = False
     turns: int = 0
     _last_yaw: float | None = None
 
-    def read(self, block: MessageBlock | None) -> Series:
+    def read(self, block: MessageBlock | None, context: Context) -> Series:
         """Return the rows of a block of ATTITUDE, NaN where a value is not finite or absurd."""
         if block is None:
-            return Series.empty(3)
-        fields = block.fields
-        rate, yaw, roll = (
-            _sound(np.asarray(fields[name], float)) for name in ("yawspeed", "yaw", "roll")
-        )
-        t_us = fields["time_boot_ms"].astype(np.int64) * 1000
-        values = np.stack([rate, self._unwrap(yaw), roll], axis=1)
+            return Series.empty(MODE + 1)
+        names = ("roll", "pitch", "yaw", "pitchspeed", "yawspeed")
+        roll, pitch, yaw, q, r = (_sound(np.asarray(block.fields[n], float)) for n in names)
+        rate = r
+        if self.heading_rate:
+            upright = np.where(np.abs(pitch) < STEEPEST, np.cos(pitch), np.nan)
+            rate = (q * np.sin(roll) + r * np.cos(roll)) / upright
+        held = context.at(block.order)
+        speed = np.where(held[:, 0] > LEAST_AIRSPEED, held[:, 0], np.nan)
+        turn = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
+        t_us = block.fields["time_boot_ms"].astype(np.int64) * 1000
+        values = np.column_stack([rate, self._unwrap(yaw), roll, turn, held])
         return Series(block.order, block.received_us, t_us, values)
 
     def _unwrap(self, yaw: Floats) -> Floats:

@@ -13,29 +13,27 @@ import numpy as np
 from yawid.blocks import FrameBlock, MessageBlock, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.clock import Piece, Segmenter, Series
-from yawid.channels.mapping import (
-    AILERON_FUNCTION,
-    RUDDER_FUNCTION,
-    ParameterTable,
-    Surface,
-    find_surface,
-)
+from yawid.channels.conditioning import Conditioner
+from yawid.channels.context import Context
+from yawid.channels.mapping import find_surface
+from yawid.channels.parameters import ParameterTable
 from yawid.channels.series import SurfaceReader, YawReader
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
-from yawid.channels.vehicle import VehicleLock
+from yawid.channels.surface import Surface
+from yawid.channels.vehicle import ARDUPILOT, VehicleLock
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
-WANTED = frozenset(
+SURFACE_MESSAGES = frozenset(
     {
-        "HEARTBEAT",
-        "PARAM_VALUE",
-        "ATTITUDE",
         "SERVO_OUTPUT_RAW",
+        "ACTUATOR_OUTPUT_STATUS",
         "ACTUATOR_CONTROL_TARGET",
+        "HIL_ACTUATOR_CONTROLS",
         "RC_CHANNELS",
     }
 )
+WANTED = SURFACE_MESSAGES | {"HEARTBEAT", "PARAM_VALUE", "ATTITUDE", "VFR_HUD"}
 """The messages this stage reads."""
 
 
@@ -49,7 +47,7 @@ class Channels:
     def __init__(self, config: RunConfig) -> None:
         self.config = config
         self.lock = VehicleLock(config.sysid)
-        self.parameters = ParameterTable({})
+        self.parameters = ParameterTable()
         self.segmenter = Segmenter()
         self.startup: StartUp | None = StartUp()
         self.aligner: Aligner | None = None
@@ -58,21 +56,18 @@ class Channels:
         self.yaw_rows = 0
         self.surface_rows = 0
         self._used: tuple[Surface, ...] = ()
-        self._controls_heard = False
-        self._yaw = YawReader()
+        self._heard: set[str] = set()
+        self._context = Context()
+        self._yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
-        self._selectors = [
-            (getattr(config, name), function)
-            for name, function in (("rudder", RUDDER_FUNCTION), ("aileron", AILERON_FUNCTION))
-            if name in config.inputs
-        ]
 
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
         """Take a block of messages in; return the samples it completes, in order."""
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
             return []
-        self._controls_heard |= "ACTUATOR_CONTROL_TARGET" in messages
+        self._context.armed_counts = self.lock.vehicle.autopilot == ARDUPILOT
+        self._heard |= messages.keys() & SURFACE_MESSAGES
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
             samples += self._read(stretch, surfaces)
@@ -103,19 +98,18 @@ class Channels:
         vehicle = self.lock.vehicle
         assert vehicle is not None
         found = []
-        for selector, function in self._selectors:
-            surface = find_surface(
-                selector, function, vehicle, self.parameters, controls_heard=self._controls_heard
-            )
+        for name in self.config.inputs:
+            selector = getattr(self.config, name)
+            surface = find_surface(name, selector, vehicle, self.parameters, frozenset(self._heard))
             if surface is None:
                 return ()
-            found.append(replace(surface, scale=self._scale(function)))
+            found.append(replace(surface, scale=self._scale(name)))
         if len({surface.message for surface in found}) > 1:
             raise ConfigError("--rudder and --aileron must come from the same message")
         return tuple(found)
 
-    def _scale(self, function: int) -> float:
-        if function != RUDDER_FUNCTION:
+    def _scale(self, name: str) -> float:
+        if name != "rudder":
             return 1.0
         sign = -1.0 if self.config.rudder_sign == "nose-left" else 1.0
         degrees = self.config.rudder_max_deg
@@ -124,7 +118,8 @@ class Channels:
     def _read(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
-        yaw = self._yaw.read(messages.get("ATTITUDE"))
+        self._context.note(messages)
+        yaw = self._yaw.read(messages.get("ATTITUDE"), self._context)
         self._surface.note_clock(messages.get("ATTITUDE"))
         surface = self._surface.read(messages, surfaces)
         self.yaw_rows += len(yaw)
@@ -149,7 +144,7 @@ class Channels:
             return self._begin(self.startup) if self.startup.feed(piece) else []
         assert self.aligner is not None
         block = self.aligner.feed(piece)
-        return [] if block is None else self._chosen(block)
+        return [] if block is None else self._chosen(self.conditioner.feed(block))
 
     def _begin(self, startup: StartUp) -> list[SampleBlock]:
         """Fix the rate and align what was kept until now."""
@@ -158,6 +153,7 @@ class Channels:
         sample_time_s = 1.0 / sample_rate(self.config.rate, startup.intervals_us)
         gaps_us = bridged_gaps_us(sample_time_s, startup.intervals_us)
         self.startup, self.aligner = None, Aligner(sample_time_s, gaps_us)
+        self.conditioner = Conditioner(self.config, sample_time_s)
         return [block for piece in startup.pieces for block in self._align(piece)]
 
     def _chosen(self, block: SampleBlock) -> list[SampleBlock]:

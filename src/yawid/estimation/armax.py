@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from math import isinf
 from typing import Any, Literal
 
 import numpy as np
@@ -25,17 +26,15 @@ __all__ = ["Estimate", "RecursiveArmax", "parameter_names"]
 class Estimate:
     """A snapshot after one sample; its fields are computed when asked for."""
 
-    __slots__ = ("_row", "_state")
+    __slots__ = ("_state",)
 
     def __init__(self, state: Floats) -> None:
         self._state = state
-        self._row: Floats | None = None
 
     def _read(self) -> Floats:
-        if self._row is None:
-            self._row = np.empty(2 * int(self._state[slots.N]) + 5)
-            entry.read(self._state, entry.views(self._state), self._row)
-        return self._row
+        row = np.empty(2 * int(self._state[slots.N]) + 5)
+        entry.read(self._state, slots.places(self._state), row)
+        return row
 
     @property
     def theta(self) -> Floats:
@@ -56,17 +55,17 @@ class Estimate:
     @property
     def y_hat(self) -> float:
         """One-step prediction of y; NaN where there was none."""
-        return float(self._state[slots.Y_HAT])
+        return float(self._read()[-5])
 
     @property
     def innovation(self) -> float:
         """The error a priori, y - y_hat."""
-        return float(self._state[slots.INNOVATION])
+        return float(self._read()[-4])
 
     @property
     def residual(self) -> float:
         """The error a posteriori, y - phi' theta(k)."""
-        return float(self._state[slots.RESIDUAL])
+        return float(self._read()[-3])
 
     @property
     def noise_std(self) -> float:
@@ -79,7 +78,9 @@ class Estimate:
         return Status(int(self._state[slots.STATUS]))
 
     def __repr__(self) -> str:
-        return f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
+        return (
+            f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
+        )
 
 
 class RecursiveArmax:
@@ -103,8 +104,9 @@ class RecursiveArmax:
     def _adopt(self, config: EstimatorConfig, state: Floats) -> None:
         self.config = config
         self._state = state
-        parts = entry.views(state)
-        self._parts: tuple[Floats, ...] = tuple(parts)
+        parts = slots.views(state)
+        self._places = slots.places(state)
+        self._parts = parts
         self._live = len(state) - len(parts[slots.SAMPLES])
         self._input_at = self._live - config.orders.n_inputs
         self._one_input = config.orders.n_inputs == 1
@@ -115,19 +117,15 @@ class RecursiveArmax:
         Raises:
             ValueError: u or y is infinite, or u has another number of inputs.
         """
-        state = self._state
         if self._one_input and type(u) is float:
-            if math.isinf(u) or math.isinf(y):
+            if isinf(u) or isinf(y):
                 raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
-            state[self._input_at] = u
+            if entry.step(self._state, u, y):
+                self._start()
         else:
-            u = checked_u(u, y, self.config.orders.n_inputs)
-            state[self._input_at : self._live] = u
-        state[slots.Y] = y
-        entry.step(state)
-        if state[slots.PHASE] == slots.FITTING:
-            self._start()
-        return Estimate(state[: self._live].copy())
+            row = checked_u(u, y, self.config.orders.n_inputs)
+            self.run(row.reshape(1, -1), [y], keep="last")
+        return Estimate(self._state.copy())
 
     def run(
         self,
@@ -154,13 +152,13 @@ class RecursiveArmax:
         if done < len(y):  # a start fit is due, once in a life
             self._start()
             if keep == "all":
-                entry.read(self._state, self._parts, rows[done])
+                entry.read(self._state, self._places, rows[done])
             entry.run(self._state, u, y, rows, done + 1)
         return _block(rows, n, covariance)
 
     def _start(self) -> None:
         fitted = fit_start(self.config, self._state, self._parts)
-        entry.release(self._state, fitted)
+        entry.release(self._state, float(fitted))
 
     def predict(self, u: ArrayLike = math.nan) -> float:
         """Return y_hat(k), in y's unit; ``u`` is u(k), which matters only where nk = 0.
@@ -292,7 +290,7 @@ class RecursiveArmax:
 def _covariance(state: Floats) -> Floats:
     n = int(state[slots.N])
     row = np.empty(2 * n + 5 + n * n)
-    entry.read(state, entry.views(state), row)
+    entry.read(state, slots.places(state), row)
     return row[2 * n + 5 :].reshape(n, n)
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from yawid.estimation.reference import make_estimator
 
 from yawid.blocks import EstimateBlock, Floats, SampleBlock
+from yawid.estimation.reference import make_estimator
 from yawid.run_config import RunConfig
 
 HISTORY = 2**19
@@ -24,7 +25,7 @@ class Record:
     length: int = 0
 
     def add(self, *columns: Floats) -> None:
-        """Append rows of (u (n, inputs), y (n,), y_hat (n,) of each method)."""
+        """Append rows of the columns of :class:`History`."""
         self.parts.append(columns)
         self.length += len(columns[0])
         if len(self.parts) > COMPACT or self.length > 2 * HISTORY:
@@ -35,6 +36,25 @@ class Record:
         """Return the columns of the newest rows, at most HISTORY of them."""
         columns = zip(*self.parts, strict=True)
         return tuple(np.concatenate(column)[-HISTORY:] for column in columns)
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN."""
+
+    u: Floats
+    y: Floats
+    roll: Floats
+    turn: Floats
+    airspeed: Floats
+    y_hat: Mapping[str, Floats]
+
+    def newest(self, count: int) -> History:
+        """Return the last ``count`` samples."""
+        rows = slice(-count, None)
+        y_hat = {method: column[rows] for method, column in self.y_hat.items()}
+        columns = (self.u, self.y, self.roll, self.turn, self.airspeed)
+        return History(*(column[rows] for column in columns), y_hat)
 
 
 class Bank:
@@ -68,10 +88,13 @@ class Bank:
             method: estimator.run(samples.u, samples.y, covariance=True)
             for method, estimator in self.estimators.items()
         }
-        self._record.add(samples.u, samples.y, *(block.y_hat for block in self.last.values()))
+        predictions = [block.y_hat for block in self.last.values()]
+        context = [samples.roll, samples.turn, samples.airspeed]
+        self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
 
-    def record(self, method: str) -> tuple[Floats, Floats, Floats]:
-        """Return (u (n, inputs), y (n,), y_hat (n,) of one method) of the newest samples."""
-        u, y, *predictions = self._record.joined()
-        return u, y, predictions[self.methods.index(method)]
+    def history(self) -> History:
+        """Return the newest samples of the epoch and what each method predicted of them."""
+        u, y, roll, turn, airspeed, *predictions = self._record.joined()
+        y_hat = dict(zip(self.methods, predictions, strict=True))
+        return History(u, y, roll, turn, airspeed, y_hat)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.extending import intrinsic
 
 HALVINGS = 12  # then the step is not taken at all
 COMPILED = ("kernel.py", "state.py", "recursion.py", "entry.py")
@@ -28,11 +29,21 @@ def _cache_folder() -> str:
 
 def jit(function: Callable[..., Any]) -> Any:
     """Compile with numba's cache, or without where it finds no directory to write to."""
+    return _compile(function, inline=False)
+
+
+def hot(function: Callable[..., Any]) -> Any:
+    """Compile into each caller: for what runs at every sample, where a call costs as much as it does."""
+    return _compile(function, inline=True)
+
+
+def _compile(function: Callable[..., Any], inline: bool) -> Any:
+    options = {"error_model": "numpy", "forceinline": inline}
     given, numba.config.CACHE_DIR = numba.config.CACHE_DIR, FOLDER
     try:
-        return numba.njit(cache=True, error_model="numpy")(function)
+        return numba.njit(cache=True, **options)(function)
     except RuntimeError:
-        return numba.njit(error_model="numpy")(function)
+        return numba.njit(**options)(function)
     finally:
         numba.config.CACHE_DIR = given
 
@@ -40,15 +51,35 @@ def jit(function: Callable[..., Any]) -> Any:
 FOLDER = _cache_folder()
 
 
-@jit
+@intrinsic
+def _bare(_context, array):
+    """Return the same memory without a reference count; the caller keeps the array alive."""
+
+    def generate(context, builder, signature, values):
+        view = context.make_array(signature.return_type)(context, builder, values[0])
+        view.meminfo = view.meminfo.type(None)
+        view.parent = view.parent.type(None)
+        return view._getvalue()
+
+    return array(array), generate
+
+
+def _same(array):
+    return array
+
+
+# Slices are free only of memory without a count: counting costs more than the arithmetic.
+bare = _same if numba.config.DISABLE_JIT else _bare
+
+
+@hot
 def push(register, start, length, x):
-    for i in range(start + length - 1, start, -1):
-        register[i] = register[i - 1]
-    if length > 0:
-        register[start] = x
+    """Shift x into the register's part, newest first; swapping beats a call of memmove."""
+    for i in range(start, start + length):
+        x, register[i] = register[i], x
 
 
-@jit
+@hot
 def gather(register, signals, count, vector):
     p = 0
     for j in range(count):
@@ -58,9 +89,9 @@ def gather(register, signals, count, vector):
             p += 1
 
 
-@jit
+@hot
 def bierman(d, upper, psi, lam, gain):
-    """Update P = U D U' by the row psi with forgetting; return alpha = lambda + psi' P psi.
+    """Update P = U D U' by the row psi; return 1 / alpha, alpha = lambda + psi' P psi.
 
     ``gain`` becomes P psi: the Kalman gain times alpha (Bierman 1977).
     """
@@ -81,10 +112,10 @@ def bierman(d, upper, psi, lam, gain):
             upper[column + i] = old + gain[i] * mu
             gain[i] += old * v
         column += j
-    return alpha
+    return inverse
 
 
-@jit
+@hot
 def floor(d, upper, k, weight, gain):
     """Add the row "theta[k] is what it is", of the given weight: P shrinks, theta stays."""
     alpha, inverse, column = 1.0, 1.0, k * (k - 1) // 2
@@ -122,7 +153,7 @@ def drift_entry(d, upper, k, q, a):
             upper[column + i] += share * a[i]
 
 
-@jit
+@hot
 def stable(a):
     """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle (Jury); destroys a."""
     for m in range(len(a) - 1, -1, -1):
@@ -185,7 +216,7 @@ def follow_covariance(covariance, echoes, products, psi, gain, h, inverse):
         echoes[i] = gain[i]
 
 
-@jit
+@hot
 def correlate(residuals, products, eps, lam):
     """Running sums of eps(k) eps(k - l), l = 0..LAGS."""
     products[0] = lam * products[0] + eps * eps

@@ -14,6 +14,7 @@ from yawid.estimation.kernel import (
     floor,
     follow_covariance,
     gather,
+    hot,
     jit,
     push,
     stable,
@@ -83,7 +84,7 @@ from yawid.estimation.state import (
 )
 
 
-@jit
+@hot
 def _over_c(s, theta, register, start, x):
     """Return x filtered by 1/C(q); the register holds the filter's outputs, newest first.
 
@@ -99,37 +100,49 @@ def _over_c(s, theta, register, start, x):
     return x
 
 
-@jit
-def _enter(s, v, signal, x):
+@hot
+def _enter(s, at, signal, x):
     """Enter the newest value of y, an input, the residual or the bias into its registers."""
-    raw, filtered, signals = v[RAW], v[FILTERED], v[SIGNALS]
+    raw = s[at[RAW] : at[RAW + 1]]
+    filtered = s[at[FILTERED] : at[FILTERED + 1]]
+    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    theta = s[at[THETA] : at[THETA + 1]]
     start, length = int(signals[4 * signal]), int(signals[4 * signal + 1])
     push(raw, start, length, x)
     if s[RML] > 0.0 and length > 0:
-        push(filtered, start, length, _over_c(s, v[THETA], filtered, start, x))
+        push(filtered, start, length, _over_c(s, theta, filtered, start, x))
 
 
 @jit
-def _open(s, v):
+def _open(s, at):
     """Empty the registers: the samples before are not the neighbours of those that follow."""
-    v[RAW][:] = 0.0
-    v[FILTERED][:] = 0.0
-    v[ECHOES][:] = 0.0
-    v[RESIDUALS][:] = 0.0
+    raw = s[at[RAW] : at[RAW + 1]]
+    filtered = s[at[FILTERED] : at[FILTERED + 1]]
+    echoes = s[at[ECHOES] : at[ECHOES + 1]]
+    residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
+    raw[:] = 0.0
+    filtered[:] = 0.0
+    echoes[:] = 0.0
+    residuals[:] = 0.0
     s[FILL], s[BROKEN] = 0.0, 0.0
 
 
 @jit
-def _restart(s, v):
+def _restart(s, at):
     """Forget theta, P and the statistics after a non-finite result."""
-    theta, d, covariance, n = v[THETA], v[D], v[COVARIANCE], len(v[THETA])
+    theta = s[at[THETA] : at[THETA + 1]]
+    d = s[at[D] : at[D + 1]]
+    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
+    upper = s[at[UPPER] : at[UPPER + 1]]
+    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
+    n = len(theta)
     theta[:] = 0.0
     d[:] = s[P0]
-    v[UPPER][:] = 0.0
+    upper[:] = 0.0
     covariance[:] = 0.0
     for i in range(n if s[LAGS] > 0.0 else 0):
         covariance[i * n + i] = s[P0]
-    v[PRODUCTS][:] = 0.0
+    products[:] = 0.0
     s[LAMBDA] = s[LAMBDA_START]
     s[S1 : FAST_Y2 + 1] = 0.0
     s[SINCE], s[BROKEN] = 0.0, 1.0
@@ -137,7 +150,7 @@ def _restart(s, v):
     s[RESTARTS] += 1.0
 
 
-@jit
+@hot
 def _stable_step(s, theta, gain, scratch, step):
     """Halve the step along the gain until C(q) is stable after it; return it, 0 if nothing helps."""
     nc = int(s[NC])
@@ -152,29 +165,36 @@ def _stable_step(s, theta, gain, scratch, step):
     return 0.0
 
 
-@jit
-def _adapt(s, v, lam):
+@hot
+def _adapt(s, at, lam):
     """Let P grow by forgetting or drift, no further than its cap, and keep information in it."""
-    d, upper, drift, n = v[D], v[UPPER], v[DRIFT], len(v[D])
-    over = 1.0 / lam
+    d = s[at[D] : at[D + 1]]
+    upper = s[at[UPPER] : at[UPPER + 1]]
+    drift = s[at[DRIFT] : at[DRIFT + 1]]
+    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
+    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
+    gain = s[at[GAIN] : at[GAIN + 1]]
+    n, over = len(d), 1.0 / lam
     for i in range(n):
         d[i] = min(d[i] * over, s[D_MAX])
     if s[DRIFTS] > 0.0:
         for i in range(n):
             if drift[i] > 0.0:
-                drift_entry(d, upper, i, drift[i], v[SCRATCH])
+                drift_entry(d, upper, i, drift[i], scratch)
                 if s[LAGS] > 0.0:
-                    v[COVARIANCE][i * n + i] += drift[i]
+                    covariance[i * n + i] += drift[i]
     if s[FLOOR] > 0.0:
         k = int(s[NEXT])
-        floor(d, upper, k, s[FLOOR], v[GAIN])
+        floor(d, upper, k, s[FLOOR], gain)
         s[NEXT] = 0.0 if k + 1 == n else k + 1.0
     s[LAMBDA] = s[LAMBDA_RATE] * lam + (1.0 - s[LAMBDA_RATE]) * s[LAMBDA_END]
 
 
-@jit
-def _account(s, v, y, e, eps, lam, share):
+@hot
+def _account(s, at, y, e, eps, lam, share):
     """Keep the running sums, and test for divergence: y_hat much worse than none at all."""
+    residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
+    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
     s[S1] = lam * s[S1] + 1.0
     s[S2] = lam * lam * s[S2] + 1.0
     s[LOSS] = lam * s[LOSS] + e * e * share
@@ -184,26 +204,37 @@ def _account(s, v, y, e, eps, lam, share):
     s[FAST_E2] = FAST * s[FAST_E2] + (1.0 - FAST) * e * e
     s[FAST_Y2] = FAST * s[FAST_Y2] + (1.0 - FAST) * y * y
     if s[LAGS] > 0.0:
-        correlate(v[RESIDUALS], v[PRODUCTS], eps, lam)
+        correlate(residuals, products, eps, lam)
     s[UPDATES] += 1.0
     s[SINCE] += 1.0
-    usual = max(s[FAST_Y2], s[Y2] / s[S1]) + 1e-4
+    now, usual = s[FAST_E2] * s[S1], max(s[FAST_Y2] * s[S1], s[Y2]) + 1e-4 * s[S1]
     if s[DIVERGED] == 0.0:
-        if s[SINCE] > s[WARM] and s[FAST_E2] > 4.0 * usual:
+        if s[SINCE] > s[WARM] and now > 4.0 * usual:
             s[DIVERGED] = 1.0
-    elif s[SINCE] > 2.0 * s[WARM] and s[FAST_E2] < 2.0 * usual:
+    elif s[SINCE] > 2.0 * s[WARM] and now < 2.0 * usual:
         s[DIVERGED] = 0.0
 
 
-@jit
-def _learn(s, v, y, e):
+@hot
+def _learn(s, at, y, e):
     """Update theta and P by the innovation and phi, psi; return the residual, NaN for a failure."""
-    theta, d, phi, gain, lam = v[THETA], v[D], v[PHI], v[GAIN], s[LAMBDA]
-    psi = v[PSI] if s[RML] > 0.0 and s[SINCE] >= PSI_FROM else phi
-    alpha = bierman(d, v[UPPER], psi, lam, gain)
-    step = e / alpha
+    theta = s[at[THETA] : at[THETA + 1]]
+    d = s[at[D] : at[D + 1]]
+    phi = s[at[PHI] : at[PHI + 1]]
+    gain = s[at[GAIN] : at[GAIN + 1]]
+    psi = s[at[PSI] : at[PSI + 1]]
+    upper = s[at[UPPER] : at[UPPER + 1]]
+    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
+    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
+    echoes = s[at[ECHOES] : at[ECHOES + 1]]
+    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
+    if s[RML] == 0.0 or s[SINCE] < PSI_FROM:
+        psi = phi
+    lam = s[LAMBDA]
+    inverse = bierman(d, upper, psi, lam, gain)
+    step = e * inverse
     if s[RML] > 0.0 and s[NC] > 0.0:
-        possible = _stable_step(s, theta, gain, v[SCRATCH], step)
+        possible = _stable_step(s, theta, gain, scratch, step)
         if possible != step:
             s[HALVED] += 1.0
         step = possible
@@ -211,59 +242,67 @@ def _learn(s, v, y, e):
     for i in range(len(theta)):
         theta[i] += step * gain[i]
         eps -= step * gain[i] * phi[i]
-    if not alpha + e * e + eps * eps < math.inf:
+    if not (inverse > 0.0 and e * e + eps * eps < math.inf):
         return math.nan
     if s[LAGS] > 0.0:
-        follow_covariance(v[COVARIANCE], v[ECHOES], v[PRODUCTS], psi, gain, v[SCRATCH], 1.0 / alpha)
-    _adapt(s, v, lam)
-    _account(s, v, y, e, eps, lam, lam / alpha)
+        follow_covariance(covariance, echoes, products, psi, gain, scratch, inverse)
+    _adapt(s, at, lam)
+    _account(s, at, y, e, eps, lam, lam * inverse)
     return eps
 
 
-@jit
-def expect(s, v):
+@hot
+def expect(s, at):
     """Enter what is known before y and return the scaled y_hat, NaN while the lags are not full."""
+    inputs = s[at[INPUTS] : at[INPUTS + 1]]
+    factors = s[at[FACTORS] : at[FACTORS + 1]]
+    raw = s[at[RAW] : at[RAW + 1]]
+    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    phi = s[at[PHI] : at[PHI + 1]]
+    theta = s[at[THETA] : at[THETA + 1]]
     if s[BROKEN] > 0.0:
-        _open(s, v)
+        _open(s, at)
     m = int(s[M])
     for j in range(m):
-        _enter(s, v, j + 1, v[INPUTS][j] * v[FACTORS][j + 1])
+        _enter(s, at, j + 1, inputs[j] * factors[j + 1])
     if s[BIAS] > 0.0:
-        _enter(s, v, m + 2, 1.0)
+        _enter(s, at, m + 2, 1.0)
     s[FILL] += 1.0
     if s[FILL] <= s[DEPTH]:
         return math.nan
-    gather(v[RAW], v[SIGNALS], m + 3, v[PHI])
+    gather(raw, signals, m + 3, phi)
     y_hat = 0.0
-    for i in range(len(v[THETA])):
-        y_hat += v[PHI][i] * v[THETA][i]
+    for i in range(len(theta)):
+        y_hat += phi[i] * theta[i]
     return y_hat
 
 
-@jit
-def take(s, v, frozen):
+@hot
+def take(s, at, frozen):
     """Take the sample in its slots through the recursion; frozen leaves theta and P as they are."""
-    y, m = s[Y] * v[FACTORS][0], int(s[M])
-    y_hat = expect(s, v)
+    factors = s[at[FACTORS] : at[FACTORS + 1]]
+    filtered = s[at[FILTERED] : at[FILTERED + 1]]
+    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    psi = s[at[PSI] : at[PSI + 1]]
+    y, m = s[Y] * factors[0], int(s[M])
+    y_hat = expect(s, at)
     e = y - y_hat
-    eps = e if frozen or s[SINCE] > 0.0 else 0.0
+    eps = e if frozen > 0.0 or s[SINCE] > 0.0 else 0.0
     learning = s[FILL] > s[DEPTH] + s[NC]
-    if learning and frozen:
-        _account(s, v, y, e, e, s[LAMBDA_END], 1.0)
+    if learning and frozen > 0.0:
+        _account(s, at, y, e, e, s[LAMBDA_END], 1.0)
     elif learning:
         if s[RML] > 0.0:
-            gather(v[FILTERED], v[SIGNALS], m + 3, v[PSI])
-        eps = _learn(s, v, y, e)
+            gather(filtered, signals, m + 3, psi)
+        eps = _learn(s, at, y, e)
         if not abs(eps) < math.inf:
-            _restart(s, v)
+            _restart(s, at)
             learning = False
     if not learning:
         s[HELD] += 1.0
-    _enter(s, v, 0, -y)
-    _enter(s, v, m + 1, eps if s[FILL] > s[DEPTH] else 0.0)
-    s[Y_HAT] = y_hat / v[FACTORS][0]
-    s[INNOVATION] = e / v[FACTORS][0]
-    s[RESIDUAL] = eps / v[FACTORS][0]
+    _enter(s, at, 0, -y)
+    _enter(s, at, m + 1, eps if s[FILL] > s[DEPTH] else 0.0)
+    s[Y_HAT], s[INNOVATION], s[RESIDUAL] = y_hat, e, eps
     if s[DIVERGED] > 0.0:
         s[STATUS] = DIVERGING
     elif s[SINCE] < s[WARM]:

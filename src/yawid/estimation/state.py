@@ -8,13 +8,14 @@ One array makes a single-sample call cheap and saving exact.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 from __future__ import annotations
 
+from yawid.blocks import Floats
 from yawid.estimation.kernel import jit
 
 # The structure, fixed when the state is made.
 N, NA, NC, M, R, LAGS, WINDOW, DEPTH, BIAS, RML = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 SCALED, START_FIT, MINIMUM, DRIFTS, P0, D_MAX, WARM = 10, 11, 12, 13, 14, 15, 16
 LAMBDA_START, LAMBDA_END, LAMBDA_RATE, FLOOR = 17, 18, 19, 20
-# The sample: y as given (the inputs have their own part) and what became of it, in its units.
+# The sample: y as given (the inputs have their own part) and what became of it, scaled.
 Y, Y_HAT, INNOVATION, RESIDUAL, STATUS = 21, 22, 23, 24, 25
 # What moves.
 PHASE, COUNT, HEAD, BROKEN, FILL, UPDATES, HELD, SINCE, NEXT = 26, 27, 28, 29, 30, 31, 32, 33, 34
@@ -34,8 +35,8 @@ FAST = 0.99  # forgetting of the test for divergence
 
 
 @jit
-def views(s):
-    """Cut the packed state into its parts; all share memory with ``s``.
+def places(s):
+    """Return where each part of the state begins, and where the last one ends (20 ints).
 
     On scaled signals: theta, D (N,), U (N(N-1)/2,) the columns above the diagonal, phi, psi, gain
     (N,), raw and filtered registers (R,), scratch (N,). Where LAGS > 0: covariance (N N,) of theta
@@ -45,34 +46,26 @@ def views(s):
     added to P. inputs (M,). samples: WINDOW rows of break flag, y, u.
     """
     n, m, r, lags = int(s[N]), int(s[M]), int(s[R]), int(s[LAGS])
-    a = HEADER + 2 * n
-    b = a + n * (n - 1) // 2
-    c = b + 3 * n
-    d = c + 2 * r + n
-    big = n * n if lags > 0 else 0
-    e = d + big + lags * n
-    last = 1 if lags > 0 else 0
-    f = e + 2 * lags + last
-    g = f + 4 * (m + 3)
-    h = g + (m + 1) + 2 * n
+    theta = HEADER
+    upper = theta + 2 * n
+    phi = upper + n * (n - 1) // 2
+    raw = phi + 3 * n
+    scratch = raw + 2 * r
+    covariance = scratch + n
+    echoes = covariance + (n * n if lags > 0 else 0)
+    residuals = echoes + lags * n
+    products = residuals + lags
+    signals = products + (lags + 1 if lags > 0 else 0)
+    factors = signals + 4 * (m + 3)
+    units = factors + m + 1
+    inputs = units + 2 * n
     return (
-        s[HEADER : HEADER + n],
-        s[HEADER + n : a],
-        s[a:b],
-        s[b : b + n],
-        s[b + n : b + 2 * n],
-        s[b + 2 * n : c],
-        s[c : c + r],
-        s[c + r : c + 2 * r],
-        s[c + 2 * r : d],
-        s[d : d + big],
-        s[d + big : e],
-        s[e : e + lags],
-        s[e + lags : f],
-        s[f:g],
-        s[g : g + m + 1],
-        s[g + m + 1 : g + m + 1 + n],
-        s[g + m + 1 + n : h],
-        s[h : h + m],
-        s[h + m :],
-    )
+        theta, theta + n, upper, phi, phi + n, phi + 2 * n, raw, raw + r, scratch, covariance,
+        echoes, residuals, products, signals, factors, units, units + n, inputs, inputs + m, len(s),
+    )  # fmt: skip
+
+
+def views(s: Floats) -> tuple[Floats, ...]:
+    """Cut the packed state into its parts, which share its memory."""
+    at = places(s)
+    return tuple(s[at[i] : at[i + 1]] for i in range(len(at) - 1))

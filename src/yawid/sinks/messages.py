@@ -34,9 +34,9 @@ def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     rows["boot_time"] = samples.boot_us / 1e6
     rows["received_time"] = samples.received_us / 1e6
     _fill_held(rows, samples.held)
-    for name in ("k", "epoch", "u", "yaw", "roll"):
+    for name in ("k", "epoch", "u", "yaw", "roll", "airspeed", "noted"):
         rows[name] = getattr(samples, name)
-    rows["yaw_rate"] = samples.y
+    rows["yaw_rate"], rows["turn_rate"] = samples.y, samples.turn
     for name in ("rudder", "aileron"):
         rows[name] = samples.u[:, inputs.index(name)] if name in inputs else np.nan
     return rows

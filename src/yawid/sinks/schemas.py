@@ -42,6 +42,9 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("yaw_rate", "double", "rad/s"),
         ("yaw", "double", "rad, unwrapped"),
         ("roll", "double", "rad"),
+        ("turn_rate", "double", "rad/s, as bank and airspeed imply; NaN without airspeed"),
+        ("airspeed", "double", "m/s; NaN where unknown"),
+        ("noted", "fixed32", "bits: 1 saturated, 2 mode changed, 4 airspeed changed"),
     ),
     "Estimate": (
         ("boot_time", "double", "s, clock of the vehicle"),

@@ -3,11 +3,11 @@
 The stream is walked from front to back; what is decided depends on the bytes alone, never on how
 they were cut. A position is *in step* when the record before it has just ended there.
 
-1. In step, an intact frame behind its stamp is a record. 2. In step, a frame that is not intact
-(wrong CRC, unknown id) is passed over whole if a record header
-   follows whose stamp agrees with its own, so that nothing inside its payload is believed; at the
-   end of the stream the stamp before it must agree. If an intact frame ends at that very place, it
-   is the length that was damaged, and 3 applies.
+1. In step, an intact frame behind its stamp is a record.
+2. In step, a frame that is not intact (wrong CRC, unknown id) is passed over whole if a record
+   header follows whose stamp agrees with its own, so that nothing inside its payload is believed;
+   at the end of the stream the stamp before it must agree. It is the length that was damaged, and
+   3 applies, if an intact frame ends at that very place or lies inside what cannot be so long.
 3. Otherwise the next intact frame is looked for byte by byte.
 
 A frame inside an intact one is never looked at. A frame whose stamp would reach into the frame
@@ -16,7 +16,7 @@ before has none: it hides what is inside it and is no record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bisect import bisect_left, bisect_right
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +36,9 @@ STAMP_TOLERANCE_US = 3 * 86400 * 1_000_000
 NO_STAMP = -1
 _LATEST_US = 1 << 53  # the year 2255
 _NOT_YET = -1
+_MANY = 8  # with more gaps than this, plain lists are quicker than arrays
 
 
-@dataclass(frozen=True, slots=True)
 class Stretch:
     """Bytes not yet decided, ``data[start:stop]``, and the intact ``frames`` in them.
 
@@ -46,26 +46,36 @@ class Stretch:
     everything is to be decided.
     """
 
-    data: Bytes
-    start: int
-    stop: int
-    frames: Frames
-    open_from: int
-    final: bool
+    def __init__(
+        self, data: bytes, start: int, stop: int, frames: Frames, open_from: int, *, final: bool
+    ) -> None:
+        self.data = data
+        self.start = start
+        self.stop = stop
+        self.final = final
+        self.searched = stop if final else open_from - STAMP_SIZE
+        self.begin: list[int] | Ints = frames.begin
+        self.end: list[int] | Ints = frames.end
+        follows = frames.begin[1:] == frames.end[:-1] + STAMP_SIZE
+        self.run_ends: list[int] = [*(np.flatnonzero(~follows) + 1).tolist(), len(frames)]
+        if len(self.run_ends) > _MANY:
+            self.begin, self.end = frames.begin.tolist(), frames.end.tolist()
 
     def first_at(self, position: int) -> int:
         """Return the row of the first intact frame that begins at ``position`` or later."""
-        return int(np.searchsorted(self.frames.begin, position))
+        return bisect_left(self.begin, position)
 
     def is_settled(self, row: int) -> bool:
         """Return whether there is such a row and nothing before it can still become intact."""
-        if row == len(self.frames):
-            return False
-        return self.final or bool(self.frames.begin[row] < self.open_from)
+        return row < len(self.begin) and self.begin[row] < self.searched + STAMP_SIZE
+
+    def run_end(self, row: int) -> int:
+        """Return the row after the last of the records that follow one another from ``row`` on."""
+        return self.run_ends[bisect_right(self.run_ends, row)]
 
     def stamp(self, at: int) -> int:
         """Return the stamp that stands at a position, ``NO_STAMP`` if out of range."""
-        stamp = int.from_bytes(self.data[at : at + STAMP_SIZE].tobytes(), "big")
+        stamp = int.from_bytes(self.data[at : at + STAMP_SIZE], "big")
         return stamp if stamp <= _LATEST_US else NO_STAMP
 
 
@@ -100,15 +110,14 @@ class Chain:
 
     def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
         """Return the rows of the frames that are records, and where the undecided bytes begin."""
-        begin, end = stretch.frames.begin, stretch.frames.end
-        run_ends = np.append(np.flatnonzero(begin[1:] != end[:-1] + STAMP_SIZE) + 1, len(begin))
+        begin, end = stretch.begin, stretch.end
         runs: list[tuple[int, int]] = []
         at = stretch.start
         while True:
             row = stretch.first_at(at + STAMP_SIZE)
             is_here = row < len(begin) and begin[row] == at + STAMP_SIZE
             if is_here and (self._in_step or stretch.is_settled(row)):
-                after = int(run_ends[np.searchsorted(run_ends, row, side="right")])
+                after = stretch.run_end(row)
                 runs.append((row, after))
                 at, self._in_step = int(end[after - 1]), True
                 self._last_stamp = stretch.stamp(int(begin[after - 1]) - STAMP_SIZE)
@@ -123,13 +132,11 @@ class Chain:
                 self._in_step = False
             row = stretch.first_at(at)
             if not stretch.is_settled(row):
-                break
+                return _rows(runs, len(begin)), max(at, stretch.searched)
             has_stamp = begin[row] >= at + STAMP_SIZE
             at = int(begin[row] - STAMP_SIZE if has_stamp else end[row])
             self._in_step = not has_stamp
             self.unstamped += not has_stamp
-        searched = stretch.stop if stretch.final else stretch.open_from - STAMP_SIZE
-        return _rows(runs, len(begin)), max(at, searched)
 
     def _pass_over(self, stretch: Stretch, at: int) -> int | None:
         """Return where the damaged or unknown record at ``at`` ends.
@@ -151,8 +158,8 @@ class Chain:
         follows = at_the_end or stretch.data[after + STAMP_SIZE] in (MAGIC_V1, MAGIC_V2)
         if not follows or not stamps_agree(stretch.stamp(at), neighbour):
             return None
-        inside = slice(stretch.first_at(begin + 1), stretch.first_at(after))
-        if (stretch.frames.end[inside] == after).any():
+        inside = stretch.end[stretch.first_at(begin + 1) : stretch.first_at(after)]
+        if after in inside or (len(inside) and not header.may_be):
             return None
         self.unknown += header.row == UNKNOWN
         self.bad_crc += header.row != UNKNOWN

@@ -39,8 +39,9 @@ class Decoder:
 
     A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record
     whose stamp and frame are intact is found, whatever stands around it, and none is invented: see
-    ``chain`` and ``belief`` for the rules. A damaged stamp that stays within 3 days of its
-    neighbours cannot be seen.
+    ``chain`` and ``belief`` for the rules. What cannot be seen: a damaged stamp that stays within 3
+    days of its neighbours, and damage that meets the 16 bits of CRC by chance. The first record of
+    all comes out with the second, which confirms its stamp.
 
     Raises:
         ConfigError: a name in ``wanted`` is no message of the dialect.
@@ -84,7 +85,7 @@ class Decoder:
         stop = len(joined) - SLACK
         buffer = np.frombuffer(joined, np.uint8)
         found, open_from = find_frames(buffer, start, stop, self._known)
-        stretch = Stretch(buffer, start, stop, found, open_from, final)
+        stretch = Stretch(joined, start, stop, found, open_from, final=final)
         rows, decided = self._chain.walk(stretch)
         records = found.select(rows)
         order = records.begin + (self._decided - STAMP_SIZE - start)

@@ -51,10 +51,15 @@ class Frames:
 
 
 class Header(NamedTuple):
-    """The ``size`` in bytes of a whole frame and the ``row`` of its message or ``UNKNOWN``."""
+    """What one header says.
+
+    The ``size`` in bytes of the whole frame, the ``row`` of its message or ``UNKNOWN``, and whether
+    that message ``may_be`` so long.
+    """
 
     size: int
     row: int
+    may_be: bool
 
 
 def frame_size(head: bytes) -> int | None:
@@ -68,16 +73,17 @@ def frame_size(head: bytes) -> int | None:
     return None
 
 
-def read_header(data: Bytes, begin: int, known: Definitions) -> Header | None:
+def read_header(data: bytes, begin: int, known: Definitions) -> Header | None:
     """Return the header at ``begin``, or None if no MAVLink frame can begin like that."""
-    head = data[begin : begin + 10].tobytes()
+    head = data[begin : begin + LONGEST_HEADER]
     size = frame_size(head[:3])
     if size is None:
         return None
-    message_id = head[5] if head[0] == MAGIC_V1 else int.from_bytes(head[7:10], "little")
-    return Header(
-        size, int(known.row_of[message_id]) if message_id < len(known.row_of) else UNKNOWN
-    )
+    is_v1 = head[0] == MAGIC_V1
+    message_id = head[5] if is_v1 else int.from_bytes(head[7:10], "little")
+    row = int(known.row_of[message_id]) if message_id < len(known.row_of) else UNKNOWN
+    fits = known.fits_v1[row, head[1]] if is_v1 else head[1] <= known.size[row]
+    return Header(size, row, row == UNKNOWN or bool(fits))
 
 
 def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple[Frames, int]:

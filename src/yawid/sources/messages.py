@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Bytes
+from yawid.blocks import Bytes, Ints
 from yawid.errors import ConfigError
 
 HEARTBEAT = 0
@@ -27,13 +27,14 @@ _SCALARS = {
 class Definitions:
     """The dialect's messages, a row each.
 
-    ``row_of`` (65536,) is the row of a message id or ``UNKNOWN``. ``crc_extra`` (n,) and
-    ``fits_v1`` (n, 256), the payload lengths a MAVLink 1 frame may have, are by row; ``names``
-    gives the row by name.
+    ``row_of`` (65536,) is the row of a message id or ``UNKNOWN`` and ``names`` the row by name. By
+    row are ``crc_extra`` (n,), the payload's full ``size`` (n,) in bytes and ``fits_v1`` (n, 256),
+    the payload lengths a MAVLink 1 frame may have.
     """
 
     row_of: NDArray[np.int16]
     crc_extra: Bytes
+    size: Ints
     fits_v1: NDArray[np.bool_]
     names: dict[str, int]
 
@@ -48,7 +49,10 @@ def definitions() -> Definitions:
         row_of[cls.id] = row
         fits[row, list(_lengths_v1(cls))] = True
     extra = np.array([cls.crc_extra for cls in classes], np.uint8)
-    return Definitions(row_of, extra, fits, {cls.msgname: row for row, cls in enumerate(classes)})
+    size = np.array([cls.unpacker.size for cls in classes], np.int64)
+    return Definitions(
+        row_of, extra, size, fits, {cls.msgname: row for row, cls in enumerate(classes)}
+    )
 
 
 @cache

@@ -154,11 +154,11 @@ class UdpTap:
                 self._arrived.set()
                 return
             stamp = max(stamp, time.time_ns() // 1000)
-            self.datagrams += 1
-            if len(self._queue) >= self._queue_size:
+            if len(self._queue) < self._queue_size:
+                self._queue.append((stamp, datagram))
+            else:
                 self.dropped += 1
-                continue
-            self._queue.append((stamp, datagram))
+            self.datagrams += 1
             self._arrived.set()
 
 

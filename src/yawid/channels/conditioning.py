@@ -1,0 +1,116 @@
+"""Conditioning on the grid: choice of the output, turns removed, one filter for all channels.
+
+The filter works on the samples of the grid, the same on every input and on the output, so that it
+leaves the relation between them alone: with y = G u also F y = G F u, exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.signal import butter, sosfilt, sosfilt_zi
+
+from yawid.blocks import Floats, Held, Noted, SampleBlock
+from yawid.errors import ConfigError
+from yawid.run_config import RunConfig
+
+BAND_ORDER = 2
+"""Order of the Butterworth prototype; the band-pass has twice as many poles."""
+FULL_TRAVEL = 0.99
+
+
+def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
+    """Return the Butterworth band-pass as second-order sections (n, 6).
+
+    Raises:
+        ConfigError: the upper edge is not below half the rate.
+    """
+    rate_hz = 1.0 / sample_time_s
+    if not band_hz[1] < rate_hz / 2.0:
+        raise ConfigError(
+            f"--band reaches to {band_hz[1]:g} Hz: at {rate_hz:g} Hz it must end below "
+            f"{rate_hz / 2.0:g} Hz"
+        )
+    sections: Floats = butter(BAND_ORDER, band_hz, "bandpass", fs=rate_hz, output="sos")
+    return sections
+
+
+@dataclass(slots=True)
+class Conditioner:
+    """Turns aligned samples into what the estimators see; carries the filter's state.
+
+    Raises:
+        ConfigError: the band does not fit the rate.
+    """
+
+    config: RunConfig
+    sample_time_s: float
+    _sections: Floats | None = field(default=None, init=False)
+    _state: Floats | None = field(default=None, init=False)
+    _last: tuple[int, float, float] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        if self.config.band is not None:
+            self._sections = band_pass(self.config.band, self.sample_time_s)
+
+    def feed(self, block: SampleBlock) -> SampleBlock:
+        """Return the block conditioned; samples that thereby miss something become held."""
+        block = self._note_saturation(block)
+        if self.config.output == "yaw":
+            block = self._differenced(block)
+        if self.config.turn == "remove":
+            turn = block.turn
+            unknown = (block.held == 0) & np.isnan(turn)
+            block = replace(
+                block, y=block.y - turn, held=block.held + int(Held.NO_AIRSPEED) * unknown
+            )
+        if self._sections is not None:
+            block = self._filtered(block, self._sections)
+        held = block.held != 0
+        u = np.where(held[:, None], np.nan, block.u)
+        return replace(block, u=u, y=np.where(held, np.nan, block.y))
+
+    def _note_saturation(self, block: SampleBlock) -> SampleBlock:
+        degrees = self.config.rudder_max_deg
+        travel = 1.0 if degrees is None else float(np.deg2rad(degrees))
+        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * travel
+        return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
+
+    def _differenced(self, block: SampleBlock) -> SampleBlock:
+        """Make the output (psi(k) - psi(k-1)) / Ts: the known integrator never becomes a free pole.
+
+        ``turn`` becomes the mean of both ends, as the output is the mean of the rate between them.
+        """
+        good = block.held == 0
+        k, yaw, turn = block.k[good], block.yaw[good], block.turn[good]
+        if len(k) == 0:
+            return block
+        first = self._last or (k[0] - 2, np.nan, np.nan)
+        k_before = np.concatenate([[first[0]], k[:-1]])
+        yaw_before, turn_before = (
+            np.concatenate([[start], column[:-1]])
+            for start, column in ((first[1], yaw), (first[2], turn))
+        )
+        self._last = (int(k[-1]), float(yaw[-1]), float(turn[-1]))
+        adjacent = k - k_before == 1
+        y, mean_turn, held = np.full(len(block), np.nan), block.turn.copy(), block.held.copy()
+        y[good] = (yaw - yaw_before) / self.sample_time_s
+        mean_turn[good] = 0.5 * (turn + turn_before)
+        held[good] = np.where(adjacent & np.isfinite(y[good]), 0, int(Held.GAP))
+        return replace(block, y=y, turn=mean_turn, held=held)
+
+    def _filtered(self, block: SampleBlock, sections: Floats) -> SampleBlock:
+        """Band-pass inputs and output; after a held sample the filter starts anew, at rest."""
+        signals = np.column_stack([block.u, block.y])
+        good = block.held == 0
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+        for start, stop in edges.reshape(-1, 2):
+            if start > 0 or self._state is None:
+                self._state = sosfilt_zi(sections)[:, :, None] * signals[start]
+            signals[start:stop], self._state = sosfilt(
+                sections, signals[start:stop], axis=0, zi=self._state
+            )
+        if not good[-1]:
+            self._state = None
+        return replace(block, u=signals[:, :-1], y=signals[:, -1])

@@ -1,0 +1,75 @@
+"""The parameters a vehicle has told so far, and what they say of its outputs."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+
+from yawid.blocks import MessageBlock
+from yawid.channels.surface import Travel
+
+STOCK_TRAVEL_US: Travel = (1100.0, 1500.0, 1900.0)
+"""ArduPilot's defaults of SERVOn_MIN, SERVOn_TRIM and SERVOn_MAX."""
+PX4_TRAVEL_US: Travel = (1000.0, 1500.0, 2000.0)
+"""PX4's defaults of PWM_MAIN_MINn and PWM_MAIN_MAXn, and their middle."""
+_RELEVANT = re.compile(
+    r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)|RC[1-9]\d?_(MIN|TRIM|MAX|REVERSED)"
+    r"|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
+)
+_FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION")
+
+
+class ParameterTable:
+    """Parameters by name; the last value heard counts."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float] = {}
+
+    def changes(self, block: MessageBlock) -> Iterator[int]:
+        """Take PARAM_VALUE rows in, one by one; yield the order of each that may matter."""
+        for order, raw, value in zip(
+            block.order.tolist(),
+            block.fields["param_id"].tolist(),
+            block.fields["param_value"].tolist(),
+            strict=True,
+        ):
+            name = raw.split(b"\0", 1)[0].decode("ascii", "replace")
+            changed = self.values.get(name) != value
+            self.values[name] = value
+            if changed and _RELEVANT.fullmatch(name):
+                yield order
+
+    def get(self, name: str, default: float) -> float:
+        """Return a value, or the default where it was not told or is no number."""
+        value = self.values.get(name, default)
+        return value if math.isfinite(value) else default
+
+    def functions(self) -> dict[int, int]:
+        """Return servo number -> function for every SERVOn_FUNCTION heard."""
+        found = {}
+        for name, value in self.values.items():
+            match = _FUNCTION.fullmatch(name)
+            if match is not None and math.isfinite(value):
+                found[int(match[1])] = int(value)
+        return dict(sorted(found.items()))
+
+    def travel(self, prefix: str) -> tuple[Travel, bool, bool]:
+        """Return (min, trim, max), reversed, and whether all three were told and make sense."""
+        names = [f"{prefix}_{end}" for end in ("MIN", "TRIM", "MAX")]
+        low, trim, high = (self.get(n, s) for n, s in zip(names, STOCK_TRAVEL_US, strict=True))
+        sound = 0.0 < low < trim < high < 65535.0
+        reverse = self.get(f"{prefix}_REVERSED", 0.0) == 1.0
+        told = sound and all(name in self.values for name in names)
+        return (low, trim, high) if sound else STOCK_TRAVEL_US, reverse, told
+
+    def px4_travel(self, bank: str, number: int) -> tuple[Travel | None, bool]:
+        """Return (min, centre, max) of a PX4 output, None where it is -1..1, and reversed."""
+        reverse = bool(int(self.get(f"{bank}_REV", 0.0)) >> (number - 1) & 1)
+        if bank == "HIL_ACT":
+            return None, reverse
+        low = self.get(f"{bank}_MIN{number}", PX4_TRAVEL_US[0])
+        high = self.get(f"{bank}_MAX{number}", PX4_TRAVEL_US[2])
+        centre = self.get(f"{bank}_CENT{number}", -1.0)
+        middle = centre if 800.0 <= centre <= 2200.0 else 0.5 * (low + high)
+        return (low, middle, high) if 0.0 < low < middle < high else PX4_TRAVEL_US, reverse

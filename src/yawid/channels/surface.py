@@ -1,0 +1,122 @@
+"""A control surface: the message fields that carry it, and how raw values become a deflection.
+
+Positive rudder means nose right (ArduPilot's and PX4's convention). One unit is half the travel,
+MAX - TRIM. The normalisation is the inverse of ArduPilot's ``SRV_Channel::pwm_from_angle``: the
+slope differs on the two sides of TRIM. PX4's ``output_limit_calc_single`` is the same with TRIM in
+the middle, or at CENT.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, MessageBlock
+
+Travel = tuple[float, float, float]
+Bools = NDArray[np.bool_]
+
+STOPS = 0.995
+"""An output this near its stop may have been cut off there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One output of a surface: number, travel in us (min, trim, max), sense and weight.
+
+    ``number`` counts as the message does (servo and rc from 1, control from 0); ``travel_us`` is
+    None where the raw value is already in -1..1.
+    """
+
+    number: int
+    travel_us: Travel | None
+    reversed: bool = False
+    weight: float = 1.0
+
+    def normalised(self, raw: Floats) -> Floats:
+        """Return the raw values (n,) on -1..1, NaN where the output is off or absent."""
+        if self.travel_us is None:
+            value = np.where(np.abs(raw) <= 2.0, raw, np.nan)
+        else:
+            low, trim, high = self.travel_us
+            pwm = np.where((raw > 0.0) & (raw < 65535.0), raw, np.nan)
+            value = (pwm - trim) / np.where(pwm > trim, high - trim, trim - low)
+        return -value if self.reversed else value
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A surface as the weighted sum of its parts, usually one; V-tails and elevons have two.
+
+    ``how`` says how it was found (parameter, option, assumed, ...); ``scale`` turns half the travel
+    into the unit wanted, sign included.
+    """
+
+    message: str
+    how: str
+    parts: tuple[Part, ...]
+    scale: float = 1.0
+
+    @property
+    def source(self) -> str:
+        """The message fields, as a person would write them."""
+        return " and ".join(f"{self.message}.{_field(self.message, p.number)}" for p in self.parts)
+
+    def same_meaning(self, other: Surface) -> bool:
+        """Tell whether one unit still means the same, but for trims and stops told meanwhile."""
+        measured = self.how == other.how == "parameter"
+        mine, theirs = (
+            replace(s, how="", parts=tuple(replace(p, travel_us=None) for p in s.parts))
+            for s in (self, other)
+        )
+        travels = [p.travel_us for p in self.parts] == [p.travel_us for p in other.parts]
+        return mine == theirs and (measured or travels)
+
+    def deflection(self, block: MessageBlock) -> Floats:
+        """Return the deflection (n,) of each row, NaN where an output is off, absent or ambiguous.
+
+        Where two outputs are mixed, one at its stop no longer tells what was commanded.
+        """
+        total = np.zeros(len(block))
+        for part in self.parts:
+            value = part.normalised(_raw(self.message, part.number, block.fields))
+            if len(self.parts) > 1:
+                value = np.where(np.abs(value) < STOPS, value, np.nan)
+            total = total + part.weight * value
+        deflection: Floats = self.scale * total
+        return deflection
+
+    def rows(self, block: MessageBlock) -> Bools:
+        """Return which rows of the message carry this surface at all (port, group)."""
+        if self.message == "SERVO_OUTPUT_RAW":
+            return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 16)
+        if self.message == "ACTUATOR_CONTROL_TARGET":
+            return np.asarray(block.fields["group_mlx"] == 0)
+        return np.ones(len(block), bool)
+
+
+_ARRAYS = {
+    "ACTUATOR_CONTROL_TARGET": ("controls", 0),
+    "HIL_ACTUATOR_CONTROLS": ("controls", 1),
+    "ACTUATOR_OUTPUT_STATUS": ("actuator", 1),
+}
+"""Messages whose outputs stand in an array: its field, and the number of the first."""
+
+
+def _field(message: str, number: int) -> str:
+    if message in _ARRAYS:
+        name, first = _ARRAYS[message]
+        return f"{name}[{number - first}]"
+    if message == "RC_CHANNELS":
+        return f"chan{number}_raw"
+    return f"servo{(number - 1) % 16 + 1}_raw"
+
+
+def _raw(message: str, number: int, fields: NDArray[Any]) -> Floats:
+    if message in _ARRAYS:
+        name, first = _ARRAYS[message]
+        return np.asarray(fields[name][:, number - first], float)
+    return np.asarray(fields[_field(message, number)], float)

@@ -1,0 +1,73 @@
+"""The closed forms of the paper's two step responses and what is read off them: eq. 4-16.
+
+Printed slips: eq. 8's limit is s -> 0, not infinity; eq. 15 keeps the letters of eq. 12, Delta h/k, and
+means Delta y/(k u0).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.errors import NotIdentifiable
+
+
+def first_order_response(t: Floats, K: float, T: float) -> Floats:
+    """Return c(t) = K (1 - exp(-t/T)) of eq. 4, 0 before t = 0."""
+    return np.asarray(-K * np.expm1(-np.maximum(t, 0.0) / T))
+
+
+def first_order_settling(T: float, tolerance: float) -> float:
+    """Return the transient time T ln(1/tolerance) of eq. 6, tolerance 0.02 or 0.05."""
+    return T * math.log(1.0 / tolerance)
+
+
+def second_order_response(t: Floats, k: float, D: float, q: float) -> Floats:
+    """Return h(t) of the model of eq. 7, W(s) = k q^2 / (s^2 + 2 q D s + q^2), 0 before t = 0."""
+    t, root = np.maximum(t, 0.0), math.sqrt(1.0 - D * D)
+    ring = np.exp(-D * q * t) / root * np.sin(q * root * t + math.acos(D))
+    return np.asarray(k * (1.0 - ring))
+
+
+def second_order_weighting(t: Floats, k: float, D: float, q: float) -> Floats:
+    """Return g(t) = dh/dt of the model of eq. 7, 0 before t = 0."""
+    t, root = np.maximum(t, 0.0), math.sqrt(1.0 - D * D)
+    return np.asarray(k * q / root * np.exp(-D * q * t) * np.sin(q * root * t))
+
+
+def second_order_settling(D: float, q: float, tolerance: float) -> float:
+    """Return when the envelope exp(-D q t)/sqrt(1 - D^2) has come down to the tolerance."""
+    return -math.log(tolerance * math.sqrt(1.0 - D * D)) / (D * q)
+
+
+def extremum_time(D: float, q: float, i: int = 1) -> float:
+    """Return T_i = i pi / (q sqrt(1 - D^2)) of eq. 9."""
+    return i * math.pi / (q * math.sqrt(1.0 - D * D))
+
+
+def overshoot(D: float) -> float:
+    """Return Delta h / k = exp(-pi D / sqrt(1 - D^2)) of eq. 10-11."""
+    return math.exp(-math.pi * D / math.sqrt(1.0 - D * D))
+
+
+def second_order_from_peak(
+    y_end: float, y_max: float, t1: float, u0: float = 1.0
+) -> tuple[float, float, float]:
+    """Return k, D, q by eq. 8, 12 and 13, or 14-16 for a step of height u0.
+
+    ``y_end`` is the steady state and ``y_max`` the first extremum, both counted from where the
+    response started, ``t1`` the time from the step to it.
+
+    Raises:
+        NotIdentifiable: no overshoot, one of 100 % or more, or no time to it: not eq. 7.
+    """
+    share = (y_max - y_end) / y_end if y_end else math.nan
+    if not 0.0 < share < 1.0 or not t1 > 0.0:
+        raise NotIdentifiable(
+            f"not the form of eq. 7: from the start, {y_max:g} at {t1:g} s and {y_end:g} at last "
+            "show no overshoot between 0 and 100 %"
+        )
+    D = 1.0 / math.sqrt(1.0 + math.pi**2 / math.log(share) ** 2)
+    return y_end / u0, D, math.pi / (t1 * math.sqrt(1.0 - D * D))

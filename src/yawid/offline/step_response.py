@@ -1,0 +1,277 @@
+"""K and T, or k, D and q, of a measured step response: read off as the paper does, then refined.
+
+The reading is eq. 5-6 and 8-16 on the record smoothed over a few samples; it starts a least-squares
+fit of the closed form with a free offset, which gives the estimates and their sigma. Several widths
+of smoothing are tried, the fit with the least loss is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError, NotIdentifiable
+from yawid.offline.forms import (
+    first_order_response,
+    first_order_settling,
+    overshoot,
+    second_order_from_peak,
+    second_order_response,
+    second_order_settling,
+)
+
+FEWEST_SAMPLES = 10
+SMOOTHING = (0.0, 0.01, 0.03)
+"""Widths of the moving average before the reading, as shares of the record."""
+TAIL = 0.1
+"""The share of the record whose mean is read as the steady state."""
+SETTLED = 0.05
+"""A steady state is reached where the fitted form is within this share of its end."""
+MISFIT = 0.05
+"""A form whose systematic misfit over the transient exceeds this share of the step does not hold."""
+CLEAR = 3.0
+"""How many sigma the answer to the step, and an overshoot, must rise above."""
+SETTLING = (0.02, 0.05)
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """An estimate and its standard deviation."""
+
+    value: float
+    std: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval."""
+        return self.value - 1.959964 * self.std, self.value + 1.959964 * self.std
+
+
+@dataclass(frozen=True, slots=True)
+class FirstOrder:
+    """G(s) = K/(T s + 1): K in y per u, T in s, settling times of eq. 6, and the fit's noise."""
+
+    K: Value
+    T: Value
+    settling_2pct_s: Value
+    settling_5pct_s: Value
+    offset: Value
+    noise_std: float
+
+
+@dataclass(frozen=True, slots=True)
+class SecondOrder:
+    """W(s) = k q^2/(s^2 + 2 q D s + q^2): k in y per u, q in rad/s; the envelope's settling times."""
+
+    k: Value
+    D: Value
+    q: Value
+    settling_2pct_s: Value
+    settling_5pct_s: Value
+    offset: Value
+    noise_std: float
+
+
+def fit_first_order(
+    t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0
+) -> FirstOrder:
+    """Fit eq. 4 to y (n,) at t (n,) in s, increasing; the input steps by u0 at ``step_time_s``.
+
+    NaN in y is left out. The offset is y before the step. Sigma takes the noise as white, or, where
+    the residuals are correlated, as a first-order process.
+
+    Raises:
+        ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
+        NotIdentifiable: y does not answer, does not come to rest, or has another form.
+    """
+    record = _Record.checked(t, y, u0, step_time_s)
+
+    def form(p: Floats) -> Floats:
+        return first_order_response(record.t, p[1], math.exp(min(max(p[2], -700.0), 700.0)))
+
+    starts = (np.array([0.0, 1.0, math.log(T)]) for T in _read_first_order(record))
+    fit = _refine(record, form, starts, [-np.inf] * 3, [np.inf] * 3)
+    T = math.exp(fit.p[2])
+    left = math.exp(-record.t[-1] / T)
+    _check_form(record, fit, left, first_order_settling(T, SETTLED))
+    times = (T * math.log(1.0 / tolerance) for tolerance in SETTLING)
+    relative = fit.std[2]
+    return FirstOrder(
+        Value(fit.p[1] * record.scale / u0, fit.std[1] * abs(record.scale / u0)),
+        Value(T, T * relative),
+        *(Value(time, time * relative) for time in times),
+        Value(record.low + fit.p[0] * record.scale, fit.std[0] * abs(record.scale)),
+        fit.noise_std * abs(record.scale),
+    )
+
+
+def fit_second_order(
+    t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0
+) -> SecondOrder:
+    """Fit the h(t) of eq. 7 to y (n,) at t (n,) in s; the rest as :func:`fit_first_order`.
+
+    Raises:
+        ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
+        NotIdentifiable: as there, or no overshoot that stands out of the noise.
+    """
+    record = _Record.checked(t, y, u0, step_time_s)
+
+    def form(p: Floats) -> Floats:
+        return second_order_response(record.t, p[1], p[2], math.exp(min(max(p[3], -700.0), 700.0)))
+
+    starts = [np.array([0.0, 1.0, D, math.log(q)]) for D, q in _read_second_order(record)]
+    if not starts:
+        raise NotIdentifiable("not the form of eq. 7: the record shows no overshoot")
+    low, high = [-np.inf, -np.inf, 1e-6, -np.inf], [np.inf, np.inf, 1.0 - 1e-9, np.inf]
+    fit = _refine(record, form, iter(starts), low, high)
+    D, q = float(fit.p[2]), math.exp(fit.p[3])
+    root = math.sqrt(1.0 - D * D)
+    _check_form(record, fit, math.exp(-D * q * record.t[-1]) / root, second_order_settling(D, q, SETTLED))
+    # d ln(overshoot) / dD = -pi / root^3: an overshoot of CLEAR sigma has a logarithm known to 1/CLEAR.
+    if not overshoot(D) > 1e-6 or not math.pi / root**3 * fit.std[2] < 1.0 / CLEAR:
+        raise NotIdentifiable(
+            f"not the form of eq. 7: an overshoot of {100.0 * overshoot(D):.2g} % does not stand out"
+        )
+    scale = record.scale / u0
+    return SecondOrder(
+        Value(fit.p[1] * scale, fit.std[1] * abs(scale)),
+        Value(D, fit.std[2]),
+        Value(q, q * fit.std[3]),
+        *(_settling(D, q, tolerance, fit.covariance[2:, 2:]) for tolerance in SETTLING),
+        Value(record.low + fit.p[0] * record.scale, fit.std[0] * abs(record.scale)),
+        fit.noise_std * abs(record.scale),
+    )
+
+
+def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> Value:
+    """Return the envelope's settling time; ``covariance`` (2, 2) is that of D and ln q."""
+    time = second_order_settling(D, q, tolerance)
+    slope = np.array([1.0 / (q * (1.0 - D * D)) - time / D, -time])
+    return Value(time, math.sqrt(slope @ covariance @ slope))
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """t from the step on (negative before), y less ``low`` over ``scale``: from about 0 to 1."""
+
+    t: Floats
+    y: Floats
+    low: float
+    scale: float
+
+    @classmethod
+    def checked(cls, t: ArrayLike, y: ArrayLike, u0: float, step_time_s: float) -> _Record:
+        t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        if t.ndim != 1 or t.shape != y.shape:
+            raise ConfigError(f"t and y must be (n,) alike, got {t.shape} and {y.shape}")
+        if not np.isfinite(t).all() or np.isinf(y).any() or not (np.diff(t) > 0.0).all():
+            raise ConfigError("t must be finite and increasing and y finite (NaN where missing)")
+        if not math.isfinite(u0) or u0 == 0.0 or not math.isfinite(step_time_s):
+            raise ConfigError(f"u0 must be finite and not 0, got {u0!r} (step at {step_time_s!r} s)")
+        t, y = t[np.isfinite(y)] - step_time_s, y[np.isfinite(y)]
+        after = int(np.sum(t >= 0.0))
+        if after < FEWEST_SAMPLES:
+            raise ConfigError(f"{after} samples after the step, at least {FEWEST_SAMPLES} needed")
+        low = float(y[t < 0.0].mean()) if after < len(y) else float(y[0])
+        scale = float(y[-max(1, round(TAIL * after)) :].mean()) - low
+        if scale == 0.0:
+            raise NotIdentifiable("y does not answer the step: it ends where it began")
+        return cls(t, (y - low) / scale, low, scale)
+
+    def smoothed(self) -> Iterator[tuple[Floats, Floats]]:
+        """Yield t and y from the step on, y averaged over ever more samples."""
+        t, y = self.t[self.t >= 0.0], self.y[self.t >= 0.0]
+        for width in sorted({2 * round(0.5 * share * len(y)) + 1 for share in SMOOTHING}):
+            mean = np.convolve(y, np.ones(width) / width, mode="valid")
+            yield t[width // 2 : len(t) - width // 2], mean
+
+
+def _read_first_order(record: _Record) -> Iterator[float]:
+    """Yield T, the time at which the response reaches 63 % of its end (after eq. 6)."""
+    level = 1.0 - math.exp(-1.0)
+    for t, y in record.smoothed():
+        after = int(np.argmax(y >= level))
+        if after == 0:
+            yield float(max(t[0], 0.5 * (t[1] - t[0])))
+            continue
+        part = (level - y[after - 1]) / (y[after] - y[after - 1])
+        yield float(t[after - 1] + part * (t[after] - t[after - 1]))
+
+
+def _read_second_order(record: _Record) -> Iterator[tuple[float, float]]:
+    """Yield D and q by eq. 12-13 from the first extremum; none where there is no overshoot."""
+    for t, y in record.smoothed():
+        peak = float(t[np.argmax(y)])
+        near = np.abs(t - peak) <= 0.25 * peak
+        y_max = float(y.max())
+        if near.sum() >= 5:  # the parabola through the top is finer than the samples
+            curve, slope, top = np.polyfit(t[near] - peak, y[near], 2)
+            if curve < 0.0 and abs(0.5 * slope / curve) <= 0.25 * peak:
+                peak, y_max = peak - 0.5 * slope / curve, top - 0.25 * slope**2 / curve
+        if 0.0 < y_max - 1.0 < 1.0 and peak > 0.0:
+            _, D, q = second_order_from_peak(1.0, y_max, peak)
+            yield D, q
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """The parameters (n,) on the scaled record, their covariance, and what is left of it."""
+
+    p: Floats
+    covariance: Floats
+    residual: Floats
+    noise_std: float
+
+    @property
+    def std(self) -> list[float]:
+        return [math.sqrt(variance) for variance in np.diag(self.covariance)]
+
+
+def _refine(
+    record: _Record, form: Callable[[Floats], Floats], starts: Iterator[Floats],
+    low: list[float], high: list[float],
+) -> _Fit:  # fmt: skip
+    """Fit offset p[0] plus form(p) from each start and keep the best."""
+
+    def misses(p: Floats) -> Floats:
+        return record.y - p[0] - form(p)
+
+    options = {"jac": "3-point", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "x_scale": 1.0}
+    found = [least_squares(misses, start, bounds=(low, high), **options) for start in starts]
+    best = min(found, key=lambda result: float(result.cost))
+    p, residual, n = best.x, best.fun, len(best.fun)
+    variance = 2.0 * best.cost / (n - len(p))
+    information = best.jac.T @ best.jac
+    if not np.linalg.cond(information) < 1e14:
+        raise NotIdentifiable("the record has too few samples in the transient")
+    correlation = float(residual[1:] @ residual[:-1]) / max(2.0 * best.cost, 1e-300)
+    if correlation > 2.0 / math.sqrt(n):  # more than white noise shows: fewer samples are worth it
+        variance *= (1.0 + correlation) / max(1.0 - correlation, 1e-3)
+    covariance = np.linalg.inv(information) * variance
+    return _Fit(p, covariance, residual, math.sqrt(2.0 * best.cost / (n - len(p))))
+
+
+def _check_form(record: _Record, fit: _Fit, left: float, settling_s: float) -> None:
+    """Raise NotIdentifiable where the fitted form does not speak for the record."""
+    step = abs(fit.p[1])
+    if not step > CLEAR * fit.std[1]:
+        raise NotIdentifiable("y does not answer the step: its change does not stand out of the noise")
+    if not left <= SETTLED:
+        raise NotIdentifiable(
+            f"no steady state reached: the record ends {record.t[-1]:.3g} s after the step, "
+            f"the response needs {settling_s:.3g} s"
+        )
+    # The product of neighbours is the systematic part: white noise has none.
+    transient = fit.residual[(record.t >= 0.0) & (record.t <= 1.5 * settling_s)]
+    power = float(np.mean(transient[1:] * transient[:-1])) if len(transient) > 1 else 0.0
+    if power > (MISFIT * step) ** 2:
+        raise NotIdentifiable(
+            f"the record does not have this form: the fit misses it by "
+            f"{100.0 * math.sqrt(power) / step:.0f} % of the step over the transient"
+        )

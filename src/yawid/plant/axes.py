@@ -1,0 +1,45 @@
+"""The paper's axes and signs, and the one place where they turn into the project's.
+
+``plant/`` keeps the paper's axes: x forward, y up, z to the right, and the same on the ground (north,
+up, east). The rest of the project speaks MAVLink's: forward, right, down (north, east, down). Both
+are right-handed; a quarter turn about x leads from one to the other.
+
+======================  ======================  =============================
+quantity                paper                   project
+======================  ======================  =============================
+bank, roll rate         gamma, omega_x          roll, p (same sign)
+pitch, pitch rate       theta, omega_z          pitch, q (same sign)
+yaw, yaw rate           psi, omega_y            -yaw, -r (the paper's nose goes left)
+sideslip                beta                    beta (same: air from the right)
+rudder                  -delta_H turns left     rudder > 0 turns the nose right: delta_H
+aileron                 -delta_b rolls right    aileron > 0 rolls right: -delta_b
+======================  ======================  =============================
+
+So yaw rate over rudder is psi'/(-delta_H) of the paper's eq. 23, with its sign.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from yawid.blocks import Floats
+
+
+def frd_from_paper(vector: Floats) -> Floats:
+    """Return (..., 3) in forward-right-down axes (or north-east-down) from the paper's."""
+    return np.stack([vector[..., 0], vector[..., 2], -vector[..., 1]], axis=-1)
+
+
+def paper_from_frd(vector: Floats) -> Floats:
+    """Return (..., 3) in the paper's axes from forward-right-down ones (or north-east-down)."""
+    return np.stack([vector[..., 0], -vector[..., 2], vector[..., 1]], axis=-1)
+
+
+def rudder_from_paper(minus_delta_h: Floats) -> Floats:
+    """Return the rudder, positive nose right, from the paper's input -delta_H; its own inverse."""
+    return -minus_delta_h
+
+
+def yaw_from_paper(psi: Floats) -> Floats:
+    """Return yaw or yaw rate, positive nose right, from the paper's psi or omega_y; its own inverse."""
+    return -psi

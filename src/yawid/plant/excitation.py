@@ -1,0 +1,127 @@
+"""Inputs that make a plant show itself, sampled on the grid and held between its instants.
+
+A unit step excites order 1 only; models of order 2 to 3 need a doublet, 3-2-1-1, PRBS, sweep or
+multisine.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy import signal
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+
+Kind = Literal["step", "impulse", "doublet", "3211", "prbs", "sweep", "multisine"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Excitation:
+    """One input: zero until ``start_s``, then its shape with the peak ``amplitude``.
+
+    ``unit_s`` is the length of a doublet's half, of the 1 of a 3-2-1-1 and of a PRBS bit; ``low_hz``
+    and ``high_hz`` bound sweep and multisine; ``seed`` draws the PRBS's start and the multisine's
+    phases. An impulse lasts one sample and has the area ``amplitude`` (times 1 s).
+
+    Raises:
+        ConfigError: an unknown kind or a value outside its limits.
+    """
+
+    kind: Kind
+    amplitude: float = 1.0
+    start_s: float = 0.0
+    unit_s: float = 1.0
+    low_hz: float = 0.05
+    high_hz: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ConfigError(f"excitation must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        if not math.isfinite(self.amplitude) or self.amplitude == 0.0:
+            raise ConfigError(f"amplitude must be finite and not 0, got {self.amplitude!r}")
+        if not 0.0 <= self.start_s < math.inf or not 0.0 < self.unit_s < math.inf:
+            raise ConfigError(
+                f"start_s must be >= 0 and unit_s > 0, got {self.start_s!r} and {self.unit_s!r}"
+            )
+        if not 0.0 < self.low_hz < self.high_hz < math.inf:
+            raise ConfigError(
+                f"low_hz and high_hz must be 0 < low < high, got {self.low_hz!r}, {self.high_hz!r}"
+            )
+        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
+            raise ConfigError(f"seed must be an int >= 0, got {self.seed!r}")
+
+    def samples(self, count: int, sample_time_s: float) -> Floats:
+        """Return u (count,): u(k) is held over [k Ts, (k+1) Ts).
+
+        Raises:
+            ConfigError: the shape does not fit: it starts after the end, switches faster than the
+            samples, or goes above half their rate.
+        """
+        first = round(self.start_s / sample_time_s)
+        if not 0 <= first < count:
+            raise ConfigError(f"start_s = {self.start_s} lies outside the {count} samples")
+        u = np.zeros(count)
+        u[first:] = self.amplitude * self._shape(count - first, sample_time_s)
+        return u
+
+    def _shape(self, count: int, ts: float) -> Floats:
+        match self.kind:
+            case "step":
+                return np.ones(count)
+            case "impulse":
+                return np.eye(1, count)[0] / ts
+            case "doublet":
+                return _held([1.0, -1.0], self._unit(ts), count)
+            case "3211":
+                bits = [1.0] * 3 + [-1.0] * 2 + [1.0, -1.0]
+                return _held(bits, self._unit(ts), count)
+            case "prbs":
+                return _prbs(self._unit(ts), count, self.seed)
+        if self.high_hz > 0.5 / ts:
+            raise ConfigError(f"high_hz must be at most half the rate, got {self.high_hz} Hz")
+        if self.kind == "sweep":
+            t = np.arange(count) * ts
+            chirp = signal.chirp(t, self.low_hz, count * ts, self.high_hz, "logarithmic", phi=-90)
+            return np.asarray(chirp, dtype=np.float64)
+        return _multisine(count, ts, self.low_hz, self.high_hz, self.seed)
+
+    def _unit(self, ts: float) -> int:
+        """Return the samples in a unit."""
+        length = round(self.unit_s / ts)
+        if length < 1:
+            raise ConfigError(f"unit_s = {self.unit_s} is shorter than half a sample of {ts} s")
+        return length
+
+
+def _held(bits: list[float], length: int, count: int) -> Floats:
+    """Return the bits, each held for so many samples, then zero."""
+    u = np.zeros(max(count, len(bits) * length))
+    u[: len(bits) * length] = np.repeat(bits, length)
+    return u[:count]
+
+
+def _prbs(length: int, count: int, seed: int) -> Floats:
+    """Return a maximum-length sequence of +-1, long enough not to repeat (up to 2^20 bits)."""
+    bits = -(-count // length)
+    order = min(max(4, bits.bit_length()), 20)
+    start = np.random.default_rng(seed).integers(0, 2, order)
+    start[0] = 1  # all zeros would stay zero
+    sequence, _ = signal.max_len_seq(order, state=start, length=bits)
+    return np.repeat(2.0 * sequence - 1.0, length)[:count]
+
+
+def _multisine(count: int, ts: float, low: float, high: float, seed: int) -> Floats:
+    """Return equal sines at the record's own harmonics in the band, random phases, peak 1."""
+    harmonics = np.arange(math.ceil(low * count * ts), math.floor(high * count * ts) + 1)
+    if not len(harmonics):
+        raise ConfigError(f"no harmonic of {count * ts:g} s lies between {low} and {high} Hz")
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(harmonics))
+    angle = 2.0 * np.pi * np.outer(np.arange(count) / count, harmonics) + phases
+    u = np.cos(angle).sum(axis=1)
+    return np.asarray(u / np.abs(u).max())

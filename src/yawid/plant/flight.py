@@ -1,0 +1,123 @@
+"""Steady wings-level flight of the rigid body: loads whose linear part at trim is eq. 21.
+
+The trim is W = (V, 0, 0), thrust equal to drag and lift to weight. Loads by an angle grow with the
+dynamic pressure, loads by a rate with the airspeed; gravity acts along the true vertical.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+from yawid.plant.lateral import INPUTS, OUTPUTS, LateralCoefficients
+from yawid.plant.linear import LinearPlant
+from yawid.plant.rigid_body import (
+    GRAVITY_M_S2,
+    Motion,
+    RigidBody,
+    angle_rates,
+    attitude_from,
+    rotation,
+    translation,
+    weight,
+)
+
+STEP = 1e-5
+"""Central-difference step of :func:`linearised`: truncation and rounding are both near 1e-10."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteadyFlight:
+    """An aircraft at its trim speed in m/s, with its lateral and longitudinal coefficients at trim.
+
+    ``a_x_speed`` (1/s) drag by speed, ``a_y_alpha`` (1/s) lift and ``a_mz_alpha`` (1/s^2),
+    ``a_mz_omega_z`` (1/s) restoring and damping moment in pitch.
+
+    Raises:
+        ConfigError: the speed is not > 0, or a_z_gamma is not what gravity makes it, -g/V.
+    """
+
+    body: RigidBody
+    speed: float
+    coefficients: LateralCoefficients
+    a_x_speed: float = 0.05
+    a_y_alpha: float = 2.0
+    a_mz_alpha: float = 8.0
+    a_mz_omega_z: float = 4.0
+
+    def __post_init__(self) -> None:
+        if not self.speed > 0.0:
+            raise ConfigError(f"speed must be > 0 m/s, got {self.speed!r}")
+        turn = -GRAVITY_M_S2 / self.speed
+        if not math.isclose(self.coefficients.a_z_gamma, turn, rel_tol=1e-9):
+            raise ConfigError(f"a_z_gamma must be -g/V = {turn:.9g} 1/s at {self.speed} m/s")
+
+    def trim(self) -> Motion:
+        """Return the steady motion."""
+        zero = np.zeros(3)
+        attitude = np.array([0.0, 0.0, 0.0, 1.0])
+        return Motion(np.array([self.speed, 0.0, 0.0]), zero, attitude, zero)
+
+    def loads(self, motion: Motion, controls: Floats) -> tuple[Floats, Floats]:
+        """Return forces and moments for the controls (3,): -delta_b, -delta_h, beta_b."""
+        c, body, (ox, oy, oz) = self.coefficients, self.body, motion.angular_rate
+        aileron, rudder, wind = controls
+        air_speed = float(np.linalg.norm(motion.velocity))
+        alpha = math.atan2(-motion.velocity[1], motion.velocity[0])
+        beta = math.asin(motion.velocity[2] / air_speed) + wind
+        rate = air_speed / self.speed
+        pressure = rate**2
+        forces = body.mass * np.array(
+            [
+                -self.a_x_speed * (air_speed - self.speed),
+                pressure * (GRAVITY_M_S2 + self.speed * self.a_y_alpha * alpha),
+                pressure * self.speed * (c.a_z_beta_b * wind - c.a_z_beta * beta),
+            ]
+        ) + weight(body, motion.attitude)
+        rolling = rate * (c.a_mx_omega_x * ox + c.a_mx_omega_y * oy)
+        yawing = rate * (c.a_my_omega_x * ox + c.a_my_omega_y * oy)
+        moments = np.array(
+            [
+                body.J_x * (pressure * (c.a_mx_delta_b * aileron - c.a_mx_beta * beta) - rolling),
+                body.J_y * (pressure * (c.a_my_delta_h * rudder - c.a_my_beta * beta) - yawing),
+                -body.J_z * (pressure * self.a_mz_alpha * alpha + rate * self.a_mz_omega_z * oz),
+            ]
+        )
+        return forces, moments
+
+
+def linearised(flight: SteadyFlight) -> LinearPlant:
+    """Return the nonlinear motion's numerical linearisation at trim, all nine states of it.
+
+    States W, omega, (psi, theta, gamma); inputs and outputs as eq. 21 in ``lateral.py``.
+    """
+    trim = flight.trim()
+    x0 = np.concatenate([trim.velocity, trim.angular_rate, np.zeros(3)])
+    u0 = np.zeros(len(INPUTS))
+
+    def rates(x: Floats, u: Floats) -> Floats:
+        W, omega, angles = x[:3], x[3:6], x[6:]
+        motion = Motion(W, omega, attitude_from(angles), np.zeros(3))
+        forces, moments = flight.loads(motion, u)
+        linear = translation(flight.body, W, omega, forces)
+        angular = rotation(flight.body, omega, moments)
+        return np.concatenate([linear, angular, angle_rates(angles, omega)])
+
+    def outputs(x: Floats, u: Floats) -> Floats:
+        beta = math.asin(x[2] / float(np.linalg.norm(x[:3]))) + u[2]
+        return np.array([x[6], angle_rates(x[6:], x[3:6])[0], x[8], beta])
+
+    A, C = _slopes(lambda x: rates(x, u0), x0), _slopes(lambda x: outputs(x, u0), x0)
+    B, D = _slopes(lambda u: rates(x0, u), u0), _slopes(lambda u: outputs(x0, u), u0)
+    return LinearPlant(A, B, C, D, INPUTS, OUTPUTS)
+
+
+def _slopes(function: Callable[[Floats], Floats], at: Floats) -> Floats:
+    """Return the Jacobian (outputs, inputs) by central differences."""
+    ends = [(function(at + step), function(at - step)) for step in np.eye(len(at)) * STEP]
+    return np.stack([(above - below) / (2.0 * STEP) for above, below in ends], axis=1)

@@ -1,0 +1,84 @@
+"""A linear plant in state space: its transfer function and its answer to a held input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class LinearPlant:
+    """x' = A x + B u, y = C x + D u, with the names of the inputs and outputs."""
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    @classmethod
+    def from_transfer(cls, numerator: ArrayLike, denominator: ArrayLike) -> LinearPlant:
+        """Return one input u and one output y with this transfer function, highest power first."""
+        A, B, C, D = signal.tf2ss(numerator, denominator)
+        return cls(A, B, C, D, ("u",), ("y",))
+
+    def response(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """Return the transfer matrix (n, outputs, inputs) at the complex frequencies s (n,)."""
+        points = np.atleast_1d(np.asarray(s, dtype=np.complex128))[:, None, None]
+        inner = np.linalg.solve(points * np.eye(len(self.A)) - self.A, self.B.astype(complex))
+        matrix: NDArray[np.complex128] = self.C @ inner + self.D
+        return matrix
+
+    def transfer(self, source: str, output: str) -> tuple[Floats, Floats]:
+        """Return numerator and denominator from one input to one output, highest power first."""
+        column, row = self.inputs.index(source), self.outputs.index(output)
+        numerator, denominator = signal.ss2tf(self.A, self.B, self.C, self.D, column)
+        return numerator[row], denominator
+
+    def simulate(self, u: ArrayLike, sample_time_s: float) -> Floats:
+        """Return the outputs (n, outputs) at k Ts from rest, u (n, inputs) held over [k Ts, (k+1) Ts).
+
+        Exact (matrix exponential).
+
+        Raises:
+            ConfigError: u has another number of inputs.
+        """
+        u = np.asarray(u, dtype=np.float64)
+        u = u.reshape(-1, 1) if u.ndim == 1 else u
+        if u.shape[1] != len(self.inputs):
+            raise ConfigError(f"u has {u.shape[1]} columns for the inputs {self.inputs}")
+        A, B = _discrete(self, sample_time_s)
+        x, states = np.zeros(len(A)), np.empty((len(u), len(A)))
+        driven = u @ B.T
+        for k in range(len(u)):
+            states[k] = x
+            x = A @ x + driven[k]
+        outputs: Floats = states @ self.C.T + u @ self.D.T
+        return outputs
+
+
+def _discrete(plant: LinearPlant, sample_time_s: float) -> tuple[Floats, Floats]:
+    system: Any = (plant.A, plant.B, plant.C, plant.D)
+    A, B, *_ = signal.cont2discrete(system, sample_time_s, method="zoh")
+    return A, B
+
+
+def sampled_theta(plant: LinearPlant, sample_time_s: float) -> Floats:
+    """Return theta = [a1.., b1..] with nk = 1 of a one-input, one-output plant behind a held input.
+
+    Raises:
+        ConfigError: the plant passes its input through at once (nk would be 0).
+    """
+    if np.any(plant.D):
+        raise ConfigError("theta with nk = 1 needs a plant that does not pass its input through")
+    A, B = _discrete(plant, sample_time_s)
+    numerator, denominator = signal.ss2tf(A, B, plant.C, plant.D)
+    return np.concatenate([denominator[1:], numerator[0, 1:]])

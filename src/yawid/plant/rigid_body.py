@@ -1,0 +1,166 @@
+"""Six degrees of freedom in the paper's axes (x forward, y up, z right): eq. 17 to 20.
+
+Forces and moments are given, gravity among the forces. The attitude is a unit quaternion (x, y, z, w)
+from body to ground axes; yaw psi about y, then pitch theta about z, then bank gamma about x.
+
+Printed slips: eq. 19 permutes the indices (its first line is the x equation, its second the y
+equation) and its moment line means J_z omega_z'; implemented as rows of eq. 17 and 18.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class RigidBody:
+    """Mass in kg and the moments of inertia about the body axes in kg m^2.
+
+    Raises:
+        ConfigError: one of them is not > 0.
+    """
+
+    mass: float
+    J_x: float
+    J_y: float
+    J_z: float
+
+    def __post_init__(self) -> None:
+        if not all(value > 0.0 for value in astuple(self)):
+            raise ConfigError(f"mass and moments of inertia must be > 0, got {self}")
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One instant, or a row for each of n.
+
+    ``velocity`` W (..., 3) in m/s and ``angular_rate`` omega (..., 3) in rad/s in body axes,
+    ``attitude`` (..., 4), ``position`` (..., 3) in m in ground axes.
+    """
+
+    velocity: Floats
+    angular_rate: Floats
+    attitude: Floats
+    position: Floats
+
+    @property
+    def angles(self) -> Floats:
+        """Return psi, theta, gamma (..., 3) in rad."""
+        return angles_from(self.attitude)
+
+
+Loads = Callable[[float, Motion], tuple[Floats, Floats]]
+"""Forces (3,) in N and moments (3,) in N m in body axes, at a time and a motion."""
+
+
+def translation(body: RigidBody, W: Floats, omega: Floats, forces: Floats) -> Floats:
+    """Return W' (3,) of eq. 17: m (W' + omega x W) = F."""
+    wx, wy, wz = W
+    ox, oy, oz = omega
+    turning = np.array([oy * wz - oz * wy, oz * wx - ox * wz, ox * wy - oy * wx])
+    return np.asarray(forces / body.mass - turning)
+
+
+def rotation(body: RigidBody, omega: Floats, moments: Floats) -> Floats:
+    """Return omega' (3,) of eq. 18: J omega' + omega x J omega = M."""
+    ox, oy, oz = omega
+    J = np.array([body.J_x, body.J_y, body.J_z])
+    gyroscopic = np.array(
+        [
+            (body.J_z - body.J_y) * oy * oz,
+            (body.J_x - body.J_z) * ox * oz,
+            (body.J_y - body.J_x) * ox * oy,
+        ]
+    )
+    return np.asarray((moments - gyroscopic) / J)
+
+
+def longitudinal(
+    body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: Floats
+) -> Floats:
+    """Return W_x', W_y', omega_z' of eq. 19, the longitudinal rows of eq. 17-18."""
+    linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
+    return np.array([linear[0], linear[1], angular[2]])
+
+
+def lateral(body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: Floats) -> Floats:
+    """Return W_z', omega_x', omega_y' of eq. 20, the lateral rows of eq. 17-18."""
+    linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
+    return np.array([linear[2], angular[0], angular[1]])
+
+
+def attitude_from(angles: Floats) -> Floats:
+    """Return the quaternion (..., 4) of psi, theta, gamma (..., 3)."""
+    return np.asarray(Rotation.from_euler("YZX", angles).as_quat())
+
+
+def angles_from(attitude: Floats) -> Floats:
+    """Return psi, theta, gamma (..., 3) of the quaternion (..., 4)."""
+    return np.asarray(Rotation.from_quat(attitude).as_euler("YZX"))
+
+
+def angle_rates(angles: Floats, omega: Floats) -> Floats:
+    """Return psi', theta', gamma' (3,) at the angles (3,) for the body rates omega (3,)."""
+    _, theta, gamma = angles
+    across = omega[1] * np.cos(gamma) - omega[2] * np.sin(gamma)
+    pitching = omega[1] * np.sin(gamma) + omega[2] * np.cos(gamma)
+    return np.array([across / np.cos(theta), pitching, omega[0] - np.tan(theta) * across])
+
+
+def weight(body: RigidBody, attitude: Floats) -> Floats:
+    """Return gravity's force (3,) in body axes."""
+    down = np.array([0.0, -body.mass * GRAVITY_M_S2, 0.0])
+    return np.asarray(Rotation.from_quat(attitude).apply(down, inverse=True))
+
+
+def fly(body: RigidBody, start: Motion, loads: Loads, t: Floats) -> Motion:
+    """Return the motion (n rows) at the times t (n,), which begin with that of the start.
+
+    Integrated by an eighth-order Runge-Kutta method (DOP853) to a relative tolerance of 1e-10.
+
+    Raises:
+        ConfigError: the loads drive the motion beyond what can be integrated.
+    """
+
+    def rates(now: float, x: Floats) -> Floats:
+        motion = _motion(x)
+        forces, moments = loads(now, motion)
+        W, omega = motion.velocity, motion.angular_rate
+        return np.concatenate(
+            [
+                translation(body, W, omega, forces),
+                rotation(body, omega, moments),
+                _quaternion_rate(motion.attitude, omega),
+                Rotation.from_quat(motion.attitude).apply(W),
+            ]
+        )
+
+    x0 = np.concatenate([start.velocity, start.angular_rate, start.attitude, start.position])
+    options: dict[str, Any] = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+    solution = solve_ivp(rates, (t[0], t[-1]), x0, t_eval=t, **options)
+    if not solution.success or not np.isfinite(solution.y).all():
+        raise ConfigError(f"the motion cannot be integrated: {solution.message}")
+    return _motion(solution.y.T)
+
+
+def _motion(x: Floats) -> Motion:
+    attitude = x[..., 6:10] / np.linalg.norm(x[..., 6:10], axis=-1, keepdims=True)
+    return Motion(x[..., :3], x[..., 3:6], attitude, x[..., 10:])
+
+
+def _quaternion_rate(q: Floats, omega: Floats) -> Floats:
+    """Return q' = q (omega, 0) / 2 (4,)."""
+    vector, scalar = q[:3], q[3]
+    rate = scalar * omega + np.cross(vector, omega)
+    return 0.5 * np.append(rate, -vector @ omega)

@@ -1,0 +1,126 @@
+"""The reference plants under a chosen input, in the project's signs, ready to be written to a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+from yawid.plant.axes import rudder_from_paper, yaw_from_paper
+from yawid.plant.excitation import Excitation
+from yawid.plant.flight import SteadyFlight
+from yawid.plant.lateral import INPUTS, LateralCoefficients, lateral_motion
+from yawid.plant.rigid_body import GRAVITY_M_S2, Motion, RigidBody, fly
+from yawid.plant.yaw import YawPlant
+
+PlantName = Literal["yaw", "lateral", "rigid-body"]
+PLANTS: tuple[PlantName, ...] = get_args(PlantName)
+
+SPEED_M_S = 50.0
+REFERENCE = LateralCoefficients(
+    a_z_gamma=-GRAVITY_M_S2 / SPEED_M_S, a_z_beta=0.3,
+    a_mx_omega_x=8.0, a_mx_omega_y=1.5, a_mx_beta=15.0, a_mx_delta_b=40.0,
+    a_my_omega_x=-0.2, a_my_omega_y=0.7, a_my_beta=5.5, a_my_delta_h=4.0,
+)  # fmt: skip
+"""A light aircraft at 50 m/s."""
+REFERENCE_FLIGHT = SteadyFlight(
+    body=RigidBody(1000.0, 1300.0, 2700.0, 1800.0), speed=SPEED_M_S, coefficients=REFERENCE
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """What was fed and what came out, (n,) each, at t = k Ts in s.
+
+    ``u`` rudder in rad, positive nose right, held over [t_k, t_k+1); ``y`` yaw rate in rad/s at
+    t_k with its noise; ``yaw`` and ``roll`` in rad without noise, roll 0 where the plant has none.
+    """
+
+    t: Floats
+    u: Floats
+    y: Floats
+    yaw: Floats
+    roll: Floats
+
+
+def simulate_plant(
+    name: PlantName,
+    excitation: Excitation,
+    *,
+    duration_s: float = 60.0,
+    sample_time_s: float = 0.05,
+    noise_std: float = 0.0,
+    seed: int = 0,
+    flight: SteadyFlight = REFERENCE_FLIGHT,
+) -> Simulation:
+    """Fly a reference plant from rest: "yaw" eq. 22-23, "lateral" eq. 21, "rigid-body" eq. 17-18.
+
+    All three come from the same coefficients. ``noise_std`` in rad/s of white noise is added to y.
+
+    Raises:
+        ConfigError: an unknown plant or a value outside its limits, or a motion that leaves the
+        range of angles in which it can be integrated.
+    """
+    if name not in PLANTS:
+        raise ConfigError(f"plant must be one of {', '.join(PLANTS)}, got {name!r}")
+    if not 0.0 < sample_time_s < math.inf or not sample_time_s <= duration_s < math.inf:
+        raise ConfigError(
+            f"need 0 < sample time <= duration, got {sample_time_s!r} s and {duration_s!r} s"
+        )
+    if not 0.0 <= noise_std < math.inf:
+        raise ConfigError(f"noise_std must be >= 0, got {noise_std!r}")
+    count = round(duration_s / sample_time_s)
+    u = excitation.samples(count, sample_time_s)
+    minus_delta_h = rudder_from_paper(u)
+    psi, psi_rate, gamma = _RUNS[name](flight, minus_delta_h, sample_time_s)
+    noise = noise_std * np.random.default_rng(seed).standard_normal(count)
+    y = yaw_from_paper(psi_rate) + noise
+    return Simulation(np.arange(count) * sample_time_s, u, y, yaw_from_paper(psi), gamma)
+
+
+Run = Callable[[SteadyFlight, Floats, float], tuple[Floats, Floats, Floats]]
+"""From -delta_h (n,) and Ts to psi, psi' and gamma (n,)."""
+
+
+def _run_yaw(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
+    plant = YawPlant.from_coefficients(flight.coefficients)
+    psi, rate = (plant.linear(output).simulate(u, ts)[:, 0] for output in ("yaw", "yaw-rate"))
+    return psi, rate, np.zeros(len(u))
+
+
+def _run_lateral(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
+    plant = lateral_motion(flight.coefficients)
+    controls = np.zeros((len(u), len(INPUTS)))
+    controls[:, INPUTS.index("-delta_h")] = u
+    outputs = plant.simulate(controls, ts)
+    return outputs[:, 0], outputs[:, 1], outputs[:, 2]
+
+
+def _run_rigid_body(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
+    """Integrate from one change of the rudder to the next: the loads are smooth in between."""
+    edges = [0, *(np.flatnonzero(np.diff(u)) + 1), len(u) - 1]
+    motion, angles, rates = flight.trim(), np.zeros((len(u), 3)), np.zeros(len(u))
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        if stop == start:
+            continue
+        controls = np.array([0.0, u[start], 0.0])
+        t = np.arange(start, stop + 1) * ts
+        flown = fly(flight.body, motion, lambda _, m, c=controls: flight.loads(m, c), t)
+        angles[start : stop + 1] = flown.angles
+        rates[start : stop + 1] = flown.angular_rate[:, 1]
+        motion = _last(flown)
+    return np.unwrap(angles[:, 0]), rates, angles[:, 2]
+
+
+def _last(motion: Motion) -> Motion:
+    return Motion(
+        motion.velocity[-1], motion.angular_rate[-1], motion.attitude[-1], motion.position[-1]
+    )
+
+
+_RUNS: dict[str, Run] = {"yaw": _run_yaw, "lateral": _run_lateral, "rigid-body": _run_rigid_body}

@@ -1,0 +1,91 @@
+"""What a link carried, counted per sender."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from sources.tlog_records import BY_NAME, START_US, message, pack, record, run, sender
+
+from yawid.sources.link import LinkStats
+
+
+def heartbeat(kind: int) -> Any:
+    return BY_NAME["HEARTBEAT"](kind, 3, 0, 0, 4, 3)
+
+
+def stats(frames: list[bytes]) -> LinkStats:
+    _, decoder = run(b"".join(record(START_US + i, frame) for i, frame in enumerate(frames)))
+    return decoder.link
+
+
+def beats(seqs: list[int], sysid: int = 1, compid: int = 1, kind: int = 1) -> list[bytes]:
+    link = sender(sysid, compid)
+    return [pack(heartbeat(kind), link, seq=seq) for seq in seqs]
+
+
+@pytest.mark.parametrize(
+    ("seqs", "lost"),
+    [
+        ([0, 1, 2, 3], 0),
+        ([254, 255, 0, 1], 0),
+        ([5, 7, 8, 11], 3),
+        ([250, 4], 9),
+        ([10, 138], 127),
+        ([10, 139], 0),  # more than 127 missing is a restart
+        ([200, 0, 1], 55),
+        ([3, 3, 4], 0),  # a duplicate
+        ([3, 5, 4, 6], 2),  # one that came late
+    ],
+)
+def test_losses_are_gaps_of_the_sequence(seqs: list[int], lost: int) -> None:
+    assert stats(beats(seqs)).lost == lost
+
+
+def test_each_sender_has_its_own_sequence() -> None:
+    vehicle, radio = beats([0, 1, 3]), beats([90, 91, 95], sysid=51, compid=68, kind=0)
+    link = stats([frame for pair in zip(vehicle, radio, strict=True) for frame in pair])
+    assert link.lost == 1 + 3
+    assert link.senders == {(1, 1): 3, (51, 68): 3}
+    assert link.frames == 6
+
+
+@pytest.mark.parametrize(("sysid", "kind"), [(255, 0), (254, 6)])
+def test_gaps_of_ground_stations_are_no_losses(sysid: int, kind: int) -> None:
+    link = stats(beats([0, 10, 50], sysid=sysid, compid=190, kind=kind) + beats([0, 2]))
+    assert link.lost == 1
+    assert link.senders[sysid, 190] == 3
+
+
+def test_frames_of_unwanted_messages_keep_the_sequence_whole() -> None:
+    link = sender()
+    msgs = [heartbeat(1), message(BY_NAME["VIBRATION"], b"\x01"), heartbeat(1)]
+    data = b"".join(record(START_US, pack(msg, link)) for msg in msgs)
+    _, decoder = run(data, wanted=frozenset({"HEARTBEAT"}))
+    assert decoder.link.lost == 0
+
+
+def test_signed_frames_are_counted_and_read() -> None:
+    signed = sender(signed=True)
+    frames = [pack(heartbeat(1), signed), *beats([1, 2]), pack(heartbeat(1), signed, v1=True)]
+    link = stats(frames)
+    assert link.frames == 4
+    assert link.signed == 1
+
+
+def test_stamps_of_the_first_and_last_record_are_kept() -> None:
+    link = stats(beats([0, 1, 2]))
+    assert (link.first_us, link.last_us) == (START_US, START_US + 2)
+
+
+def test_every_byte_is_counted_once() -> None:
+    good = [record(START_US + i, frame) for i, frame in enumerate(beats([0, 1, 2, 3]))]
+    drifted = bytearray(good[1])
+    drifted[-1] ^= 1
+    unknown = bytearray(good[1])
+    unknown[8 + 7 : 8 + 10] = b"\xff\xff\xff"
+    noise = b"\x00" * 100
+    parts = [good[0], bytes(drifted), good[1], bytes(unknown), good[2], noise, good[3]]
+    _, decoder = run(b"".join(parts))
+    link = decoder.link
+    assert (link.frames, link.bad_crc, link.unknown, link.skipped_bytes) == (4, 1, 1, 100)

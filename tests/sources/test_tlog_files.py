@@ -1,0 +1,106 @@
+"""Files: read in chunks and hashed in one pass; what is no telemetry log is refused in one line."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sources.tlog_records import BY_NAME, START_US, message, pack, random_records, record, sender
+
+from yawid.errors import SourceError
+from yawid.sources.tlog import check_readable, read_tlog
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(b"".join(random_records(np.random.default_rng(0), 200)))
+    return path
+
+
+@pytest.mark.parametrize("chunk", [1, 999, 1 << 21])
+def test_the_pieces_are_the_file_and_the_hash_is_its(log: Path, chunk: int) -> None:
+    digest = hashlib.sha256()
+    pieces = list(read_tlog(log, chunk, digest))
+    assert b"".join(pieces) == log.read_bytes()
+    assert max(map(len, pieces)) <= chunk
+    assert digest.hexdigest() == hashlib.sha256(log.read_bytes()).hexdigest()
+
+
+def test_a_file_longer_than_its_head_is_read_whole(tmp_path: Path) -> None:
+    records = b"".join(random_records(np.random.default_rng(0), 200))
+    path = tmp_path / "long.tlog"
+    path.write_bytes(records * (1 + (3 << 20) // len(records)))
+    digest = hashlib.sha256()
+    assert b"".join(read_tlog(path, digest=digest)) == path.read_bytes()
+    assert digest.digest() == hashlib.sha256(path.read_bytes()).digest()
+
+
+def test_a_log_that_begins_with_garbage_is_read(tmp_path: Path, log: Path) -> None:
+    path = tmp_path / "late.tlog"
+    path.write_bytes(np.random.default_rng(1).bytes(100_000) + log.read_bytes())
+    check_readable(path)
+
+
+def test_a_log_of_one_record_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "one.tlog"
+    path.write_bytes(record(START_US, pack(message(BY_NAME["VIBRATION"], b"\x01"), sender())))
+    check_readable(path)
+
+
+MSBUILD = "^C:\\PROJECT\\MAIN.CPP\r\nC:\\PROJECT\\MAIN.OBJ\r\n"
+BARE = [rec[8:] for rec in random_records(np.random.default_rng(2), 50)]
+STRANGERS = {
+    "empty": (b"", "is empty"),
+    "text": (MSBUILD.encode(), "text file"),
+    "utf-16": (MSBUILD.encode("utf-16"), "text file"),
+    "gzip": (gzip.compress(b"x" * 1000), "gunzip"),
+    "dataflash": (b"\xa3\x95\x80" + bytes(range(200)), "dataflash"),
+    "ulog": (b"ULog\x01\x12\x35\x01" + bytes(100), "ULog"),
+    "raw": (b"".join(BARE), "without time stamps"),
+    "noise": (np.random.default_rng(3).bytes(2_000_000), "no intact MAVLink record"),
+    "zeros": (bytes(5000), "no intact MAVLink record"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGERS)
+def test_what_is_no_telemetry_log_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    content, verdict = STRANGERS[name]
+    path = tmp_path / "stranger.tlog"
+    path.write_bytes(content)
+    with pytest.raises(SourceError, match=verdict) as caught:
+        next(read_tlog(path))
+    assert_one_line(caught.value, path)
+
+
+def test_a_missing_file_and_a_directory_are_refused_in_one_line(tmp_path: Path) -> None:
+    for path, verdict in ((tmp_path / "none.tlog", "does not exist"), (tmp_path, "directory")):
+        with pytest.raises(SourceError, match=verdict) as caught:
+            check_readable(path)
+        assert_one_line(caught.value, path)
+
+
+def test_a_pipe_is_refused_and_does_not_block(tmp_path: Path) -> None:
+    path = tmp_path / "pipe.tlog"
+    os.mkfifo(path)
+    with pytest.raises(SourceError, match="no regular file"):
+        check_readable(path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission_is_refused_in_one_line(log: Path) -> None:
+    log.chmod(0)
+    with pytest.raises(SourceError, match="chmod") as caught:
+        check_readable(log)
+    assert_one_line(caught.value, log)
+
+
+def assert_one_line(error: SourceError, path: Path) -> None:
+    text = str(error)
+    assert "\n" not in text
+    assert str(path) in text
+    assert ":" in text.removeprefix(str(path))  # the remedy

@@ -1,0 +1,165 @@
+"""The tap on real sockets: what was sent comes out as a tlog, and nothing goes back."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
+
+from yawid.errors import ConfigError, SourceError
+from yawid.sources.frames import Decoder
+from yawid.sources.udp import Endpoint, UdpTap, parse_endpoint, split_datagram
+
+ANY_PORT = Endpoint("127.0.0.1", 0)
+FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 300)]
+
+
+@pytest.fixture
+def tap() -> Iterator[UdpTap]:
+    with UdpTap(ANY_PORT) as opened:
+        yield opened
+
+
+@pytest.fixture
+def vehicle() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        yield link
+
+
+def heard(tap: UdpTap, datagrams: int) -> bytes:
+    """Read until that many datagrams have been heard and handed out."""
+    data, patience = b"", time.monotonic() + 10
+    while tap.datagrams < datagrams and time.monotonic() < patience:
+        data += tap.read(1)
+    return data + tap.read(0)
+
+
+def test_every_frame_sent_comes_out_as_a_record(tap: UdpTap, vehicle: socket.socket) -> None:
+    for i in range(0, len(FRAMES), 3):
+        vehicle.sendto(b"".join(FRAMES[i : i + 3]), tap.address)
+    records = heard(tap, 100)
+    blocks, decoder = run(records)
+    assert decoder.link.frames == len(FRAMES)
+    assert decoder.link.skipped_bytes == tap.skipped_bytes == tap.dropped == 0
+    stamps = [row[2] for row in rows(blocks)]
+    assert stamps == sorted(stamps)
+    assert all(len(set(stamps[i : i + 3])) == 1 for i in range(0, len(FRAMES), 3))
+
+
+def test_replaying_what_was_recorded_gives_the_same_messages(
+    tap: UdpTap, vehicle: socket.socket
+) -> None:
+    decoder = Decoder()
+    recorded, live = b"", []
+    for i, frame in enumerate(FRAMES):
+        vehicle.sendto(frame, tap.address)
+        data = heard(tap, i + 1)
+        recorded += data
+        live.append(decoder.feed(data))
+    live.append(decoder.finish())
+    replayed = Decoder()
+    again = [replayed.feed(recorded), replayed.finish()]
+    assert rows([block for block in live if block]) == rows([block for block in again if block])
+    assert decoder.link == replayed.link
+
+
+def test_bytes_that_are_no_frame_stay_out_and_are_counted(
+    tap: UdpTap, vehicle: socket.socket
+) -> None:
+    vehicle.sendto(b"hello", tap.address)
+    vehicle.sendto(b"ab" + FRAMES[0] + b"cde" + FRAMES[1] + FRAMES[2][:-1], tap.address)
+    vehicle.sendto(b"", tap.address)
+    records = heard(tap, 3)
+    assert tap.skipped_bytes == 5 + 2 + 3 + len(FRAMES[2]) - 1
+    assert len(records) == 16 + len(FRAMES[0]) + len(FRAMES[1])
+
+
+def test_nothing_is_ever_transmitted(tap: UdpTap, vehicle: socket.socket) -> None:
+    for frame in FRAMES[:50]:
+        vehicle.sendto(frame, tap.address)
+    heard(tap, 50)
+    tap.close()
+    vehicle.settimeout(0)
+    with pytest.raises(BlockingIOError):
+        vehicle.recv(1)
+
+
+def test_a_silent_link_reads_as_no_bytes(tap: UdpTap) -> None:
+    assert tap.read(0.01) == b""
+
+
+def test_what_a_full_queue_cannot_take_is_counted(vehicle: socket.socket) -> None:
+    with UdpTap(ANY_PORT, queue_size=10) as tap:
+        for _ in range(25):
+            vehicle.sendto(FRAMES[0], tap.address)
+        patience = time.monotonic() + 10
+        while tap.datagrams < 25 and time.monotonic() < patience:
+            time.sleep(0)
+        assert tap.dropped == 15
+        assert len(tap.read(1)) == 10 * (8 + len(FRAMES[0]))
+
+
+def test_closing_ends_the_thread_and_frees_the_port(vehicle: socket.socket) -> None:
+    before = threading.active_count()
+    with UdpTap(ANY_PORT) as tap:
+        port = tap.address[1]
+        vehicle.sendto(FRAMES[0], tap.address)
+        assert heard(tap, 1)
+    assert threading.active_count() == before
+    with UdpTap(Endpoint("127.0.0.1", port)):
+        pass
+
+
+def test_a_port_in_use_is_refused_with_a_remedy(tap: UdpTap) -> None:
+    port = tap.address[1]
+    with pytest.raises(SourceError, match=f"port {port} is in use, end the program"):
+        UdpTap(Endpoint("127.0.0.1", port))
+
+
+@pytest.mark.parametrize("host", ["203.0.113.7", "no host"])
+def test_an_address_of_another_machine_is_refused_with_a_remedy(host: str) -> None:
+    with pytest.raises(SourceError, match=r"use 127\.0\.0\.1 or 0\.0\.0\.0"):
+        UdpTap(Endpoint(host, 14560))
+
+
+def test_the_buffer_is_asked_for_and_its_size_reported(tap: UdpTap) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
+        usual = plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    assert tap.receive_buffer >= usual
+
+
+@pytest.mark.parametrize("text", ["udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560"])
+def test_an_endpoint_with_host_and_port_is_taken(text: str) -> None:
+    assert str(parse_endpoint(text)) == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["udp:", "udp:127.0.0.1:14550", "udpin:14550", "udpin:", "udpin::14550", "14550", "",
+     "127.0.0.1:14550", "udpin:127.0.0.1:", "udpin:127.0.0.1:port", "udpin:127.0.0.1:70000"],
+)  # fmt: skip
+def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(text: str) -> None:
+    port = "14550" if "14550" in text else "14560"
+    with pytest.raises(ConfigError) as caught:
+        parse_endpoint(text)
+    assert f"udpin:127.0.0.1:{port}" in str(caught.value)
+    assert f"udpin:0.0.0.0:{port}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["udpout:10.0.0.1:14550", "tcp:127.0.0.1:5760", "mcast:"])
+def test_other_kinds_of_endpoint_are_refused_in_one_line(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"udpin:127\.0\.0\.1"):
+        parse_endpoint(text)
+
+
+def test_a_frame_cut_off_by_the_end_of_a_datagram_is_no_frame() -> None:
+    frame = pack(message(BY_NAME["VIBRATION"], b"\x01" * 32), sender())
+    for size in range(len(frame)):
+        assert frame not in list(split_datagram(frame[:size]))
+    assert list(split_datagram(frame)) == [frame]
