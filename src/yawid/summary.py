@@ -14,6 +14,7 @@ from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
 from yawid.channels.surface import Surface
+from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank, History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import parameter_names
@@ -26,6 +27,7 @@ from yawid.verdict import (
     Reason,
     Verdict,
     agreement_reasons,
+    changed_rates,
     estimate_reasons,
     flight_reasons,
     input_reasons,
@@ -89,8 +91,8 @@ def _channels(channels: Channels) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
         found[name] = _surface(surface) | ({"rate_hz": rates[1]} if rates else {})
-    if channels.yaw_rows:
-        found["yaw"] = {"source": "ATTITUDE.yawspeed"} | ({"rate_hz": rates[0]} if rates else {})
+    if channels.yaw.rows:
+        found["yaw"] = {"source": channels.yaw.label} | ({"rate_hz": rates[0]} if rates else {})
     return found
 
 
@@ -183,8 +185,9 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
         else:
             text = why_no_surface(missing, vehicle, channels.parameters)
         reasons.append(Reason("no_rudder", text))
-    if channels.yaw_rows == 0:
-        reasons.append(Reason("no_yaw", "no ATTITUDE from the vehicle: no yaw rate"))
+    if channels.yaw.rows == 0:
+        wanted = ", ".join(SOURCES)
+        reasons.append(Reason("no_yaw", f"none of {wanted} comes from the vehicle"))
     if reasons:
         return reasons
     reasons += _surface_reasons(channels)
@@ -195,6 +198,7 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     wn = float(primary.dutch_roll[0])
     reasons += rate_reasons(yaw_hz, rudder_hz, 1.0 / bank.sample_time_s, wn)
+    reasons += changed_rates(yaw_hz, rudder_hz, *_later_rates(channels))
     travel_unit = abs(channels.surfaces[0].scale)
     history = _remembered(bank)
     reasons += input_reasons(config.inputs, history.u, travel_unit)
@@ -202,6 +206,15 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
     reasons += estimate_reasons(config.method, primary)
     reasons += agreement_reasons(evidence)
     return reasons
+
+
+def _later_rates(channels: Channels) -> tuple[float, float]:
+    """Return the message rates (yaw, rudder) over all the time that both have flowed."""
+    aligner = channels.aligner
+    if aligner is None or aligner.instants == 0:
+        return math.nan, math.nan
+    seconds = aligner.instants * aligner.sample_time_s
+    return channels.yaw.rows / seconds, channels.surface_rows / seconds
 
 
 def _surface_reasons(channels: Channels) -> list[Reason]:
@@ -216,6 +229,9 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
                     f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
                 )
             )
+        if channels.yaw.source == COARSE:
+            text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
+            reasons.append(Reason("channel_stand_in", text))
         if surface.message == "RC_CHANNELS":
             text = f"{surface.source} is the pilot's stick, not the {name} itself"
             reasons.append(Reason("channel_stand_in", text))

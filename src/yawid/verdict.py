@@ -32,6 +32,7 @@ LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
 RATE_SLACK = 0.98
 """Measured rates jitter: 4.95 Hz counts as 5."""
+RATE_CHANGED = 1.5
 LEAST_TRAVEL = 0.02
 """A rudder whose middle 98 % stays within this part of half its travel has not been moved."""
 COLLINEAR = 0.995
@@ -130,6 +131,18 @@ def rate_reasons(
                 "rate_too_low",
                 f"{have:.3g} Hz is below 4 times the natural frequency found ({needed:.3g} Hz)",
             )
+
+
+def changed_rates(
+    yaw_hz: float, rudder_hz: float, later_yaw_hz: float, later_rudder_hz: float
+) -> Iterator[Reason]:
+    """Compare the rates of the first seconds, which set the grid, with those of the whole run."""
+    pairs = (("yaw", yaw_hz, later_yaw_hz), ("rudder", rudder_hz, later_rudder_hz))
+    for name, first, later in pairs:
+        if later > RATE_CHANGED * first or first > RATE_CHANGED * later:
+            text = f"{name} came at {first:.3g} Hz when the grid was chosen, then at {later:.3g} Hz"
+            yield Reason("rate_changed", text + ": choose --rate by hand")
+            return
 
 
 def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Iterator[Reason]:

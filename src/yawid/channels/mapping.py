@@ -156,8 +156,8 @@ def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
     functions = {n: f for n, f in table.functions().items() if f}
     if functions:
         found = ", ".join(f"SERVO{n}={f}" for n, f in functions.items())
-        return f"no {what}: the servo functions found are {found}"
+        return f"none of the servo functions is a {what}; found are {found}"
     return (
-        f"no {what}: the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name} "
-        "and no parameter or message names one"
+        f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "
+        f"on {vehicle.autopilot_name}"
     )

@@ -17,10 +17,11 @@ from yawid.channels.conditioning import Conditioner
 from yawid.channels.context import Context
 from yawid.channels.mapping import find_surface
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.series import SurfaceReader, YawReader
+from yawid.channels.servos import SurfaceReader
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.surface import Surface
 from yawid.channels.vehicle import ARDUPILOT, VehicleLock
+from yawid.channels.yaw import SOURCES, YawReader
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -33,7 +34,7 @@ SURFACE_MESSAGES = frozenset(
         "RC_CHANNELS",
     }
 )
-WANTED = SURFACE_MESSAGES | {"HEARTBEAT", "PARAM_VALUE", "ATTITUDE", "VFR_HUD"}
+WANTED = SURFACE_MESSAGES | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
 """The messages this stage reads."""
 
 
@@ -53,12 +54,11 @@ class Channels:
         self.aligner: Aligner | None = None
         self.intervals_us: tuple[float, float] | None = None
         self.surfaces: tuple[Surface, ...] = ()
-        self.yaw_rows = 0
         self.surface_rows = 0
         self._used: tuple[Surface, ...] = ()
         self._heard: set[str] = set()
         self._context = Context()
-        self._yaw = YawReader(heading_rate=config.output == "heading-rate")
+        self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
 
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
@@ -118,11 +118,24 @@ class Channels:
     def _read(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
+        """Read one stretch; where a better yaw source starts within it, anew from there."""
+        better = self.yaw.better(messages)
+        if better is None:
+            return self._read_rows(messages, surfaces)
+        name, order = better
+        samples = self._read_rows(_between(messages, -1, order), surfaces)
+        if self.yaw.rows:
+            self.segmenter.new_meaning()
+        self.yaw.source = name
+        return samples + self._read(_between(messages, order, None), surfaces)
+
+    def _read_rows(
+        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
+    ) -> list[SampleBlock]:
         self._context.note(messages)
-        yaw = self._yaw.read(messages.get("ATTITUDE"), self._context)
-        self._surface.note_clock(messages.get("ATTITUDE"))
+        yaw = self.yaw.read(messages, self._context)
+        self._surface.note_clock(messages.get(self.yaw.source or ""))
         surface = self._surface.read(messages, surfaces)
-        self.yaw_rows += len(yaw)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not _same_meaning(self._used, surfaces):

@@ -33,7 +33,7 @@ class Estimate:
 
     def _read(self) -> Floats:
         row = np.empty(2 * int(self._state[slots.N]) + 5)
-        entry.read(self._state, slots.places(self._state), row)
+        entry.read(self._state, row)
         return row
 
     @property
@@ -105,7 +105,6 @@ class RecursiveArmax:
         self.config = config
         self._state = state
         parts = slots.views(state)
-        self._places = slots.places(state)
         self._parts = parts
         self._live = len(state) - len(parts[slots.SAMPLES])
         self._input_at = self._live - config.orders.n_inputs
@@ -152,7 +151,7 @@ class RecursiveArmax:
         if done < len(y):  # a start fit is due, once in a life
             self._start()
             if keep == "all":
-                entry.read(self._state, self._places, rows[done])
+                entry.read(self._state, rows[done])
             entry.run(self._state, u, y, rows, done + 1)
         return _block(rows, n, covariance)
 
@@ -290,7 +289,7 @@ class RecursiveArmax:
 def _covariance(state: Floats) -> Floats:
     n = int(state[slots.N])
     row = np.empty(2 * n + 5 + n * n)
-    entry.read(state, slots.places(state), row)
+    entry.read(state, row)
     return row[2 * n + 5 :].reshape(n, n)
 
 

@@ -25,7 +25,6 @@ from yawid.estimation.state import (
     LAMBDA_END,
     LOSS,
     MINIMUM,
-    NA,
     PHASE,
     RESIDUAL,
     RUNNING,
@@ -36,6 +35,7 @@ from yawid.estimation.state import (
     SIGNALS,
     START_FIT,
     STATUS,
+    TAPS,
     THETA,
     UNITS,
     UPPER,
@@ -57,7 +57,7 @@ def _scale(s, at):
     factors = s[at[FACTORS] : at[FACTORS + 1]]
     signals = s[at[SIGNALS] : at[SIGNALS + 1]]
     units = s[at[UNITS] : at[UNITS + 1]]
-    theta = s[at[THETA] : at[THETA + 1]]
+    taps = s[at[TAPS] : at[TAPS + 1]]
     w, width = int(s[WINDOW]), int(s[M]) + 2
     for j in range(int(s[M]) + 1):
         mean, spread = 0.0, 0.0
@@ -65,18 +65,17 @@ def _scale(s, at):
             mean += samples[i * width + 1 + j] / w
         for i in range(w):
             spread += (samples[i * width + 1 + j] - mean) ** 2 / w
-        used = j == 0 or signals[4 * j + 3] > 0.0
+        used = j == 0 or signals[2 * j + 1] > 0.0
         if used and not s[MINIMUM] <= math.sqrt(spread) < math.inf:
             return False
         if s[SCALED] > 0.0 and spread > 0.0:  # a power of two scales without rounding
             factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
-    p = int(s[NA])
-    for j in range(1, int(s[M]) + 1):
-        for _ in range(int(signals[4 * j + 3])):
-            units[p] = factors[j] / factors[0]
-            p += 1
+    for i in range(len(units)):
+        for j in range(1, int(s[M]) + 1):
+            if signals[2 * j] <= taps[i] < signals[2 * j] + signals[2 * j + 1]:
+                units[i] = factors[j] / factors[0]
     if s[BIAS] > 0.0:
-        units[len(theta) - 1] = 1.0 / factors[0]
+        units[len(units) - 1] = 1.0 / factors[0]
     return True
 
 
@@ -187,7 +186,7 @@ def covariance_entry(s, at, i, j):
 
 
 @jit
-def read(s, at, row):
+def _read(s, at, row):
     """Fill row with theta, theta_std, y_hat, innovation, residual, noise_std, status, covariance."""
     theta = s[at[THETA] : at[THETA + 1]]
     units = s[at[UNITS] : at[UNITS + 1]]
@@ -210,6 +209,12 @@ def read(s, at, row):
 
 
 @jit
+def read(s, row):
+    """Fill row (2 N + 5,) or (2 N + 5 + N N,) with the results of the last sample."""
+    _read(s, places(s), row)
+
+
+@jit
 def run(s, u, y, out, first):
     """Take samples from the first on into rows of out (or only the last); stop where a fit is due.
 
@@ -226,7 +231,7 @@ def run(s, u, y, out, first):
         if s[PHASE] == FITTING:
             return k
         if len(out) == len(y):
-            read(s, at, out[k])
+            _read(s, at, out[k])
     if len(out) != len(y):
-        read(s, at, out[0])
+        _read(s, at, out[0])
     return len(y)

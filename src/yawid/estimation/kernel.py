@@ -80,16 +80,6 @@ def push(register, start, length, x):
 
 
 @hot
-def gather(register, signals, count, vector):
-    p = 0
-    for j in range(count):
-        at = int(signals[4 * j]) + int(signals[4 * j + 2])
-        for i in range(int(signals[4 * j + 3])):
-            vector[p] = register[at + i]
-            p += 1
-
-
-@hot
 def bierman(d, upper, psi, lam, gain):
     """Update P = U D U' by the row psi; return 1 / alpha, alpha = lambda + psi' P psi.
 

@@ -20,38 +20,38 @@ def lag_depth(config: EstimatorConfig) -> int:
     return max([0, orders.na, *inputs])
 
 
-def signal_table(config: EstimatorConfig) -> Floats:
-    """Return (M + 3, 4) of register offset, length, first lag used and count, in theta's order.
+def registers(config: EstimatorConfig) -> tuple[Floats, list[int]]:
+    """Return offset and length of each signal's register (M + 3, 2), and each phi entry's place.
 
-    The registers hold y, each input, the residual and the bias's 1, newest first. Inputs and bias
-    enter before y is known, so that their newest entry is of lag 0; y and residual start at lag 1.
+    The signals are y, the inputs, the residual and the bias's 1; the newest entry comes first. When
+    phi(k) is formed that is y(k-1), u(k), eps(k-1).
     """
     orders = config.orders
     rows = [(0, orders.na)]
     rows += [(nk, nb) for nb, nk in zip(orders.nb, orders.nk, strict=True)]
     rows += [(0, orders.nc), (0, int(config.bias))]
-    table = np.zeros((len(rows), 4))
-    offset = 0
+    table, taps, offset = np.zeros((len(rows), 2)), list[int](), 0
     for row, (first, count) in zip(table, rows, strict=True):
         length = max(first + count, orders.nc) if count else 0  # 1/C needs nc lags of each
-        row[:] = offset, length, first, count
+        row[:] = offset, length
+        taps += range(offset + first, offset + first + count)
         offset += length
-    return table
+    return table, taps
 
 
 def new_state(config: EstimatorConfig) -> Floats:
     """Return the packed state of an estimator that has seen nothing."""
     orders, n, lags = config.orders, config.n_theta, config.residual_lags
     window = max(config.scale_window, config.start_buffer)
-    table = signal_table(config)
-    registers = int(table[:, 1].sum())
+    table, taps = registers(config)
+    size = int(table[:, 1].sum())
     covariance = n * n + lags * n + 2 * lags + 1 if lags else 0
-    length = slots.HEADER + 7 * n + n * (n - 1) // 2 + n + 2 * registers + covariance
-    length += table.size + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
+    length = slots.HEADER + 7 * n + n * (n - 1) // 2 + n + 2 * size + covariance
+    length += table.size + len(table) + n + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
     state = np.zeros(length)
     header = {
         slots.N: n, slots.NA: orders.na, slots.NC: orders.nc, slots.M: orders.n_inputs,
-        slots.R: registers, slots.LAGS: lags, slots.WINDOW: window, slots.DEPTH: lag_depth(config),
+        slots.R: size, slots.LAGS: lags, slots.WINDOW: window, slots.DEPTH: lag_depth(config),
         slots.BIAS: config.bias, slots.RML: config.method == "rml",
         slots.SCALED: config.scale_window > 0, slots.START_FIT: config.start_buffer > 0,
         slots.MINIMUM: config.scale_minimum, slots.DRIFTS: config.drift != 0.0,
@@ -69,6 +69,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     if lags:
         parts[slots.COVARIANCE][:: n + 1] = config.P0
     parts[slots.SIGNALS][:] = table.ravel()
+    parts[slots.TAPS][:] = taps
     parts[slots.FACTORS][:] = 1.0
     parts[slots.UNITS][:] = 1.0
     parts[slots.DRIFT][:] = np.multiply(config.drift, config.sample_time_s)

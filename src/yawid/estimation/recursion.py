@@ -13,7 +13,6 @@ from yawid.estimation.kernel import (
     drift_entry,
     floor,
     follow_covariance,
-    gather,
     hot,
     jit,
     push,
@@ -39,6 +38,7 @@ from yawid.estimation.state import (
     FILL,
     FILTERED,
     FLOOR,
+    FRESH,
     GAIN,
     HALVED,
     HELD,
@@ -69,6 +69,7 @@ from yawid.estimation.state import (
     SIGNALS,
     SINCE,
     STATUS,
+    TAPS,
     THETA,
     TRACKING,
     UPDATES,
@@ -101,16 +102,18 @@ def _over_c(s, theta, register, start, x):
 
 
 @hot
-def _enter(s, at, signal, x):
-    """Enter the newest value of y, an input, the residual or the bias into its registers."""
+def _shift(s, at):
+    """Enter what is fresh into the registers: y and residual of the sample before, u of this one."""
     raw = s[at[RAW] : at[RAW + 1]]
     filtered = s[at[FILTERED] : at[FILTERED + 1]]
     signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    fresh = s[at[FRESH] : at[FRESH + 1]]
     theta = s[at[THETA] : at[THETA + 1]]
-    start, length = int(signals[4 * signal]), int(signals[4 * signal + 1])
-    push(raw, start, length, x)
-    if s[RML] > 0.0 and length > 0:
-        push(filtered, start, length, _over_c(s, theta, filtered, start, x))
+    for j in range(len(fresh)):
+        start, length = int(signals[2 * j]), int(signals[2 * j + 1])
+        push(raw, start, length, fresh[j])
+        if s[RML] > 0.0 and length > 0:
+            push(filtered, start, length, _over_c(s, theta, filtered, start, fresh[j]))
 
 
 @jit
@@ -120,10 +123,12 @@ def _open(s, at):
     filtered = s[at[FILTERED] : at[FILTERED + 1]]
     echoes = s[at[ECHOES] : at[ECHOES + 1]]
     residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
+    fresh = s[at[FRESH] : at[FRESH + 1]]
     raw[:] = 0.0
     filtered[:] = 0.0
     echoes[:] = 0.0
     residuals[:] = 0.0
+    fresh[:] = 0.0
     s[FILL], s[BROKEN] = 0.0, 0.0
 
 
@@ -223,6 +228,8 @@ def _learn(s, at, y, e):
     phi = s[at[PHI] : at[PHI + 1]]
     gain = s[at[GAIN] : at[GAIN + 1]]
     psi = s[at[PSI] : at[PSI + 1]]
+    filtered = s[at[FILTERED] : at[FILTERED + 1]]
+    taps = s[at[TAPS] : at[TAPS + 1]]
     upper = s[at[UPPER] : at[UPPER + 1]]
     scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
     covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
@@ -230,6 +237,9 @@ def _learn(s, at, y, e):
     products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
     if s[RML] == 0.0 or s[SINCE] < PSI_FROM:
         psi = phi
+    else:
+        for i in range(len(psi)):
+            psi[i] = filtered[int(taps[i])]
     lam = s[LAMBDA]
     inverse = bierman(d, upper, psi, lam, gain)
     step = e * inverse
@@ -256,23 +266,23 @@ def expect(s, at):
     """Enter what is known before y and return the scaled y_hat, NaN while the lags are not full."""
     inputs = s[at[INPUTS] : at[INPUTS + 1]]
     factors = s[at[FACTORS] : at[FACTORS + 1]]
+    fresh = s[at[FRESH] : at[FRESH + 1]]
     raw = s[at[RAW] : at[RAW + 1]]
-    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    taps = s[at[TAPS] : at[TAPS + 1]]
     phi = s[at[PHI] : at[PHI + 1]]
     theta = s[at[THETA] : at[THETA + 1]]
     if s[BROKEN] > 0.0:
         _open(s, at)
-    m = int(s[M])
-    for j in range(m):
-        _enter(s, at, j + 1, inputs[j] * factors[j + 1])
-    if s[BIAS] > 0.0:
-        _enter(s, at, m + 2, 1.0)
+    for j in range(len(inputs)):
+        fresh[1 + j] = inputs[j] * factors[1 + j]
+    fresh[len(fresh) - 1] = 1.0
+    _shift(s, at)
     s[FILL] += 1.0
     if s[FILL] <= s[DEPTH]:
         return math.nan
-    gather(raw, signals, m + 3, phi)
     y_hat = 0.0
     for i in range(len(theta)):
+        phi[i] = raw[int(taps[i])]
         y_hat += phi[i] * theta[i]
     return y_hat
 
@@ -281,10 +291,8 @@ def expect(s, at):
 def take(s, at, frozen):
     """Take the sample in its slots through the recursion; frozen leaves theta and P as they are."""
     factors = s[at[FACTORS] : at[FACTORS + 1]]
-    filtered = s[at[FILTERED] : at[FILTERED + 1]]
-    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
-    psi = s[at[PSI] : at[PSI + 1]]
-    y, m = s[Y] * factors[0], int(s[M])
+    fresh = s[at[FRESH] : at[FRESH + 1]]
+    y = s[Y] * factors[0]
     y_hat = expect(s, at)
     e = y - y_hat
     eps = e if frozen > 0.0 or s[SINCE] > 0.0 else 0.0
@@ -292,16 +300,14 @@ def take(s, at, frozen):
     if learning and frozen > 0.0:
         _account(s, at, y, e, e, s[LAMBDA_END], 1.0)
     elif learning:
-        if s[RML] > 0.0:
-            gather(filtered, signals, m + 3, psi)
         eps = _learn(s, at, y, e)
         if not abs(eps) < math.inf:
             _restart(s, at)
             learning = False
     if not learning:
         s[HELD] += 1.0
-    _enter(s, at, 0, -y)
-    _enter(s, at, m + 1, eps if s[FILL] > s[DEPTH] else 0.0)
+    fresh[0] = -y
+    fresh[len(fresh) - 2] = eps if s[FILL] > s[DEPTH] else 0.0
     s[Y_HAT], s[INNOVATION], s[RESIDUAL] = y_hat, e, eps
     if s[DIVERGED] > 0.0:
         s[STATUS] = DIVERGING

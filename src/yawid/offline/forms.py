@@ -1,7 +1,7 @@
 """The closed forms of the paper's two step responses and what is read off them: eq. 4-16.
 
-Printed slips: eq. 8's limit is s -> 0, not infinity; eq. 15 keeps the letters of eq. 12, Delta h/k, and
-means Delta y/(k u0).
+Printed slips: eq. 8's limit is s -> 0; eq. 15 keeps the letters of eq. 12, Delta h/k, and means
+Delta y/(k u0).
 """
 
 from __future__ import annotations

@@ -34,10 +34,9 @@ TAIL = 0.1
 SETTLED = 0.05
 """A steady state is reached where the fitted form is within this share of its end."""
 MISFIT = 0.05
-"""A form whose systematic misfit over the transient exceeds this share of the step does not hold."""
+"""A form whose systematic misfit exceeds this share of the step does not hold."""
 CLEAR = 3.0
-"""How many sigma the answer to the step, and an overshoot, must rise above."""
-SETTLING = (0.02, 0.05)
+"""By how many sigma the answer to the step, an overshoot and a misfit must stand out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +50,10 @@ class Value:
     def interval(self) -> tuple[float, float]:
         """Return the 95 % interval."""
         return self.value - 1.959964 * self.std, self.value + 1.959964 * self.std
+
+
+def _value(value: float, std: float) -> Value:
+    return Value(float(value), abs(float(std)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ class FirstOrder:
 
 @dataclass(frozen=True, slots=True)
 class SecondOrder:
-    """W(s) = k q^2/(s^2 + 2 q D s + q^2): k in y per u, q in rad/s; the envelope's settling times."""
+    """W(s) = k q^2/(s^2 + 2 q D s + q^2): k in y per u, q in rad/s; settling of the envelope."""
 
     k: Value
     D: Value
@@ -100,13 +103,13 @@ def fit_first_order(
     T = math.exp(fit.p[2])
     left = math.exp(-record.t[-1] / T)
     _check_form(record, fit, left, first_order_settling(T, SETTLED))
-    times = (T * math.log(1.0 / tolerance) for tolerance in SETTLING)
-    relative = fit.std[2]
+    t2, t5 = first_order_settling(T, 0.02), first_order_settling(T, 0.05)
     return FirstOrder(
-        Value(fit.p[1] * record.scale / u0, fit.std[1] * abs(record.scale / u0)),
-        Value(T, T * relative),
-        *(Value(time, time * relative) for time in times),
-        Value(record.low + fit.p[0] * record.scale, fit.std[0] * abs(record.scale)),
+        _value(fit.p[1] * record.scale / u0, fit.std[1] * record.scale / u0),
+        _value(T, T * fit.std[2]),
+        _value(t2, t2 * fit.std[2]),
+        _value(t5, t5 * fit.std[2]),
+        _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
         fit.noise_std * abs(record.scale),
     )
 
@@ -132,19 +135,22 @@ def fit_second_order(
     fit = _refine(record, form, iter(starts), low, high)
     D, q = float(fit.p[2]), math.exp(fit.p[3])
     root = math.sqrt(1.0 - D * D)
-    _check_form(record, fit, math.exp(-D * q * record.t[-1]) / root, second_order_settling(D, q, SETTLED))
-    # d ln(overshoot) / dD = -pi / root^3: an overshoot of CLEAR sigma has a logarithm known to 1/CLEAR.
+    _check_form(
+        record, fit, math.exp(-D * q * record.t[-1]) / root, second_order_settling(D, q, SETTLED)
+    )
+    # d ln(overshoot) / dD = -pi / root^3; an overshoot of CLEAR sigma: its logarithm to 1/CLEAR.
     if not overshoot(D) > 1e-6 or not math.pi / root**3 * fit.std[2] < 1.0 / CLEAR:
         raise NotIdentifiable(
-            f"not the form of eq. 7: an overshoot of {100.0 * overshoot(D):.2g} % does not stand out"
+            f"not the form of eq. 7: its overshoot of {100.0 * overshoot(D):.2g} % is not clear"
         )
     scale = record.scale / u0
     return SecondOrder(
-        Value(fit.p[1] * scale, fit.std[1] * abs(scale)),
-        Value(D, fit.std[2]),
-        Value(q, q * fit.std[3]),
-        *(_settling(D, q, tolerance, fit.covariance[2:, 2:]) for tolerance in SETTLING),
-        Value(record.low + fit.p[0] * record.scale, fit.std[0] * abs(record.scale)),
+        _value(fit.p[1] * scale, fit.std[1] * scale),
+        _value(D, fit.std[2]),
+        _value(q, q * fit.std[3]),
+        _settling(D, q, 0.02, fit.covariance[2:, 2:]),
+        _settling(D, q, 0.05, fit.covariance[2:, 2:]),
+        _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
         fit.noise_std * abs(record.scale),
     )
 
@@ -153,36 +159,42 @@ def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> Value
     """Return the envelope's settling time; ``covariance`` (2, 2) is that of D and ln q."""
     time = second_order_settling(D, q, tolerance)
     slope = np.array([1.0 / (q * (1.0 - D * D)) - time / D, -time])
-    return Value(time, math.sqrt(slope @ covariance @ slope))
+    return _value(time, math.sqrt(slope @ covariance @ slope))
 
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """t from the step on (negative before), y less ``low`` over ``scale``: from about 0 to 1."""
+    """t since the step, y less ``low`` over ``scale``: from 0 to 1 or so, and the scaled noise."""
 
     t: Floats
     y: Floats
     low: float
     scale: float
+    noise: float
 
     @classmethod
-    def checked(cls, t: ArrayLike, y: ArrayLike, u0: float, step_time_s: float) -> _Record:
-        t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    def checked(cls, times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float) -> _Record:
+        t, y = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
         if t.ndim != 1 or t.shape != y.shape:
             raise ConfigError(f"t and y must be (n,) alike, got {t.shape} and {y.shape}")
         if not np.isfinite(t).all() or np.isinf(y).any() or not (np.diff(t) > 0.0).all():
             raise ConfigError("t must be finite and increasing and y finite (NaN where missing)")
         if not math.isfinite(u0) or u0 == 0.0 or not math.isfinite(step_time_s):
-            raise ConfigError(f"u0 must be finite and not 0, got {u0!r} (step at {step_time_s!r} s)")
+            raise ConfigError(
+                f"u0 must be finite and not 0, got {u0!r} (step at {step_time_s!r} s)"
+            )
         t, y = t[np.isfinite(y)] - step_time_s, y[np.isfinite(y)]
         after = int(np.sum(t >= 0.0))
         if after < FEWEST_SAMPLES:
             raise ConfigError(f"{after} samples after the step, at least {FEWEST_SAMPLES} needed")
-        low = float(y[t < 0.0].mean()) if after < len(y) else float(y[0])
-        scale = float(y[-max(1, round(TAIL * after)) :].mean()) - low
-        if scale == 0.0:
-            raise NotIdentifiable("y does not answer the step: it ends where it began")
-        return cls(t, (y - low) / scale, low, scale)
+        before, tail = max(len(y) - after, 1), max(1, round(TAIL * after))
+        low, scale = float(y[:before].mean()), float(y[-tail:].mean() - y[:before].mean())
+        noise = float(np.median(np.abs(np.diff(y)))) / 0.954  # of a normal difference of two
+        if not abs(scale) > CLEAR * noise * math.sqrt(1.0 / before + 1.0 / tail):
+            raise NotIdentifiable(
+                f"y does not answer the step: its change of {scale:.3g} is not clear of the noise"
+            )
+        return cls(t, (y - low) / scale, low, scale, noise / abs(scale))
 
     def smoothed(self) -> Iterator[tuple[Floats, Floats]]:
         """Yield t and y from the step on, y averaged over ever more samples."""
@@ -259,19 +271,26 @@ def _refine(
 
 def _check_form(record: _Record, fit: _Fit, left: float, settling_s: float) -> None:
     """Raise NotIdentifiable where the fitted form does not speak for the record."""
-    step = abs(fit.p[1])
-    if not step > CLEAR * fit.std[1]:
-        raise NotIdentifiable("y does not answer the step: its change does not stand out of the noise")
-    if not left <= SETTLED:
-        raise NotIdentifiable(
-            f"no steady state reached: the record ends {record.t[-1]:.3g} s after the step, "
-            f"the response needs {settling_s:.3g} s"
-        )
-    # The product of neighbours is the systematic part: white noise has none.
-    transient = fit.residual[(record.t >= 0.0) & (record.t <= 1.5 * settling_s)]
-    power = float(np.mean(transient[1:] * transient[:-1])) if len(transient) > 1 else 0.0
+    step = abs(float(fit.p[1]))
+    # The product of neighbours is the systematic part: that of white noise averages to nothing.
+    after = record.t >= 0.0
+    residuals = [fit.residual[after], fit.residual[after & (record.t <= 1.5 * settling_s)]]
+    products = [r[1:] * r[:-1] for r in residuals if len(r) > FEWEST_SAMPLES]
+    power = max([0.0, *(float(p.mean()) - _chance(record, len(p)) for p in products)])
     if power > (MISFIT * step) ** 2:
         raise NotIdentifiable(
             f"the record does not have this form: the fit misses it by "
             f"{100.0 * math.sqrt(power) / step:.0f} % of the step over the transient"
         )
+    if not left <= SETTLED:
+        raise NotIdentifiable(
+            f"no steady state reached: the record ends {record.t[-1]:.3g} s after the step, "
+            f"the response needs {settling_s:.3g} s"
+        )
+    if not (fit.std[1] < step / CLEAR and fit.std[-1] < 1.0 / CLEAR):
+        raise NotIdentifiable("the record shows too little of the transient to tell gain and time")
+
+
+def _chance(record: _Record, count: int) -> float:
+    """Return what the mean product of so many neighbours in white noise hardly exceeds."""
+    return CLEAR * record.noise**2 / math.sqrt(count)

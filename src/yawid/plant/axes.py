@@ -1,8 +1,8 @@
 """The paper's axes and signs, and the one place where they turn into the project's.
 
-``plant/`` keeps the paper's axes: x forward, y up, z to the right, and the same on the ground (north,
-up, east). The rest of the project speaks MAVLink's: forward, right, down (north, east, down). Both
-are right-handed; a quarter turn about x leads from one to the other.
+``plant/`` keeps the paper's axes: x forward, y up, z to the right, and on the ground north, up,
+east. The rest of the project speaks MAVLink's: forward, right, down (north, east, down). Both are
+right-handed; a quarter turn about x leads from one to the other.
 
 ======================  ======================  =============================
 quantity                paper                   project
@@ -41,5 +41,5 @@ def rudder_from_paper(minus_delta_h: Floats) -> Floats:
 
 
 def yaw_from_paper(psi: Floats) -> Floats:
-    """Return yaw or yaw rate, positive nose right, from the paper's psi or omega_y; its own inverse."""
+    """Return yaw or its rate, positive nose right, from psi or omega_y; its own inverse."""
     return -psi

@@ -24,9 +24,9 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 class Excitation:
     """One input: zero until ``start_s``, then its shape with the peak ``amplitude``.
 
-    ``unit_s`` is the length of a doublet's half, of the 1 of a 3-2-1-1 and of a PRBS bit; ``low_hz``
-    and ``high_hz`` bound sweep and multisine; ``seed`` draws the PRBS's start and the multisine's
-    phases. An impulse lasts one sample and has the area ``amplitude`` (times 1 s).
+    ``unit_s`` is the length of a doublet's half, of the 1 of a 3-2-1-1 and of a PRBS bit;
+    ``low_hz`` and ``high_hz`` bound sweep and multisine; ``seed`` draws the PRBS's start and the
+    multisine's phases. An impulse lasts one sample and has the area ``amplitude`` (times 1 s).
 
     Raises:
         ConfigError: an unknown kind or a value outside its limits.
@@ -75,7 +75,7 @@ class Excitation:
             case "step":
                 return np.ones(count)
             case "impulse":
-                return np.eye(1, count)[0] / ts
+                return np.asarray(np.eye(1, count)[0] / ts)
             case "doublet":
                 return _held([1.0, -1.0], self._unit(ts), count)
             case "3211":

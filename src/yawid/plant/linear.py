@@ -34,8 +34,7 @@ class LinearPlant:
         """Return the transfer matrix (n, outputs, inputs) at the complex frequencies s (n,)."""
         points = np.atleast_1d(np.asarray(s, dtype=np.complex128))[:, None, None]
         inner = np.linalg.solve(points * np.eye(len(self.A)) - self.A, self.B.astype(complex))
-        matrix: NDArray[np.complex128] = self.C @ inner + self.D
-        return matrix
+        return np.asarray(self.C @ inner + self.D, dtype=np.complex128)
 
     def transfer(self, source: str, output: str) -> tuple[Floats, Floats]:
         """Return numerator and denominator from one input to one output, highest power first."""
@@ -44,9 +43,10 @@ class LinearPlant:
         return numerator[row], denominator
 
     def simulate(self, u: ArrayLike, sample_time_s: float) -> Floats:
-        """Return the outputs (n, outputs) at k Ts from rest, u (n, inputs) held over [k Ts, (k+1) Ts).
+        """Return the outputs (n, outputs) at k Ts from rest.
 
-        Exact (matrix exponential).
+        ``u`` (n, inputs), or (n,) of one input, is held over [k Ts, (k+1) Ts). Exact, by the
+        matrix exponential.
 
         Raises:
             ConfigError: u has another number of inputs.

@@ -1,7 +1,8 @@
 """Six degrees of freedom in the paper's axes (x forward, y up, z right): eq. 17 to 20.
 
-Forces and moments are given, gravity among the forces. The attitude is a unit quaternion (x, y, z, w)
-from body to ground axes; yaw psi about y, then pitch theta about z, then bank gamma about x.
+Forces and moments are given, gravity among the forces. The attitude is a unit quaternion
+(x, y, z, w) from body to ground axes; yaw psi about y, then pitch theta about z, then bank gamma
+about x.
 
 Printed slips: eq. 19 permutes the indices (its first line is the x equation, its second the y
 equation) and its moment line means J_z omega_z'; implemented as rows of eq. 17 and 18.

@@ -1,10 +1,12 @@
-"""The reference plants under a chosen input, in the project's signs, ready to be written to a file."""
+"""The reference plants under a chosen input, in the project's signs, ready for a file."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -79,8 +81,9 @@ def simulate_plant(
     minus_delta_h = rudder_from_paper(u)
     psi, psi_rate, gamma = _RUNS[name](flight, minus_delta_h, sample_time_s)
     noise = noise_std * np.random.default_rng(seed).standard_normal(count)
-    y = yaw_from_paper(psi_rate) + noise
-    return Simulation(np.arange(count) * sample_time_s, u, y, yaw_from_paper(psi), gamma)
+    y = np.asarray(yaw_from_paper(psi_rate) + noise, dtype=np.float64)
+    t = np.asarray(np.arange(count) * sample_time_s, dtype=np.float64)
+    return Simulation(t, u, y, yaw_from_paper(psi), gamma)
 
 
 Run = Callable[[SteadyFlight, Floats, float], tuple[Floats, Floats, Floats]]
@@ -103,18 +106,21 @@ def _run_lateral(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Fl
 
 def _run_rigid_body(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
     """Integrate from one change of the rudder to the next: the loads are smooth in between."""
-    edges = [0, *(np.flatnonzero(np.diff(u)) + 1), len(u) - 1]
+    edges = sorted({0, *(np.flatnonzero(np.diff(u)) + 1), len(u) - 1})
     motion, angles, rates = flight.trim(), np.zeros((len(u), 3)), np.zeros(len(u))
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
-        if stop == start:
-            continue
-        controls = np.array([0.0, u[start], 0.0])
-        t = np.arange(start, stop + 1) * ts
-        flown = fly(flight.body, motion, lambda _, m, c=controls: flight.loads(m, c), t)
+    for start, stop in pairwise(edges):
+        t, held = np.arange(start, stop + 1) * ts, partial(_held_loads, flight, u[start])
+        flown = fly(flight.body, motion, held, t)
         angles[start : stop + 1] = flown.angles
         rates[start : stop + 1] = flown.angular_rate[:, 1]
         motion = _last(flown)
     return np.unwrap(angles[:, 0]), rates, angles[:, 2]
+
+
+def _held_loads(
+    flight: SteadyFlight, minus_delta_h: float, _: float, motion: Motion
+) -> tuple[Floats, Floats]:
+    return flight.loads(motion, np.array([0.0, minus_delta_h, 0.0]))
 
 
 def _last(motion: Motion) -> Motion:

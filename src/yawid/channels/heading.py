@@ -1,0 +1,62 @@
+"""A yaw rate from headings alone: coarse and slow, by a constant-velocity Kalman filter.
+
+The state is (yaw, yaw rate), driven by white angular acceleration; the filter is filterpy's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import Floats, Ints
+
+HEADING_STD = np.deg2rad(0.3)
+"""Headings come rounded to 0.01 degrees by a filter that is itself good to a fraction of a
+degree."""
+ACCELERATION_PSD = 1.0
+"""Spectral density of the angular acceleration, rad^2/s^3: a small aircraft in manoeuvres."""
+LONGEST_S = 2.0
+"""A longer silence starts the filter anew."""
+
+
+@dataclass(slots=True)
+class HeadingRate:
+    """Carries the filter from block to block."""
+
+    _filter: Any = None
+    _last_us: int = 0
+
+    def of(self, t_us: Ints, yaw: Floats) -> Floats:
+        """Return the yaw rate (n,) in rad/s at times (n,) from the unwrapped yaw (n,), NaN kept."""
+        rate = np.full(len(yaw), np.nan)
+        for i, (t, angle) in enumerate(zip(t_us.tolist(), yaw.tolist(), strict=True)):
+            if not np.isfinite(angle):
+                continue
+            dt = (t - self._last_us) / 1e6
+            if self._filter is None or not 0.0 < dt < LONGEST_S:
+                self._filter = _new_filter(angle)
+            else:
+                self._step(dt, angle)
+                rate[i] = self._filter.x[1, 0]
+            self._last_us = t
+        return rate
+
+    def _step(self, dt: float, angle: float) -> None:
+        kalman = self._filter
+        kalman.F = np.array([[1.0, dt], [0.0, 1.0]])
+        kalman.Q = ACCELERATION_PSD * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        kalman.predict()
+        kalman.update(angle)
+
+
+def _new_filter(angle: float) -> Any:
+    from filterpy.kalman import KalmanFilter
+
+    kalman = KalmanFilter(dim_x=2, dim_z=1)
+    kalman.x = np.array([[angle], [0.0]])
+    kalman.P = np.diag([HEADING_STD**2, 1.0])
+    kalman.H = np.array([[1.0, 0.0]])
+    kalman.R = np.array([[HEADING_STD**2]])
+    return kalman

@@ -1,0 +1,50 @@
+"""The servo message to rows of deflections on the vehicle's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Ints, MessageBlock
+from yawid.channels.clock import Series, unwrap_uint32_us
+from yawid.channels.surface import Surface
+from yawid.channels.yaw import boot_us
+
+_NONE = np.zeros(0, np.int64)
+
+
+@dataclass(slots=True)
+class SurfaceReader:
+    """The servo message to rows of deflections, its time unwrapped beside the last boot time."""
+
+    columns: int
+    _boot: tuple[Ints, Ints] = (_NONE, _NONE)
+
+    def note_clock(self, clock: MessageBlock | None) -> None:
+        """Remember the full boot times of a block of the yaw source and the newest before it."""
+        if clock is None:
+            self._boot = (self._boot[0][-1:], self._boot[1][-1:])
+            return
+        order = np.concatenate([self._boot[0][-1:], clock.order])
+        self._boot = (order, np.concatenate([self._boot[1][-1:], boot_us(clock.fields)]))
+
+    def read(self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]) -> Series:
+        """Return one row per message with the deflection of every surface, (n, columns)."""
+        none = Series.empty(self.columns)
+        if not surfaces or surfaces[0].message not in messages or len(self._boot[0]) == 0:
+            return none
+        block = messages[surfaces[0].message]
+        block = block.select(surfaces[0].rows(block) & (block.order >= self._boot[0][0]))
+        if len(block) == 0:
+            return none
+        values = np.stack([surface.deflection(block) for surface in surfaces], axis=1)
+        return Series(block.order, block.received_us, self._times(block), values)
+
+    def _times(self, block: MessageBlock) -> Ints:
+        if block.name != "SERVO_OUTPUT_RAW":
+            return boot_us(block.fields)
+        order, boot = self._boot
+        raw = block.fields["time_usec"].astype(np.int64)
+        return unwrap_uint32_us(raw, block.order, boot, order)

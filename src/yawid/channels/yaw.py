@@ -1,0 +1,152 @@
+"""The yaw channel: from whichever message tells it best to rows of rate, yaw, roll and context."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, Ints, MessageBlock
+from yawid.channels.clock import Series
+from yawid.channels.context import LEAST_AIRSPEED, Context
+from yawid.channels.heading import HeadingRate
+
+GRAVITY = 9.80665
+ABSURD_RAD_S = 50.0
+"""No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
+STEEPEST = np.deg2rad(80.0)
+"""Beyond this pitch Euler's formula has no heading rate."""
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE = range(7)
+"""The columns of a yaw row; those from AIRSPEED on are held from message to message."""
+
+Fields = NDArray[Any]
+Angles = tuple[Floats, Floats, Floats, Floats, Floats]
+"""Roll, pitch, yaw in rad, pitch rate and yaw rate about the body's axes in rad/s; NaN if
+unknown."""
+
+
+def _attitude(f: Fields) -> Angles:
+    return _columns(f["roll"], f["pitch"], f["yaw"], f["pitchspeed"], f["yawspeed"])
+
+
+def _quaternion(f: Fields) -> Angles:
+    w, x, y, z = (np.asarray(f[f"q{i}"], float) for i in range(1, 5))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return _columns(roll, pitch, yaw, f["pitchspeed"], f["yawspeed"])
+
+
+def _gyro(f: Fields, scale: float = 1.0) -> Angles:
+    unknown = np.full(len(f), np.nan)
+    rates = [scale * np.asarray(f[name], float) for name in ("ygyro", "zgyro")]
+    return _columns(unknown, unknown, unknown, *rates)
+
+
+def _milli_gyro(f: Fields) -> Angles:
+    return _gyro(f, 1e-3)
+
+
+def _heading(f: Fields) -> Angles:
+    unknown = np.full(len(f), np.nan)
+    degrees = np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0)
+    return _columns(
+        unknown, unknown, np.deg2rad((degrees + 180.0) % 360.0 - 180.0), unknown, unknown
+    )
+
+
+def _columns(*values: Any) -> Angles:
+    roll, pitch, yaw, q, r = (np.asarray(value, float) for value in values)
+    return _sound(roll), _sound(pitch), _sound(yaw), _sound(q), _sound(r)
+
+
+def _sound(values: Floats) -> Floats:
+    return np.where(np.abs(values) < ABSURD_RAD_S, values, np.nan)
+
+
+SOURCES: dict[str, tuple[str, Callable[[Fields], Angles]]] = {
+    "ATTITUDE": ("yawspeed", _attitude),
+    "ATTITUDE_QUATERNION": ("yawspeed", _quaternion),
+    "HIGHRES_IMU": ("zgyro", _gyro),
+    "SCALED_IMU": ("zgyro", _milli_gyro),
+    "RAW_IMU": ("zgyro", _milli_gyro),
+    "GLOBAL_POSITION_INT": ("hdg", _heading),
+}
+"""Message -> field and reader, best first. RAW_IMU is in mrad/s as ArduPilot sends it; the heading
+of GLOBAL_POSITION_INT is coarse, and VFR_HUD's, without a time of its own, is not used at all."""
+COARSE = "GLOBAL_POSITION_INT"
+
+
+def boot_us(fields: Fields) -> Ints:
+    """Return the boot time of a message that tells it whole: time_boot_ms, or 64 bits of
+    time_usec.
+    """
+    if "time_boot_ms" in (fields.dtype.names or ()):
+        return fields["time_boot_ms"].astype(np.int64) * 1000
+    return fields["time_usec"].astype(np.int64)
+
+
+@dataclass(slots=True)
+class YawReader:
+    """Reads the best source heard so far; ``heading_rate`` makes the rate psi_dot by Euler's
+    formula.
+    """
+
+    heading_rate: bool = False
+    source: str | None = None
+    rows: int = 0
+    _turns: int = 0
+    _last_yaw: float | None = None
+    _slope: HeadingRate = field(default_factory=HeadingRate)
+
+    @property
+    def label(self) -> str:
+        """The message field read."""
+        return f"{self.source}.{SOURCES[self.source][0]}" if self.source else ""
+
+    def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
+        """Return the first better source among these messages, and where in the stream it
+        starts.
+        """
+        ranks = list(SOURCES)
+        worst = len(ranks) if self.source is None else ranks.index(self.source)
+        found = [(int(messages[n].order[0]), n) for n in ranks[:worst] if n in messages]
+        if not found:
+            return None
+        order, name = min(found)
+        return name, order
+
+    def read(self, messages: Mapping[str, MessageBlock], context: Context) -> Series:
+        """Return the rows of the source's messages, NaN where a value is not finite or absurd."""
+        if self.source is None or self.source not in messages:
+            return Series.empty(MODE + 1)
+        block = messages[self.source]
+        roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
+        t_us, unwrapped = boot_us(block.fields), self._unwrap(yaw)
+        rate = self._slope.of(t_us, unwrapped) if self.source == COARSE else r
+        if self.heading_rate and self.source != COARSE:
+            upright = np.where(np.abs(pitch) < STEEPEST, np.cos(pitch), np.nan)
+            rate = (q * np.sin(roll) + r * np.cos(roll)) / upright
+        held = context.at(block.order)
+        speed = np.where(held[:, 0] > LEAST_AIRSPEED, held[:, 0], np.nan)
+        turn = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
+        self.rows += len(block)
+        values = np.column_stack([rate, unwrapped, roll, turn, held])
+        return Series(block.order, block.received_us, t_us, values)
+
+    def _unwrap(self, yaw: Floats) -> Floats:
+        """Add whole turns, counted in integers so that the cut of the stream leaves no rounding."""
+        rows = np.flatnonzero(np.isfinite(yaw))
+        if len(rows) == 0:
+            return yaw
+        known = yaw[rows]
+        before = known[0] if self._last_yaw is None else self._last_yaw
+        steps = np.diff(known, prepend=before)
+        turns = self._turns - np.cumsum(np.rint(steps / (2.0 * np.pi))).astype(np.int64)
+        self._turns, self._last_yaw = int(turns[-1]), float(known[-1])
+        unwrapped = yaw.copy()
+        unwrapped[rows] = known + 2.0 * np.pi * turns
+        return unwrapped

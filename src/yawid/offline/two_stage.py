@@ -1,0 +1,142 @@
+"""The procedure the paper's text describes, with the lags its listing drops. Eq. 27-33.
+
+1. Take C(q) = 1 and fit ARX by least squares; its residuals are the first eps.
+2. Put the lagged eps beside y and u (eq. 32) and fit theta by least squares.
+3. Form eps anew by eq. 33, which with eq. 32 is the recursion eps = (A y - B u - bias)/C.
+4. Repeat 2 and 3 until theta stands still, going only a share of the way where it swings.
+
+The fixed point is that of extended least squares. It is reached surely where 1/C - 1/2 is strictly
+positive real (``polynomials.spr_margin``), often but not always elsewhere; ``prediction_error.py``
+has no such limit. Printed slip: the last exponent of B in eq. 29 is -nk-nb+1, as eq. 32 has it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import lfilter
+
+from yawid.blocks import Floats
+from yawid.config import ArmaxOrders
+from yawid.errors import ConfigError, NotIdentifiable
+from yawid.estimation.fit import fit_percent
+from yawid.estimation.polynomials import c_of, reflected, spr_margin
+
+MOST_ROUNDS = 500
+STILL = 1e-7
+"""Theta stands still where a round would move it by less than this share of its sigma."""
+SMALLEST_SHARE = 0.05
+RCOND = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class TwoStage:
+    """theta (n,) and its sigma, the ARX fit it started from, and how the rounds went.
+
+    ``theta`` is [a1.., b1.. of each input, c1.., bias]; ``arx`` the same without c. ``theta_std``
+    is that of the last least squares: too small where C is not 1. ``residual`` (samples,) is NaN
+    where lags are missing, ``noise_std`` its root mean square, ``one_step_pct`` the fit.
+    """
+
+    theta: Floats
+    theta_std: Floats
+    arx: Floats
+    residual: Floats
+    noise_std: float
+    one_step_pct: float
+    rounds: int
+    converged: bool
+    spr_margin: float
+
+
+def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = False) -> TwoStage:
+    """Fit A(q) y = B(q) u + C(q) e (+ bias) to a record: y (samples,), u (samples, n_inputs).
+
+    A sample with a NaN, and those whose lags reach it, are left out.
+
+    Raises:
+        ConfigError: wrong shapes, an infinite value, or too few samples for these orders.
+        NotIdentifiable: the record does not excite these orders.
+    """
+    u, y = _checked(u, y, orders)
+    known, first = _known_regressors(u, y, orders, bias), orders.n_theta - orders.nc
+    rows = np.isfinite(known).all(axis=1) & np.isfinite(y)
+    if rows.sum() <= 2 * known.shape[1] + orders.nc:
+        raise ConfigError(f"{rows.sum()} samples with their lags are too few for {orders}")
+    arx, std = _least_squares(known[rows], y[rows])
+    theta = np.insert(arx, [first] * orders.nc, 0.0)
+    eps, rounds, still = y - known @ arx, 0, orders.nc == 0
+    share, last = 1.0, np.inf
+    while not still and rounds < MOST_ROUNDS:
+        lagged = [_lag(np.where(rows, eps, 0.0), i + 1) for i in range(orders.nc)]
+        phi = np.column_stack([known[:, :first], *lagged, known[:, first:]])
+        phi[np.isnan(phi) & rows[:, None]] = 0.0  # an eps before the first row
+        target, std = _least_squares(phi[rows], y[rows])
+        move = float(np.max(np.abs(target - theta) / std))
+        if rounds and move > last:
+            share = max(0.5 * share, SMALLEST_SHARE)
+        theta = theta + share * (target - theta) if rounds else target
+        c_of(theta, orders)[:] = reflected(c_of(theta, orders))
+        eps = _residuals(theta, known, y, rows, orders)
+        rounds, last, still = rounds + 1, move, move <= STILL
+    used = eps[rows]
+    noise = float(np.sqrt(used @ used / max(len(used) - len(theta), 1)))
+    margin = spr_margin(c_of(theta, orders))
+    fit = fit_percent(y, y - eps)
+    return TwoStage(theta, std, arx, eps, noise, fit, rounds, still, margin)
+
+
+def _checked(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders) -> tuple[Floats, Floats]:
+    u, y = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    u = u.reshape(-1, 1) if u.ndim == 1 else u
+    if y.ndim != 1 or u.shape != (len(y), orders.n_inputs):
+        raise ConfigError(
+            f"y must be (n,) and u (n, {orders.n_inputs}), got {y.shape} and {u.shape}"
+        )
+    if np.isinf(u).any() or np.isinf(y).any():
+        raise ConfigError("u and y must not be infinite; NaN marks a sample to be left out")
+    return u, y
+
+
+def _lag(x: Floats, count: int) -> Floats:
+    """Return x (n,) so many samples later; NaN where there is none yet."""
+    lagged = np.full(len(x), np.nan)
+    lagged[count:] = x[: len(x) - count]
+    return lagged
+
+
+def _known_regressors(u: Floats, y: Floats, orders: ArmaxOrders, bias: bool) -> Floats:
+    """Return the columns of eq. 32 that are measured: -y(k-1).., u(k-nk).., 1."""
+    columns = [-_lag(y, i + 1) for i in range(orders.na)]
+    for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
+        columns += [_lag(u[:, j], nk + i) for i in range(nb)]
+    if bias:
+        columns.append(np.ones(len(y)))
+    return np.column_stack(columns) if columns else np.empty((len(y), 0))
+
+
+def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return theta (n,) and its sigma from the regressors (rows, n) and y (rows,)."""
+    theta, _, rank, _ = np.linalg.lstsq(phi, y, rcond=RCOND)
+    if rank < phi.shape[1]:
+        raise NotIdentifiable(
+            f"the record excites {rank} of {phi.shape[1]} parameters: lower orders or more input"
+        )
+    eps = y - phi @ theta
+    variance = np.diag(np.linalg.inv(phi.T @ phi)) * (eps @ eps) / (len(y) - len(theta))
+    return theta, np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+
+
+def _residuals(
+    theta: Floats, known: Floats, y: Floats, rows: NDArray[np.bool_], orders: ArmaxOrders
+) -> Floats:
+    """Return eps (samples,) of eq. 33, from rest after every gap; NaN outside the rows."""
+    first = orders.n_theta - orders.nc
+    c = c_of(theta, orders)
+    eps = y - known @ np.delete(theta, slice(first, first + orders.nc))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
+    for start, stop in edges.reshape(-1, 2):
+        eps[start:stop] = lfilter([1.0], np.concatenate([[1.0], c]), eps[start:stop])
+    return eps
