@@ -62,6 +62,11 @@ def _parser() -> argparse.ArgumentParser:
     live.add_argument("--no-record", action="store_true", help="write no tlog")
     _add_outputs(live)
     live.set_defaults(run=_live)
+    inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
+    inspect.add_argument("log", metavar="LOG", type=Path)
+    inspect.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_estimator_options(inspect)
+    inspect.set_defaults(run=_inspect)
     regress = commands.add_parser("regress", help="replay cases against their references")
     regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
     regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")
@@ -78,6 +83,10 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rerun", default="off", metavar="off|save|spawn|URL", help="a Rerun recording or viewer"
     )
+    _add_estimator_options(parser)
+
+
+def _add_estimator_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="FILE", help="options from a TOML file")
     for name, kind, metavar, text in _ESTIMATOR_OPTIONS:
         parser.add_argument(name, type=kind, metavar=metavar, help=text)
@@ -116,7 +125,8 @@ def _replay(arguments: argparse.Namespace) -> int:
             if stop.is_set:
                 break
             outputs = _outputs(arguments, name)
-            codes.append(_told(partial(replay, log, config, outputs, stop), arguments.json))
+            run = partial(replay, log, config, outputs, stop)
+            codes.append(_told(run, arguments.json, "print_summary"))
     return max(codes, default=0)
 
 
@@ -140,7 +150,14 @@ def _live(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--seconds must be > 0, got {arguments.seconds!r}")
     with StopFlag().installed() as stop:
         run = partial(live, arguments.endpoint, config, outputs, stop, arguments.seconds, _say)
-        return _told(run, arguments.json)
+        return _told(run, arguments.json, "print_summary")
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
+    from yawid.inspect import inspect
+
+    run = partial(inspect, arguments.log, _config(arguments))
+    return _told(run, arguments.json, "print_inspection")
 
 
 def _regress(arguments: argparse.Namespace) -> int:
@@ -153,8 +170,8 @@ def _regress(arguments: argparse.Namespace) -> int:
     return regress(arguments.folder, arguments.cases, print)
 
 
-def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool) -> int:
-    """Do one run and print what came of it; return its exit code."""
+def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool, printer: str) -> int:
+    """Do one run and print what came of it, by a function of the terminal; return its code."""
     try:
         summary, verdict = run()
     except YawidError as error:
@@ -162,9 +179,9 @@ def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool) -> int:
     if as_json:
         print(json.dumps(summary), flush=True)
     else:
-        from yawid.sinks.terminal import print_summary
+        from yawid.sinks import terminal
 
-        print_summary(summary, sys.stdout)
+        getattr(terminal, printer)(summary, sys.stdout)
     code: int = verdict.exit_code
     return code
 

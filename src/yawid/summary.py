@@ -196,8 +196,8 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
         return [*reasons, Reason("not_excited", text)]
     primary = evidence[config.method]
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
-    wn = float(primary.dutch_roll[0])
-    reasons += rate_reasons(yaw_hz, rudder_hz, 1.0 / bank.sample_time_s, wn)
+    grid_hz = 1.0 / bank.sample_time_s
+    reasons += rate_reasons(yaw_hz, rudder_hz, grid_hz, primary.dutch_roll)
     reasons += changed_rates(yaw_hz, rudder_hz, *_later_rates(channels))
     travel_unit = abs(channels.surfaces[0].scale)
     history = _remembered(bank)

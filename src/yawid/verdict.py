@@ -113,9 +113,11 @@ class Evidence:
 
 
 def rate_reasons(
-    yaw_hz: float, rudder_hz: float, rate_hz: float, wn_rad_s: float
+    yaw_hz: float, rudder_hz: float, rate_hz: float, dutch_roll: Floats
 ) -> Iterator[Reason]:
-    """Judge the message rates, and once wn is known the grid against it."""
+    """Judge the message rates, and once wn is known well enough the grid against it."""
+    wn_rad_s, wn_std = float(dutch_roll[0]), float(dutch_roll[1])
+    known = wn_std < UNCERTAIN * wn_rad_s
     slowest = min(yaw_hz, rudder_hz)
     said = f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
     if slowest < LEAST_RATE_HZ * RATE_SLACK:
@@ -123,7 +125,7 @@ def rate_reasons(
         yield Reason("rate_too_low", text)
     elif slowest < LOW_RATE_HZ * RATE_SLACK:
         yield Reason("rate_low", f"{said}: below {LOW_RATE_HZ:g} Hz the damping is uncertain")
-    if math.isfinite(wn_rad_s):
+    if known:
         needed = 4.0 * wn_rad_s / (2.0 * math.pi)
         have = min(slowest, rate_hz)
         if have < needed:

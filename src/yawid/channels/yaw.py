@@ -53,9 +53,8 @@ def _milli_gyro(f: Fields) -> Angles:
 def _heading(f: Fields) -> Angles:
     unknown = np.full(len(f), np.nan)
     degrees = np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0)
-    return _columns(
-        unknown, unknown, np.deg2rad((degrees + 180.0) % 360.0 - 180.0), unknown, unknown
-    )
+    yaw = np.deg2rad((degrees + 180.0) % 360.0 - 180.0)
+    return _columns(unknown, unknown, yaw, unknown, unknown)
 
 
 def _columns(*values: Any) -> Angles:
@@ -81,9 +80,7 @@ COARSE = "GLOBAL_POSITION_INT"
 
 
 def boot_us(fields: Fields) -> Ints:
-    """Return the boot time of a message that tells it whole: time_boot_ms, or 64 bits of
-    time_usec.
-    """
+    """Return the boot time a message tells whole: time_boot_ms, or time_usec of 64 bits."""
     if "time_boot_ms" in (fields.dtype.names or ()):
         return fields["time_boot_ms"].astype(np.int64) * 1000
     return fields["time_usec"].astype(np.int64)
@@ -91,9 +88,7 @@ def boot_us(fields: Fields) -> Ints:
 
 @dataclass(slots=True)
 class YawReader:
-    """Reads the best source heard so far; ``heading_rate`` makes the rate psi_dot by Euler's
-    formula.
-    """
+    """Reads the best source heard so far; ``heading_rate`` makes the rate psi_dot by Euler."""
 
     heading_rate: bool = False
     source: str | None = None
@@ -108,9 +103,7 @@ class YawReader:
         return f"{self.source}.{SOURCES[self.source][0]}" if self.source else ""
 
     def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
-        """Return the first better source among these messages, and where in the stream it
-        starts.
-        """
+        """Return the first better source among these messages and where it starts."""
         ranks = list(SOURCES)
         worst = len(ranks) if self.source is None else ranks.index(self.source)
         found = [(int(messages[n].order[0]), n) for n in ranks[:worst] if n in messages]

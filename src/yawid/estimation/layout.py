@@ -46,7 +46,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     table, taps = registers(config)
     size = int(table[:, 1].sum())
     covariance = n * n + lags * n + 2 * lags + 1 if lags else 0
-    length = slots.HEADER + 7 * n + n * (n - 1) // 2 + n + 2 * size + covariance
+    length = slots.HEADER + 8 * n + n * (n - 1) // 2 + n + 2 * size + covariance
     length += table.size + len(table) + n + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
     state = np.zeros(length)
     header = {
@@ -72,5 +72,6 @@ def new_state(config: EstimatorConfig) -> Floats:
     parts[slots.TAPS][:] = taps
     parts[slots.FACTORS][:] = 1.0
     parts[slots.UNITS][:] = 1.0
+    parts[slots.LEAST][:] = config.P0
     parts[slots.DRIFT][:] = np.multiply(config.drift, config.sample_time_s)
     return state

@@ -15,6 +15,7 @@ from yawid.estimation.kernel import (
     follow_covariance,
     hot,
     jit,
+    p_entry,
     push,
     stable,
 )
@@ -34,6 +35,7 @@ from yawid.estimation.state import (
     FACTORS,
     FAST,
     FAST_E2,
+    FAST_FALL,
     FAST_Y2,
     FILL,
     FILTERED,
@@ -50,6 +52,7 @@ from yawid.estimation.state import (
     LAMBDA_END,
     LAMBDA_RATE,
     LAMBDA_START,
+    LEAST,
     LOSS,
     NC,
     NEXT,
@@ -66,8 +69,10 @@ from yawid.estimation.state import (
     S1,
     S2,
     SCRATCH,
+    SETTLING,
     SIGNALS,
     SINCE,
+    SLOW_RISE,
     STATUS,
     TAPS,
     THETA,
@@ -140,10 +145,12 @@ def _restart(s, at):
     covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
     upper = s[at[UPPER] : at[UPPER + 1]]
     products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
+    least = s[at[LEAST] : at[LEAST + 1]]
     n = len(theta)
     theta[:] = 0.0
     d[:] = s[P0]
     upper[:] = 0.0
+    least[:] = s[P0]
     covariance[:] = 0.0
     for i in range(n if s[LAGS] > 0.0 else 0):
         covariance[i * n + i] = s[P0]
@@ -171,6 +178,27 @@ def _stable_step(s, theta, gain, scratch, step):
 
 
 @hot
+def _keep_information(s, at, d, upper):
+    """Keep the floor under what is known of one parameter, the next at each update.
+
+    P[k, k] may grow to 1 / FLOOR times its usual least: then a row "theta[k] is what it is", just
+    heavy enough, brings it back. The usual least falls fast and rises over many memories, so that
+    neither poverty nor one wild sample sets it.
+    """
+    gain = s[at[GAIN] : at[GAIN + 1]]
+    least = s[at[LEAST] : at[LEAST + 1]]
+    k, n = int(s[NEXT]), len(d)
+    s[NEXT] = 0.0 if k + 1 == n else k + 1.0
+    p = p_entry(d, upper, k, k)
+    if p >= least[k]:
+        least[k] *= 1.0 + SLOW_RISE * n * (1.0 - s[LAMBDA_END])
+    else:
+        least[k] = p if s[SINCE] < SETTLING else max(p, FAST_FALL * least[k])
+    if s[FLOOR] * p > least[k]:
+        floor(d, upper, k, s[FLOOR] / least[k] - 1.0 / p, gain)
+
+
+@hot
 def _adapt(s, at, lam):
     """Let P grow by forgetting or drift, no further than its cap, and keep information in it."""
     d = s[at[D] : at[D + 1]]
@@ -178,7 +206,6 @@ def _adapt(s, at, lam):
     drift = s[at[DRIFT] : at[DRIFT + 1]]
     scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
     covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    gain = s[at[GAIN] : at[GAIN + 1]]
     n, over = len(d), 1.0 / lam
     for i in range(n):
         d[i] = min(d[i] * over, s[D_MAX])
@@ -189,9 +216,7 @@ def _adapt(s, at, lam):
                 if s[LAGS] > 0.0:
                     covariance[i * n + i] += drift[i]
     if s[FLOOR] > 0.0:
-        k = int(s[NEXT])
-        floor(d, upper, k, s[FLOOR], gain)
-        s[NEXT] = 0.0 if k + 1 == n else k + 1.0
+        _keep_information(s, at, d, upper)
     s[LAMBDA] = s[LAMBDA_RATE] * lam + (1.0 - s[LAMBDA_RATE]) * s[LAMBDA_END]
 
 

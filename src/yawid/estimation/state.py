@@ -25,24 +25,27 @@ DIVERGED, HALVED, RESTARTS, HEADER = 44, 45, 46, 47
 # The parts, as views() returns them.
 THETA, D, UPPER, PHI, PSI, GAIN, RAW, FILTERED, SCRATCH = range(9)
 COVARIANCE, ECHOES, RESIDUALS, PRODUCTS, SIGNALS, FRESH, TAPS = range(9, 16)
-FACTORS, UNITS, DRIFT, INPUTS, SAMPLES = range(16, 21)
+FACTORS, UNITS, DRIFT, LEAST, INPUTS, SAMPLES = range(16, 22)
 
 GATHERING, FITTING, RUNNING = 0.0, 1.0, 2.0  # PHASE: fill the window, await the start fit, recurse
 WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # STATUS, as blocks.Status
 PSI_FROM = 150  # rml: updates with psi = phi, until C is good enough to filter by
 FAST = 0.99  # forgetting of the test for divergence
+SETTLING = 1000  # updates during which the least of P[k, k] is simply the least
+FAST_FALL = 0.98  # later, how fast that least may fall at a visit
+SLOW_RISE = 1e-3  # and how fast it rises, per memory
 
 
 @jit
 def places(s):
-    """Return where each part of the state begins, and where the last one ends (22 ints).
+    """Return where each part of the state begins, and where the last one ends (23 ints).
 
     On scaled signals: theta, D (N,), U (N(N-1)/2,) the columns above the diagonal, phi, psi, gain
     (N,), raw and filtered registers (R,), scratch (N,). Where LAGS > 0: covariance (N N,) of theta
     over the noise variance, echoes (LAGS N,) of past gains, residuals (LAGS,), products (LAGS + 1,)
     of them. signals (2 (M + 3),): offset and length of the registers of y, inputs, residual, 1;
     fresh (M + 3,) what enters them next, taps (N,) where phi finds its entries. factors (M + 1,)
-    scale y and u, units (N,) take theta to the user's units, drift (N,) is added to P. inputs (M,).
+    scale y and u, units (N,) take theta to the user's units, drift (N,) is added to P, least (N,) of P[k, k]. inputs (M,).
     samples: WINDOW rows of break flag, y, u.
     """
     n, m, r, lags = int(s[N]), int(s[M]), int(s[R]), int(s[LAGS])
@@ -60,10 +63,10 @@ def places(s):
     taps = fresh + m + 3
     factors = taps + n
     units = factors + m + 1
-    inputs = units + 2 * n
+    inputs = units + 3 * n
     return (
         theta, theta + n, upper, phi, phi + n, phi + 2 * n, raw, raw + r, scratch, covariance,
-        echoes, residuals, products, signals, fresh, taps, factors, units, units + n, inputs, inputs + m, len(s),
+        echoes, residuals, products, signals, fresh, taps, factors, units, units + n, units + 2 * n, inputs, inputs + m, len(s),
     )  # fmt: skip
 
 

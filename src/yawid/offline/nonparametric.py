@@ -66,10 +66,10 @@ def curves_from_step(
     level = y[:before].mean() if before else y[0]
     h = (y[before:] - level) / u0
     noise = float(np.std(np.diff(y[before:], 2))) / math.sqrt(6.0) / abs(u0)
-    g = np.diff(h, append=h[-1]) / sample_time_s
-    t = np.arange(len(h)) * sample_time_s
-    h_std = np.full(len(h), noise * math.sqrt(1.0 + 1.0 / max(before, 1)))
-    return Curves(t, h, h_std, g, np.full(len(h), noise * math.sqrt(2.0) / sample_time_s))
+    g, one = np.diff(h) / sample_time_s, np.ones(len(h) - 1)
+    h_std = one * noise * math.sqrt(1.0 + 1.0 / max(before, 1))
+    g_std = one * noise * math.sqrt(2.0) / sample_time_s
+    return Curves(_grid(len(one), sample_time_s), h[:-1], h_std, g, g_std)
 
 
 def curves_from_data(u: ArrayLike, y: ArrayLike, sample_time_s: float, length: int) -> Curves:
@@ -96,10 +96,10 @@ def curves_from_data(u: ArrayLike, y: ArrayLike, sample_time_s: float, length: i
     # h(k) is the sum of the pulses up to k - 1.
     h_std = np.sqrt(np.diag(np.cumsum(np.cumsum(spread, axis=0), axis=1)))
     return Curves(
-        np.arange(length) * sample_time_s,
+        _grid(length, sample_time_s),
         np.concatenate([[0.0], np.cumsum(pulse)[:-1]]),
         np.concatenate([[0.0], h_std[:-1]]),
-        pulse / sample_time_s,
+        np.asarray(pulse / sample_time_s),
         np.sqrt(np.diag(spread)) / sample_time_s,
     )
 
@@ -110,8 +110,12 @@ def curves_from_model(
     """Return h and g (length,) of an identified model's first input, theta (n,); sigma is 0."""
     h = step_response(theta, orders, length + 1)
     zero = np.zeros(length)
-    t = np.arange(length) * sample_time_s
+    t = _grid(length, sample_time_s)
     return Curves(t, h[:-1], zero, np.diff(h) / sample_time_s, zero)
+
+
+def _grid(length: int, sample_time_s: float) -> Floats:
+    return np.asarray(np.arange(length) * sample_time_s, dtype=np.float64)
 
 
 def answer_by_transient(h: Floats, u: Floats) -> Floats:

@@ -8,7 +8,7 @@ of smoothing are tried, the fit with the least loss is kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,27 +16,26 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from yawid.blocks import Floats
-from yawid.errors import ConfigError, NotIdentifiable
+from yawid.errors import NotIdentifiable
 from yawid.offline.forms import (
     first_order_response,
     first_order_settling,
     overshoot,
-    second_order_from_peak,
     second_order_response,
     second_order_settling,
 )
+from yawid.offline.step_record import (
+    CLEAR,
+    FEWEST_SAMPLES,
+    Record,
+    read_first_order,
+    read_second_order,
+)
 
-FEWEST_SAMPLES = 10
-SMOOTHING = (0.0, 0.01, 0.03)
-"""Widths of the moving average before the reading, as shares of the record."""
-TAIL = 0.1
-"""The share of the record whose mean is read as the steady state."""
 SETTLED = 0.05
 """A steady state is reached where the fitted form is within this share of its end."""
 MISFIT = 0.05
 """A form whose systematic misfit exceeds this share of the step does not hold."""
-CLEAR = 3.0
-"""By how many sigma the answer to the step, an overshoot and a misfit must stand out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +92,12 @@ def fit_first_order(
         ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
         NotIdentifiable: y does not answer, does not come to rest, or has another form.
     """
-    record = _Record.checked(t, y, u0, step_time_s)
+    record = Record.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
         return first_order_response(record.t, p[1], math.exp(min(max(p[2], -700.0), 700.0)))
 
-    starts = (np.array([0.0, 1.0, math.log(T)]) for T in _read_first_order(record))
+    starts = (np.array([0.0, 1.0, math.log(T)]) for T in read_first_order(record))
     fit = _refine(record, form, starts, [-np.inf] * 3, [np.inf] * 3)
     T = math.exp(fit.p[2])
     left = math.exp(-record.t[-1] / T)
@@ -123,16 +122,16 @@ def fit_second_order(
         ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
         NotIdentifiable: as there, or no overshoot that stands out of the noise.
     """
-    record = _Record.checked(t, y, u0, step_time_s)
+    record = Record.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
         return second_order_response(record.t, p[1], p[2], math.exp(min(max(p[3], -700.0), 700.0)))
 
-    starts = [np.array([0.0, 1.0, D, math.log(q)]) for D, q in _read_second_order(record)]
+    starts = [np.array([0.0, 1.0, D, math.log(q)]) for D, q in read_second_order(record)]
     if not starts:
         raise NotIdentifiable("not the form of eq. 7: the record shows no overshoot")
     low, high = [-np.inf, -np.inf, 1e-6, -np.inf], [np.inf, np.inf, 1.0 - 1e-9, np.inf]
-    fit = _refine(record, form, iter(starts), low, high)
+    fit = _refine(record, form, starts, low, high)
     D, q = float(fit.p[2]), math.exp(fit.p[3])
     root = math.sqrt(1.0 - D * D)
     _check_form(
@@ -163,75 +162,6 @@ def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> Value
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
-    """t since the step, y less ``low`` over ``scale``: from 0 to 1 or so, and the scaled noise."""
-
-    t: Floats
-    y: Floats
-    low: float
-    scale: float
-    noise: float
-
-    @classmethod
-    def checked(cls, times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float) -> _Record:
-        t, y = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
-        if t.ndim != 1 or t.shape != y.shape:
-            raise ConfigError(f"t and y must be (n,) alike, got {t.shape} and {y.shape}")
-        if not np.isfinite(t).all() or np.isinf(y).any() or not (np.diff(t) > 0.0).all():
-            raise ConfigError("t must be finite and increasing and y finite (NaN where missing)")
-        if not math.isfinite(u0) or u0 == 0.0 or not math.isfinite(step_time_s):
-            raise ConfigError(
-                f"u0 must be finite and not 0, got {u0!r} (step at {step_time_s!r} s)"
-            )
-        t, y = t[np.isfinite(y)] - step_time_s, y[np.isfinite(y)]
-        after = int(np.sum(t >= 0.0))
-        if after < FEWEST_SAMPLES:
-            raise ConfigError(f"{after} samples after the step, at least {FEWEST_SAMPLES} needed")
-        before, tail = max(len(y) - after, 1), max(1, round(TAIL * after))
-        low, scale = float(y[:before].mean()), float(y[-tail:].mean() - y[:before].mean())
-        noise = float(np.median(np.abs(np.diff(y)))) / 0.954  # of a normal difference of two
-        if not abs(scale) > CLEAR * noise * math.sqrt(1.0 / before + 1.0 / tail):
-            raise NotIdentifiable(
-                f"y does not answer the step: its change of {scale:.3g} is not clear of the noise"
-            )
-        return cls(t, (y - low) / scale, low, scale, noise / abs(scale))
-
-    def smoothed(self) -> Iterator[tuple[Floats, Floats]]:
-        """Yield t and y from the step on, y averaged over ever more samples."""
-        t, y = self.t[self.t >= 0.0], self.y[self.t >= 0.0]
-        for width in sorted({2 * round(0.5 * share * len(y)) + 1 for share in SMOOTHING}):
-            mean = np.convolve(y, np.ones(width) / width, mode="valid")
-            yield t[width // 2 : len(t) - width // 2], mean
-
-
-def _read_first_order(record: _Record) -> Iterator[float]:
-    """Yield T, the time at which the response reaches 63 % of its end (after eq. 6)."""
-    level = 1.0 - math.exp(-1.0)
-    for t, y in record.smoothed():
-        after = int(np.argmax(y >= level))
-        if after == 0:
-            yield float(max(t[0], 0.5 * (t[1] - t[0])))
-            continue
-        part = (level - y[after - 1]) / (y[after] - y[after - 1])
-        yield float(t[after - 1] + part * (t[after] - t[after - 1]))
-
-
-def _read_second_order(record: _Record) -> Iterator[tuple[float, float]]:
-    """Yield D and q by eq. 12-13 from the first extremum; none where there is no overshoot."""
-    for t, y in record.smoothed():
-        peak = float(t[np.argmax(y)])
-        near = np.abs(t - peak) <= 0.25 * peak
-        y_max = float(y.max())
-        if near.sum() >= 5:  # the parabola through the top is finer than the samples
-            curve, slope, top = np.polyfit(t[near] - peak, y[near], 2)
-            if curve < 0.0 and abs(0.5 * slope / curve) <= 0.25 * peak:
-                peak, y_max = peak - 0.5 * slope / curve, top - 0.25 * slope**2 / curve
-        if 0.0 < y_max - 1.0 < 1.0 and peak > 0.0:
-            _, D, q = second_order_from_peak(1.0, y_max, peak)
-            yield D, q
-
-
-@dataclass(frozen=True, slots=True)
 class _Fit:
     """The parameters (n,) on the scaled record, their covariance, and what is left of it."""
 
@@ -246,13 +176,13 @@ class _Fit:
 
 
 def _refine(
-    record: _Record, form: Callable[[Floats], Floats], starts: Iterator[Floats],
+    record: Record, form: Callable[[Floats], Floats], starts: Iterable[Floats],
     low: list[float], high: list[float],
 ) -> _Fit:  # fmt: skip
     """Fit offset p[0] plus form(p) from each start and keep the best."""
 
     def misses(p: Floats) -> Floats:
-        return record.y - p[0] - form(p)
+        return np.asarray(record.y - p[0] - form(p))
 
     options = {"jac": "3-point", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "x_scale": 1.0}
     found = [least_squares(misses, start, bounds=(low, high), **options) for start in starts]
@@ -269,7 +199,7 @@ def _refine(
     return _Fit(p, covariance, residual, math.sqrt(2.0 * best.cost / (n - len(p))))
 
 
-def _check_form(record: _Record, fit: _Fit, left: float, settling_s: float) -> None:
+def _check_form(record: Record, fit: _Fit, left: float, settling_s: float) -> None:
     """Raise NotIdentifiable where the fitted form does not speak for the record."""
     step = abs(float(fit.p[1]))
     # The product of neighbours is the systematic part: that of white noise averages to nothing.
@@ -291,6 +221,6 @@ def _check_form(record: _Record, fit: _Fit, left: float, settling_s: float) -> N
         raise NotIdentifiable("the record shows too little of the transient to tell gain and time")
 
 
-def _chance(record: _Record, count: int) -> float:
+def _chance(record: Record, count: int) -> float:
     """Return what the mean product of so many neighbours in white noise hardly exceeds."""
     return CLEAR * record.noise**2 / math.sqrt(count)

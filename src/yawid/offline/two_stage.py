@@ -27,7 +27,9 @@ from yawid.estimation.polynomials import c_of, reflected, spr_margin
 MOST_ROUNDS = 500
 STILL = 1e-7
 """Theta stands still where a round would move it by less than this share of its sigma."""
-SMALLEST_SHARE = 0.05
+SMALLEST_SHARE = 0.1
+NOISELESS = 1e-9
+"""ARX residuals below this share of y are rounding: C stays 1, its sigma infinite."""
 RCOND = 1e-12
 
 
@@ -67,8 +69,11 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
         raise ConfigError(f"{rows.sum()} samples with their lags are too few for {orders}")
     arx, std = _least_squares(known[rows], y[rows])
     theta = np.insert(arx, [first] * orders.nc, 0.0)
-    eps, rounds, still = y - known @ arx, 0, orders.nc == 0
-    share, last = 1.0, np.inf
+    eps, rounds, share, last = y - known @ arx, 0, 1.0, np.inf
+    spread = float(np.linalg.norm(y[rows]))
+    still = orders.nc == 0
+    if np.linalg.norm(eps[rows]) <= NOISELESS * spread:  # nothing tells C
+        std, still = np.insert(std, [first] * orders.nc, np.inf), True
     while not still and rounds < MOST_ROUNDS:
         lagged = [_lag(np.where(rows, eps, 0.0), i + 1) for i in range(orders.nc)]
         phi = np.column_stack([known[:, :first], *lagged, known[:, first:]])
@@ -126,7 +131,8 @@ def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
         )
     eps = y - phi @ theta
     variance = np.diag(np.linalg.inv(phi.T @ phi)) * (eps @ eps) / (len(y) - len(theta))
-    return theta, np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+    std = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+    return np.asarray(theta, dtype=np.float64), np.asarray(std, dtype=np.float64)
 
 
 def _residuals(

@@ -100,3 +100,22 @@ def _origin(summary: Mapping[str, Any]) -> Iterator[str]:
     link = summary["link"]
     counts = ", ".join(f"{link[n]} {n.replace('_', ' ')}" for n in link if link[n] or n == "frames")
     yield f"    link  {counts}"
+
+
+def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
+    """Print what a log can answer: verdict, channels, where it is excited, what to do."""
+    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console.print(Text(str(report["log"]), style="bold"))
+    _print_verdict(console, report["verdict"])
+    for line in _origin(report):
+        console.print(Text(line))
+    senders = ", ".join(f"{name} ({count})" for name, count in report["senders"].items())
+    console.print(Text(f" senders  {senders}"))
+    windows = ", ".join(f"{w['from']:g} to {w['to']:g} s" for w in report["excited"])
+    console.print(Text(f" excited  {windows or 'nowhere'}"))
+    advice = dict(report["recommend"])
+    for line in advice.pop("record", []):
+        console.print(Text(f"  record  {line}"))
+    if advice:
+        options = " ".join(f"--{name} {value}" for name, value in advice.items())
+        console.print(Text(f"     try  yawid replay {options}"), soft_wrap=True)

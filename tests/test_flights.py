@@ -1,0 +1,134 @@
+"""The recorded flights of the catalogue, where they are at hand: an honest word on each.
+
+The synthetic twins of their oddities are in tests/channels and tests/sources.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from yawid.cli import main
+
+FLIGHTS = Path(__file__).parents[1] / ".." / "shared" / "flights"
+pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+
+
+def replay(capsys, tmp_path: Path, name: str, *options: object) -> tuple[int, dict[str, Any]]:
+    arguments = ["replay", FLIGHTS / f"{name}.tlog", "--out", tmp_path, "--json", *options]
+    code = main([str(argument) for argument in arguments])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def reasons(summary: dict[str, Any]) -> dict[str, str]:
+    return {reason["id"]: reason["text"] for reason in summary["verdict"]["reasons"]}
+
+
+EXCITED = ("--rate", 25, "--forgetting", 1, "--from", 86.5, "--to", 253.9)
+
+
+def test_sitl_fbwa_has_its_dutch_roll(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "sitl_fbwa_50hz", *EXCITED, "--method", "rml")
+
+    found = summary["estimates"]["rml"]["dutch_roll"]
+    assert code == 0
+    assert found["wn_rad_s"] == pytest.approx(10.54, rel=0.05)
+    assert found["zeta"] == pytest.approx(0.624, abs=0.05)
+    assert "rudder_assumed" in reasons(summary)
+
+
+def test_sitl_fbwa_at_stock_rates_has_nearly_the_same(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "sitl_fbwa_stock_33hz", *EXCITED, "--method", "rml")
+
+    found = summary["estimates"]["rml"]["dutch_roll"]
+    assert code == 0
+    assert found["wn_rad_s"] == pytest.approx(10.54, rel=0.08)
+    assert found["zeta"] == pytest.approx(0.624, abs=0.08)
+
+
+def test_the_ground_stations_record_of_that_flight_is_too_slow(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "sitl_fbwa_gcs_4hz")
+
+    assert code == 4
+    assert "2 Hz" in reasons(summary)["rate_too_low"]
+
+
+def test_the_automatic_mission_is_not_usable(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "sitl_auto_25hz")
+
+    assert code == 5
+    assert {"not_excited", "turn_dominated"} <= reasons(summary).keys()
+
+
+def test_mavproxys_record_of_it_is_too_slow_and_knows_its_rudder(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "sitl_auto_mavproxy_4hz")
+
+    assert code == 4
+    assert summary["channels"]["rudder"]["how"] == "parameter"
+
+
+def test_alfas_rudder_and_aileron_cannot_be_separated(capsys, tmp_path):
+    options = ("--rudder", "servo:4", "--aileron", "servo:5", "--inputs", "rudder,aileron")
+    code, summary = replay(capsys, tmp_path, "alfa_carbonz_engine_failure", *options)
+
+    assert code == 4  # three messages a second come first in the contract's order
+    assert "0.9999" in reasons(summary)["collinear_inputs"]
+
+
+def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "skywalker_manual_a")
+
+    assert code == 5
+    assert "+0.8" in reasons(summary)["turn_dominated"]
+    assert summary["channels"]["rudder"]["source"] == "ACTUATOR_CONTROL_TARGET.controls[2]"
+
+
+def test_skywalker_with_its_turns_removed_has_an_estimate(capsys, tmp_path):
+    options = ("--turn", "remove", "--band", "0.15,3", "--method", "rml")
+    _, summary = replay(capsys, tmp_path, "skywalker_manual_a", *options)
+
+    found = summary["estimates"]["rml"]["dutch_roll"]
+    assert 4.0 < found["wn_rad_s"] < 10.0
+    assert found["wn_std"] > 0.1
+    assert "turn_dominated" not in reasons(summary)
+
+
+def test_the_quadplane_has_no_rudder_function(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "vtol_quadplane")
+
+    assert code == 3
+    assert "SERVO3=75, SERVO4=76" in reasons(summary)["no_rudder"]
+    assert summary["link"]["clock_steps"] == 1
+    assert "estimates" not in summary
+
+
+def test_the_multirotor_has_no_rudder(capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, "copter_sik_radio")
+
+    assert code == 3
+    assert "quadrotor (type 2)" in reasons(summary)["no_rudder"]
+    assert summary["link"]["reboots"] == 4
+    assert summary["link"]["lost"] >= 2856
+
+
+def test_inspect_finds_where_the_flight_was_excited_and_what_to_ask(capsys):
+    code = main(["inspect", str(FLIGHTS / "sitl_fbwa_50hz.tlog"), "--json"])
+    report = json.loads(capsys.readouterr().out)
+
+    assert code == 0
+    advice = report["recommend"]
+    assert advice["from"] == pytest.approx(86.5, abs=5.0)
+    assert advice["to"] == pytest.approx(253.9, abs=5.0)
+    assert (advice["rate"], advice["inputs"]) == (25.0, "rudder")
+    assert report["senders"]["255/190"] == 13372
+
+
+def test_inspect_says_what_to_record_where_a_log_cannot_answer(capsys):
+    code = main(["inspect", str(FLIGHTS / "sitl_fbwa_gcs_4hz.tlog"), "--json"])
+    report = json.loads(capsys.readouterr().out)
+
+    assert code == 4
+    assert "25 Hz" in report["recommend"]["record"][0]
