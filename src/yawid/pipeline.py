@@ -56,7 +56,12 @@ class Pipeline:
         bank = self.bank or self._open_bank(samples.sample_time_s)
         estimates = bank.run(samples)
         primary = estimates[self.config.method]
-        self.modes = modes(primary, self.config.armax_orders(), samples.sample_time_s)
+        self.modes = modes(
+            primary,
+            self.config.armax_orders(),
+            samples.sample_time_s,
+            mean_output=self.config.output == "yaw",
+        )
         self.newest, self.samples = samples, self.samples + len(samples)
         for sink in self.sinks:
             sink.write(samples, estimates, self.modes)

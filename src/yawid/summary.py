@@ -18,6 +18,7 @@ from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank, History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import parameter_names
+from yawid.physics.derivatives import summary_of
 from yawid.physics.handling import dutch_roll_level
 from yawid.physics.modes import finite, mode_list, modes
 from yawid.physics.response import early_response
@@ -112,7 +113,8 @@ def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
     config = estimator.config
     orders = config.orders
     names = parameter_names(orders, bank.config.inputs, bias=config.bias)
-    found = modes(last, orders, bank.sample_time_s)
+    mean_output = bank.config.output == "yaw"
+    found = modes(last, orders, bank.sample_time_s, mean_output=mean_output)
     wn, wn_std, zeta, zeta_std = (float(v) for v in found.dutch_roll[-1])
     theta, theta_std = last.theta[-1], last.theta_std[-1]
     described: dict[str, Any] = {
@@ -133,6 +135,11 @@ def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
         level = dutch_roll_level(wn, zeta)
         if level is not None:
             described["dutch_roll"]["level"] = level
+    physics = summary_of(
+        theta, estimator.covariance, orders, bank.sample_time_s, mean_output=mean_output
+    )
+    if physics:
+        described["physics"] = physics
     described["fit"] = _fit(bank, method)
     simulation_pct = described["fit"].get("simulation_pct", float("nan"))
     early = early_response(theta, orders, bank.sample_time_s, wn)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import EstimateBlock, Floats, ModesBlock
+from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock
 from yawid.config import ArmaxOrders
 
 Complexes = NDArray[np.complex128]
@@ -45,28 +45,78 @@ def discrete_poles(a: Floats) -> Complexes:
     return z
 
 
-def modes(estimates: EstimateBlock, orders: ArmaxOrders, sample_time_s: float) -> ModesBlock:
+def modes(
+    estimates: EstimateBlock,
+    orders: ArmaxOrders,
+    sample_time_s: float,
+    *,
+    mean_output: bool = False,
+) -> ModesBlock:
     """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each.
 
     A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
-    poles are reported as they are, with zeta < 0.
+    poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`poles_and_residues`.
     """
     n, na = len(estimates), orders.na
-    z = discrete_poles(estimates.theta[:, :na])
+    z, s, residues = poles_and_residues(
+        estimates.theta, orders, sample_time_s, mean_output=mean_output
+    )
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # NaN only the pole itself: the others' slopes still need its distance.
-        continuous = (z.imag != 0.0) | (z.real > 0.0)
-        s = np.where(continuous, np.log(z) / sample_time_s, np.nan).astype(np.complex128)
         wn = np.abs(s)
         zeta = -s.real / wn
         wn_std, zeta_std = np.full((n, na), np.nan), np.full((n, na), np.nan)
         if estimates.covariance is not None:
             covariance = estimates.covariance[:, :na, :na]
             wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
-        b = estimates.theta[:, na : na + orders.nb[0]] if orders.nb else np.zeros((n, 0))
-        energy = _energies(z, s, b, orders.nk[0] if orders.nk else 1)
-    dutch_roll = _dutch_roll(s, wn, energy, sample_time_s, (wn, wn_std, zeta, zeta_std))
+    best = dutch_roll_index(s, residues, sample_time_s)
+    columns = (wn, wn_std, zeta, zeta_std)
+    dutch_roll = np.full((n, 4), np.nan)
+    if na:
+        picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
+        dutch_roll = np.where(best[:, None] >= 0, np.concatenate(picked, axis=1), np.nan)
     return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll)
+
+
+def poles_and_residues(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
+) -> tuple[Complexes, Complexes, Complexes]:
+    """Return z and s (n, na), the discrete and continuous poles, and R (n, na) of the first input.
+
+    The continuous model is the sum of R/(s - p). A zero-order hold makes of each term
+    R (z_p - 1)/p / (z - z_p); where the output is the mean over the interval before
+    (``mean_output``), the residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are undone here,
+    exactly.
+    """
+    na = orders.na
+    z = discrete_poles(theta[:, :na])
+    nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # NaN only the pole itself: the others' slopes still need its distance.
+        continuous = (z.imag != 0.0) | (z.real > 0.0)
+        s = np.where(continuous, np.log(z) / sample_time_s, np.nan).astype(np.complex128)
+        lags = nk + np.arange(nb)
+        b = theta[:, None, na : na + nb]
+        numerator = (b * z[:, :, None] ** (-lags)).sum(axis=2)
+        discrete = numerator * z**na / _slopes(z)
+        residues = discrete * s / (z - 1.0)
+        if mean_output:
+            residues = residues * s * sample_time_s * z / (z - 1.0)
+    return z, s, residues
+
+
+def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) -> Ints:
+    """Return the column (n,) of the oscillatory pole with most energy |R|^2/(2|Re s|), or -1."""
+    if s.shape[1] == 0:
+        return np.full(len(s), -1)
+    low = 2.0 * np.pi * LOWEST_DUTCH_ROLL_HZ
+    high = 2.0 * np.pi * HIGHEST_DUTCH_ROLL_OF_RATE / sample_time_s
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        wn = np.abs(s)
+        energy = np.abs(residues) ** 2 / (2.0 * np.abs(s.real))
+        fits = (s.imag > 0.0) & (wn >= low) & (wn <= high) & np.isfinite(energy)
+    score = np.where(fits, energy, -1.0)
+    best = np.argmax(score, axis=1)
+    return np.where(score[np.arange(len(s)), best] >= 0.0, best, -1)
 
 
 def _slopes(z: Complexes) -> Complexes:
@@ -92,33 +142,6 @@ def _sigmas(
         np.sqrt(np.maximum((np.matmul(d, covariance) * d).sum(axis=2), 0.0)) for d in (dwn, dzeta)
     )
     return wn_std, zeta_std
-
-
-def _energies(z: Complexes, s: Complexes, b: Floats, nk: int) -> Floats:
-    """Return |R|^2 / (2 |Re s|) of every pole, R its residue in the continuous model from u to r.
-
-    Sampling through a zero-order hold turns R/(s - p) into R (z_p - 1)/p / (z - z_p); undone here.
-    """
-    na = z.shape[1]
-    lags = nk + np.arange(b.shape[1])
-    numerator = (b[:, None, :] * z[:, :, None] ** (-lags)).sum(axis=2)
-    residue = numerator * z**na / _slopes(z) * s / (z - 1.0)
-    energy: Floats = np.abs(residue) ** 2 / (2.0 * np.abs(s.real))
-    return energy
-
-
-def _dutch_roll(
-    s: Complexes, wn: Floats, energy: Floats, sample_time_s: float, columns: tuple[Floats, ...]
-) -> Floats:
-    """Return (wn, wn_std, zeta, zeta_std) of the pair with the most energy, else NaN."""
-    high = 2.0 * np.pi * HIGHEST_DUTCH_ROLL_OF_RATE / sample_time_s
-    fits = (s.imag > 0.0) & (wn >= 2.0 * np.pi * LOWEST_DUTCH_ROLL_HZ) & (wn <= high)
-    score = np.where(fits & np.isfinite(energy), energy, -1.0)
-    if score.shape[1] == 0:
-        return np.full((len(s), 4), np.nan)
-    best = np.argmax(score, axis=1)[:, None]
-    picked = np.concatenate([np.take_along_axis(c, best, axis=1) for c in columns], axis=1)
-    return np.where(np.take_along_axis(score, best, axis=1) >= 0.0, picked, np.nan)
 
 
 def mode_list(block: ModesBlock, row: int = -1) -> list[dict[str, Any]]:

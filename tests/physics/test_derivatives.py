@@ -1,0 +1,145 @@
+"""Eq. 22-23 there and back: from the four numbers to theta by scipy, and back by ours."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from scipy.signal import cont2discrete
+
+from yawid.config import ArmaxOrders
+from yawid.physics.derivatives import LARGEST_ERROR, NAMES, summary_of, with_sigma, yaw_channel
+
+TWO = ArmaxOrders(na=2, nb=2, nc=0, nk=1)
+THREE = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
+
+
+def theta_of(numerator, denominator, ts: float) -> np.ndarray:
+    b, a, _ = cont2discrete((numerator, denominator), ts, method="zoh")
+    return np.concatenate([a[1:], np.ravel(b)[1:]])
+
+
+def eq23(K: float, T: float, omega: float, xi: float) -> tuple[np.ndarray, np.ndarray]:
+    return K * omega**2 * np.array([T, 1.0]), np.array([1.0, 2.0 * xi * omega, omega**2])
+
+
+GAINS = st.floats(0.05, 5.0)
+LEADS = st.floats(0.05, 5.0)
+
+
+@given(
+    K=GAINS, T=LEADS, omega=st.floats(0.5, 30.0), xi=st.floats(0.02, 1.5), ts=st.floats(0.01, 0.2)
+)
+def test_the_four_numbers_come_back_from_theta(K, T, omega, xi, ts):
+    damped = omega * math.sqrt(abs(1.0 - xi**2))
+    assume(omega * ts >= 0.01)
+    assume(damped * ts <= 3.0)
+    assume(abs(xi - 1.0) > 0.05)
+    assume(xi < 1.0 or omega * (xi + math.sqrt(xi * xi - 1)) * ts < 3.0)
+
+    values, error = yaw_channel(theta_of(*eq23(K, T, omega, xi), ts)[None], TWO, ts)
+
+    # 1e-9 of the plant, but for what the sampled coefficients themselves have lost.
+    lost = 1e-15 / min(1.0, omega * ts) ** 3
+    np.testing.assert_allclose(values[0, :4], [K, T, omega, xi], rtol=max(1e-9, 50 * lost))
+    assert error[0] == 0.0
+
+
+def test_the_derivatives_are_those_of_eq_22():
+    a_z, a_omega, a_beta, a_delta = 0.6, 0.9, 5.5, 1.4
+    # r' = -a_omega r - a_beta beta + a_delta u, beta' = r - a_z beta.
+    full = np.zeros((3, 3))
+    full[:2] = [[-a_omega, -a_beta, a_delta], [1.0, -a_z, 0.0]]
+    ts = 0.1
+    step = expm(full * ts)
+    pole = np.poly(step[:2, :2])
+    b = np.array([step[0, 2], step[0, :2] @ [step[0, 2], step[1, 2]] + pole[1] * step[0, 2]])
+
+    values, _ = yaw_channel(np.concatenate([pole[1:], b])[None], TWO, ts)
+
+    np.testing.assert_allclose(values[0, 4:], [a_z, a_omega, a_beta, a_delta], rtol=1e-9)
+    found = dict(zip(NAMES, values[0], strict=True))
+    assert found["T_theta_s"] == pytest.approx(1.0 / a_z)
+    assert found["K"] == pytest.approx(a_delta * a_z / (a_omega * a_z + a_beta))
+
+
+@given(
+    K=GAINS,
+    T=LEADS,
+    omega=st.floats(1.5, 12.0),
+    xi=st.floats(0.05, 0.8),
+    tau=st.floats(0.02, 0.5),
+)
+def test_a_servo_lag_is_told_apart_and_divided_out(K, T, omega, xi, tau):
+    ts = 0.04
+    numerator, denominator = eq23(K, T, omega, xi)
+    assume(abs(complex(1 / tau - xi * omega, omega * math.sqrt(1 - xi * xi))) > 0.5)
+
+    theta = theta_of(numerator, np.polymul(denominator, [tau, 1.0]), ts)
+    values, error = yaw_channel(theta[None], THREE, ts)
+
+    np.testing.assert_allclose(values[0, :4], [K, T, omega, xi], rtol=1e-5)
+    assert error[0] < 1e-5
+
+
+def test_with_the_yaw_angle_as_output_the_numbers_are_the_same():
+    K, T, omega, xi, ts = 0.8, 0.9, 2.4, 0.25, 0.1
+    numerator, denominator = eq23(K, T, omega, xi)
+    # psi = r / s sampled; its difference quotient has A of the rate and one more b.
+    b, a, _ = cont2discrete((numerator, np.append(denominator, 0.0)), ts, method="zoh")
+    rate_a = np.polydiv(a, [1.0, -1.0])[0]
+    theta = np.concatenate([rate_a[1:], np.ravel(b)[1:] / ts])
+
+    values, _ = yaw_channel(theta[None], ArmaxOrders(na=2, nb=3, nc=0, nk=1), ts, mean_output=True)
+
+    np.testing.assert_allclose(values[0, :4], [K, T, omega, xi], rtol=1e-7)
+
+
+def test_an_alternating_pole_hides_nothing():
+    K, T, omega, xi, ts = 0.8, 0.9, 2.4, 0.25, 0.1
+    theta = theta_of(*eq23(K, T, omega, xi), ts)
+    # Both sides times (1 + 0.3/z)/1.3 ... (1 + 0.3/z): a pole at -0.3 of DC gain one in series.
+    a = np.polymul([1.0, *theta[:2]], [1.0, 0.3])
+    b = 1.3 * np.array([theta[2], theta[3], 0.0])
+
+    values, error = yaw_channel(np.concatenate([a[1:], b])[None], THREE, ts)
+
+    np.testing.assert_allclose(values[0, [2, 3]], [omega, xi], rtol=1e-9)
+    # The pole at -0.3 advances by about a quarter of a sample: that is what eq. 23 cannot hold.
+    np.testing.assert_allclose(values[0, 0], K, rtol=0.1)
+    assert error[0] < LARGEST_ERROR
+
+
+def test_sigma_is_the_scatter():
+    ts, rng = 0.1, np.random.default_rng(8)
+    theta = theta_of(*eq23(0.8, 0.9, 2.4, 0.25), ts)
+    root = 2e-4 * rng.standard_normal((4, 4))
+    covariance = root @ root.T
+    scattered = rng.multivariate_normal(theta, covariance, size=3000)
+
+    values, std, _ = with_sigma(theta, covariance, TWO, ts)
+    spread, _ = yaw_channel(scattered, TWO, ts)
+
+    np.testing.assert_allclose(std, spread.std(axis=0), rtol=0.06)
+    np.testing.assert_allclose(values, spread.mean(axis=0), rtol=0.02)
+
+
+@pytest.mark.parametrize("theta", [np.zeros(6), np.array([-1.2, 0.7, -0.1, 0.1, 0.0, -0.09])])
+def test_what_is_no_yaw_channel_is_left_out(theta):
+    found = summary_of(theta, 1e-8 * np.eye(6), THREE, 0.1)
+
+    assert found == {} or all(math.isfinite(v["value"]) for v in found.values())
+    assert summary_of(np.zeros(6), np.eye(6), THREE, 0.1) == {}
+
+
+def test_rows_of_a_block_are_those_of_single_calls():
+    rng = np.random.default_rng(9)
+    thetas = 0.4 * rng.standard_normal((50, 6))
+    whole, _ = yaw_channel(thetas, THREE, 0.1)
+
+    for theta, row in zip(thetas, whole, strict=True):
+        np.testing.assert_array_equal(yaw_channel(theta[None], THREE, 0.1)[0][0], row)
