@@ -20,7 +20,7 @@ STAGES = [
     ("sinks",),
     ("pipeline",),
     ("summary",),
-    ("outputs", "golden"),
+    ("outputs", "golden", "collect"),
     ("session", "regress", "inspect"),
     ("live",),
     ("cli",),

@@ -17,15 +17,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from yawid import __version__
-from yawid.errors import ChannelError, ConfigError, SinkError, SourceError, YawidError
+from yawid.errors import (
+    ChannelError,
+    ConfigError,
+    NotIdentifiable,
+    SinkError,
+    SourceError,
+    YawidError,
+)
 
 if TYPE_CHECKING:
     from yawid.outputs import Outputs
     from yawid.run_config import RunConfig
+    from yawid.session import StopFlag
 
 DEFAULT_OUT = "yawid-out"
+_ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
+    (ConfigError, 2),
+    (ChannelError, 3),
+    (NotIdentifiable, 5),
+    (SourceError, 6),
+    (SinkError, 6),
+)
 _ESTIMATOR_OPTIONS: tuple[tuple[str, type, str, str], ...] = (
-    ("--orders", str, "NA,NB,NC,NK", "orders of the model, nb and nk for every input (3,3,2,1)"),
+    ("--orders", str, "NA,NB,NC,NK", "orders, nb and nk for every input; auto in replay (3,3,2,1)"),
     ("--method", str, "els|rml", "the estimator asked for (els)"),
     ("--also", str, "METHOD|none", "a second estimator beside it (rml)"),
     ("--engine", str, "numba|filterpy", "what computes the recursion (numba)"),
@@ -67,6 +82,11 @@ def _parser() -> argparse.ArgumentParser:
     inspect.add_argument("--json", action="store_true", help="print one JSON object")
     _add_estimator_options(inspect)
     inspect.set_defaults(run=_inspect)
+    orders = commands.add_parser("orders", help="compare orders and delays on a log")
+    orders.add_argument("log", metavar="LOG", type=Path)
+    orders.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_estimator_options(orders)
+    orders.set_defaults(run=_orders)
     regress = commands.add_parser("regress", help="replay cases against their references")
     regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
     regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")
@@ -90,6 +110,14 @@ def _add_estimator_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="FILE", help="options from a TOML file")
     for name, kind, metavar, text in _ESTIMATOR_OPTIONS:
         parser.add_argument(name, type=kind, metavar=metavar, help=text)
+
+
+def _auto_orders(arguments: argparse.Namespace) -> bool:
+    """Tell whether the orders are to be chosen by the log; the option is then out of the way."""
+    auto: bool = arguments.orders == "auto"
+    if auto:
+        arguments.orders = None
+    return auto
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
@@ -116,18 +144,42 @@ def _outputs(arguments: argparse.Namespace, name: str) -> Outputs:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from yawid.session import StopFlag, replay
+    from yawid.session import StopFlag
 
-    config = _config(arguments)
+    automatic, config = _auto_orders(arguments), _config(arguments)
     codes = []
     with StopFlag().installed() as stop:
         for log, name in zip(arguments.logs, _names(arguments.logs), strict=True):
             if stop.is_set:
                 break
             outputs = _outputs(arguments, name)
-            run = partial(replay, log, config, outputs, stop)
+            run = partial(_replay_one, log, config, outputs, stop, automatic)
             codes.append(_told(run, arguments.json, "print_summary"))
     return max(codes, default=0)
+
+
+def _replay_one(
+    log: Path, config: RunConfig, outputs: Outputs, stop: StopFlag, automatic: bool
+) -> tuple[dict[str, Any], Any]:
+    from yawid.session import replay
+
+    if automatic:
+        from yawid.collect import with_orders
+
+        config = with_orders(log, config)
+    return replay(log, config, outputs, stop)
+
+
+def _orders(arguments: argparse.Namespace) -> int:
+    from yawid.collect import orders_report
+    from yawid.sinks.terminal import print_orders
+
+    report = orders_report(arguments.log, _config(arguments))
+    if arguments.json:
+        print(json.dumps(report), flush=True)
+    else:
+        print_orders(report, sys.stdout)
+    return 0
 
 
 def _names(logs: Sequence[Path]) -> list[str]:
@@ -192,8 +244,7 @@ def _say(text: str) -> None:
 
 def _explained(error: YawidError) -> int:
     _say(" ".join(str(error).split()))
-    kinds = ((ConfigError, 2), (ChannelError, 3), (SourceError, 6), (SinkError, 6))
-    return next((code for kind, code in kinds if isinstance(error, kind)), 6)
+    return next((code for kind, code in _ERROR_CODES if isinstance(error, kind)), 6)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,5 +21,5 @@ class SinkError(YawidError):
     """A file or viewer that cannot be written."""
 
 
-class NotIdentifiable(YawidError):
-    """A record that cannot answer: it does not have the form asked for, or shows too little of it."""
+class NotIdentifiable(YawidError):  # noqa: N818 it names a finding, not a fault
+    """A record that cannot answer: not of the form asked for, or showing too little of it."""

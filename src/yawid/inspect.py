@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import Floats, SampleBlock
-from yawid.channels.stage import WANTED, Channels
+from yawid.collect import collect
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
-from yawid.sources.frames import Decoder
 from yawid.sources.tlog import read_tlog
 from yawid.summary import summarise
 from yawid.verdict import Verdict
@@ -105,15 +104,8 @@ def activity(log: Path, config: RunConfig) -> list[Activity]:
 
 
 def _samples(log: Path, config: RunConfig) -> list[SampleBlock]:
-    decoder, channels = Decoder(WANTED), Channels(config)
-    blocks: list[SampleBlock] = []
     try:
-        for chunk in read_tlog(log):
-            frames = decoder.feed(chunk)
-            blocks += [] if frames is None else channels.feed(frames)
-        frames = decoder.finish()
-        blocks += [] if frames is None else channels.feed(frames)
-        return blocks + channels.finish()
+        return collect(log, config)
     except ConfigError:
         # Rudder and aileron from different messages: then the rudder is looked at alone.
         return []

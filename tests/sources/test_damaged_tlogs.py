@@ -135,8 +135,9 @@ def test_frames_inside_a_payload_are_not_believed(inner: bytes, damage: str) -> 
         outer[-1] ^= 1
     elif damage == "unknown id":
         outer[8 + 7 : 8 + 10] = b"\xff\xff\xff"
-    data = vibration(START_US, 0) + bytes(outer) + vibration(START_US + 20, 1)
-    blocks, decoder = run(data * 3)
+    beside = [vibration(START_US + 20 * i, i) for i in range(6)]
+    parts = (beside[i] + bytes(outer) + beside[i + 1] for i in range(0, 6, 2))
+    blocks, decoder = run(b"".join(parts))
     names = [row[1] for row in rows(blocks)]
     assert names.count("VIBRATION") == 6
     assert names.count("TUNNEL") == (3 if damage == "none" else 0)

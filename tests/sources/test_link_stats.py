@@ -35,7 +35,9 @@ def beats(seqs: list[int], sysid: int = 1, compid: int = 1, kind: int = 1) -> li
         ([10, 139], 0),  # more than 127 missing is a restart
         ([200, 0, 1], 55),
         ([3, 3, 4], 0),  # a duplicate
-        ([3, 5, 4, 6], 2),  # one that came late
+        ([3, 5, 4, 6], 0),  # one that came late
+        ([3, 8, 4, 6, 9], 2),  # two of four came late
+        ([*range(60), *range(40, 60)], 0),  # a restart by a few, not twenty that came late
     ],
 )
 def test_losses_are_gaps_of_the_sequence(seqs: list[int], lost: int) -> None:

@@ -47,7 +47,8 @@ def test_every_field_of_every_message_equals_pymavlinks(
         kind: sender(sysid, compid, signed=kind == "signed") for kind in ("v1", "v2", "signed")
     }
     frames = [
-        pack(msg, links[kind], v1=kind == "v1" and msg.get_msgId() < 256) for msg, kind in sent
+        pack(msg, links[kind], seq=i, v1=kind == "v1" and msg.get_msgId() < 256)
+        for i, (msg, kind) in enumerate(sent)
     ]
     data = b"".join(record(START_US + i, frame) for i, frame in enumerate(frames))
     blocks, decoder = run(data)

@@ -13,77 +13,19 @@ from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config import EstimatorConfig
 from yawid.estimation import entry
 from yawid.estimation import state as slots
+from yawid.estimation.estimate import Estimate, covariance
 from yawid.estimation.layout import new_state
-from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
+from yawid.estimation.polynomials import parameter_names
+from yawid.estimation.readings import Readings
 from yawid.estimation.saving import pack, unpack
 from yawid.estimation.shapes import checked_samples, checked_u
-from yawid.estimation.start import fit_start
+from yawid.estimation.start import factorise, fit_start
 from yawid.estimation.uncertainty import ljung_box
 
 __all__ = ["Estimate", "RecursiveArmax", "parameter_names"]
 
 
-class Estimate:
-    """A snapshot after one sample; its fields are computed when asked for."""
-
-    __slots__ = ("_state",)
-
-    def __init__(self, state: Floats) -> None:
-        self._state = state
-
-    def _read(self) -> Floats:
-        row = np.empty(2 * int(self._state[slots.N]) + 5)
-        entry.read(self._state, row)
-        return row
-
-    @property
-    def theta(self) -> Floats:
-        """Parameters (n,) in the user's units."""
-        return self._read()[: int(self._state[slots.N])]
-
-    @property
-    def theta_std(self) -> Floats:
-        """Standard deviation (n,) of theta; NaN before the first update."""
-        n = int(self._state[slots.N])
-        return self._read()[n : 2 * n]
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance (n, n) of theta."""
-        return _covariance(self._state)
-
-    @property
-    def y_hat(self) -> float:
-        """One-step prediction of y; NaN where there was none."""
-        return float(self._read()[-5])
-
-    @property
-    def innovation(self) -> float:
-        """The error a priori, y - y_hat."""
-        return float(self._read()[-4])
-
-    @property
-    def residual(self) -> float:
-        """The error a posteriori, y - phi' theta(k)."""
-        return float(self._read()[-3])
-
-    @property
-    def noise_std(self) -> float:
-        """Standard deviation of the innovation."""
-        return float(self._read()[-2])
-
-    @property
-    def status(self) -> Status:
-        """What the estimator says of itself."""
-        return Status(int(self._state[slots.STATUS]))
-
-    def __repr__(self) -> str:
-        return (
-            f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
-        )
-
-
-class RecursiveArmax:
+class RecursiveArmax(Readings):
     """Recursive estimation of A(q) y = B(q) u + C(q) e + bias, paper eq. 28-33.
 
     theta = [a1.., b1.. of each input, c1.., bias]; phi(k) = [-y(k-1).., u(k-nk).., eps(k-1).., 1];
@@ -156,8 +98,16 @@ class RecursiveArmax:
         return _block(rows, n, covariance)
 
     def _start(self) -> None:
-        fitted = fit_start(self.config, self._state, self._parts)
-        entry.release(self._state, float(fitted))
+        window, parts = int(self._state[slots.WINDOW]), self._parts
+        rows = np.roll(parts[slots.SAMPLES].reshape(window, -1), -int(self._state[slots.HEAD]), 0)
+        rows[:, 1:] *= parts[slots.FACTORS]
+        start = fit_start(self.config, rows)
+        if start is not None:
+            parts[slots.THETA][:] = start.theta
+            factorise(start.P, parts[slots.D], parts[slots.UPPER])
+            if self.config.residual_lags:
+                parts[slots.COVARIANCE][:] = start.covariance.ravel()
+        entry.release(self._state, float(start is not None))
 
     def predict(self, u: ArrayLike = math.nan) -> float:
         """Return y_hat(k), in y's unit; ``u`` is u(k), which matters only where nk = 0.
@@ -199,7 +149,7 @@ class RecursiveArmax:
     @property
     def covariance(self) -> Floats:
         """Covariance (n, n) of theta in the user's units; NaN before the first update."""
-        return _covariance(self._state)
+        return covariance(self._state)
 
     @property
     def P(self) -> Floats:
@@ -265,32 +215,12 @@ class RecursiveArmax:
         return ljung_box(self._parts[slots.PRODUCTS], s1, s2, fitted)
 
     @property
-    def spr_margin(self) -> float:
-        """Min Re(1/C) - 1/2 at the estimate: ELS converges surely only where it is > 0."""
-        return spr_margin(c_of(self.theta, self.config.orders))
-
-    @property
-    def sigma_optimistic(self) -> bool:
-        """Whether theta_std is too small: ELS with a C(q) that is not 1."""
-        if self.config.method != "els" or self.config.orders.nc == 0:
-            return False
-        c, std = (c_of(x, self.config.orders) for x in (self.theta, self.theta_std))
-        return bool(np.any(np.abs(c) > 3.0 * std))
-
-    @property
     def _scale(self) -> float:
         return float(self._parts[slots.FACTORS][0])
 
     def _mean_root(self, slot: int) -> float:
         s1 = self._state[slots.S1]
         return math.sqrt(self._state[slot] / s1) / self._scale if s1 else math.nan
-
-
-def _covariance(state: Floats) -> Floats:
-    n = int(state[slots.N])
-    row = np.empty(2 * n + 5 + n * n)
-    entry.read(state, row)
-    return row[2 * n + 5 :].reshape(n, n)
 
 
 def _block(rows: Floats, n: int, covariance: bool) -> EstimateBlock:

@@ -15,7 +15,7 @@ from typing import Any
 import numba
 from numba.extending import intrinsic
 
-HALVINGS = 12  # then the step is not taken at all
+
 COMPILED = ("kernel.py", "state.py", "recursion.py", "entry.py")
 
 

@@ -9,7 +9,7 @@ from yawid.config import EstimatorConfig
 from yawid.estimation import state as slots
 
 WARM_UPDATES_PER_PARAMETER = 10
-D_CAP = 100.0
+D_CAP = 1e6
 """D of P = U D U' grows by forgetting no further than this, or P0 where that is larger."""
 
 

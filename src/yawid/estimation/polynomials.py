@@ -13,7 +13,7 @@ FREQUENCIES = 512
 def parameter_names(
     orders: ArmaxOrders, inputs: tuple[str, ...] = ("rudder",), bias: bool = True
 ) -> tuple[str, ...]:
-    """Return the name of each entry of theta: a1.., b1.. of the first input, b1_<input>.., c1.., bias.
+    """Return theta's names: a1.., b1.. of the first input, b1_<input>.. of others, c1.., bias.
 
     Raises:
         ValueError: the number of inputs is not that of the orders.
@@ -44,6 +44,12 @@ def spr_margin(c: Floats) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         real = response.real / np.abs(response) ** 2
     return float(np.min(real)) - 0.5
+
+
+def is_stable(c: Floats) -> bool:
+    """Tell whether all zeros of C(q) lie inside the unit circle."""
+    zeros = np.roots(np.concatenate([[1.0], c])) if np.isfinite(c).all() else np.array([np.inf])
+    return bool(np.all(np.abs(zeros) < 1.0))
 
 
 def reflected(c: Floats) -> Floats:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 
 from yawid.estimation.kernel import (
-    HALVINGS,
     bierman,
     correlate,
     drift_entry,
@@ -43,6 +42,7 @@ from yawid.estimation.state import (
     FRESH,
     GAIN,
     HALVED,
+    HALVINGS,
     HELD,
     HOLDING,
     INNOVATION,
@@ -72,6 +72,7 @@ from yawid.estimation.state import (
     SETTLING,
     SIGNALS,
     SINCE,
+    SLACK,
     SLOW_RISE,
     STATUS,
     TAPS,
@@ -84,7 +85,6 @@ from yawid.estimation.state import (
     Y2,
     Y_HAT,
     D,
-    M,
     N,
     Y,
 )
@@ -181,9 +181,10 @@ def _stable_step(s, theta, gain, scratch, step):
 def _keep_information(s, at, d, upper):
     """Keep the floor under what is known of one parameter, the next at each update.
 
-    P[k, k] may grow to 1 / FLOOR times its usual least: then a row "theta[k] is what it is", just
-    heavy enough, brings it back. The usual least falls fast and rises over many memories, so that
-    neither poverty nor one wild sample sets it.
+    P[k, k] may exceed its usual least by the share SLACK / FLOOR; beyond, a row "theta[k] is what
+    it is", just heavy enough, brings it back. The usual least falls fast and rises over many
+    memories, so that neither poverty nor one wild sample sets it. While the signals excite, no row
+    is added: rows of a fixed weight outweigh the little that quiet noise says of C.
     """
     gain = s[at[GAIN] : at[GAIN + 1]]
     least = s[at[LEAST] : at[LEAST + 1]]
@@ -194,8 +195,9 @@ def _keep_information(s, at, d, upper):
         least[k] *= 1.0 + SLOW_RISE * n * (1.0 - s[LAMBDA_END])
     else:
         least[k] = p if s[SINCE] < SETTLING else max(p, FAST_FALL * least[k])
-    if s[FLOOR] * p > least[k]:
-        floor(d, upper, k, s[FLOOR] / least[k] - 1.0 / p, gain)
+    limit = least[k] * (1.0 + SLACK / s[FLOOR])
+    if p > limit:
+        floor(d, upper, k, 1.0 / limit - 1.0 / p, gain)
 
 
 @hot

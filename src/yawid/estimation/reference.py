@@ -1,13 +1,358 @@
-"""The same recursion on filterpy's KalmanFilter."""
+"""The same recursion on filterpy's KalmanFilter: an independent reference, and an engine of its own.
+
+The state is theta, F = I, H = psi', R = 1, alpha = lambda^-1/2 (filterpy's fading memory). Scaling,
+window, held samples, schedule, floor and sums are written here a second time, in plain NumPy. Only
+the backstop on D is left out: a Kalman filter has no D.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import copy
+import math
+from dataclasses import dataclass
+from typing import Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config import Engine, EstimatorConfig
+from yawid.estimation import state as slots
 from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.layout import WARM_UPDATES_PER_PARAMETER, lag_depth
+from yawid.estimation.polynomials import c_of, is_stable
+from yawid.estimation.readings import Readings
+from yawid.estimation.reference_sums import Spread, Sums
+from yawid.estimation.shapes import checked_samples, checked_u
+from yawid.estimation.start import fit_start
+from yawid.estimation.uncertainty import ljung_box
 
 
-def make_estimator(config: EstimatorConfig, engine: Engine = "numba") -> Any:
+def make_estimator(
+    config: EstimatorConfig, engine: Engine = "numba"
+) -> RecursiveArmax | ReferenceArmax:
     """Return the estimator of a configuration on the engine asked for."""
-    return RecursiveArmax(config)
+    return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceEstimate:
+    """A snapshot after one sample, as :class:`yawid.Estimate`."""
+
+    theta: Floats
+    theta_std: Floats
+    covariance: Floats
+    y_hat: float
+    innovation: float
+    residual: float
+    noise_std: float
+    status: Status
+
+
+class ReferenceArmax(Readings):
+    """:class:`RecursiveArmax` on filterpy, hundreds of times slower; it cannot be saved."""
+
+    def __init__(self, config: EstimatorConfig) -> None:
+        self.config = config
+        self.updates = self.held = self.halved = self.restarts = 0
+        self.status = Status.WARMING_UP
+        self._size = max(config.scale_window, config.start_buffer)
+        self._window: list[Floats] | None = [] if self._size else None
+        self._factors = np.ones(1 + config.orders.n_inputs)
+        self._units = np.ones(config.n_theta)
+        self._diverged, self._last = False, (math.nan, math.nan, math.nan)
+        self._begin()
+
+    def _begin(self) -> None:
+        from filterpy.kalman import KalmanFilter  # most of a second, and only this engine needs it
+
+        config, n = self.config, self.config.n_theta
+        self._filter = KalmanFilter(dim_x=n, dim_z=1)
+        self._filter.P *= config.P0
+        self._filter.Q = np.zeros((n, n))
+        self._least = np.full(n, config.P0)
+        self._drift = np.diag(np.full(n, 1.0) * config.drift * config.sample_time_s)
+        self._sums = Sums(config.residual_lags)
+        self._spread = Spread(np.eye(n) * config.P0, config.residual_lags)
+        self.forgetting_factor = config.forgetting_start
+        self._since, self._next = 0, 0
+        self._open()
+
+    def _open(self) -> None:
+        orders = self.config.orders
+        reach = [nb + nk for nb, nk in zip(orders.nb, orders.nk, strict=True)]
+        self._raw = np.zeros((orders.n_inputs + 3, max([1, orders.na, orders.nc, *reach])))
+        self._filtered = np.zeros_like(self._raw)  # rows y, u.., residual, 1; the newest first
+        self._fresh = np.zeros(len(self._raw))
+        self._sums.residuals[:] = 0.0
+        self._spread.echoes[:] = 0.0
+        self._fill, self._broken = 0, False
+
+    def update(self, u: ArrayLike, y: float) -> ReferenceEstimate:
+        """Take one sample, as :meth:`RecursiveArmax.update`."""
+        self._sample(checked_u(u, y, self.config.orders.n_inputs), float(y))
+        return self._estimate()
+
+    def run(
+        self,
+        u: ArrayLike,
+        y: ArrayLike,
+        keep: Literal["all", "last"] = "all",
+        covariance: bool = False,
+    ) -> EstimateBlock:
+        """Take a block of samples, as :meth:`RecursiveArmax.run`."""
+        if keep not in ("all", "last"):
+            raise ValueError(f'keep must be "all" or "last", got {keep!r}')
+        u, y = checked_samples(u, y, self.config.orders.n_inputs)
+        made = []
+        for row, value in zip(u, y, strict=True):
+            self._sample(row, float(value))
+            if keep == "all":
+                made.append(self._estimate())
+        made = made if keep == "all" else [self._estimate()]
+        n = self.config.n_theta
+        return EstimateBlock(
+            np.array([e.theta for e in made]).reshape(-1, n),
+            np.array([e.theta_std for e in made]).reshape(-1, n),
+            np.array([e.covariance for e in made]).reshape(-1, n, n) if covariance else None,
+            np.array([e.y_hat for e in made]),
+            np.array([e.innovation for e in made]),
+            np.array([e.residual for e in made]),
+            np.array([e.noise_std for e in made]),
+            np.array([e.status for e in made], dtype=np.uint8),
+        )
+
+    def _sample(self, u: Floats, y: float) -> None:
+        if not (np.isfinite(y) and np.isfinite(u).all()):
+            self.held += 1
+            self._broken = True
+            self._last, self.status = (math.nan, math.nan, math.nan), Status.HELD
+        elif self._window is None:
+            self._take(u, y)
+        else:
+            self._collect(self._window, np.array([float(self._broken or not self._window), y, *u]))
+
+    def _collect(self, window: list[Floats], row: Floats) -> None:
+        window.append(row)
+        if len(window) > self._size:
+            del window[0]
+            self.held += 1
+        self._broken = False
+        self._last, self.status = (math.nan, math.nan, math.nan), Status.WARMING_UP
+        rows = np.array(window)
+        used = np.array([True, *(nb > 0 for nb in self.config.orders.nb)])
+        spread = rows[:, 1:].std(axis=0)
+        if len(window) < self._size or not np.all(spread[used] >= self.config.scale_minimum):
+            return
+        if self.config.scale_window:
+            moving = spread > 0.0
+            self._factors[moving] = 2.0 ** -np.floor(np.log2(spread[moving]) + 0.5)
+            self._units = self._units_of(self._factors)
+        self._release(rows)
+        self._last = (math.nan, math.nan, self._last[2])
+
+    def _units_of(self, factors: Floats) -> Floats:
+        orders, scale = self.config.orders, 1.0 / factors[0]
+        units = [np.ones(orders.na)]
+        units += [np.full(nb, f * scale) for nb, f in zip(orders.nb, factors[1:], strict=True)]
+        return np.concatenate([*units, np.ones(orders.nc), np.full(int(self.config.bias), scale)])
+
+    def _release(self, rows: Floats) -> None:
+        self._window, start = None, None
+        if self.config.start_buffer:
+            start = fit_start(self.config, rows * [1.0, *self._factors])
+        if start is not None:
+            self._filter.x = start.theta.reshape(-1, 1)
+            self._filter.P, self._spread.covariance = start.P.copy(), start.covariance.copy()
+        for broken, y, *u in rows:
+            self._broken = self._broken or broken > 0.0
+            self._take(np.array(u), float(y), frozen=start is not None)
+        if start is not None:
+            self.forgetting_factor = self.config.forgetting_factor
+
+    def _shift(self, u: Floats) -> None:
+        """Enter what is fresh into the registers, and through 1/C into the filtered ones."""
+        if self._broken:
+            self._open()
+        self._fresh[1:-2], self._fresh[-1] = u * self._factors[1:], 1.0
+        contraction = 1.0 - (self.config.forgetting_factor - self.forgetting_factor)
+        c = c_of(self._filter.x[:, 0], self.config.orders)
+        c = c * contraction ** np.arange(1, len(c) + 1)
+        filtered = self._fresh - self._filtered[:, : len(c)] @ c
+        self._raw = np.column_stack([self._fresh, self._raw[:, :-1]])
+        self._filtered = np.column_stack([filtered, self._filtered[:, :-1]])
+        self._fill += 1
+
+    def _regressor(self, registers: Floats) -> Floats:
+        orders = self.config.orders
+        parts = [registers[0, : orders.na]]
+        for row, nb, nk in zip(registers[1:], orders.nb, orders.nk, strict=False):
+            parts.append(row[nk : nk + nb])
+        return np.concatenate(
+            [*parts, registers[-2, : orders.nc], registers[-1, : int(self.config.bias)]]
+        )
+
+    def _take(self, u: Floats, y: float, frozen: bool = False) -> None:
+        self._shift(u)
+        y, y_hat, depth = y * self._factors[0], math.nan, lag_depth(self.config)
+        if self._fill > depth:
+            y_hat = float(self._regressor(self._raw) @ self._filter.x[:, 0])
+        e = y - y_hat
+        eps = e if frozen or self._since else 0.0
+        learning = self._fill > depth + self.config.orders.nc
+        if learning and frozen:
+            self._account(y, e, e, self.config.forgetting_factor, 1.0)
+        elif learning:
+            with np.errstate(all="ignore"):
+                eps, learning = self._learn(y, e)
+        self.held += not learning
+        self._fresh[0], self._fresh[-2] = -y, eps if self._fill > depth else 0.0
+        scale = 1.0 / self._factors[0]
+        self._last = (y_hat * scale, e * scale, eps * scale)
+        warm = WARM_UPDATES_PER_PARAMETER * self.config.n_theta
+        if self._diverged:
+            self.status = Status.DIVERGED
+        elif self._since < warm:
+            self.status = Status.WARMING_UP
+        else:
+            self.status = Status.TRACKING if learning else Status.HELD
+
+    def _learn(self, y: float, e: float) -> tuple[float, bool]:
+        kalman, lam, phi = self._filter, self.forgetting_factor, self._regressor(self._raw)
+        rml = self.config.method == "rml"
+        psi = self._regressor(self._filtered) if rml and self._since >= slots.PSI_FROM else phi
+        before = kalman.x[:, 0].copy()
+        alpha = float(lam + psi @ kalman.P @ psi)
+        kalman.alpha = lam**-0.5
+        kalman.predict()
+        kalman.update(e + psi @ before, R=1.0, H=psi.reshape(1, -1))
+        kalman.x = (before + self._stable_step(before, kalman.x[:, 0] - before)).reshape(-1, 1)
+        eps = e - float(phi @ (kalman.x[:, 0] - before))
+        if not (alpha < math.inf and e * e + eps * eps < math.inf):
+            self.restarts += 1
+            self._begin()
+            self._diverged = True
+            self._broken = True
+            return math.nan, False
+        self._spread.follow(psi, kalman.K[:, 0], self._sums.correlation())
+        kalman.P = kalman.P + self._drift
+        self._spread.covariance = self._spread.covariance + self._drift
+        self._keep_information()
+        rate = self.config.forgetting_rate
+        self.forgetting_factor = rate * lam + (1.0 - rate) * self.config.forgetting_factor
+        self._account(y, e, eps, lam, lam / alpha)
+        return eps, True
+
+    def _stable_step(self, theta: Floats, step: Floats) -> Floats:
+        if self.config.method == "els" or not self.config.orders.nc:
+            return step
+        whole = step
+        for _ in range(slots.HALVINGS):
+            if is_stable(c_of(theta + step, self.config.orders)):
+                break
+            step = 0.5 * step
+        else:
+            step = 0.0 * step
+        self.halved += step is not whole
+        return step
+
+    def _keep_information(self) -> None:
+        config, kalman, k = self.config, self._filter, self._next
+        if not config.information_floor:
+            return
+        n, p = config.n_theta, float(kalman.P[k, k])
+        self._next = (k + 1) % n
+        if p >= self._least[k]:
+            self._least[k] *= 1.0 + slots.SLOW_RISE * n * (1.0 - config.forgetting_factor)
+        elif self._since < slots.SETTLING:
+            self._least[k] = p
+        else:
+            self._least[k] = max(p, slots.FAST_FALL * self._least[k])
+        limit = self._least[k] * (1.0 + slots.SLACK / config.information_floor)
+        if p > limit:
+            here = np.eye(n)[[k]]
+            kalman.update(here @ kalman.x[:, 0], R=1.0 / (1.0 / limit - 1.0 / p), H=here)
+
+    def _account(self, y: float, e: float, eps: float, lam: float, share: float) -> None:
+        sums = self._sums
+        sums.add(y, e, eps, lam, share)
+        self.updates += 1
+        self._since += 1
+        warm = WARM_UPDATES_PER_PARAMETER * self.config.n_theta
+        usual = max(sums.fast_y2, sums.y2 / sums.s1) + 1e-4
+        if not self._diverged:
+            self._diverged = self._since > warm and sums.fast_e2 > 4.0 * usual
+        elif self._since > 2 * warm and sums.fast_e2 < 2.0 * usual:
+            self._diverged = False
+
+    def predict(self, u: ArrayLike = math.nan) -> float:
+        """Return y_hat(k), as :meth:`RecursiveArmax.predict`."""
+        if self._window is not None:
+            return math.nan
+        scratch = copy.copy(self)
+        scratch._spread = copy.deepcopy(self._spread)
+        scratch._sums, scratch._fresh = copy.deepcopy(self._sums), self._fresh.copy()
+        row = np.zeros(self.config.orders.n_inputs)
+        if not all(self.config.orders.nk):
+            row = checked_u(u, 0.0, self.config.orders.n_inputs)
+        scratch._shift(row)
+        if scratch._fill <= lag_depth(self.config):
+            return math.nan
+        y_hat = scratch._regressor(scratch._raw) @ self._filter.x[:, 0]
+        return float(y_hat / self._factors[0])
+
+    def _estimate(self) -> ReferenceEstimate:
+        status, covariance = self.status, self.covariance
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        std[np.isnan(np.diag(covariance))] = math.nan
+        return ReferenceEstimate(self.theta, std, covariance, *self._last, self.noise_std, status)
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n,) in the user's units."""
+        return np.asarray(self._filter.x[:, 0] * self._units, dtype=np.float64)
+
+    @property
+    def theta_std(self) -> Floats:
+        """Standard deviation (n,) of theta."""
+        return self._estimate().theta_std
+
+    @property
+    def P(self) -> Floats:
+        """P (n, n) in the user's units, not multiplied by the noise variance."""
+        units = self._units * self._factors[0]
+        return np.asarray(self._filter.P * np.outer(units, units), dtype=np.float64)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (n, n) of theta in the user's units; NaN before the first update."""
+        sums = self._sums
+        if not sums.s1:
+            return np.full((self.config.n_theta,) * 2, math.nan)
+        over_noise = self._spread.covariance
+        if not self.config.residual_lags:
+            over_noise = self._filter.P * sums.s2 / sums.s1
+        noise = sums.noise_variance(self.config.n_theta)
+        return np.asarray(noise * over_noise * np.outer(self._units, self._units), np.float64)
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the noise e, in y's unit."""
+        variance = self._sums.noise_variance(self.config.n_theta)
+        return math.sqrt(variance) / float(self._factors[0])
+
+    @property
+    def innovation_std(self) -> float:
+        """Root mean square of the innovation."""
+        return self._sums.root_mean(self._sums.e2) / float(self._factors[0])
+
+    @property
+    def residual_std(self) -> float:
+        """Root mean square of the residual."""
+        return self._sums.root_mean(self._sums.eps2) / float(self._factors[0])
+
+    @property
+    def whiteness_p(self) -> float:
+        """Ljung-Box p-value that the residuals are white; NaN while unknown."""
+        fitted = self.config.orders.na + self.config.orders.nc
+        return ljung_box(self._sums.products, self._sums.s1, self._sums.s2, fitted)

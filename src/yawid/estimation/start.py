@@ -6,15 +6,15 @@ It works on the scaled samples of the window and hands theta and P to the recurs
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from yawid.blocks import Floats
 from yawid.config import EstimatorConfig
-from yawid.estimation import state as slots
 from yawid.estimation.kernel import over_c
 from yawid.estimation.layout import lag_depth
-from yawid.estimation.polynomials import c_of, reflected
+from yawid.estimation.polynomials import c_of, is_stable, reflected
 
 ITERATIONS = 30
 HALVINGS = 10
@@ -24,35 +24,37 @@ SETTLED = 1e-8
 """The relative gain in loss below which the fit is done."""
 
 
-def fit_start(config: EstimatorConfig, state: Floats, parts: tuple[Floats, ...]) -> bool:
-    """Fit the window's samples and hand over theta and P; False, and nothing done, if that fails."""
-    fit = _Fit(config, list(_stretches(config, state, parts)))
+@dataclass(frozen=True)
+class Start:
+    """What the fit hands over, on scaled signals: theta (n,), P and theta's covariance (n, n).
+
+    Neither P nor the covariance is multiplied by the noise variance.
+    """
+
+    theta: Floats
+    P: Floats
+    covariance: Floats
+
+
+def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
+    """Fit the window's rows of break flag, y and u (scaled, oldest first); None if that fails."""
+    fit = _Fit(config, list(_stretches(config, rows)))
     if len(fit.y) <= 2 * config.n_theta:
-        return False
+        return None
     with np.errstate(all="ignore"):
         theta = fit.gauss_newton(fit.first_guess())
         psi, _ = fit.gradient(theta, filtered=config.method == "rml")
-    P = np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi)
-    if not np.isfinite(P).all() or fit.loss(theta) >= fit.loss(np.zeros_like(theta)):
-        return False
-    parts[slots.THETA][:] = theta
-    _factorise(P, parts[slots.D], parts[slots.UPPER])
-    if config.residual_lags:
-        spread = P @ (fit.prior + (psi.T * fit.weights**2) @ psi) @ P
-        parts[slots.COVARIANCE][:] = spread.ravel()
-    return True
+        better = fit.loss(theta) < fit.loss(np.zeros_like(theta))
+    P: Floats = np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi)
+    if not better or not np.isfinite(P).all() or np.linalg.eigvalsh(P)[0] <= 0.0:
+        return None
+    return Start(theta, P, P @ (fit.prior + (psi.T * fit.weights**2) @ psi) @ P)
 
 
-def _stretches(
-    config: EstimatorConfig, state: Floats, parts: tuple[Floats, ...]
-) -> Iterator[tuple[Floats, Floats]]:
+def _stretches(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Yield y (n,) and the known regressors (n, n_theta), residuals left 0, between breaks."""
-    rows = parts[slots.SAMPLES].reshape(int(state[slots.WINDOW]), -1)
-    rows = np.roll(rows, -int(state[slots.HEAD]), axis=0)
-    samples = rows[:, 1:] * parts[slots.FACTORS]
     orders, depth = config.orders, lag_depth(config)
-    breaks = np.flatnonzero(rows[:, 0] > 0.0)
-    for stretch in np.split(samples, breaks):
+    for stretch in np.split(rows[:, 1:], np.flatnonzero(rows[:, 0] > 0.0)):
         n = len(stretch) - depth
         if n <= orders.nc:
             continue
@@ -86,7 +88,7 @@ class _Fit:
         return [eps[:, 0] for eps in found]
 
     def loss(self, theta: Floats) -> float:
-        """Return the weighted sum of squared residuals with the prior's share; inf where it fails."""
+        """Return the weighted sum of squared residuals with the ridge's share, or inf."""
         eps = np.concatenate(self.residuals(theta))
         loss = float(self.weights @ eps**2 + theta @ self.prior @ theta)
         return loss if np.isfinite(loss) else np.inf
@@ -112,7 +114,7 @@ class _Fit:
         if not self.orders.nc:
             return _least_squares(phi, self.y, self.prior)
         order = min(20, len(self.y) // 10)
-        long = [_lagged(phi, y, self.orders.na, order) for y, phi in self.stretches]
+        long = [_lagged(phi, y, order) for y, phi in self.stretches]
         wide = np.concatenate(long)
         eps = self.y - wide @ _least_squares(wide, self.y, np.eye(wide.shape[1]) * self.prior[0, 0])
         full, start = phi.copy(), 0
@@ -137,7 +139,7 @@ class _Fit:
             step, better = np.linalg.solve(information, score), loss
             for _ in range(HALVINGS):
                 trial = theta + step
-                if _is_stable(c_of(trial, self.orders)) and (better := self.loss(trial)) < loss:
+                if is_stable(c_of(trial, self.orders)) and (better := self.loss(trial)) < loss:
                     break
                 step, better = 0.5 * step, loss
             if not better < loss * (1.0 - SETTLED):
@@ -146,16 +148,12 @@ class _Fit:
         return theta
 
 
-def _is_stable(c: Floats) -> bool:
-    return not len(c) or bool(np.all(np.abs(np.roots(np.concatenate([[1.0], c]))) < 1.0))
-
-
 def _least_squares(phi: Floats, y: Floats, prior: Floats) -> Floats:
     return np.asarray(np.linalg.solve(phi.T @ phi + prior, phi.T @ y), dtype=np.float64)
 
 
-def _lagged(phi: Floats, y: Floats, na: int, order: int) -> Floats:
-    """Return the regressors of a long ARX: those known, and each known column and y at more lags."""
+def _lagged(phi: Floats, y: Floats, order: int) -> Floats:
+    """Return the regressors of a long ARX: each known column and y at more lags."""
     columns = [phi]
     for lag in range(1, order + 1):
         older = np.zeros((len(y), phi.shape[1] + 1))
@@ -164,8 +162,8 @@ def _lagged(phi: Floats, y: Floats, na: int, order: int) -> Floats:
     return np.hstack(columns)
 
 
-def _factorise(P: Floats, d: Floats, upper: Floats) -> None:
-    """Fill D and U's columns of P = U D U'."""
+def factorise(P: Floats, d: Floats, upper: Floats) -> None:
+    """Fill D (n,) and the columns above the diagonal of U, P = U D U'."""
     lower = np.linalg.cholesky(P[::-1, ::-1])
     root = lower[::-1, ::-1]
     diagonal = np.diag(root)

@@ -64,7 +64,13 @@ class SteadyFlight:
         return Motion(np.array([self.speed, 0.0, 0.0]), zero, attitude, zero)
 
     def loads(self, motion: Motion, controls: Floats) -> tuple[Floats, Floats]:
-        """Return forces and moments for the controls (3,): -delta_b, -delta_h, beta_b."""
+        """Return forces and moments for the controls (3,): -delta_b, -delta_h, beta_b.
+
+        Raises:
+            ConfigError: the aircraft no longer flies forward, where such loads mean nothing.
+        """
+        if not motion.velocity[0] > 0.0:
+            raise ConfigError("the aircraft no longer flies forward: take a smaller amplitude")
         c, body, (ox, oy, oz) = self.coefficients, self.body, motion.angular_rate
         aileron, rudder, wind = controls
         air_speed = float(np.linalg.norm(motion.velocity))

@@ -65,8 +65,8 @@ def simulate_plant(
     All three come from the same coefficients. ``noise_std`` in rad/s of white noise is added to y.
 
     Raises:
-        ConfigError: an unknown plant or a value outside its limits, or a motion that leaves the
-        range of angles in which it can be integrated.
+        ConfigError: an unknown plant, a value outside its limits, or a rudder so large that the
+        rigid body no longer flies forward.
     """
     if name not in PLANTS:
         raise ConfigError(f"plant must be one of {', '.join(PLANTS)}, got {name!r}")

@@ -119,3 +119,27 @@ def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
     if advice:
         options = " ".join(f"--{name} {value}" for name, value in advice.items())
         console.print(Text(f"     try  yawid replay {options}"), soft_wrap=True)
+
+
+def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> None:
+    """Print the best structures of a log as a table, and the one to use."""
+    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console.print(Text(str(report["log"]), style="bold"))
+    table = Table(box=None, pad_edge=False)
+    for heading in ("na,nb,nc,nk", "simulated %", "BIC", "AIC", "white p", "wn", "zeta", "ns"):
+        table.add_column(heading, justify="right")
+    for candidate in report["candidates"][:most]:
+        mode = candidate.get("dutch_roll", {})
+        table.add_row(
+            ",".join(str(candidate[name]) for name in ("na", "nb", "nc", "nk")),
+            _number(candidate, "simulation_pct", ".1f"),
+            _number(candidate, "bic", ".0f"),
+            _number(candidate, "aic", ".0f"),
+            _number(candidate, "whiteness_p", ".2g"),
+            _number(mode, "wn_rad_s", ".3f"),
+            _number(mode, "zeta", ".3f"),
+            _number(candidate, "update_ns", ".0f"),
+        )
+    console.print(table)
+    chosen = ",".join(str(value) for value in report["recommended"].values())
+    console.print(Text(f"recommended  --orders {chosen}", style="bold"))

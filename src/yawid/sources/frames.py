@@ -12,8 +12,9 @@ from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
 from yawid.sources.belief import StampFilter
 from yawid.sources.chain import Chain, Stretch, stamps_of
 from yawid.sources.framing import SLACK, STAMP_SIZE, Frames, find_frames
-from yawid.sources.link import LinkStats, Tally
+from yawid.sources.link import LinkStats, Records, Tally
 from yawid.sources.messages import definitions, dtype_of
+from yawid.sources.signing import Signing
 
 DEFAULT = frozenset(
     {
@@ -41,19 +42,20 @@ class Decoder:
     whose stamp and frame are intact is found, whatever stands around it, and none is invented: see
     ``chain`` and ``belief`` for the rules. What cannot be seen: a damaged stamp that stays within 3
     days of its neighbours, and damage that meets the 16 bits of CRC by chance. The first record of
-    all comes out with the second, which confirms its stamp.
+    all comes out with the second, which confirms its stamp. With ``signing`` only frames it accepts
+    come out; of frames that two links carried, the first.
 
     Raises:
         ConfigError: a name in ``wanted`` is no message of the dialect.
     """
 
-    def __init__(self, wanted: Iterable[str] = DEFAULT) -> None:
+    def __init__(self, wanted: Iterable[str] = DEFAULT, signing: Signing | None = None) -> None:
         _keep_freed_memory()
         self._known = definitions()
         self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
         self._chain = Chain(self._known)
         self._filter = StampFilter()
-        self._tally = Tally(self._known)
+        self._tally = Tally(self._known, signing)
         self._tail = b""
         self._decided = 0
         self._held = b""
@@ -111,7 +113,7 @@ class Decoder:
         believed = records.select(rows)
         if not len(believed):
             return None
-        return self._columns(buffer, believed, order[rows], stamps[rows])
+        return self._columns(joined, buffer, believed, order[rows], stamps[rows])
 
     def _hold(self, joined: bytes, records: Frames, order: Ints) -> None:
         spans = list(zip(records.begin - STAMP_SIZE, records.end, strict=True))
@@ -129,20 +131,29 @@ class Decoder:
         self._held_order = order
 
     def _columns(
-        self, buffer: Bytes, frames: Frames, order: Ints, stamps: Ints
+        self, joined: bytes, buffer: Bytes, frames: Frames, order: Ints, stamps: Ints
     ) -> FrameBlock | None:
-        header = frames.begin + _SEQUENCE_AT[frames.payload - frames.begin]
-        sysid, compid = buffer[header + 1], buffer[header + 2]
-        sender = sysid.astype(np.int64) * 256 + compid
-        self._tally.add(buffer, frames, stamps, buffer[header], sender)
+        records = _records(buffer, frames, stamps)
+        used = self._tally.add(joined, buffer, records)
+        if used is not None:
+            records, order = records.select(used), order[used]
+        frames = records.frames
         messages = {}
         for name, dtype in self._dtypes.items():
             rows = np.flatnonzero(frames.row == self._known.names[name])
             if len(rows):
                 fields = _payloads(buffer, frames.payload[rows], frames.length[rows], dtype)
-                columns = order[rows], stamps[rows], sysid[rows], compid[rows], fields
+                of_sender = records.sysid[rows], records.compid[rows]
+                columns = order[rows], records.stamps[rows], *of_sender, fields
                 messages[name] = MessageBlock(name, *columns)
         return FrameBlock(messages) if messages else None
+
+
+def _records(buffer: Bytes, frames: Frames, stamps: Ints) -> Records:
+    header = frames.begin + _SEQUENCE_AT[frames.payload - frames.begin]
+    sysid, compid = buffer[header + 1], buffer[header + 2]
+    sender = sysid.astype(np.int64) * 256 + compid
+    return Records(frames, stamps, buffer[header], sysid, compid, sender)
 
 
 def _keep_freed_memory() -> None:

@@ -1,0 +1,86 @@
+"""The samples of a whole log, for what looks at a record and not at a stream."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import SampleBlock
+from yawid.channels.stage import WANTED, Channels
+from yawid.errors import NotIdentifiable
+from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
+from yawid.run_config import RunConfig
+from yawid.sources.frames import Decoder
+from yawid.sources.tlog import read_tlog
+
+
+def collect(log: Path, config: RunConfig) -> list[SampleBlock]:
+    """Return the samples of a log as the estimators would see them.
+
+    Raises:
+        SourceError: the log cannot be read.
+        ConfigError: what is asked for does not fit the log.
+    """
+    decoder, channels = Decoder(WANTED), Channels(config)
+    blocks: list[SampleBlock] = []
+    for chunk in read_tlog(log):
+        frames = decoder.feed(chunk)
+        blocks += [] if frames is None else channels.feed(frames)
+    frames = decoder.finish()
+    blocks += [] if frames is None else channels.feed(frames)
+    return blocks + channels.finish()
+
+
+def try_orders(log: Path, config: RunConfig) -> tuple[list[Candidate], Candidate]:
+    """Return every structure tried on a log, best simulation first, and the one to use.
+
+    Raises:
+        NotIdentifiable: the log has too few samples.
+        SourceError: the log cannot be read.
+        ConfigError: what is asked for does not fit the log.
+    """
+    blocks = collect(log, config)
+    if not blocks:
+        raise NotIdentifiable(f"{log}: no sample has both rudder and yaw rate")
+    u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
+    tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
+    found = compare_orders(u, y, blocks[0].sample_time_s, tried)
+    return found, recommended(found)
+
+
+def with_orders(log: Path, config: RunConfig) -> RunConfig:
+    """Return the configuration with the orders that suit the log (``--orders auto``)."""
+    _, chosen = try_orders(log, config)
+    orders = chosen.orders
+    nb = orders.nb[0] - int(config.output == "yaw")
+    return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
+
+
+def orders_report(log: Path, config: RunConfig) -> dict[str, Any]:
+    """Return what ``yawid orders --json`` prints."""
+    found, chosen = try_orders(log, config)
+    return {
+        "log": str(log.absolute()),
+        "recommended": _orders(chosen),
+        "candidates": [_described(candidate) for candidate in found],
+    }
+
+
+def _orders(candidate: Candidate) -> dict[str, int]:
+    orders = candidate.orders
+    return {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
+
+
+def _described(candidate: Candidate) -> dict[str, Any]:
+    names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
+    values = {name: getattr(candidate, name) for name in names}
+    mode = zip(("wn_rad_s", "wn_std", "zeta", "zeta_std"), candidate.dutch_roll, strict=True)
+    described: dict[str, Any] = _orders(candidate) | _finite(values)
+    return described | ({"dutch_roll": found} if (found := _finite(dict(mode))) else {})
+
+
+def _finite(values: dict[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if np.isfinite(value)}

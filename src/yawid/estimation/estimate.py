@@ -1,0 +1,77 @@
+"""What one update returns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from yawid.blocks import Floats, Status
+from yawid.estimation import entry
+from yawid.estimation import state as slots
+
+
+class Estimate:
+    """A snapshot after one sample; its fields are computed when asked for."""
+
+    __slots__ = ("_state",)
+
+    def __init__(self, state: Floats) -> None:
+        self._state = state
+
+    def _read(self) -> Floats:
+        row = np.empty(2 * int(self._state[slots.N]) + 5)
+        entry.read(self._state, row)
+        return row
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n,) in the user's units."""
+        return self._read()[: int(self._state[slots.N])]
+
+    @property
+    def theta_std(self) -> Floats:
+        """Standard deviation (n,) of theta; NaN before the first update."""
+        n = int(self._state[slots.N])
+        return self._read()[n : 2 * n]
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (n, n) of theta."""
+        return covariance(self._state)
+
+    @property
+    def y_hat(self) -> float:
+        """One-step prediction of y; NaN where there was none."""
+        return float(self._read()[-5])
+
+    @property
+    def innovation(self) -> float:
+        """The error a priori, y - y_hat."""
+        return float(self._read()[-4])
+
+    @property
+    def residual(self) -> float:
+        """The error a posteriori, y - phi' theta(k)."""
+        return float(self._read()[-3])
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the innovation."""
+        return float(self._read()[-2])
+
+    @property
+    def status(self) -> Status:
+        """What the estimator says of itself."""
+        return Status(int(self._state[slots.STATUS]))
+
+    def __repr__(self) -> str:
+        return (
+            f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
+        )
+
+
+def covariance(state: Floats) -> Floats:
+    """Return the covariance (n, n) of theta in the user's units."""
+    n = int(state[slots.N])
+    row = np.empty(2 * n + 5 + n * n)
+    entry.read(state, row)
+    return row[2 * n + 5 :].reshape(n, n)

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from yawid.errors import ConfigError
+from yawid.plant.excitation import KINDS, Excitation
+
+TS = 0.1
+
+
+@given(st.sampled_from(KINDS), st.floats(0.01, 5.0), st.floats(0.0, 20.0), st.integers(0, 99))
+def test_every_kind_is_zero_before_its_start_and_peaks_at_its_amplitude(kind, size, start, seed):
+    excitation = Excitation(kind=kind, amplitude=size, start_s=start, seed=seed)
+    u = excitation.samples(500, TS)
+    first = round(start / TS)
+    peak = size / TS if kind == "impulse" else size
+    assert u.shape == (500,)
+    assert not u[:first].any()
+    assert np.abs(u).max() == pytest.approx(peak, rel=0.03)
+    np.testing.assert_array_equal(u, excitation.samples(500, TS))
+
+
+def test_step_impulse_doublet_and_3211_are_what_their_names_say():
+    def shape(kind):
+        return Excitation(kind=kind, amplitude=2.0, start_s=0.2, unit_s=0.2).samples(18, TS)
+
+    np.testing.assert_array_equal(shape("step"), [0] * 2 + [2] * 16)
+    np.testing.assert_array_equal(shape("impulse"), [0] * 2 + [20] + [0] * 15)
+    np.testing.assert_array_equal(shape("doublet"), [0] * 2 + [2] * 2 + [-2] * 2 + [0] * 12)
+    np.testing.assert_array_equal(
+        shape("3211"), [0] * 2 + [2] * 6 + [-2] * 4 + [2] * 2 + [-2] * 2 + [0] * 2
+    )
+
+
+def test_an_impulse_has_its_area_at_every_rate():
+    for ts in (0.01, 0.1, 0.5):
+        assert Excitation(kind="impulse", amplitude=3.0).samples(9, ts).sum() * ts == (
+            pytest.approx(3.0)
+        )
+
+
+def test_a_prbs_is_flat_and_does_not_repeat():
+    u = Excitation(kind="prbs", unit_s=TS, seed=4).samples(1023, TS)
+    autocorrelation = [np.mean(u * np.roll(u, lag)) for lag in range(1, 1023)]
+    assert set(u) == {-1.0, 1.0}
+    np.testing.assert_allclose(autocorrelation, -1.0 / 1023, atol=1e-12)
+
+
+def test_a_prbs_holds_its_bits_and_another_seed_is_another_prbs():
+    one, two = (Excitation(kind="prbs", unit_s=0.5, seed=s).samples(200, TS) for s in (1, 2))
+    np.testing.assert_array_equal(one.reshape(-1, 5), one[::5, None].repeat(5, axis=1))
+    assert (one != two).any()
+
+
+def test_sweep_and_multisine_have_their_power_in_the_band():
+    for kind in ("sweep", "multisine"):
+        u = Excitation(kind=kind, low_hz=0.2, high_hz=1.0).samples(4000, TS)
+        power = np.abs(np.fft.rfft(u)) ** 2
+        f = np.fft.rfftfreq(4000, TS)
+        assert power[(f >= 0.19) & (f <= 1.01)].sum() > 0.97 * power.sum()
+
+
+def test_a_sweep_begins_low_and_ends_high():
+    u = Excitation(kind="sweep", low_hz=0.1, high_hz=2.0).samples(2000, 0.05)
+    crossings = np.flatnonzero(np.diff(np.sign(u)))
+    half = np.diff(crossings) * 0.05
+    assert half[1] == pytest.approx(5.0, rel=0.2)
+    assert half[-1] == pytest.approx(0.25, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"kind": "noise"}, "must be one of step"),
+        ({"kind": "step", "amplitude": 0.0}, "amplitude"),
+        ({"kind": "step", "amplitude": np.nan}, "amplitude"),
+        ({"kind": "step", "start_s": -1.0}, "start_s"),
+        ({"kind": "3211", "unit_s": 0.0}, "unit_s"),
+        ({"kind": "sweep", "low_hz": 2.0}, "low < high"),
+        ({"kind": "prbs", "seed": -1}, "seed"),
+    ],
+)
+def test_a_setting_outside_its_limits_is_named(settings, text):
+    with pytest.raises(ConfigError, match=text):
+        Excitation(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"kind": "step", "start_s": 60.0}, "outside the 500 samples"),
+        ({"kind": "doublet", "unit_s": 0.01}, "shorter than half a sample"),
+        ({"kind": "sweep", "high_hz": 6.0}, "half the rate"),
+        ({"kind": "multisine", "low_hz": 0.501, "high_hz": 0.502}, "no harmonic"),
+    ],
+)
+def test_a_shape_that_does_not_fit_the_samples_is_refused(settings, text):
+    with pytest.raises(ConfigError, match=text):
+        Excitation(**settings).samples(500, TS)

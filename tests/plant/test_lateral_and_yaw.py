@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from yawid.errors import ConfigError
+from yawid.plant.flight import SteadyFlight, linearised
+from yawid.plant.lateral import (
+    INPUTS,
+    OUTPUTS,
+    LateralCoefficients,
+    lateral_motion,
+    yaw_motion,
+)
+from yawid.plant.linear import sampled_theta
+from yawid.plant.rigid_body import GRAVITY_M_S2, RigidBody
+from yawid.plant.simulate import REFERENCE, REFERENCE_FLIGHT
+from yawid.plant.yaw import YawPlant
+
+S = 1j * np.logspace(-2, 2, 50)
+
+signed = st.floats(-3.0, 3.0)
+positive = st.floats(0.1, 20.0)
+
+
+@st.composite
+def flights(draw):
+    speed = draw(st.floats(10.0, 200.0))
+    names = [name for name in LateralCoefficients.__dataclass_fields__ if name != "a_z_gamma"]
+    values = {name: draw(signed) for name in names}
+    values |= {name: draw(positive) for name in ("a_z_beta", "a_mx_omega_x", "a_my_beta")}
+    body = RigidBody(*(draw(st.floats(0.5, 5e3)) for _ in range(4)))
+    coefficients = LateralCoefficients(a_z_gamma=-GRAVITY_M_S2 / speed, **values)
+    return SteadyFlight(body=body, speed=speed, coefficients=coefficients)
+
+
+def off(found: np.ndarray, expected: np.ndarray) -> float:
+    """The largest deviation at a frequency, relative to each channel's own size there."""
+    return float(np.max(np.abs(found - expected) / (np.abs(expected) + 1e-3)))
+
+
+@given(flights())
+@settings(max_examples=40, deadline=None)
+def test_eq_21_is_the_rigid_body_linearised_at_trim(flight):
+    """Every input to every output, over four decades, to 1e-6."""
+    found = linearised(flight).response(S)
+    expected = lateral_motion(flight.coefficients).response(S)
+    assert off(found, expected) < 1e-6
+
+
+def test_the_longitudinal_states_take_no_part_in_the_lateral_motion():
+    A = linearised(REFERENCE_FLIGHT).A
+    longitudinal, sideways = [0, 1, 5, 7], [2, 3, 4, 6, 8]
+    assert np.abs(A[np.ix_(longitudinal, sideways)]).max() < 1e-8
+    assert np.abs(A[np.ix_(sideways, longitudinal)]).max() < 1e-8
+
+
+def test_eq_22_is_eq_21_where_nothing_makes_the_aircraft_bank():
+    c = replace(REFERENCE, a_mx_beta=0.0, a_mx_omega_y=0.0)
+    rudder, yaw = INPUTS.index("-delta_h"), [OUTPUTS.index(o) for o in ("psi", "psi_rate", "beta")]
+    whole = lateral_motion(c).response(S)[:, yaw, rudder]
+    np.testing.assert_allclose(yaw_motion(c).response(S)[:, :, 0], whole, rtol=1e-9)
+
+
+@given(st.floats(0.05, 5.0), st.floats(-1.0, 3.0), st.floats(0.2, 50.0), st.floats(-10.0, 10.0))
+def test_eq_23_is_the_transfer_function_of_eq_22(a_z_beta, damping, stiffness, rudder):
+    c = replace(
+        REFERENCE, a_z_beta=a_z_beta, a_my_omega_y=damping,
+        a_my_beta=stiffness + 5.0, a_my_delta_h=rudder,
+    )  # fmt: skip
+    plant, motion = YawPlant.from_coefficients(c), yaw_motion(c).response(S)
+    np.testing.assert_allclose(plant.linear("yaw").response(S)[:, 0, 0], motion[:, 0, 0], rtol=1e-9)
+    np.testing.assert_allclose(plant.linear().response(S)[:, 0, 0], motion[:, 1, 0], rtol=1e-9)
+    K, T, w, xi = plant.K, plant.T_theta_s, plant.omega_beta, plant.xi_beta
+    formula = K * (T * S + 1.0) * w**2 / (S**2 + 2.0 * xi * w * S + w**2)
+    np.testing.assert_allclose(motion[:, 1, 0], formula, rtol=1e-9)
+
+
+def test_transfer_gives_the_polynomials_of_one_input_and_output():
+    numerator, denominator = yaw_motion(REFERENCE).transfer("-delta_h", "psi_rate")
+    plant = YawPlant.from_coefficients(REFERENCE)
+    expected = plant.K * plant.omega_beta**2 * np.array([plant.T_theta_s, 1.0])
+    np.testing.assert_allclose(numerator, [0.0, *expected, 0.0], atol=1e-12)
+    w, xi = plant.omega_beta, plant.xi_beta
+    np.testing.assert_allclose(denominator, [1.0, 2.0 * xi * w, w**2, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("output", ["yaw-rate", "yaw"])
+def test_theta_is_the_difference_equation_of_the_simulated_plant(output):
+    plant = YawPlant.from_coefficients(REFERENCE)
+    u = np.random.default_rng(5).standard_normal(300)
+    y = plant.linear(output).simulate(u, 0.05)[:, 0]
+    theta = plant.theta(0.05, output)
+    na = len(theta) // 2
+    recursion = lfilter(np.concatenate([[0.0], theta[na:]]), np.concatenate([[1.0], theta[:na]]), u)
+    np.testing.assert_allclose(y, recursion, atol=1e-11)
+
+
+def test_the_answer_to_a_held_step_is_the_continuous_one():
+    """The yaw rate's step response in closed form, by partial fractions."""
+    plant = YawPlant(1.3, 0.6, 2.5, 0.2)
+    t = np.arange(200) * 0.05
+    s = complex(-0.5, 2.5 * np.sqrt(1.0 - 0.04))
+    residue = 1.3 * 6.25 * (0.6 * s + 1.0) / (s * (s - s.conjugate()))
+    expected = 1.3 + 2.0 * np.real(residue * np.exp(s * t))
+    np.testing.assert_allclose(plant.linear().simulate(np.ones(200), 0.05)[:, 0], expected, atol=1e-12)  # fmt: skip
+
+
+def test_side_wind_turns_the_nose_into_it():
+    """Air from the right (beta_b > 0) turns the nose right: the paper's psi falls."""
+    u = np.zeros((40, 3))
+    u[:, 2] = 0.1
+    assert lateral_motion(REFERENCE).simulate(u, 0.05)[-1, 0] < 0.0
+
+
+def test_what_makes_no_sense_is_refused():
+    with pytest.raises(ConfigError, match="finite"):
+        replace(REFERENCE, a_z_beta=np.nan)
+    with pytest.raises(ConfigError, match=r"w\^2 > 0"):
+        YawPlant.from_coefficients(replace(REFERENCE, a_my_beta=-5.0))
+    with pytest.raises(ConfigError, match="omega_beta > 0"):
+        YawPlant(1.0, 1.0, 0.0, 0.2)
+    with pytest.raises(ConfigError, match="-g/V"):
+        replace(REFERENCE_FLIGHT, speed=60.0)
+    with pytest.raises(ConfigError, match="speed must be > 0"):
+        replace(REFERENCE_FLIGHT, speed=-1.0)
+    with pytest.raises(ConfigError, match="2 columns"):
+        lateral_motion(REFERENCE).simulate(np.zeros((5, 2)), 0.1)
+    with pytest.raises(ConfigError, match="nk = 1"):
+        sampled_theta(lateral_motion(REFERENCE), 0.1)

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yawid.errors import ConfigError
+from yawid.plant.excitation import Excitation
+from yawid.plant.simulate import PLANTS, REFERENCE, simulate_plant
+from yawid.plant.yaw import YawPlant
+
+PULSES = Excitation(kind="3211", amplitude=1e-4, start_s=1.0)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_right_rudder_turns_the_nose_right(name):
+    flown = simulate_plant(name, Excitation(kind="step", amplitude=0.05), duration_s=2.0)
+    assert (flown.u == 0.05).all()
+    assert (flown.y[1:] > 0.0).all()
+    assert (np.diff(flown.yaw) > 0.0).all()
+    assert flown.roll[-1] > 0.0 or name == "yaw"
+
+
+def test_a_small_rudder_flies_the_rigid_body_as_eq_21_says():
+    body, linear = (simulate_plant(name, PULSES, duration_s=20.0) for name in ("rigid-body", "lateral"))  # fmt: skip
+    for field in ("y", "yaw", "roll"):
+        size = np.abs(getattr(linear, field)).max()
+        np.testing.assert_allclose(getattr(body, field), getattr(linear, field), atol=1e-3 * size)
+    np.testing.assert_array_equal(body.u, linear.u)
+
+
+def test_a_large_rudder_shows_what_eq_21_leaves_out():
+    large = Excitation(kind="3211", amplitude=0.3, start_s=1.0)
+    body, linear = (simulate_plant(name, large, duration_s=20.0) for name in ("rigid-body", "lateral"))  # fmt: skip
+    assert np.abs(body.y - linear.y).max() > 0.02 * np.abs(linear.y).max()
+
+
+def test_yaw_rate_over_rudder_has_the_sign_and_theta_of_eq_23():
+    flown = simulate_plant("yaw", PULSES, duration_s=30.0)
+    theta = YawPlant.from_coefficients(REFERENCE).theta(0.05)
+    phi = np.column_stack([-flown.y[1:-1], -flown.y[:-2], flown.u[1:-1], flown.u[:-2]])
+    np.testing.assert_allclose(phi @ theta, flown.y[2:], atol=1e-15)
+
+
+def test_noise_is_white_of_its_size_and_comes_back_with_its_seed():
+    quiet = simulate_plant("yaw", PULSES)
+    noisy, again, other = (simulate_plant("yaw", PULSES, noise_std=0.01, seed=s) for s in (1, 1, 2))
+    noise = noisy.y - quiet.y
+    assert np.std(noise) == pytest.approx(0.01, rel=0.08)
+    np.testing.assert_array_equal(noisy.y, again.y)
+    assert (noisy.y != other.y).any()
+    np.testing.assert_array_equal(noisy.yaw, quiet.yaw)
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"name": "kite"}, "plant must be one of yaw"),
+        ({"sample_time_s": 0.0}, "sample time"),
+        ({"duration_s": np.inf}, "duration"),
+        ({"noise_std": -1.0}, "noise_std"),
+        ({"name": "rigid-body", "excitation": Excitation(kind="step", amplitude=3.0)}, "forward"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(settings, text):
+    with pytest.raises(ConfigError, match=text):
+        simulate_plant(**({"name": "yaw", "excitation": PULSES} | settings))
