@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from yawid.outputs import Outputs
     from yawid.run_config import RunConfig
     from yawid.session import StopFlag
+    from yawid.sources.reading import Reading
 
 DEFAULT_OUT = "yawid-out"
 _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
@@ -69,6 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     replay = commands.add_parser("replay", help="estimate from recorded tlogs")
     replay.add_argument("logs", nargs="+", metavar="LOG", type=Path)
+    replay.add_argument(
+        "--format", default="auto", metavar="auto|tlog|raw", help="raw: frames without stamps"
+    )
     _add_outputs(replay)
     replay.set_defaults(run=_replay)
     live = commands.add_parser("live", help="estimate from a live UDP link, passively")
@@ -102,6 +106,9 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object per log")
     parser.add_argument(
         "--rerun", default="off", metavar="off|save|spawn|URL", help="a Rerun recording or viewer"
+    )
+    parser.add_argument(
+        "--signing-key-file", type=Path, metavar="FILE", help="read only frames signed by this key"
     )
     _add_estimator_options(parser)
 
@@ -143,31 +150,49 @@ def _outputs(arguments: argparse.Namespace, name: str) -> Outputs:
     return Outputs(arguments.out, name, rerun, arguments.force, record)
 
 
+def _reading(arguments: argparse.Namespace) -> Reading:
+    from yawid.sources.reading import Reading
+    from yawid.sources.signing import SigningKey
+    from yawid.sources.tlog import FORMS
+
+    form = getattr(arguments, "format", "auto")
+    if form not in FORMS:
+        raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
+    path = arguments.signing_key_file
+    return Reading(form, None if path is None else SigningKey.from_file(path))
+
+
 def _replay(arguments: argparse.Namespace) -> int:
     from yawid.session import StopFlag
 
     automatic, config = _auto_orders(arguments), _config(arguments)
+    reading = _reading(arguments)
     codes = []
     with StopFlag().installed() as stop:
         for log, name in zip(arguments.logs, _names(arguments.logs), strict=True):
             if stop.is_set:
                 break
             outputs = _outputs(arguments, name)
-            run = partial(_replay_one, log, config, outputs, stop, automatic)
+            run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
             codes.append(_told(run, arguments.json, "print_summary"))
     return max(codes, default=0)
 
 
 def _replay_one(
-    log: Path, config: RunConfig, outputs: Outputs, stop: StopFlag, automatic: bool
+    log: Path,
+    config: RunConfig,
+    outputs: Outputs,
+    stop: StopFlag,
+    reading: Reading,
+    automatic: bool,
 ) -> tuple[dict[str, Any], Any]:
     from yawid.session import replay
 
     if automatic:
         from yawid.collect import with_orders
 
-        config = with_orders(log, config)
-    return replay(log, config, outputs, stop)
+        config = with_orders(log, config, reading)
+    return replay(log, config, outputs, stop, reading)
 
 
 def _orders(arguments: argparse.Namespace) -> int:
@@ -198,10 +223,12 @@ def _live(arguments: argparse.Namespace) -> int:
     from yawid.session import StopFlag
 
     config, outputs = _config(arguments), _outputs(arguments, session_name())
+    reading = _reading(arguments)
     if arguments.seconds is not None and not arguments.seconds > 0.0:
         raise ConfigError(f"--seconds must be > 0, got {arguments.seconds!r}")
     with StopFlag().installed() as stop:
-        run = partial(live, arguments.endpoint, config, outputs, stop, arguments.seconds, _say)
+        told = arguments.seconds, _say, reading
+        run = partial(live, arguments.endpoint, config, outputs, stop, *told)
         return _told(run, arguments.json, "print_summary")
 
 

@@ -13,20 +13,21 @@ from yawid.channels.stage import WANTED, Channels
 from yawid.errors import NotIdentifiable
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
 from yawid.run_config import RunConfig
-from yawid.sources.frames import Decoder
+from yawid.sources.reading import Reading
 from yawid.sources.tlog import read_tlog
 
 
-def collect(log: Path, config: RunConfig) -> list[SampleBlock]:
+def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> list[SampleBlock]:
     """Return the samples of a log as the estimators would see them.
 
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    decoder, channels = Decoder(WANTED), Channels(config)
+    reading = reading or Reading()
+    decoder, channels = reading.decoder(WANTED), Channels(config)
     blocks: list[SampleBlock] = []
-    for chunk in read_tlog(log):
+    for chunk in read_tlog(log, form=reading.form):
         frames = decoder.feed(chunk)
         blocks += [] if frames is None else channels.feed(frames)
     frames = decoder.finish()
@@ -34,7 +35,9 @@ def collect(log: Path, config: RunConfig) -> list[SampleBlock]:
     return blocks + channels.finish()
 
 
-def try_orders(log: Path, config: RunConfig) -> tuple[list[Candidate], Candidate]:
+def try_orders(
+    log: Path, config: RunConfig, reading: Reading | None = None
+) -> tuple[list[Candidate], Candidate]:
     """Return every structure tried on a log, best simulation first, and the one to use.
 
     Raises:
@@ -42,7 +45,7 @@ def try_orders(log: Path, config: RunConfig) -> tuple[list[Candidate], Candidate
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    blocks = collect(log, config)
+    blocks = collect(log, config, reading)
     if not blocks:
         raise NotIdentifiable(f"{log}: no sample has both rudder and yaw rate")
     u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
@@ -51,9 +54,9 @@ def try_orders(log: Path, config: RunConfig) -> tuple[list[Candidate], Candidate
     return found, recommended(found)
 
 
-def with_orders(log: Path, config: RunConfig) -> RunConfig:
+def with_orders(log: Path, config: RunConfig, reading: Reading | None = None) -> RunConfig:
     """Return the configuration with the orders that suit the log (``--orders auto``)."""
-    _, chosen = try_orders(log, config)
+    _, chosen = try_orders(log, config, reading)
     orders = chosen.orders
     nb = orders.nb[0] - int(config.output == "yaw")
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))

@@ -15,6 +15,7 @@ from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.base import Sink, open_part
+from yawid.sources.reading import Reading
 from yawid.sources.udp import UdpTap, parse_endpoint
 from yawid.summary import summarise
 from yawid.verdict import Verdict
@@ -31,6 +32,7 @@ def live(
     stop: StopFlag,
     seconds: float | None,
     say: Callable[[str], None],
+    reading: Reading | None = None,
 ) -> tuple[dict[str, Any], Verdict]:
     """Tap a link until told to stop; return the session's summary and verdict.
 
@@ -43,7 +45,7 @@ def live(
     rerun = open_rerun(outputs)
     with UdpTap(address) as tap:
         say(f"listening on {endpoint} (receive buffer {tap.receive_buffer} bytes)")
-        session = LiveSession(config, outputs, rerun, endpoint)
+        session = LiveSession(config, outputs, rerun, endpoint, reading)
         try:
             _pump(tap, session, stop, seconds, say)
         except BaseException:
@@ -76,12 +78,17 @@ class LiveSession:
     """A live session is a tlog being written: the same bytes go to the file and to the pipeline."""
 
     def __init__(
-        self, config: RunConfig, outputs: Outputs, rerun: list[Sink], endpoint: str
+        self,
+        config: RunConfig,
+        outputs: Outputs,
+        rerun: list[Sink],
+        endpoint: str,
+        reading: Reading | None = None,
     ) -> None:
         self.config = config
         self.outputs = outputs
         self.endpoint = endpoint
-        self.pipeline = Pipeline(config, rerun)
+        self.pipeline = Pipeline(config, rerun, reading)
         self._sha256 = hashlib.sha256()
         self._opened = False
         self._tlog: BinaryIO | None = None

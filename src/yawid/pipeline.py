@@ -8,6 +8,7 @@ The only module that knows all stages; whether the bytes come from a file or a s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import WANTED, Channels
@@ -16,38 +17,58 @@ from yawid.estimation.polynomials import parameter_names
 from yawid.physics.modes import modes
 from yawid.run_config import RunConfig
 from yawid.sinks.base import Sink
-from yawid.sources.frames import Decoder
+from yawid.sources.link import LinkStats
+from yawid.sources.reading import Reading
+
+
+class Counted(Protocol):
+    """What messages come from: a decoder or the reader of a log."""
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of what has been read."""
 
 
 class Pipeline:
     """Feed it tlog bytes cut anywhere, then ``finish``; the sinks are told as results come.
+
+    What reads another kind of log is its ``source`` in the decoder's place: ``take`` its messages.
 
     Raises:
         ConfigError: what was asked for does not fit the log (its rate).
         SinkError: a sink cannot write.
     """
 
-    def __init__(self, config: RunConfig, sinks: Sequence[Sink] = ()) -> None:
+    def __init__(
+        self, config: RunConfig, sinks: Sequence[Sink] = (), reading: Reading | None = None
+    ) -> None:
         self.config = config
         self.sinks = list(sinks)
-        self.decoder = Decoder(WANTED)
+        self.decoder = (reading or Reading()).decoder(WANTED)
+        self.source: Counted = self.decoder
         self.channels = Channels(config)
         self.bank: Bank | None = None
         self.modes: ModesBlock | None = None
         self.newest: SampleBlock | None = None
         self.samples = 0
 
+    @property
+    def link(self) -> LinkStats:
+        """Counts of what came from the source."""
+        return self.source.link
+
     def feed(self, data: bytes) -> None:
         """Take bytes in; every sample they complete is estimated and written."""
-        self._advance(self.decoder.feed(data))
+        self.take(self.decoder.feed(data))
 
     def finish(self) -> None:
         """Take in what was held back for want of more; the sinks stay open for the summary."""
-        self._advance(self.decoder.finish())
+        self.take(self.decoder.finish())
         for samples in self.channels.finish():
             self._estimate(samples)
 
-    def _advance(self, frames: FrameBlock | None) -> None:
+    def take(self, frames: FrameBlock | None) -> None:
+        """Take messages in; every sample they complete is estimated and written."""
         if frames is not None:
             for samples in self.channels.feed(frames):
                 self._estimate(samples)

@@ -15,7 +15,8 @@ from yawid.outputs import Outputs, finish, open_sinks
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.sinks.terminal import progress
-from yawid.sources.tlog import check_readable, read_tlog
+from yawid.sources.logs import open_log
+from yawid.sources.reading import Reading
 from yawid.summary import summarise
 from yawid.verdict import Verdict
 
@@ -42,7 +43,11 @@ class StopFlag:
 
 
 def replay(
-    log: Path, config: RunConfig, outputs: Outputs, stop: StopFlag
+    log: Path,
+    config: RunConfig,
+    outputs: Outputs,
+    stop: StopFlag,
+    reading: Reading | None = None,
 ) -> tuple[dict[str, Any], Verdict]:
     """Replay one log; return its summary and verdict.
 
@@ -52,14 +57,16 @@ def replay(
         ConfigError: what is asked for does not fit the log.
     """
     digest = hashlib.sha256()
-    check_readable(log)
-    pipeline = Pipeline(config)
+    reading = reading or Reading()
+    pipeline = Pipeline(config, reading=reading)
+    reader = open_log(log, pipeline.decoder, reading.form)
+    pipeline.source = reader
     pipeline.sinks = open_sinks(config, outputs)
     try:
         with progress(sys.stderr, log.name, log.stat().st_size) as advance:
-            for chunk in read_tlog(log, digest=digest):
-                pipeline.feed(chunk)
-                advance(len(chunk))
+            for size, frames in reader.read(digest):
+                pipeline.take(frames)
+                advance(size)
                 if stop.is_set:
                     break
         pipeline.finish()

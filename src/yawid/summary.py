@@ -83,7 +83,7 @@ def _link(pipeline: Pipeline) -> dict[str, int]:
         "reboots": segmenter.reboots,
         "clock_steps": segmenter.clock_steps,
         "gaps": segmenter.silences + (0 if aligner is None else aligner.gaps),
-        "unsigned_rejected": 0,
+        "unsigned_rejected": link.unsigned_rejected,
     }
 
 

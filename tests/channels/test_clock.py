@@ -4,6 +4,7 @@ import numpy as np
 from flightlog import FlightLog, fly, samples_of
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
 from yawid.channels.clock import unwrap_uint32_us
@@ -92,3 +93,19 @@ def test_receive_stamps_in_bursts_leave_unix_time_even():
 
     steps = np.diff(found.unix_ns) / 1e9
     np.testing.assert_allclose(steps[200:], 0.05, atol=1e-6)
+
+
+def test_a_servo_message_in_unix_time_is_brought_to_the_vehicles_clock():
+    log = FlightLog()
+    log.heartbeat(10.0, autopilot=12)
+    for i in range(500):
+        t = 10.0 + 0.02 * i
+        log.attitude(t, 0.1)
+        controls = [0.0, 0.0, 0.5 if i > 250 else 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]
+        stamp = 1_700_000_000_000_000 + round(1e6 * (t + 0.001))
+        log.add(t + 0.001, mavlink.MAVLink_actuator_control_target_message(stamp, 0, controls))
+    found = samples_of(log.data)
+
+    assert not found.held.any()
+    moved = found.boot_us[np.argmax(found.u[:, 0] > 0.4)]
+    assert abs(moved - 15.0e6) < 0.06e6

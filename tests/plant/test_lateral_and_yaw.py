@@ -67,7 +67,7 @@ def test_eq_22_is_eq_21_where_nothing_makes_the_aircraft_bank():
     np.testing.assert_allclose(yaw_motion(c).response(S)[:, :, 0], whole, rtol=1e-9)
 
 
-@given(st.floats(0.05, 5.0), st.floats(-1.0, 3.0), st.floats(0.2, 50.0), st.floats(-10.0, 10.0))
+@given(st.floats(0.05, 5.0), st.floats(-1.0, 3.0), st.floats(0.2, 50.0), st.floats(0.1, 10.0))
 def test_eq_23_is_the_transfer_function_of_eq_22(a_z_beta, damping, stiffness, rudder):
     c = replace(
         REFERENCE, a_z_beta=a_z_beta, a_my_omega_y=damping,
@@ -108,7 +108,8 @@ def test_the_answer_to_a_held_step_is_the_continuous_one():
     s = complex(-0.5, 2.5 * np.sqrt(1.0 - 0.04))
     residue = 1.3 * 6.25 * (0.6 * s + 1.0) / (s * (s - s.conjugate()))
     expected = 1.3 + 2.0 * np.real(residue * np.exp(s * t))
-    np.testing.assert_allclose(plant.linear().simulate(np.ones(200), 0.05)[:, 0], expected, atol=1e-12)  # fmt: skip
+    found = plant.linear().simulate(np.ones(200), 0.05)[:, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_side_wind_turns_the_nose_into_it():

@@ -12,6 +12,9 @@ from yawid.channels.clock import Series, unwrap_uint32_us
 from yawid.channels.surface import Surface
 from yawid.channels.yaw import boot_us
 
+UNIX_US = 10**15
+"""MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
+APART_US = 10_000_000
 _NONE = np.zeros(0, np.int64)
 
 
@@ -20,6 +23,7 @@ class SurfaceReader:
     """The servo message to rows of deflections, its time unwrapped beside the last boot time."""
 
     columns: int
+    _unix_offset: int = 0
     _boot: tuple[Ints, Ints] = (_NONE, _NONE)
 
     def note_clock(self, clock: MessageBlock | None) -> None:
@@ -43,8 +47,19 @@ class SurfaceReader:
         return Series(block.order, block.received_us, self._times(block), values)
 
     def _times(self, block: MessageBlock) -> Ints:
-        if block.name != "SERVO_OUTPUT_RAW":
-            return boot_us(block.fields)
         order, boot = self._boot
-        raw = block.fields["time_usec"].astype(np.int64)
-        return unwrap_uint32_us(raw, block.order, boot, order)
+        beside = boot[np.maximum(np.searchsorted(order, block.order) - 1, 0)]
+        if block.name == "SERVO_OUTPUT_RAW":
+            raw = block.fields["time_usec"].astype(np.int64)
+            return unwrap_uint32_us(raw, block.order, boot, order)
+        told = boot_us(block.fields)
+        return told if told[0] < UNIX_US else self._from_unix(told, beside)
+
+    def _from_unix(self, told: Ints, beside: Ints) -> Ints:
+        """Turn Unix time into boot time by one offset, found anew where the two drift apart."""
+        times, start = told - self._unix_offset, 0
+        while (apart := np.abs(times[start:] - beside[start:]) > APART_US).any():
+            start += int(np.argmax(apart))
+            self._unix_offset = int(told[start] - beside[start])
+            times[start:] = told[start:] - self._unix_offset
+        return times

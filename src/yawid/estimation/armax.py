@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from math import isinf
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config import EstimatorConfig
-from yawid.estimation import entry
+from yawid.estimation import entry, kernel
 from yawid.estimation import state as slots
 from yawid.estimation.estimate import Estimate, covariance
 from yawid.estimation.layout import new_state
@@ -52,13 +52,13 @@ class RecursiveArmax(Readings):
         self._input_at = self._live - config.orders.n_inputs
         self._one_input = config.orders.n_inputs == 1
 
-    def update(self, u: ArrayLike, y: float) -> Estimate:
+    def update(self, u: ArrayLike | float, y: float) -> Estimate:
         """Take one sample; ``u`` is a float, or (n_inputs,). A NaN makes it a held record.
 
         Raises:
             ValueError: u or y is infinite, or u has another number of inputs.
         """
-        if self._one_input and type(u) is float:
+        if self._one_input and isinstance(u, float):
             if isinf(u) or isinf(y):
                 raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
             if entry.step(self._state, u, y):
@@ -77,8 +77,8 @@ class RecursiveArmax(Readings):
     ) -> EstimateBlock:
         """Take a block of samples: the same numbers as so many updates.
 
-        ``u`` (samples,) or (samples, n_inputs), ``y`` (samples,). ``keep="last"`` returns the last row
-        only; ``covariance`` adds theta's, (samples, n, n).
+        ``u`` (samples,) or (samples, n_inputs), ``y`` (samples,). ``keep="last"`` returns the last
+        row only; ``covariance`` adds theta's, (samples, n, n).
 
         Raises:
             ValueError: wrong shapes or an infinite value; nothing has been taken then.
@@ -158,7 +158,7 @@ class RecursiveArmax(Readings):
         P = np.empty((n, n))
         for j in range(n):
             for i in range(j + 1):
-                P[i, j] = P[j, i] = entry.p_entry(d, upper, i, j)
+                P[i, j] = P[j, i] = kernel.p_entry(d, upper, i, j)
         units = self._parts[slots.UNITS] * self._parts[slots.FACTORS][0]
         return P * np.outer(units, units)
 
@@ -210,9 +210,8 @@ class RecursiveArmax(Readings):
     @property
     def whiteness_p(self) -> float:
         """Ljung-Box p-value that the residuals are white; NaN while unknown."""
-        fitted = self.config.orders.na + self.config.orders.nc
-        s1, s2 = self._state[slots.S1], self._state[slots.S2]
-        return ljung_box(self._parts[slots.PRODUCTS], s1, s2, fitted)
+        s1, s2 = float(self._state[slots.S1]), float(self._state[slots.S2])
+        return ljung_box(self._parts[slots.PRODUCTS], s1, s2)
 
     @property
     def _scale(self) -> float:
@@ -224,11 +223,13 @@ class RecursiveArmax(Readings):
 
 
 def _block(rows: Floats, n: int, covariance: bool) -> EstimateBlock:
-    series: Any = [rows[:, 2 * n + i].copy() for i in range(4)]
     return EstimateBlock(
-        rows[:, :n].copy(),
-        rows[:, n : 2 * n].copy(),
-        rows[:, 2 * n + 5 :].reshape(-1, n, n).copy() if covariance else None,
-        *series,
-        rows[:, 2 * n + 4].astype(np.uint8),
+        theta=rows[:, :n].copy(),
+        theta_std=rows[:, n : 2 * n].copy(),
+        covariance=rows[:, 2 * n + 5 :].reshape(-1, n, n).copy() if covariance else None,
+        y_hat=rows[:, 2 * n].copy(),
+        innovation=rows[:, 2 * n + 1].copy(),
+        residual=rows[:, 2 * n + 2].copy(),
+        noise_std=rows[:, 2 * n + 3].copy(),
+        status=rows[:, 2 * n + 4].astype(np.uint8),
     )

@@ -67,6 +67,7 @@ def _scale(s, at):
             spread += (samples[i * width + 1 + j] - mean) ** 2 / w
         used = j == 0 or signals[2 * j + 1] > 0.0
         if used and not s[MINIMUM] <= math.sqrt(spread) < math.inf:
+            factors[:] = 1.0
             return False
         if s[SCALED] > 0.0 and spread > 0.0:  # a power of two scales without rounding
             factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
@@ -187,7 +188,10 @@ def covariance_entry(s, at, i, j):
 
 @jit
 def _read(s, at, row):
-    """Fill row with theta, theta_std, y_hat, innovation, residual, noise_std, status, covariance."""
+    """Fill row with theta, theta_std, y_hat, innovation, residual, noise_std, status.
+
+    A long row takes the covariance too.
+    """
     theta = s[at[THETA] : at[THETA + 1]]
     units = s[at[UNITS] : at[UNITS + 1]]
     factors = s[at[FACTORS] : at[FACTORS + 1]]

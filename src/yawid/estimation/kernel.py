@@ -1,6 +1,7 @@
 """The arithmetic of the recursion, compiled by numba: the one file that imports it.
 
-The functions run as plain Python under ``NUMBA_DISABLE_JIT=1``; without fastmath both give the same bits.
+The functions run as plain Python under ``NUMBA_DISABLE_JIT=1``; without fastmath both give the
+same bits.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -13,39 +14,42 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from numba.extending import intrinsic
 
-
-COMPILED = ("kernel.py", "state.py", "recursion.py", "entry.py")
+settings: Any = numba.config  # it makes its attributes as it goes
+COMPILED = ("kernel.py", "state.py", "upkeep.py", "recursion.py", "entry.py")
 
 
 def _cache_folder() -> str:
-    """Name a folder by what is compiled: numba's cache sees changes of the function's own file only."""
+    """Name a folder by what is compiled: numba sees changes of a function's own file only."""
     here = Path(__file__).parent
     digest = hashlib.sha256(b"".join((here / name).read_bytes() for name in COMPILED))
-    base = Path(numba.config.CACHE_DIR or here / "__pycache__")
+    base = Path(settings.CACHE_DIR or here / "__pycache__")
     return str(base / digest.hexdigest()[:16])
 
 
 def jit(function: Callable[..., Any]) -> Any:
     """Compile with numba's cache, or without where it finds no directory to write to."""
+    if settings.DISABLE_JIT:  # compiled code does not warn of an overflow either
+        return np.errstate(all="ignore")(function)
     return _compile(function, inline=False)
 
 
 def hot(function: Callable[..., Any]) -> Any:
-    """Compile into each caller: for what runs at every sample, where a call costs as much as it does."""
+    """Compile into each caller: for what runs at every sample, where calls cost most."""
     return _compile(function, inline=True)
 
 
 def _compile(function: Callable[..., Any], inline: bool) -> Any:
-    options = {"error_model": "numpy", "forceinline": inline}
-    given, numba.config.CACHE_DIR = numba.config.CACHE_DIR, FOLDER
+    options: dict[str, Any] = {"error_model": "numpy", "forceinline": inline}
+    given, settings.CACHE_DIR = settings.CACHE_DIR, FOLDER
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:
         return numba.njit(**options)(function)
     finally:
-        numba.config.CACHE_DIR = given
+        settings.CACHE_DIR = given
 
 
 FOLDER = _cache_folder()
@@ -69,7 +73,7 @@ def _same(array):
 
 
 # Slices are free only of memory without a count: counting costs more than the arithmetic.
-bare = _same if numba.config.DISABLE_JIT else _bare
+bare: Any = _same if settings.DISABLE_JIT else _bare
 
 
 @hot
@@ -145,7 +149,10 @@ def drift_entry(d, upper, k, q, a):
 
 @hot
 def stable(a):
-    """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle (Jury); destroys a."""
+    """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle; destroys a.
+
+    Jury's test, as a step-down of reflection coefficients.
+    """
     for m in range(len(a) - 1, -1, -1):
         k = a[m]
         if not abs(k) < 1.0:
@@ -171,10 +178,11 @@ def over_c(c, columns):
 
 @jit
 def follow_covariance(covariance, echoes, products, psi, gain, h, inverse):
-    """Follow the covariance of theta over the noise variance, the residual's autocorrelation included.
+    """Follow theta's covariance over the noise variance, the residual's correlation included.
 
-    With K the gain and F = I - K psi': cov <- F cov F' + K K' + F h K' + K h' F', where h sums the echoes
-    w(l) = F ... F K(k-l), each times the residual's correlation over l samples (Bartlett's taper).
+    With K the gain and F = I - K psi': cov <- F cov F' + K K' + F h K' + K h' F', where h sums
+    the echoes w(l) = F ... F K(k-l) of past gains, each times the residual's correlation over l
+    samples under Bartlett's taper. A floor row moves P but not theta, and so not this.
     """
     n, lags = len(psi), len(products) - 1
     h[:] = 0.0
@@ -208,7 +216,7 @@ def follow_covariance(covariance, echoes, products, psi, gain, h, inverse):
 
 @hot
 def correlate(residuals, products, eps, lam):
-    """Running sums of eps(k) eps(k - l), l = 0..LAGS."""
+    """Keep the running sums of eps(k) eps(k - l), l = 0..LAGS."""
     products[0] = lam * products[0] + eps * eps
     for i in range(len(residuals)):
         products[i + 1] = lam * products[i + 1] + eps * residuals[i]

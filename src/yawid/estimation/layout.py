@@ -14,7 +14,7 @@ D_CAP = 1e6
 
 
 def lag_depth(config: EstimatorConfig) -> int:
-    """Number of earlier samples of y and u that phi(k) needs."""
+    """Return the number of earlier samples of y and u that phi(k) needs."""
     orders = config.orders
     inputs = [nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True) if nb > 0]
     return max([0, orders.na, *inputs])

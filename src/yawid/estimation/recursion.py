@@ -6,39 +6,19 @@ from __future__ import annotations
 
 import math
 
-from yawid.estimation.kernel import (
-    bierman,
-    correlate,
-    drift_entry,
-    floor,
-    follow_covariance,
-    hot,
-    jit,
-    p_entry,
-    push,
-    stable,
-)
+from yawid.estimation.kernel import bierman, follow_covariance, hot, jit, push, stable
 from yawid.estimation.state import (
     BIAS,
     BROKEN,
     COVARIANCE,
-    D_MAX,
     DEPTH,
     DIVERGED,
     DIVERGING,
-    DRIFT,
-    DRIFTS,
-    E2,
     ECHOES,
-    EPS2,
     FACTORS,
-    FAST,
-    FAST_E2,
-    FAST_FALL,
     FAST_Y2,
     FILL,
     FILTERED,
-    FLOOR,
     FRESH,
     GAIN,
     HALVED,
@@ -50,12 +30,9 @@ from yawid.estimation.state import (
     LAGS,
     LAMBDA,
     LAMBDA_END,
-    LAMBDA_RATE,
     LAMBDA_START,
     LEAST,
-    LOSS,
     NC,
-    NEXT,
     P0,
     PHI,
     PRODUCTS,
@@ -67,27 +44,22 @@ from yawid.estimation.state import (
     RESTARTS,
     RML,
     S1,
-    S2,
     SCRATCH,
-    SETTLING,
     SIGNALS,
     SINCE,
-    SLACK,
-    SLOW_RISE,
     STATUS,
     TAPS,
     THETA,
     TRACKING,
-    UPDATES,
     UPPER,
     WARM,
     WARMING_UP,
-    Y2,
     Y_HAT,
     D,
     N,
     Y,
 )
+from yawid.estimation.upkeep import account, adapt
 
 
 @hot
@@ -108,7 +80,7 @@ def _over_c(s, theta, register, start, x):
 
 @hot
 def _shift(s, at):
-    """Enter what is fresh into the registers: y and residual of the sample before, u of this one."""
+    """Enter the fresh values: y and residual of the sample before, u of this one."""
     raw = s[at[RAW] : at[RAW + 1]]
     filtered = s[at[FILTERED] : at[FILTERED + 1]]
     signals = s[at[SIGNALS] : at[SIGNALS + 1]]
@@ -164,7 +136,7 @@ def _restart(s, at):
 
 @hot
 def _stable_step(s, theta, gain, scratch, step):
-    """Halve the step along the gain until C(q) is stable after it; return it, 0 if nothing helps."""
+    """Halve the step along the gain until it leaves C(q) stable; return it, 0 at worst."""
     nc = int(s[NC])
     trial = scratch[:nc]
     first = len(theta) - nc - int(s[BIAS])
@@ -175,76 +147,6 @@ def _stable_step(s, theta, gain, scratch, step):
             return step
         step *= 0.5
     return 0.0
-
-
-@hot
-def _keep_information(s, at, d, upper):
-    """Keep the floor under what is known of one parameter, the next at each update.
-
-    P[k, k] may exceed its usual least by the share SLACK / FLOOR; beyond, a row "theta[k] is what
-    it is", just heavy enough, brings it back. The usual least falls fast and rises over many
-    memories, so that neither poverty nor one wild sample sets it. While the signals excite, no row
-    is added: rows of a fixed weight outweigh the little that quiet noise says of C.
-    """
-    gain = s[at[GAIN] : at[GAIN + 1]]
-    least = s[at[LEAST] : at[LEAST + 1]]
-    k, n = int(s[NEXT]), len(d)
-    s[NEXT] = 0.0 if k + 1 == n else k + 1.0
-    p = p_entry(d, upper, k, k)
-    if p >= least[k]:
-        least[k] *= 1.0 + SLOW_RISE * n * (1.0 - s[LAMBDA_END])
-    else:
-        least[k] = p if s[SINCE] < SETTLING else max(p, FAST_FALL * least[k])
-    limit = least[k] * (1.0 + SLACK / s[FLOOR])
-    if p > limit:
-        floor(d, upper, k, 1.0 / limit - 1.0 / p, gain)
-
-
-@hot
-def _adapt(s, at, lam):
-    """Let P grow by forgetting or drift, no further than its cap, and keep information in it."""
-    d = s[at[D] : at[D + 1]]
-    upper = s[at[UPPER] : at[UPPER + 1]]
-    drift = s[at[DRIFT] : at[DRIFT + 1]]
-    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
-    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    n, over = len(d), 1.0 / lam
-    for i in range(n):
-        d[i] = min(d[i] * over, s[D_MAX])
-    if s[DRIFTS] > 0.0:
-        for i in range(n):
-            if drift[i] > 0.0:
-                drift_entry(d, upper, i, drift[i], scratch)
-                if s[LAGS] > 0.0:
-                    covariance[i * n + i] += drift[i]
-    if s[FLOOR] > 0.0:
-        _keep_information(s, at, d, upper)
-    s[LAMBDA] = s[LAMBDA_RATE] * lam + (1.0 - s[LAMBDA_RATE]) * s[LAMBDA_END]
-
-
-@hot
-def _account(s, at, y, e, eps, lam, share):
-    """Keep the running sums, and test for divergence: y_hat much worse than none at all."""
-    residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
-    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
-    s[S1] = lam * s[S1] + 1.0
-    s[S2] = lam * lam * s[S2] + 1.0
-    s[LOSS] = lam * s[LOSS] + e * e * share
-    s[E2] = lam * s[E2] + e * e
-    s[EPS2] = lam * s[EPS2] + eps * eps
-    s[Y2] = lam * s[Y2] + y * y
-    s[FAST_E2] = FAST * s[FAST_E2] + (1.0 - FAST) * e * e
-    s[FAST_Y2] = FAST * s[FAST_Y2] + (1.0 - FAST) * y * y
-    if s[LAGS] > 0.0:
-        correlate(residuals, products, eps, lam)
-    s[UPDATES] += 1.0
-    s[SINCE] += 1.0
-    now, usual = s[FAST_E2] * s[S1], max(s[FAST_Y2] * s[S1], s[Y2]) + 1e-4 * s[S1]
-    if s[DIVERGED] == 0.0:
-        if s[SINCE] > s[WARM] and now > 4.0 * usual:
-            s[DIVERGED] = 1.0
-    elif s[SINCE] > 2.0 * s[WARM] and now < 2.0 * usual:
-        s[DIVERGED] = 0.0
 
 
 @hot
@@ -283,8 +185,8 @@ def _learn(s, at, y, e):
         return math.nan
     if s[LAGS] > 0.0:
         follow_covariance(covariance, echoes, products, psi, gain, scratch, inverse)
-    _adapt(s, at, lam)
-    _account(s, at, y, e, eps, lam, lam * inverse)
+    adapt(s, at, lam)
+    account(s, at, y, e, eps, lam, lam * inverse)
     return eps
 
 
@@ -325,7 +227,7 @@ def take(s, at, frozen):
     eps = e if frozen > 0.0 or s[SINCE] > 0.0 else 0.0
     learning = s[FILL] > s[DEPTH] + s[NC]
     if learning and frozen > 0.0:
-        _account(s, at, y, e, e, s[LAMBDA_END], 1.0)
+        account(s, at, y, e, e, s[LAMBDA_END], 1.0)
     elif learning:
         eps = _learn(s, at, y, e)
         if not abs(eps) < math.inf:

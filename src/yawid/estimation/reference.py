@@ -1,4 +1,4 @@
-"""The same recursion on filterpy's KalmanFilter: an independent reference, and an engine of its own.
+"""The same recursion on filterpy's KalmanFilter: an independent reference and an engine.
 
 The state is theta, F = I, H = psi', R = 1, alpha = lambda^-1/2 (filterpy's fading memory). Scaling,
 window, held samples, schedule, floor and sums are written here a second time, in plain NumPy. Only
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -21,11 +20,10 @@ from yawid.estimation import state as slots
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.layout import WARM_UPDATES_PER_PARAMETER, lag_depth
 from yawid.estimation.polynomials import c_of, is_stable
-from yawid.estimation.readings import Readings
+from yawid.estimation.reference_readings import ReferenceEstimate, ReferenceReadings
 from yawid.estimation.reference_sums import Spread, Sums
 from yawid.estimation.shapes import checked_samples, checked_u
 from yawid.estimation.start import fit_start
-from yawid.estimation.uncertainty import ljung_box
 
 
 def make_estimator(
@@ -35,21 +33,7 @@ def make_estimator(
     return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceEstimate:
-    """A snapshot after one sample, as :class:`yawid.Estimate`."""
-
-    theta: Floats
-    theta_std: Floats
-    covariance: Floats
-    y_hat: float
-    innovation: float
-    residual: float
-    noise_std: float
-    status: Status
-
-
-class ReferenceArmax(Readings):
+class ReferenceArmax(ReferenceReadings):
     """:class:`RecursiveArmax` on filterpy, hundreds of times slower; it cannot be saved."""
 
     def __init__(self, config: EstimatorConfig) -> None:
@@ -91,7 +75,7 @@ class ReferenceArmax(Readings):
     def update(self, u: ArrayLike, y: float) -> ReferenceEstimate:
         """Take one sample, as :meth:`RecursiveArmax.update`."""
         self._sample(checked_u(u, y, self.config.orders.n_inputs), float(y))
-        return self._estimate()
+        return self.estimate()
 
     def run(
         self,
@@ -108,8 +92,8 @@ class ReferenceArmax(Readings):
         for row, value in zip(u, y, strict=True):
             self._sample(row, float(value))
             if keep == "all":
-                made.append(self._estimate())
-        made = made if keep == "all" else [self._estimate()]
+                made.append(self.estimate())
+        made = made if keep == "all" else [self.estimate()]
         n = self.config.n_theta
         return EstimateBlock(
             np.array([e.theta for e in made]).reshape(-1, n),
@@ -300,59 +284,3 @@ class ReferenceArmax(Readings):
             return math.nan
         y_hat = scratch._regressor(scratch._raw) @ self._filter.x[:, 0]
         return float(y_hat / self._factors[0])
-
-    def _estimate(self) -> ReferenceEstimate:
-        status, covariance = self.status, self.covariance
-        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        std[np.isnan(np.diag(covariance))] = math.nan
-        return ReferenceEstimate(self.theta, std, covariance, *self._last, self.noise_std, status)
-
-    @property
-    def theta(self) -> Floats:
-        """Parameters (n,) in the user's units."""
-        return np.asarray(self._filter.x[:, 0] * self._units, dtype=np.float64)
-
-    @property
-    def theta_std(self) -> Floats:
-        """Standard deviation (n,) of theta."""
-        return self._estimate().theta_std
-
-    @property
-    def P(self) -> Floats:
-        """P (n, n) in the user's units, not multiplied by the noise variance."""
-        units = self._units * self._factors[0]
-        return np.asarray(self._filter.P * np.outer(units, units), dtype=np.float64)
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance (n, n) of theta in the user's units; NaN before the first update."""
-        sums = self._sums
-        if not sums.s1:
-            return np.full((self.config.n_theta,) * 2, math.nan)
-        over_noise = self._spread.covariance
-        if not self.config.residual_lags:
-            over_noise = self._filter.P * sums.s2 / sums.s1
-        noise = sums.noise_variance(self.config.n_theta)
-        return np.asarray(noise * over_noise * np.outer(self._units, self._units), np.float64)
-
-    @property
-    def noise_std(self) -> float:
-        """Standard deviation of the noise e, in y's unit."""
-        variance = self._sums.noise_variance(self.config.n_theta)
-        return math.sqrt(variance) / float(self._factors[0])
-
-    @property
-    def innovation_std(self) -> float:
-        """Root mean square of the innovation."""
-        return self._sums.root_mean(self._sums.e2) / float(self._factors[0])
-
-    @property
-    def residual_std(self) -> float:
-        """Root mean square of the residual."""
-        return self._sums.root_mean(self._sums.eps2) / float(self._factors[0])
-
-    @property
-    def whiteness_p(self) -> float:
-        """Ljung-Box p-value that the residuals are white; NaN while unknown."""
-        fitted = self.config.orders.na + self.config.orders.nc
-        return ljung_box(self._sums.products, self._sums.s1, self._sums.s2, fitted)

@@ -37,7 +37,7 @@ def unpack(saved: bytes) -> tuple[EstimatorConfig, Floats]:
         raise ConfigError("these bytes are no saved estimator") from error
     if version != VERSION:
         raise ConfigError(f"saved as {version!r}, this is {VERSION!r}: it cannot be resumed")
-    orders = {k: tuple(x) if isinstance(x, list) else x for k, x in values["orders"].items()}
+    orders: dict[str, Any] = values["orders"]
     drift = values["drift"]
     values |= {
         "orders": ArmaxOrders(**orders),

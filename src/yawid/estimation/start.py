@@ -45,7 +45,7 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
         theta = fit.gauss_newton(fit.first_guess())
         psi, _ = fit.gradient(theta, filtered=config.method == "rml")
         better = fit.loss(theta) < fit.loss(np.zeros_like(theta))
-    P: Floats = np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi)
+    P = np.asarray(np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi), np.float64)
     if not better or not np.isfinite(P).all() or np.linalg.eigvalsh(P)[0] <= 0.0:
         return None
     return Start(theta, P, P @ (fit.prior + (psi.T * fit.weights**2) @ psi) @ P)

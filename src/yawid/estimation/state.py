@@ -47,8 +47,8 @@ def places(s):
     over the noise variance, echoes (LAGS N,) of past gains, residuals (LAGS,), products (LAGS + 1,)
     of them. signals (2 (M + 3),): offset and length of the registers of y, inputs, residual, 1;
     fresh (M + 3,) what enters them next, taps (N,) where phi finds its entries. factors (M + 1,)
-    scale y and u, units (N,) take theta to the user's units, drift (N,) is added to P, least (N,) of P[k, k]. inputs (M,).
-    samples: WINDOW rows of break flag, y, u.
+    scale y and u, units (N,) take theta to the user's units, drift (N,) is added to P, least (N,)
+    is that of P[k, k]. inputs (M,). samples: WINDOW rows of break flag, y, u.
     """
     n, m, r, lags = int(s[N]), int(s[M]), int(s[R]), int(s[LAGS])
     theta = HEADER
@@ -68,7 +68,8 @@ def places(s):
     inputs = units + 3 * n
     return (
         theta, theta + n, upper, phi, phi + n, phi + 2 * n, raw, raw + r, scratch, covariance,
-        echoes, residuals, products, signals, fresh, taps, factors, units, units + n, units + 2 * n, inputs, inputs + m, len(s),
+        echoes, residuals, products, signals, fresh, taps, factors, units, units + n,
+        units + 2 * n, inputs, inputs + m, len(s),
     )  # fmt: skip
 
 

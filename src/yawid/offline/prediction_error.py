@@ -52,9 +52,12 @@ def fit_prediction_error(
         u, y = checked_samples(u, y, orders.n_inputs)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    count = int(np.sum(np.isfinite(y) & np.isfinite(u).all(axis=1)))
+    good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+    count = int(good.sum())
     if count <= 3 * (orders.n_theta + int(bias)):
         raise ConfigError(f"{count} samples are too few for {orders}")
+    if not (np.ptp(u[good], axis=0) > 0.0).all() or not np.ptp(y[good]) > 0.0:
+        raise NotIdentifiable("a channel does not move")
     config = EstimatorConfig(
         orders=orders, sample_time_s=1.0, method="rml", bias=bias, start_buffer=count,
         scale_window=1, scale_minimum=0.0, residual_lags=0,
@@ -62,10 +65,8 @@ def fit_prediction_error(
     )  # fmt: skip
     armax = RecursiveArmax(config)
     armax.run(u, y, keep="last")
-    if armax.updates == 0:
-        raise NotIdentifiable("a channel does not move, or the gaps leave too few samples")
-    if armax.forgetting_factor != config.forgetting_factor:
-        raise NotIdentifiable(f"no fit of {orders} is better than theta = 0")
+    if armax.updates == 0 or armax.forgetting_factor != config.forgetting_factor:
+        raise NotIdentifiable(f"no fit of {orders}: none beats theta = 0, or gaps leave too little")
     theta, covariance = armax.theta, armax.covariance
     simulated = fit_percent(y, simulate(theta, orders, bias, u, y))
     return PredictionErrorFit(theta, armax.theta_std, covariance, armax.noise_std, simulated)

@@ -95,11 +95,11 @@ def fit_first_order(
     record = Record.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
-        return first_order_response(record.t, p[1], math.exp(min(max(p[2], -700.0), 700.0)))
+        return first_order_response(record.t, p[1], _exp(p[2]))
 
     starts = (np.array([0.0, 1.0, math.log(T)]) for T in read_first_order(record))
     fit = _refine(record, form, starts, [-np.inf] * 3, [np.inf] * 3)
-    T = math.exp(fit.p[2])
+    T = _exp(fit.p[2])
     left = math.exp(-record.t[-1] / T)
     _check_form(record, fit, left, first_order_settling(T, SETTLED))
     t2, t5 = first_order_settling(T, 0.02), first_order_settling(T, 0.05)
@@ -125,23 +125,23 @@ def fit_second_order(
     record = Record.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
-        return second_order_response(record.t, p[1], p[2], math.exp(min(max(p[3], -700.0), 700.0)))
+        return second_order_response(record.t, p[1], p[2], _exp(p[3]))
 
     starts = [np.array([0.0, 1.0, D, math.log(q)]) for D, q in read_second_order(record)]
     if not starts:
         raise NotIdentifiable("not the form of eq. 7: the record shows no overshoot")
     low, high = [-np.inf, -np.inf, 1e-6, -np.inf], [np.inf, np.inf, 1.0 - 1e-9, np.inf]
     fit = _refine(record, form, starts, low, high)
-    D, q = float(fit.p[2]), math.exp(fit.p[3])
+    D, q = float(fit.p[2]), _exp(fit.p[3])
     root = math.sqrt(1.0 - D * D)
-    _check_form(
-        record, fit, math.exp(-D * q * record.t[-1]) / root, second_order_settling(D, q, SETTLED)
-    )
     # d ln(overshoot) / dD = -pi / root^3; an overshoot of CLEAR sigma: its logarithm to 1/CLEAR.
     if not overshoot(D) > 1e-6 or not math.pi / root**3 * fit.std[2] < 1.0 / CLEAR:
         raise NotIdentifiable(
             f"not the form of eq. 7: its overshoot of {100.0 * overshoot(D):.2g} % is not clear"
         )
+    _check_form(
+        record, fit, math.exp(-D * q * record.t[-1]) / root, second_order_settling(D, q, SETTLED)
+    )
     scale = record.scale / u0
     return SecondOrder(
         _value(fit.p[1] * scale, fit.std[1] * scale),
@@ -152,6 +152,11 @@ def fit_second_order(
         _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
         fit.noise_std * abs(record.scale),
     )
+
+
+def _exp(exponent: float) -> float:
+    """Return e^exponent, a time or frequency searched for by its logarithm, within float range."""
+    return math.exp(min(max(exponent, -300.0), 300.0))
 
 
 def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> Value:

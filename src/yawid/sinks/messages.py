@@ -92,3 +92,40 @@ def verdict_message(verdict: Mapping[str, Any]) -> bytes:
     for reason in verdict["reasons"]:
         message.reasons.add(**{name: reason[name] for name in ("id", "weight", "text")})
     return bytes(message.SerializeToString(deterministic=True))
+
+
+def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock:
+    """Return the samples that :func:`sample_rows` wrote; ``unix_ns`` (n,) is their log time."""
+    integers = {name: rows[name].astype(np.int64) for name in ("noted", "held", "epoch")}
+    return SampleBlock(
+        sample_time_s=sample_time_s,
+        k=np.ascontiguousarray(rows["k"]),
+        boot_us=np.rint(rows["boot_time"] * 1e6).astype(np.int64),
+        unix_ns=unix_ns,
+        received_us=np.rint(rows["received_time"] * 1e6).astype(np.int64),
+        u=np.ascontiguousarray(rows["u"]),
+        y=np.ascontiguousarray(rows["yaw_rate"]),
+        yaw=np.ascontiguousarray(rows["yaw"]),
+        roll=np.ascontiguousarray(rows["roll"]),
+        turn=np.ascontiguousarray(rows["turn_rate"]),
+        airspeed=np.ascontiguousarray(rows["airspeed"]),
+        **integers,
+    )
+
+
+def estimate_from(rows: Rows) -> EstimateBlock:
+    """Return the estimates that :func:`estimate_rows` wrote, without their covariance."""
+    names = ("theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status")
+    return EstimateBlock(
+        covariance=None, **{name: np.ascontiguousarray(rows[name]) for name in names}
+    )
+
+
+def modes_from(rows: Rows) -> ModesBlock:
+    """Return the modes that :func:`modes_rows` wrote."""
+    dutch_roll = [rows[f"dutch_roll_{name}"] for name in ("wn", "wn_std", "zeta", "zeta_std")]
+    return ModesBlock(
+        poles=rows["pole_re"] + 1j * rows["pole_im"],
+        dutch_roll=np.column_stack(dutch_roll),
+        **{name: np.ascontiguousarray(rows[name]) for name in ("wn", "wn_std", "zeta", "zeta_std")},
+    )

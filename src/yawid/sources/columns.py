@@ -103,6 +103,23 @@ def latest(values: Floats) -> Floats:
     return np.where(rows < 0, np.nan, values[rows])
 
 
+def held(opening: tuple[float, float], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
+    """Merge two columns told at places of their own: both at every place, the last value held.
+
+    The first row, at place -1, is the ``opening``.
+    """
+    places = np.concatenate([[-1], *(own for own, _ in parts)])
+    in_place = np.argsort(places, kind="stable")
+    columns = []
+    start = 1
+    for first, (own, values) in zip(opening, parts, strict=True):
+        column = np.full(len(places), np.nan)
+        column[0], column[start : start + len(own)] = first, values
+        columns.append(latest(column[in_place]))
+        start += len(own)
+    return places[in_place], columns
+
+
 def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,).
 

@@ -1,11 +1,11 @@
-"""One way to read every kind of log: open it, then take blocks of messages from it, again and again.
+"""One way to read every kind of log: open it, then take blocks of messages from it.
 
 A log is known by its first bytes, never by its name: dataflash, ULog, and a telemetry log else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -14,7 +14,7 @@ from yawid.sources.dataflash import DataflashReader
 from yawid.sources.dataflash_index import MAGIC as DATAFLASH
 from yawid.sources.frames import Decoder
 from yawid.sources.link import LinkStats
-from yawid.sources.tlog import Digest, check_readable, read_tlog
+from yawid.sources.tlog import Digest, Form, check_readable, read_tlog
 from yawid.sources.ulog import MAGIC as ULOG
 from yawid.sources.ulog import UlogReader
 
@@ -24,24 +24,24 @@ class LogReader(Protocol):
 
     @property
     def link(self) -> LinkStats:
-        """Counts of what has been read so far."""
+        """Counts of what the log holds; of a telemetry log, of what has been read so far."""
 
     def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they completed) from the start, continuing ``digest``."""
+        """Yield (bytes read, the messages they hold), continuing ``digest`` by the bytes."""
 
 
 class TlogReader:
-    """A telemetry log.
+    """A telemetry log, read through a decoder; its owner calls ``finish`` after the last piece.
 
     Raises:
         SourceError: as :func:`yawid.sources.tlog.check_readable`.
     """
 
-    def __init__(self, path: Path, wanted: Iterable[str]) -> None:
-        check_readable(path)
+    def __init__(self, path: Path, decoder: Decoder, form: Form = "auto") -> None:
+        check_readable(path, form)
         self._path = path
-        self._wanted = frozenset(wanted)
-        self._decoder = Decoder(self._wanted)
+        self._decoder = decoder
+        self._form = form
 
     @property
     def link(self) -> LinkStats:
@@ -49,27 +49,25 @@ class TlogReader:
         return self._decoder.link
 
     def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they completed) from the start, continuing ``digest``."""
-        self._decoder = Decoder(self._wanted)
-        for chunk in read_tlog(self._path, digest=digest):
+        """Yield (bytes read, the messages they completed), continuing ``digest`` by the bytes."""
+        for chunk in read_tlog(self._path, digest=digest, form=self._form):
             yield len(chunk), self._decoder.feed(chunk)
-        yield 0, self._decoder.finish()
 
 
-def open_log(path: Path, wanted: Iterable[str]) -> LogReader:
-    """Return the reader of a log; of a telemetry log it decodes the messages ``wanted``.
+def open_log(path: Path, decoder: Decoder, form: Form = "auto") -> LogReader:
+    """Return the reader of a log; a telemetry log of this ``form`` is read by ``decoder``.
 
-    A dataflash log or a ULog gives what the channels can use, whatever is wanted.
+    A dataflash log or a ULog gives the messages that the channels can use.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or it is no log.
     """
-    head = _head(path)
+    head = _head(path) if form == "auto" else b""
     if head.startswith(DATAFLASH):
         return DataflashReader(path)
     if head.startswith(ULOG):
         return UlogReader(path)
-    return TlogReader(path, wanted)
+    return TlogReader(path, decoder, form)
 
 
 def _head(path: Path) -> bytes:

@@ -1,10 +1,13 @@
-"""Reading a telemetry log: in chunks, hashed as it is read, refused in one line if it is none."""
+"""Reading a telemetry log: in chunks, hashed as it is read, refused in one line if it is none.
+
+A log without stamps (.rlog, .raw) is read as the tlog that ``raw`` makes of it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -12,9 +15,14 @@ from yawid.errors import SourceError
 from yawid.sources.frames import Decoder
 from yawid.sources.framing import SLACK, find_frames
 from yawid.sources.messages import definitions
+from yawid.sources.raw import Stamper
+
+Form = Literal["auto", "tlog", "raw"]
+FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")
 
 CHUNK = 1 << 21  # what the decoder works on at once
 _HEAD = 1 << 20  # a log has an intact record in its first MiB
+_BARE_SUFFIXES = (".rlog", ".raw")
 _OTHER_FORMATS = (
     (b"\x1f\x8b", "is compressed by gzip: unpack it first (gunzip)"),
     (b"PK\x03\x04", "is a zip archive: unpack it first (unzip)"),
@@ -31,18 +39,23 @@ class Digest(Protocol):
         """Continue the hash by ``data``."""
 
 
-def check_readable(path: Path) -> None:
+def check_readable(path: Path, form: Form = "auto") -> None:
     """Read the head of a log and return if it is one.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or its first MiB holds no intact
-        record.
+        record of the form asked for.
     """
-    next(read_tlog(path))
+    next(read_tlog(path, form=form))
 
 
-def read_tlog(path: Path, chunk: int = CHUNK, digest: Digest | None = None) -> Iterator[bytes]:
-    """Yield the bytes of a log in pieces of at most ``chunk``, continuing ``digest`` by each.
+def read_tlog(
+    path: Path, chunk: int = CHUNK, digest: Digest | None = None, form: Form = "auto"
+) -> Iterator[bytes]:
+    """Yield a log as tlog bytes, made of at most ``chunk`` of the file each; hash the file's bytes.
+
+    With ``auto`` a file is a tlog if it holds an intact record, else bare frames if it holds one
+    and is called .rlog or .raw.
 
     Raises:
         SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
@@ -53,14 +66,16 @@ def read_tlog(path: Path, chunk: int = CHUNK, digest: Digest | None = None) -> I
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
-            _check_head(path, head)
+            stamper = Stamper() if _is_bare(path, head, form) else None
             data = head[:chunk]
             file.seek(len(data))
             while data:
                 if digest is not None:
                     digest.update(data)
-                yield data
+                yield data if stamper is None else stamper.feed(data)
                 data = file.read(chunk)
+            if stamper is not None:
+                yield stamper.finish()
     except FileNotFoundError as error:
         raise SourceError(f"{path} does not exist: check the name of the log") from error
     except PermissionError as error:
@@ -72,13 +87,25 @@ def read_tlog(path: Path, chunk: int = CHUNK, digest: Digest | None = None) -> I
         ) from error
 
 
-def _check_head(path: Path, head: bytes) -> None:
-    """Raise SourceError unless ``head``, the first bytes of a file, holds an intact record."""
+def _is_bare(path: Path, head: bytes, form: Form) -> bool:
+    """Return whether the file that begins with ``head`` holds frames without stamps.
+
+    Raises:
+        SourceError: it holds no intact frame of the form asked for.
+    """
+    is_bare = form == "raw" or (form == "auto" and path.suffix.lower() in _BARE_SUFFIXES)
+    if form != "raw" and _has_record(head):
+        return False
+    if is_bare and _has_bare_frames(head):
+        return True
+    raise SourceError(f"{path} {_what_it_is(head)}")
+
+
+def _has_record(head: bytes) -> bool:
     decoder = Decoder(wanted=())
     decoder.feed(head)
     decoder.finish()
-    if decoder.link.frames == 0:
-        raise SourceError(f"{path} {_what_it_is(head)}")
+    return decoder.link.frames > 0
 
 
 def _what_it_is(head: bytes) -> str:
@@ -95,7 +122,7 @@ def _what_it_is(head: bytes) -> str:
     if _has_bare_frames(head):
         return (
             "holds MAVLink frames without time stamps (.rlog, .raw): "
-            "give the .tlog recorded beside it"
+            "give the .tlog recorded beside it, or --format raw"
         )
     return "holds no intact MAVLink record in its first MiB: give a telemetry log (.tlog)"
 

@@ -1,0 +1,271 @@
+"""A finished run read back from its MCAP file: what it says of itself, and its rows in blocks.
+
+The schemas are taken from the file, so that a file made by an older version, with fewer fields in a
+message, says so instead of being misread.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.exceptions import McapError
+from mcap.reader import McapReader, make_reader
+from mcap.records import Channel, Message, Schema
+from zstandard import ZstdError
+
+from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
+from yawid.errors import SourceError
+from yawid.run_config import RunConfig, check_settings
+from yawid.sinks.messages import Rows, estimate_from, modes_from, samples_from
+from yawid.sinks.rows import RowLayout
+from yawid.sinks.schemas import descriptor, message_class, schema_data
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+BLOCK_ROWS: Final = 8192
+SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
+_LOG_LEVELS: Final = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
+# What the libraries raise on bytes that are not what they should be.
+_DAMAGE: Final = (
+    McapError, DecodeError, struct.error, ValueError, KeyError, TypeError, ZstdError, MemoryError,
+    OverflowError,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One line for people, as it was written during the run."""
+
+    unix_ns: int
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Names of parameters, inputs and methods (the primary first), and the sample time."""
+
+    parameters: tuple[str, ...]
+    inputs: tuple[str, ...]
+    methods: tuple[str, ...]
+    sample_time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunBlock:
+    """Consecutive samples and all that was made of them."""
+
+    samples: SampleBlock
+    estimates: dict[str, EstimateBlock]
+    modes: ModesBlock
+
+
+@dataclass(slots=True)
+class McapRun:
+    """What a run's file says of itself; ``blocks`` and ``samples`` read its rows.
+
+    ``grid`` is None where rudder and yaw rate never flowed together: such a run has no rows.
+    """
+
+    path: Path
+    summary: Mapping[str, Any]
+    metadata: Mapping[str, Mapping[str, str]]
+    attachments: Mapping[str, bytes]
+    config: RunConfig
+    grid: Grid | None
+    log: list[LogLine] = field(default_factory=list)
+
+    def samples(self) -> Iterator[SampleBlock]:
+        """Yield the samples alone.
+
+        Raises:
+            SourceError: the file is damaged.
+        """
+        for rows, unix_ns in self._rows((SAMPLE,)):
+            yield self._samples(rows[0], unix_ns)
+
+    def blocks(self) -> Iterator[RunBlock]:
+        """Yield samples, estimates and modes.
+
+        Raises:
+            SourceError: the file is damaged.
+        """
+        methods = () if self.grid is None else self.grid.methods
+        topics = [f"/yawid/estimate{'' if i == 0 else '/' + m}" for i, m in enumerate(methods)]
+        for rows, unix_ns in self._rows((SAMPLE, *topics, MODES)):
+            estimates = {m: estimate_from(r) for m, r in zip(methods, rows[1:-1], strict=True)}
+            yield RunBlock(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
+
+    def _samples(self, rows: Rows, unix_ns: Ints) -> SampleBlock:
+        assert self.grid is not None  # else there were no rows
+        return samples_from(rows, unix_ns, self.grid.sample_time_s)
+
+    def _rows(self, topics: tuple[str, ...]) -> Iterator[tuple[list[Rows], Ints]]:
+        """Yield the messages of the topics, as many of each, and the log time of the first's."""
+        if self.grid is None:
+            return
+        layouts: dict[str, RowLayout] = {}
+        waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
+        log_ns: list[int] = []
+        with _opened(self.path) as stream, _damage_told(self.path):
+            for schema, channel, message in _messages(stream, topics):
+                topic = channel.topic
+                if topic not in layouts:
+                    layouts[topic] = _layout(schema, message.data)
+                if topic == topics[0]:
+                    if len(log_ns) == BLOCK_ROWS:
+                        yield _joined(layouts, waiting), np.array(log_ns, np.int64)
+                        log_ns = []
+                    log_ns.append(message.log_time)
+                waiting[topic].append(message.data)
+            if log_ns:
+                yield _joined(layouts, waiting), np.array(log_ns, np.int64)
+
+
+def is_mcap(path: Path) -> bool:
+    """Tell whether a file begins as an MCAP file does."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def open_run(path: Path) -> McapRun:
+    """Return what the file of a finished run says of itself.
+
+    Raises:
+        SourceError: it cannot be read, is no MCAP file, was never finished, or is not yawid's.
+    """
+    with _opened(path) as stream:
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise SourceError(f"{path} is no MCAP file: yawid replay makes one of a log")
+        stream.seek(0)
+        with _damage_told(path):
+            reader = make_reader(stream, validate_crcs=True)
+            metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+            attachments = {record.name: record.data for record in reader.iter_attachments()}
+            log = list(_log_lines(reader))
+    if "configuration" not in metadata:
+        raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
+    summary = _summary(path, attachments)
+    config = _config(path, attachments)
+    return McapRun(path, summary, metadata, attachments, config, _grid(path, metadata), log)
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    """Turn what the libraries raise on damaged bytes into one line."""
+    try:
+        yield
+    except _DAMAGE as error:
+        reason = str(error).partition("\n")[0]
+        raise SourceError(
+            f"{path} is damaged or was never finished ({reason}): "
+            "yawid recover makes a whole file of what there is"
+        ) from error
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise SourceError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _messages(
+    stream: BinaryIO, topics: tuple[str, ...]
+) -> Iterator[tuple[Schema, Channel, Message]]:
+    reader = make_reader(stream)
+    for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
+        if schema is None:
+            raise ValueError(f"{channel.topic} has no schema")
+        yield schema, channel, message
+
+
+def _layout(schema: Schema, first: bytes) -> RowLayout:
+    """Return the layout of a topic's rows; its repeated fields are as long as in its first message.
+
+    Raises:
+        ValueError: the file's schema is not ours.
+    """
+    if schema.data != schema_data(schema.name):
+        raise ValueError(f"{schema.name} is of another version of yawid: replay the log again")
+    message: Any = message_class(schema.name).FromString(first)
+    lengths = {
+        known.name: len(getattr(message, known.name))
+        for known in descriptor(schema.name).fields
+        if known.is_repeated
+    }
+    return RowLayout(descriptor(schema.name), lengths)
+
+
+def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -> list[Rows]:
+    """Return the rows (n,) of each topic and forget the messages.
+
+    Raises:
+        ValueError: the topics do not have as many messages each, or of different sizes.
+    """
+    counts = {len(messages) for messages in waiting.values()}
+    if len(counts) != 1:
+        raise ValueError("some of the samples lack their estimates")
+    rows = []
+    for topic, messages in waiting.items():
+        layout = layouts[topic]
+        if any(len(message) != layout.size for message in messages):
+            raise ValueError(f"messages of different sizes in {topic}")
+        rows.append(np.frombuffer(b"".join(messages), layout.dtype))
+        messages.clear()
+    return rows
+
+
+def _log_lines(reader: McapReader) -> Iterator[LogLine]:
+    for _, _, message in reader.iter_messages([LOG]):
+        line: Any = message_class("foxglove.Log").FromString(message.data)
+        level = _LOG_LEVELS.get(line.level, "info")
+        yield LogLine(message.log_time, level, line.message)
+
+
+def _summary(path: Path, attachments: Mapping[str, bytes]) -> Mapping[str, Any]:
+    if "summary.json" not in attachments:
+        raise SourceError(f"{path} holds no summary: the run was cut off; replay its log instead")
+    try:
+        summary = json.loads(attachments["summary.json"])
+    except ValueError as error:
+        raise SourceError(f"{path}: its summary is no JSON: {error}") from error
+    if not isinstance(summary, dict) or not {"verdict", "link", "channels"} <= summary.keys():
+        raise SourceError(f"{path}: its summary is none of yawid's")
+    return summary
+
+
+def _config(path: Path, attachments: Mapping[str, bytes]) -> RunConfig:
+    try:
+        settings = tomllib.loads(attachments["configuration.toml"].decode())
+        return RunConfig(**check_settings(settings, str(path)))
+    except (KeyError, ValueError) as error:  # ConfigError is a ValueError
+        raise SourceError(f"{path}: its configuration cannot be used: {error}") from error
+
+
+def _grid(path: Path, metadata: Mapping[str, Mapping[str, str]]) -> Grid | None:
+    record = metadata.get("grid")
+    if record is None:
+        return None
+    try:
+        parameters, inputs, methods = (
+            tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
+        )
+        sample_time_s = float(record["sample_time_s"])
+    except (KeyError, ValueError) as error:
+        raise SourceError(f"{path}: its grid cannot be read: {error}") from error
+    if not (0.0 < sample_time_s < math.inf and parameters and inputs and methods):
+        raise SourceError(f"{path}: its grid makes no sense: {dict(record)}")
+    return Grid(parameters, inputs, methods, sample_time_s)

@@ -1,0 +1,73 @@
+"""Where to listen: pymavlink's connection strings, without what they leave open."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from yawid.errors import ConfigError
+
+Kind = Literal["udpin", "udpout", "udpbcast", "mcast", "tcp", "serial"]
+MULTICAST = ("239.255.145.50", 14550)  # ArduPilot's group, and pymavlink's default
+BAUD = 57600
+_HOST_PORT = re.compile(r"(udpin|udpout|udpbcast|tcp):([^:\s]+):(\d+)")
+_MULTICAST = re.compile(r"mcast:(?:(?:(\d+(?:\.\d+){3}):)?(\d+))?")
+_SERIAL = re.compile(r"(/dev/[^,\s]+|COM\d+)(?:,(\d+))?")
+_UNSUPPORTED = ("tcpin", "uds", "unix", "ws", "wss")
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A host and a port, or a serial device and its baud rate. Port 0 lets the system choose."""
+
+    host: str
+    port: int
+    kind: Kind = "udpin"
+
+    def __str__(self) -> str:
+        if self.kind == "serial":
+            return f"{self.host},{self.port}"
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    """Return the endpoint that a pymavlink connection string names.
+
+    Raises:
+        ConfigError: it leaves something open or is not supported; the message gives the right
+        spellings.
+    """
+    if match := _MULTICAST.fullmatch(text):
+        host, port = match[1] or MULTICAST[0], int(match[2] or MULTICAST[1])
+        return _checked(Endpoint(host, port, "mcast"), text)
+    if match := _SERIAL.fullmatch(text):
+        return Endpoint(match[1], int(match[2] or BAUD), "serial")
+    if match := _HOST_PORT.fullmatch(text):
+        kind: dict[str, Kind] = {
+            "udpin": "udpin",
+            "udpout": "udpout",
+            "udpbcast": "udpbcast",
+            "tcp": "tcp",
+        }
+        return _checked(Endpoint(match[2], int(match[3]), kind[match[1]]), text)
+    named = text.partition(":")[0]
+    if named in _UNSUPPORTED:
+        raise ConfigError(f"{text!r}: {named} is not supported, {_spellings(text)}")
+    raise ConfigError(f"{text!r} does not say where to listen, {_spellings(text)}")
+
+
+def _checked(endpoint: Endpoint, text: str) -> Endpoint:
+    if not 0 < endpoint.port < 65536:
+        raise ConfigError(f"{text!r}: {endpoint.port} is no port, {_spellings('')}")
+    return endpoint
+
+
+def _spellings(text: str) -> str:
+    """Give both right spellings, with the port that was meant if one can be seen."""
+    match = re.search(r"(\d+)$", text)
+    port = match[1] if match and 0 < int(match[1]) < 65536 else "14560"
+    return (
+        f"write udpin:127.0.0.1:{port} (from this machine) "
+        f"or udpin:0.0.0.0:{port} (from the network)"
+    )

@@ -1,0 +1,96 @@
+"""Between the thread that hears and the one that computes: stamps, and a queue with an end."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+Address = tuple[str, int]
+Heard = tuple[int, bytes, Address]
+QUEUE = 200_000  # datagrams: a minute and more of a busy link
+JUMP_S = 1.0
+_MOST_AT_ONCE = 8192  # so that a backlog does not keep the files from growing
+
+
+def _steady_ns() -> int:
+    """A clock that only goes forward, through a suspend of the machine too where that is known."""
+    return time.clock_gettime_ns(_STEADY)
+
+
+_STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+
+
+class Stamps:
+    """Receive stamps in microseconds of Unix time: the system's clock once, a steady one from then.
+
+    A clock that is set while we listen must not move the vehicle's time: stamps go on evenly, and
+    :meth:`jump` says by how much the system's clock has left them.
+    """
+
+    def __init__(
+        self, wall_ns: Callable[[], int] = time.time_ns, steady_ns: Callable[[], int] = _steady_ns
+    ) -> None:
+        self._wall_ns, self._steady_ns = wall_ns, steady_ns
+        self._base_ns = wall_ns() - steady_ns()
+        self._told_ns = 0
+
+    def now(self) -> int:
+        """Return the stamp of this instant."""
+        return (self._base_ns + self._steady_ns()) // 1000
+
+    def jump(self) -> float | None:
+        """Return by how many seconds the system's clock has jumped since last asked, if it has."""
+        ahead_ns = self._wall_ns() - self._steady_ns() - self._base_ns
+        moved_s = (ahead_ns - self._told_ns) / 1e9
+        if abs(moved_s) < JUMP_S:
+            return None
+        self._told_ns = ahead_ns
+        return moved_s
+
+
+class Inbox:
+    """A queue of at most ``size`` datagrams with their stamps and senders; ``dropped`` counts more.
+
+    One thread puts, another takes; ``last_us`` is the stamp of the newest datagram heard, 0 before.
+    """
+
+    def __init__(self, size: int, stamps: Stamps) -> None:
+        self.heard = 0
+        self.dropped = 0
+        self.last_us = 0
+        self.stamps = stamps
+        self._size = size
+        self._queue: deque[Heard] = deque()
+        self._arrived = threading.Event()
+
+    def put(self, datagram: bytes, address: Address) -> int:
+        """Stamp and queue one datagram, or count it as dropped; return the stamp."""
+        self.last_us = stamp = self.stamps.now()
+        if len(self._queue) < self._size:
+            self._queue.append((stamp, datagram, address))
+        else:
+            self.dropped += 1
+        self.heard += 1
+        if not self._arrived.is_set():
+            self._arrived.set()
+        return stamp
+
+    def wake(self) -> None:
+        """Let whoever waits look: something other than a datagram has happened."""
+        self._arrived.set()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until there is something; return whether there is."""
+        return self._arrived.wait(timeout_s)
+
+    def take(self) -> list[Heard]:
+        """Return what is queued, the oldest first, up to a bound."""
+        self._arrived.clear()
+        taken = []
+        while self._queue and len(taken) < _MOST_AT_ONCE:
+            taken.append(self._queue.popleft())
+        if self._queue:
+            self._arrived.set()
+        return taken

@@ -1,0 +1,25 @@
+"""How frames are to be read: what no result depends on and no output may hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from yawid.sources.frames import Decoder
+from yawid.sources.signing import Signing, SigningKey
+from yawid.sources.tlog import Form
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """The form of a log, and the key that frames must be signed with (None: any frame will do).
+
+    It stands beside ``RunConfig``, not in it: the configuration goes into files, a key must not.
+    """
+
+    form: Form = "auto"
+    key: SigningKey | None = None
+
+    def decoder(self, wanted: Iterable[str]) -> Decoder:
+        """Return a decoder for one stream."""
+        return Decoder(wanted, None if self.key is None else Signing(self.key))

@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from yawid.errors import ConfigError, NotIdentifiable
+from yawid.offline.forms import (
+    first_order_response,
+    first_order_settling,
+    second_order_response,
+    second_order_settling,
+)
+from yawid.offline.step_record import Record, read_first_order, read_second_order
+from yawid.offline.step_response import fit_first_order, fit_second_order
+from yawid.plant.excitation import Excitation
+from yawid.plant.simulate import simulate_plant
+
+RUNS = 200
+T = np.linspace(-2.0, 20.0, 440)
+gain = st.floats(0.01, 100.0).flatmap(lambda g: st.sampled_from([g, -g]))
+
+
+@given(gain, st.floats(0.05, 4.0), gain, st.floats(-50.0, 50.0), st.floats(-5.0, 5.0))
+@settings(max_examples=60, deadline=None)
+def test_exact_samples_give_k_and_t_back_to_1e_6(K, tau, u0, offset, start):
+    y = offset + u0 * first_order_response(T, K, tau)
+    # An offset far above the step costs digits before any fit.
+    rel = 1e-6 if abs(offset) < 1e4 * abs(K * u0) else 1e-3
+    found = fit_first_order(T + start, y, u0, start)
+    assert found.K.value == pytest.approx(K, rel=rel)
+    assert found.T.value == pytest.approx(tau, rel=rel)
+    assert found.settling_2pct_s.value == pytest.approx(tau * math.log(50.0), rel=rel)
+    assert found.settling_5pct_s.value == pytest.approx(tau * math.log(20.0), rel=rel)
+    assert found.offset.value == pytest.approx(offset, abs=1e-6 * abs(K * u0) + 1e-9)
+
+
+@given(gain, st.floats(0.03, 0.9), st.floats(0.5, 3.0), gain)
+@settings(max_examples=60, deadline=None)
+def test_exact_samples_give_k_d_and_q_back_to_1e_6(k, D, q, u0):
+    t = np.linspace(0.0, 1.2 * second_order_settling(D, q, 0.02), 500)
+    found = fit_second_order(t, u0 * second_order_response(t, k, D, q) + 3.0 * k * u0, u0)
+    assert found.k.value == pytest.approx(k, rel=1e-6)
+    assert found.D.value == pytest.approx(D, rel=1e-6)
+    assert found.q.value == pytest.approx(q, rel=1e-6)
+    assert found.settling_2pct_s.value == pytest.approx(second_order_settling(D, q, 0.02), rel=1e-6)
+    assert found.settling_5pct_s.value == pytest.approx(second_order_settling(D, q, 0.05), rel=1e-6)
+
+
+def test_the_papers_readings_alone_are_right_to_a_percent():
+    """T where the response passes 63 %; D and q from the overshoot and its time."""
+    exact = Record.checked(T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0, 0.0)
+    assert next(read_first_order(exact)) == pytest.approx(1.3, rel=0.01)
+    exact = Record.checked(T, second_order_response(T, -1.0, 0.3, 2.0), 1.0, 0.0)
+    assert next(read_second_order(exact)) == pytest.approx((0.3, 2.0), rel=0.01)
+
+
+def covered(values, truths):
+    pairs = zip((value.interval for value in values), truths, strict=True)
+    return [low <= truth <= high for (low, high), truth in pairs]
+
+
+@pytest.mark.parametrize("tau", [0.5, 2.0])
+def test_with_2_percent_noise_the_intervals_cover_k_and_t(tau):
+    rng, hits = np.random.default_rng(11), []
+    for _ in range(RUNS):
+        y = 5.0 + 1.5 * first_order_response(T, 0.8, tau) + 0.02 * 1.2 * rng.standard_normal(len(T))
+        found = fit_first_order(T, y, 1.5)
+        values = (found.K, found.T, found.settling_2pct_s, found.offset)
+        hits.append(covered(values, (0.8, tau, first_order_settling(tau, 0.02), 5.0)))
+    coverage = np.mean(hits, axis=0)
+    assert (coverage >= 0.90).all(), coverage
+    assert (coverage <= 0.98).all(), coverage
+
+
+@pytest.mark.parametrize(("D", "q"), [(0.2, 2.5), (0.5, 1.5)])
+def test_with_2_percent_noise_the_intervals_cover_k_d_and_q(D, q):
+    rng, hits = np.random.default_rng(12), []
+    for _ in range(RUNS):
+        y = 5.0 - 1.2 * second_order_response(T, 1.0, D, q) + 0.024 * rng.standard_normal(len(T))
+        found = fit_second_order(T, y, -1.2)
+        values = (found.k, found.D, found.q, found.settling_5pct_s)
+        hits.append(covered(values, (1.0, D, q, second_order_settling(D, q, 0.05))))
+    coverage = np.mean(hits, axis=0)
+    assert (coverage >= 0.90).all(), coverage
+    assert (coverage <= 0.98).all(), coverage
+
+
+def test_with_coloured_noise_the_intervals_still_cover():
+    """First-order noise with a pole at .8: sigma for white noise would cover about half."""
+    rng, hits = np.random.default_rng(13), []
+    for _ in range(RUNS):
+        noise = lfilter([0.6], [1.0, -0.8], 0.02 * rng.standard_normal(2 * len(T)))[len(T) :]
+        found = fit_first_order(T, first_order_response(T, 1.0, 1.0) + noise)
+        hits.append(covered((found.K, found.T), (1.0, 1.0)))
+    coverage = np.mean(hits, axis=0)
+    assert (coverage >= 0.88).all(), coverage
+
+
+def test_missing_samples_and_uneven_times_do_no_harm():
+    rng = np.random.default_rng(14)
+    t = np.sort(rng.uniform(0.0, 20.0, 400))
+    y = second_order_response(t, 1.0, 0.3, 2.0)
+    y[rng.integers(0, 400, 40)] = np.nan
+    found = fit_second_order(t, y)
+    assert [found.D.value, found.q.value] == pytest.approx([0.3, 2.0], rel=1e-6)
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(10, 150), st.integers(0, 2), st.floats(-9.0, 9.0),
+    st.sampled_from([fit_first_order, fit_second_order]),
+)  # fmt: skip
+@settings(max_examples=150, deadline=None)
+def test_any_record_is_fitted_or_refused_never_half_done(seed, n, sums, decade, fit):
+    """White noise, a random walk or its integral, of any size: finite values or one clear error."""
+    rng = np.random.default_rng(seed)
+    y = 10.0**decade * rng.standard_normal(n)
+    for _ in range(sums):
+        y = np.cumsum(y)
+    try:
+        found = fit(np.arange(n) * 0.1, y)
+    except NotIdentifiable:
+        return
+    values = [getattr(found, name) for name in found.__slots__[:-1]]
+    assert all(math.isfinite(v.value) and math.isfinite(v.std) for v in values)
+
+
+def refused(fit, y, text, t=T):
+    with pytest.raises(NotIdentifiable, match=text):
+        fit(t, y)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_form_that_does_not_hold_is_refused(noise):
+    noisy = noise * np.random.default_rng(15).standard_normal(len(T))
+    refused(fit_second_order, first_order_response(T, 1.0, 2.0) + noisy, "eq. 7")
+    for D in (0.1, 0.3, 0.6):
+        refused(fit_first_order, second_order_response(T, 1.0, D, 2.0) + noisy, "this form")
+
+
+def test_the_yaw_rate_of_eq_23_is_neither_form():
+    """Its zero and its lasting oscillation: K and D read off it would be wrong without a word."""
+    flown = simulate_plant("yaw", Excitation(kind="step"), duration_s=20.0)
+    refused(fit_first_order, flown.y, "this form", flown.t)
+    refused(fit_second_order, flown.y, "eq. 7", flown.t)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_record_that_ends_before_the_steady_state_is_refused(noise):
+    noisy = noise * np.random.default_rng(16).standard_normal(len(T))
+    short = slice(0, 100)
+    refused(fit_first_order, (first_order_response(T, 1.0, 2.0) + noisy)[short], "steady", T[short])
+    slow = second_order_response(T, 1.0, 0.05, 2.0) + noisy
+    refused(fit_second_order, slow[:200], "steady", T[:200])
+    refused(fit_first_order, np.maximum(T, 0.0) + noisy, "steady")
+
+
+def test_a_record_without_an_answer_is_refused():
+    for fit in (fit_first_order, fit_second_order):
+        refused(fit, np.random.default_rng(17).standard_normal(len(T)), "does not answer")
+        refused(fit, np.ones(len(T)), "does not answer")
+
+
+def test_samples_too_coarse_for_the_transient_are_refused():
+    refused(fit_first_order, first_order_response(T, 1.0, 1e-4), "too few|too little")
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"t": T[:-1]}, "alike"),
+        ({"t": T[::-1]}, "increasing"),
+        ({"t": np.where(T > 3.0, np.nan, T)}, "finite"),
+        ({"y": np.where(T > 3.0, np.inf, T)}, "finite"),
+        ({"u0": 0.0}, "u0"),
+        ({"step_time_s": 19.9}, "samples after the step"),
+        ({"step_time_s": math.nan}, "u0 must be finite|step at"),
+    ],
+)
+def test_a_record_that_is_none_is_refused(change, text):
+    record = {"t": T, "y": first_order_response(T, 1.0, 1.0)} | change
+    for fit in (fit_first_order, fit_second_order):
+        with pytest.raises(ConfigError, match=text):
+            fit(**record)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from yawid.config import ArmaxOrders
+from yawid.errors import ConfigError, NotIdentifiable
+from yawid.offline.two_stage import two_stage
+
+ORDERS = ArmaxOrders(2, 2, 2, 1)
+A, B, C = (-0.8, 0.15), (1.0, 0.5), (0.5, 0.1)
+TRUTH = np.array(A + B + C)
+
+
+def flown(samples: int = 2000, seed: int = 0, noise: float = 1.0, c: tuple[float, ...] = C):
+    u, e = np.random.default_rng(seed).standard_normal((2, samples))
+    driven = lfilter((0.0, *B), (1.0, *A), u)
+    return u, driven + noise * lfilter((1.0, *c), (1.0, *A), e)
+
+
+def test_it_finds_theta_within_its_sigma():
+    misses = []
+    for seed in range(20):
+        found = two_stage(*flown(seed=seed), ORDERS)
+        assert found.converged
+        misses.append((found.theta - TRUTH) / found.theta_std)
+    misses = np.array(misses)
+    assert np.sqrt(np.mean(misses[:, :4] ** 2)) == pytest.approx(1.0, abs=0.25)
+    assert np.abs(misses).max() < 5.0
+
+
+def test_at_the_fixed_point_eq_30_to_33_hold_together():
+    """eps is y less phi' theta with eps itself in phi, and theta is the least-squares one."""
+    u, y = flown()
+    found = two_stage(u, y, ORDERS)
+    eps, theta = found.residual, found.theta
+    k = np.arange(2, len(y))
+    past = np.where(np.isfinite(eps), eps, 0.0)
+    phi = np.column_stack([-y[k - 1], -y[k - 2], u[k - 1], u[k - 2], past[k - 1], past[k - 2]])
+    np.testing.assert_allclose(eps[k], y[k] - phi @ theta, atol=1e-12)
+    np.testing.assert_allclose(theta, np.linalg.lstsq(phi, y[k], rcond=None)[0], atol=1e-6)
+    assert np.isnan(eps[:2]).all()
+    assert found.noise_std == pytest.approx(1.0, rel=0.05)
+
+
+def test_the_first_stage_is_arx_and_is_biased_where_c_is_not_1():
+    found = two_stage(*flown(20_000), ORDERS)
+    assert np.abs(found.arx - TRUTH[:4]).max() > 0.1
+    assert np.abs(found.theta - TRUTH).max() < 0.03
+    assert found.spr_margin > 0.0
+
+
+def test_without_c_one_least_squares_is_all():
+    u, y = flown(c=())
+    found = two_stage(u, y, ArmaxOrders(2, 2, 0, 1))
+    assert (found.rounds, found.converged) == (0, True)
+    np.testing.assert_array_equal(found.theta, found.arx)
+
+
+def test_a_constant_is_told_from_the_plant():
+    u, y = flown()
+    found = two_stage(u, y + 7.0, ORDERS, bias=True)
+    np.testing.assert_allclose(found.theta[:6], two_stage(u, y, ORDERS).theta, atol=0.02)
+    assert found.theta[6] == pytest.approx(7.0 * (1.0 + sum(A)), abs=0.2)
+
+
+def test_without_noise_theta_is_exact_and_c_is_said_to_be_unknown():
+    found = two_stage(*flown(noise=0.0), ORDERS)
+    np.testing.assert_allclose(found.theta[:4], TRUTH[:4], atol=1e-12)
+    assert np.isinf(found.theta_std[4:]).all()
+    assert not found.theta[4:].any()
+
+
+def test_a_gap_costs_only_the_samples_whose_lags_reach_it():
+    u, y = flown()
+    y[700:705], u[1400] = np.nan, np.nan
+    found = two_stage(u, y, ORDERS)
+    assert np.flatnonzero(np.isnan(found.residual)).tolist() == [0, 1, *range(700, 707), 1401, 1402]
+    np.testing.assert_allclose(found.theta, two_stage(*flown(), ORDERS).theta, atol=0.02)
+
+
+def test_two_inputs_keep_their_order():
+    rng = np.random.default_rng(8)
+    u = rng.standard_normal((1000, 2))
+    y = lfilter((0.0, *B), (1.0, *A), u[:, 0]) + lfilter((0.0, 0.0, 3.0), (1.0, *A), u[:, 1])
+    found = two_stage(u, y, ArmaxOrders(2, (2, 1), 0, (1, 2)))
+    np.testing.assert_allclose(found.theta, [*A, *B, 3.0], atol=1e-12)
+
+
+def test_a_c_that_the_iteration_cannot_reach_is_admitted():
+    """Ljung's counterexample to extended least squares: the SPR margin is negative."""
+    u, e = np.random.default_rng(3).standard_normal((2, 2000))
+    a = (1.0, 0.9, 0.95)
+    y = lfilter((0.0, 1.0), a, u) + lfilter((1.0, 1.5, 0.75), a, e)
+    found = two_stage(u, y, ArmaxOrders(2, 1, 2, 1))
+    assert not found.converged
+    assert found.spr_margin < 0.0
+
+
+def test_what_cannot_be_fitted_is_refused():
+    u, y = flown(200)
+    with pytest.raises(NotIdentifiable, match="excites"):
+        two_stage(np.ones(200), y, ORDERS, bias=True)
+    with pytest.raises(ConfigError, match="too few"):
+        two_stage(u[:12], y[:12], ORDERS)
+    with pytest.raises(ConfigError, match="y must be"):
+        two_stage(u[1:], y, ORDERS)
+    with pytest.raises(ConfigError, match="infinite"):
+        two_stage(u, np.where(y > 1.0, np.inf, y), ORDERS)

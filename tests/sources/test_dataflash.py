@@ -1,0 +1,428 @@
+"""Dataflash logs: the same flight as in a telemetry log, checked by pymavlink's own reader."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import math
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flightlog import FlightLog, Samples, samples_of
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sources.dataflash_writer import DataflashLog
+from sources.onboard_flight import TRAVEL, Flight, flown
+
+from yawid.channels.stage import WANTED, Channels
+from yawid.errors import SourceError
+from yawid.outputs import Outputs
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.session import StopFlag, replay
+from yawid.sources.dataflash import DataflashReader
+from yawid.sources.frames import Decoder
+from yawid.sources.logs import TlogReader, open_log
+
+GPS_WEEK, GPS_MS = 2200, 345_600_000
+UNIX_S = 315_964_800 + GPS_WEEK * 604_800 + GPS_MS / 1000 - 18
+"""Unix time of the first fix, at the first instant of the flight."""
+PARAMETERS = {
+    "SYSID_THISMAV": 7,
+    "SERVO4_FUNCTION": 21,
+    "SERVO4_MIN": TRAVEL[0],
+    "SERVO4_TRIM": TRAVEL[1],
+    "SERVO4_MAX": TRAVEL[2],
+}
+
+
+def us(t_s: float) -> int:
+    return round(1e6 * t_s)
+
+
+def logged(flight: Flight, *, rates: str = "IMU", units: bool = True) -> DataflashLog:
+    """Log a flight as ArduPlane does, parameters within the first seconds."""
+    log = DataflashLog(units=units)
+    first = us(flight.t[0])
+    log.add("MSG", first - 50, "ArduPlane V4.5.7 (abcdef01)")
+    log.add("MODE", first - 40, 5, 5, 0)
+    log.add("ARM", first - 30, 1, 0, 0, 0)
+    pending = list(PARAMETERS.items())
+    for k, t in enumerate(flight.t):
+        now = us(t)
+        if k % 5 == 0:
+            yaw = math.degrees(flight.yaw[k]) % 360.0
+            roll, pitch = math.degrees(flight.roll[k]), math.degrees(flight.pitch[k])
+            log.add("ATT", now, 0, roll, 0, pitch, 0, yaw, 0, 0, 3)
+        p, q, r = (float(rate) for rate in flight.rates[k])
+        if rates == "RATE":
+            p, q, r = (math.degrees(rate) for rate in (p, q, r))
+            log.add("RATE", now, 0, p, 0, 0, q, 0, 0, r, 0)
+        elif rates == "IMU":
+            log.add("IMU", now, 0, p, q, r)
+            log.add("IMU", now, 1, 9.0, 9.0, 9.0)
+        log.add("RCOU", now + 4000, 1500, 1500, 1500, flight.pwm[k])
+        if k % 10 == 0:
+            log.add("CTUN", now + 5000, 0, 0, 0, 0, 30, 0, 30, 18.5)
+            log.add("GPS", now + 6000, 0, 3, GPS_MS + 20 * k, GPS_WEEK, 12, 0.8, 0, 0, 500, 17.25)
+        if pending and k % 7 == 3:
+            log.add("PARM", now + 7000, *pending.pop(0), 0)
+    return log
+
+
+def telemetry(flight: Flight) -> FlightLog:
+    """Log the same flight as a ground station does."""
+    log = FlightLog(sysid=7)
+    log.add(flight.t[0], mavlink.MAVLink_heartbeat_message(1, 3, 128, 5, 4, 3))
+    for name, value in PARAMETERS.items():
+        log.parameter(flight.t[0], name, value)
+    for k, t in enumerate(flight.t):
+        p, q, r = (float(rate) for rate in flight.rates[k])
+        angles = flight.roll[k], flight.pitch[k], flight.yaw[k]
+        log.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), *angles, p, q, r))
+        log.servos(t + 0.004, [1500, 1500, 1500, flight.pwm[k]])
+        if k % 10 == 0:
+            log.add(t + 0.005, mavlink.MAVLink_vfr_hud_message(18.5, 17.25, 0, 0, 500.0, 0.0))
+    return log
+
+
+@cache
+def flight() -> Flight:
+    return flown()
+
+
+@cache
+def with_imu() -> DataflashLog:
+    return logged(flight())
+
+
+@pytest.fixture
+def bin_file(tmp_path: Path) -> Path:
+    return written(tmp_path, with_imu().data)
+
+
+def written(folder: Path, data: bytes, name: str = "flight.bin") -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def columns(path: Path) -> dict[str, np.ndarray]:
+    """Return all messages of a log by name, each with its order."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for _, frames in DataflashReader(path).read():
+        for name, block in (frames.messages if frames else {}).items():
+            parts.setdefault(name, []).append(block.fields)
+    return {name: np.concatenate(found) for name, found in parts.items()}
+
+
+def samples(path: Path) -> Samples:
+    channels, blocks = Channels(RunConfig()), []
+    for _, frames in DataflashReader(path).read():
+        blocks += [] if frames is None else channels.feed(frames)
+    return Samples(channels, blocks + channels.finish())
+
+
+def oracle(path: Path, name: str) -> list:
+    """Return the messages of one name as pymavlink reads them."""
+    from pymavlink.DFReader import DFReader_binary
+
+    with DFReader_binary(str(path), zero_time_base=True) as log:
+        found = []
+        while (message := log.recv_match(type=[name], strict=True)) is not None:
+            found.append(message)
+        return found
+
+
+def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(bin_file: Path):
+    mine, theirs = samples(bin_file), samples_of(telemetry(flight()).data)
+
+    assert len(mine) > 1100
+    np.testing.assert_array_equal(mine.k, theirs.k)
+    np.testing.assert_array_equal(mine.u, theirs.u)
+    np.testing.assert_array_equal(mine.y, theirs.y)
+    np.testing.assert_array_equal(mine.held, theirs.held)
+    # ATT has hundredths of a degree, five rows apart; the yaw bends by the rate's change between.
+    np.testing.assert_allclose(np.angle(np.exp(1j * (mine.yaw - theirs.yaw))), 0.0, atol=6e-3)
+    np.testing.assert_allclose(mine.roll, theirs.roll, atol=3e-4)
+    np.testing.assert_allclose(mine.airspeed, 18.5, rtol=1e-6)
+
+
+def test_rate_in_degrees_gives_the_same_within_its_precision(tmp_path: Path):
+    theirs = samples_of(telemetry(flight()).data)
+    for units in (True, False):
+        path = written(tmp_path, logged(flight(), rates="RATE", units=units).data)
+        mine = samples(path)
+
+        np.testing.assert_array_equal(mine.u, theirs.u)
+        np.testing.assert_allclose(mine.y, theirs.y, rtol=3e-7, atol=1e-8)
+
+
+def test_the_replay_finds_what_the_replay_of_the_telemetry_log_finds(tmp_path: Path):
+    tlog = written(tmp_path, telemetry(flight()).data, "flight.tlog")
+    # Neither name nor suffix tells what a file is.
+    dataflash = written(tmp_path, with_imu().data, "dataflash.tlog")
+    found = {}
+    for path in (tlog, dataflash):
+        outputs = Outputs(tmp_path, path.stem)
+        found[path], verdict = replay(path, RunConfig(forgetting=1.0), outputs, StopFlag())
+        assert verdict.exit_code == 0, verdict.reasons
+    a, b = found[tlog], found[dataflash]
+
+    assert a["vehicle"] == b["vehicle"] == {"sysid": 7, "compid": 1, "type": 1, "autopilot": 3}
+    assert a["channels"] == b["channels"]
+    assert b["sha256"] == hashlib.sha256(with_imu().data).hexdigest()
+    for name, value in a["estimates"]["els"]["theta"].items():
+        assert b["estimates"]["els"]["theta"][name] == pytest.approx(value, rel=1e-9, abs=1e-12)
+    assert b["estimates"]["els"]["dutch_roll"]["wn_rad_s"] == pytest.approx(4.0, rel=0.02)
+
+
+def test_every_row_is_what_pymavlink_reads(bin_file: Path):
+    mine = columns(bin_file)
+    servos, gyro = oracle(bin_file, "RCOU"), [m for m in oracle(bin_file, "IMU") if m.I == 0]
+    parameters, speeds = oracle(bin_file, "PARM"), oracle(bin_file, "CTUN")
+
+    np.testing.assert_array_equal(mine["SERVO_OUTPUT_RAW"]["time_usec"], [m.TimeUS for m in servos])
+    for i in range(1, 15):
+        np.testing.assert_array_equal(
+            mine["SERVO_OUTPUT_RAW"][f"servo{i}_raw"], [getattr(m, f"C{i}") for m in servos]
+        )
+    for field, axis in zip(("rollspeed", "pitchspeed", "yawspeed"), "XYZ", strict=True):
+        theirs = [getattr(m, f"Gyr{axis}") for m in gyro]
+        np.testing.assert_array_equal(mine["ATTITUDE"][field], theirs)
+    told = [(m.Name.encode(), m.Value) for m in parameters]
+    assert mine["PARAM_VALUE"].tolist() == told
+    assert set(mine["VFR_HUD"]["airspeed"]) == {m.As for m in speeds}
+
+
+def test_angles_are_those_of_att_where_it_has_a_row(bin_file: Path):
+    mine = columns(bin_file)["ATTITUDE"]
+    for message in oracle(bin_file, "ATT"):
+        row = mine[mine["time_usec"] == message.TimeUS][0]
+        assert row["roll"] == pytest.approx(math.radians(message.Roll), abs=1e-12)
+        assert row["pitch"] == pytest.approx(math.radians(message.Pitch), abs=1e-12)
+        turn = row["yaw"] - math.radians(message.Yaw)
+        assert math.cos(turn) == pytest.approx(1.0, abs=1e-12)
+    assert np.nanmax(np.abs(mine["yaw"])) <= np.pi
+    # Behind the last row of ATT nothing is made up.
+    known = mine["time_usec"] <= us(flight().t[-5])
+    np.testing.assert_array_equal(np.isfinite(mine["roll"]), known)
+
+
+def test_unix_time_is_that_of_gps(bin_file: Path):
+    link = DataflashReader(bin_file).link
+    boot_us = us(flight().t[0]) + 6000
+    offset_us = us(UNIX_S) - boot_us
+
+    assert link.first_us == us(flight().t[0]) + offset_us
+    assert link.last_us is not None
+    assert link.last_us - link.first_us == pytest.approx(60e6, abs=30_000)
+
+
+def test_without_a_fix_the_times_are_boot_times(tmp_path: Path):
+    log = DataflashLog()
+    for k in range(20):
+        log.add("RCOU", 1000 * k, 1500)
+        log.add("GPS", 1000 * k + 1, 0, 1, GPS_MS, GPS_WEEK)
+    link = DataflashReader(written(tmp_path, log.data)).link
+
+    assert (link.first_us, link.last_us) == (0, 19_001)
+
+
+def test_the_counts_name_messages_bytes_in_none_and_drops(tmp_path: Path):
+    log = DataflashLog()
+    for k in range(50):
+        log.add("RCOU", 20_000 * k, 1500)
+    log.add("DSF", 10**6, 17)
+    link = DataflashReader(written(tmp_path, log.data + bytes(200))).link
+
+    # The padding hides whether the last message ended where it should.
+    assert link.frames == len(log.starts) - 1
+    assert DataflashReader(written(tmp_path, log.data)).link.lost == 17
+    assert link.skipped_bytes > 200
+
+
+def test_the_vehicle_is_what_version_and_startup_text_say(tmp_path: Path):
+    for build, text, kind in (
+        (3, "", 1),
+        (2, "ArduPlane", 2),
+        (0, "ArduRover V4", 10),
+        (0, "x", 0),
+    ):
+        log = DataflashLog()
+        log.add("MSG", 1, text or "-")
+        log.add("VER", 2, 0, 0, 4, 5, 7, 255, 0, "", 0, build)
+        assert set(columns(written(tmp_path, log.data))["HEARTBEAT"]["type"]) == {kind}
+
+
+def test_modes_and_arming_are_told_where_they_change(tmp_path: Path):
+    log = DataflashLog()
+    log.add("MODE", 1, 2, 2, 0)
+    log.add("ARM", 2, 1)
+    log.add("MODE", 3, 10, 10, 0)
+    log.add("ARM", 4, 0)
+    beats = columns(written(tmp_path, log.data))["HEARTBEAT"]
+
+    assert beats["custom_mode"].tolist() == [2, 2, 2, 10, 10]
+    assert (beats["base_mode"] & 128).tolist() == [0, 0, 128, 128, 0]
+
+
+def test_a_log_that_tells_no_arming_is_one_of_an_armed_vehicle(tmp_path: Path):
+    log = DataflashLog()
+    log.add("MODE", 1, 5, 5, 0)
+    assert set(columns(written(tmp_path, log.data))["HEARTBEAT"]["base_mode"]) == {128}
+
+    log.add("EV", 2, 11)
+    log.add("EV", 3, 25)
+    log.add("EV", 4, 10)
+    beats = columns(written(tmp_path, log.data))["HEARTBEAT"]
+    assert (beats["base_mode"] & 128).tolist() == [128, 128, 0, 128]
+
+
+def test_a_parameter_that_changes_in_flight_holds_from_there_on(tmp_path: Path):
+    log = logged(flight())
+    log.add("PARM", us(flight().t[-1]) + 9000, "SERVO4_TRIM", 1520, 0)
+    log.add("RCOU", us(flight().t[-1]) + 20_000, 1500)
+    path = written(tmp_path, log.data)
+    blocks = [frames.messages["PARAM_VALUE"] for _, frames in DataflashReader(path).read()
+              if frames is not None and "PARAM_VALUE" in frames.messages]  # fmt: skip
+    order = np.concatenate([block.order for block in blocks])
+
+    assert len(order) == len(PARAMETERS) + 1
+    assert order[:-1].max() < 10
+    assert order[-1] > len(with_imu().data)
+
+
+def test_rate_that_is_only_logged_in_part_of_the_flight_gives_way_to_the_gyro(tmp_path: Path):
+    log = DataflashLog()
+    for k in range(500):
+        log.add("IMU", 20_000 * k, 0, 0.0, 0.0, 0.5)
+        if k < 100:
+            log.add("RATE", 20_000 * k, 0, 0, 0, 0, 0, 0, 0, 1.0)
+    assert set(columns(written(tmp_path, log.data))["ATTITUDE"]["yawspeed"]) == {0.5}
+
+
+def test_without_rates_the_heading_stands_in(tmp_path: Path):
+    mine = columns(written(tmp_path, logged(flight(), rates="").data))
+
+    assert "ATTITUDE" not in mine
+    degrees = np.rad2deg(flight().yaw[::5]) % 360.0
+    heading = mine["GLOBAL_POSITION_INT"]["hdg"] / 100.0
+    np.testing.assert_allclose(np.angle(np.exp(1j * np.deg2rad(heading - degrees))), 0, atol=1e-4)
+
+
+def test_sticks_come_as_rc_channels(tmp_path: Path):
+    log = DataflashLog()
+    log.add("RCIN", 1000, *range(1001, 1015))
+    log.add("RCIN", 2000, *range(1101, 1115))
+    mine = columns(written(tmp_path, log.data))["RC_CHANNELS"]
+    assert mine["chan14_raw"].tolist() == [1014, 1114]
+    assert mine["time_usec"].tolist() == [1000, 2000]
+
+
+def test_order_rises_through_the_log_whatever_the_message(bin_file: Path):
+    low = -1
+    for _, frames in DataflashReader(bin_file).read():
+        orders = np.sort(np.concatenate([b.order for b in frames.messages.values()]))
+        assert (np.diff(orders) > 0).all()
+        assert orders[0] > low
+        low = orders[-1]
+
+
+@pytest.mark.parametrize("cut", [3, 50, 20_001, 90_000])
+def test_a_torn_log_gives_what_came_before_the_tear(tmp_path: Path, cut: int):
+    whole = columns(written(tmp_path, with_imu().data))["SERVO_OUTPUT_RAW"]
+    data = with_imu().data[:-cut]
+    torn = columns(written(tmp_path, data))["SERVO_OUTPUT_RAW"]
+    intact = sum(at + 40 <= len(data) for at, name in with_imu().starts if name == "RCOU")
+
+    assert 0 <= intact - len(torn) <= 1
+    assert (torn == whole[: len(torn)]).all()
+
+
+@given(st.data())
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_garbage_costs_only_the_message_it_stands_in(tmp_path: Path, data: st.DataObject):
+    short = logged(flown(2.0))
+    head = next(at for at, name in short.starts if name == "MSG")
+    at = data.draw(st.integers(head, len(short.data)))
+    garbage = data.draw(st.binary(min_size=1, max_size=200))
+    whole = columns(written(tmp_path, short.data))["SERVO_OUTPUT_RAW"]
+    damaged = short.data[:at] + garbage + short.data[at:]
+    found = columns(written(tmp_path, damaged))["SERVO_OUTPUT_RAW"]
+
+    assert len(whole) - 1 <= len(found) <= len(whole)
+    assert np.isin(found["time_usec"], whole["time_usec"]).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_flipped_bytes_are_survived_in_silence(tmp_path: Path, seed: int):
+    rng = np.random.default_rng(seed)
+    data = np.frombuffer(logged(flown(2.0)).data, np.uint8).copy()
+    where = rng.choice(np.arange(2, len(data)), 30, replace=False)
+    data[where] ^= rng.integers(1, 256, 30, np.uint8)
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        pipeline = Pipeline(RunConfig())
+        for _, frames in DataflashReader(written(tmp_path, data.tobytes())).read():
+            pipeline.take(frames)
+        pipeline.finish()
+    assert said.getvalue() == ""
+
+
+def test_a_damaged_time_is_left_out(tmp_path: Path):
+    log = DataflashLog()
+    for k in range(100):
+        log.add("RCOU", 20_000 * k + (2**40 if k == 40 else 0), 1500)
+    times = columns(written(tmp_path, log.data))["SERVO_OUTPUT_RAW"]["time_usec"]
+    np.testing.assert_array_equal(times, [20_000 * k for k in range(100) if k != 40])
+
+
+def test_a_pause_of_the_log_is_no_damage(tmp_path: Path):
+    log = DataflashLog()
+    for k in range(100):
+        log.add("RCOU", 20_000 * k + (10**9 if k >= 40 else 0), 1500)
+    assert len(columns(written(tmp_path, log.data))["SERVO_OUTPUT_RAW"]) == 100
+
+
+def test_a_file_that_only_begins_like_a_log_is_refused_in_one_line(tmp_path: Path):
+    for data in (b"\xa3\x95", b"\xa3\x95\x80" + bytes(50), b"\xa3\x95" * 500):
+        path = written(tmp_path, data)
+        with pytest.raises(SourceError, match="holds no readable message") as caught:
+            open_log(path, Decoder(WANTED))
+        assert "\n" not in str(caught.value)
+
+
+def test_a_telemetry_log_is_still_read_as_one(tmp_path: Path):
+    path = written(tmp_path, telemetry(flown(2.0)).data, "flight.bin")
+    reader = open_log(path, Decoder(WANTED))
+    assert isinstance(reader, TlogReader)
+    assert sum(size for size, _ in reader.read()) == path.stat().st_size
+
+
+def test_the_command_line_replays_a_dataflash_log(bin_file: Path, tmp_path: Path):
+    command = [sys.executable, "-W", "error", "-m", "yawid", "replay", str(bin_file), "--json"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    summary = json.loads(done.stdout)
+    assert summary["channels"]["rudder"]["source"] == "SERVO_OUTPUT_RAW.servo4_raw"
+    assert summary["channels"]["yaw"]["rate_hz"] == pytest.approx(50.0)

@@ -1,0 +1,323 @@
+"""ULogs written by the file format's own description, with pyulog and the flight as the truth."""
+
+from __future__ import annotations
+
+import builtins
+import contextlib
+import hashlib
+import io
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flightlog import FlightLog, Samples, samples_of
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sources.onboard_flight import Flight, flown
+from sources.ulog_writer import ULogFile
+
+from yawid.channels.stage import WANTED, Channels
+from yawid.errors import SourceError
+from yawid.outputs import Outputs
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.session import StopFlag, replay
+from yawid.sources.frames import Decoder
+from yawid.sources.logs import open_log
+from yawid.sources.ulog import UlogReader
+
+UNIX_S = 1_700_000_000
+PARAMETERS = {
+    "MAV_TYPE": 1,
+    "PWM_MAIN_FUNC3": 202,
+    "PWM_MAIN_MIN3": 1100,
+    "PWM_MAIN_MAX3": 1900,
+    "CA_SV_CS1_TYPE": 4,
+    "FW_AIRSPD_TRIM": 18.0,
+}
+
+
+def us(t_s: float) -> int:
+    return round(1e6 * t_s)
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
+    (a, b, c), (x, y, z) = (
+        [f(angle / 2) for angle in (roll, pitch, yaw)] for f in (math.cos, math.sin)
+    )
+    return (
+        a * b * c + x * y * z,
+        x * b * c - a * y * z,
+        a * y * c + x * b * z,
+        a * b * z - x * y * c,
+    )
+
+
+def logged(flight: Flight, **more: float) -> ULogFile:
+    log = ULogFile(PARAMETERS | more)
+    first = us(flight.t[0])
+    log.add("vehicle_status", first - 100, 2, 0, 1, 7)
+    for k, t in enumerate(flight.t):
+        now = us(t)
+        if k % 50 == 0:
+            log.sync()
+            log.add("vehicle_gps_position", now + 500, us(UNIX_S + t))
+            log.add("unrelated_topic", now + 600)
+        if k % 5 == 0:
+            angles = flight.roll[k], flight.pitch[k], flight.yaw[k]
+            log.add("vehicle_attitude", now + 300, now, quaternion(*angles))
+        log.add("vehicle_angular_velocity", now + 200, now, list(map(float, flight.rates[k])))
+        log.add("actuator_outputs", now + 4000, [1500, 1500, int(flight.pwm[k])], 3)
+        if k % 10 == 0:
+            log.add("airspeed_validated", now + 5000, 18.5)
+            log.add("vehicle_local_position", now + 5100, 3.0, 4.0, True)
+    return log
+
+
+def telemetry(flight: Flight) -> FlightLog:
+    log = FlightLog(sysid=7)
+    log.add(flight.t[0], mavlink.MAVLink_heartbeat_message(1, 12, 128, 0, 4, 3))
+    for name, value in PARAMETERS.items():
+        log.parameter(flight.t[0], name, value)
+    for k, t in enumerate(flight.t):
+        p, q, r = (float(rate) for rate in flight.rates[k])
+        angles = flight.roll[k], flight.pitch[k], flight.yaw[k]
+        log.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), *angles, p, q, r))
+        log.servos(t + 0.004, [1500, 1500, flight.pwm[k]])
+        if k % 10 == 0:
+            log.add(t + 0.005, mavlink.MAVLink_vfr_hud_message(18.5, 5.0, 0, 0, 500.0, 0.0))
+    return log
+
+
+@cache
+def flight() -> Flight:
+    return flown()
+
+
+@cache
+def whole() -> bytes:
+    return logged(flight()).data
+
+
+@pytest.fixture
+def ulg(tmp_path: Path) -> Path:
+    return written(tmp_path, whole())
+
+
+def written(folder: Path, data: bytes, name: str = "flight.ulg") -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def columns(path: Path) -> dict[str, np.ndarray]:
+    parts: dict[str, list[np.ndarray]] = {}
+    for _, frames in UlogReader(path).read():
+        for name, block in (frames.messages if frames else {}).items():
+            parts.setdefault(name, []).append(block.fields)
+    return {name: np.concatenate(found) for name, found in parts.items()}
+
+
+def samples(path: Path, **settings: str) -> Samples:
+    channels, blocks = Channels(RunConfig(**settings)), []
+    for _, frames in UlogReader(path).read():
+        blocks += [] if frames is None else channels.feed(frames)
+    return Samples(channels, blocks + channels.finish())
+
+
+def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path):
+    mine, theirs = samples(ulg), samples_of(telemetry(flight()).data)
+
+    assert len(mine) > 1100
+    np.testing.assert_array_equal(mine.k, theirs.k)
+    np.testing.assert_array_equal(mine.u, theirs.u)
+    np.testing.assert_array_equal(mine.y, theirs.y)
+    np.testing.assert_array_equal(mine.held, theirs.held)
+    # Attitude comes five rows apart; the yaw bends by the rate's change between.
+    np.testing.assert_allclose(np.angle(np.exp(1j * (mine.yaw - theirs.yaw))), 0.0, atol=6e-3)
+    np.testing.assert_allclose(mine.roll, theirs.roll, atol=3e-4)
+    np.testing.assert_allclose(mine.airspeed, 18.5, rtol=1e-6)
+
+
+def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path):
+    log = ulg.rename(tmp_path / "flight.tlog")
+    config = RunConfig(forgetting=1.0)
+    summary, verdict = replay(log, config, Outputs(tmp_path, "out"), StopFlag())
+
+    assert verdict.exit_code == 0, verdict.reasons
+    assert summary["sha256"] == hashlib.sha256(whole()).hexdigest()
+    assert summary["vehicle"] == {"sysid": 7, "compid": 1, "type": 1, "autopilot": 12}
+    rudder = summary["channels"]["rudder"]
+    assert (rudder["source"], rudder["how"]) == ("SERVO_OUTPUT_RAW.servo3_raw", "parameter")
+    assert (rudder["min_us"], rudder["trim_us"], rudder["max_us"]) == (1100, 1500, 1900)
+    found = summary["estimates"]["els"]["dutch_roll"]["wn_rad_s"]
+    assert found == pytest.approx(4.0, rel=0.02)
+
+
+def test_every_row_is_what_pyulog_reads(ulg: Path):
+    from pyulog import ULog
+
+    log, mine = ULog(str(ulg)), columns(ulg)
+    outputs = log.get_dataset("actuator_outputs").data
+    rates = log.get_dataset("vehicle_angular_velocity").data
+
+    assert not log.file_corruption
+    np.testing.assert_array_equal(mine["SERVO_OUTPUT_RAW"]["time_usec"], outputs["timestamp"])
+    np.testing.assert_array_equal(mine["SERVO_OUTPUT_RAW"]["servo3_raw"], outputs["output[2]"])
+    np.testing.assert_array_equal(mine["ATTITUDE"]["time_usec"], rates["timestamp_sample"])
+    for i, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
+        np.testing.assert_array_equal(mine["ATTITUDE"][name], rates[f"xyz[{i}]"])
+    told = {row["param_id"].decode(): row["param_value"] for row in mine["PARAM_VALUE"]}
+    assert told == log.initial_parameters
+
+
+def test_angles_are_those_flown(ulg: Path):
+    mine = columns(ulg)["ATTITUDE"][::5]
+    for name in ("roll", "pitch", "yaw"):
+        away = mine[name][:-1] - getattr(flight(), name)[::5][:-1]
+        np.testing.assert_allclose(np.angle(np.exp(1j * away)), 0.0, atol=1e-6)
+
+
+def test_unix_time_is_that_of_gps(ulg: Path):
+    link = UlogReader(ulg).link
+    assert link.first_us == us(UNIX_S + flight().t[0]) - 100 - 500
+    assert link.last_us is not None
+    assert link.last_us - link.first_us == pytest.approx(60e6, abs=30_000)
+
+
+def test_torque_setpoint_stands_where_the_controls_stood(tmp_path: Path):
+    for topic, values in (
+        ("vehicle_torque_setpoint", lambda u: (0, [0.1, 0.0, u])),
+        ("actuator_controls_0", lambda u: ([0.1, 0.0, u],)),
+    ):
+        log = ULogFile({"MAV_TYPE": 1})
+        for k in range(1500):
+            log.add("vehicle_angular_velocity", 20_000 * k, 0, [0, 0, 0.1 * math.sin(0.02 * k)])
+            log.add(topic, 20_000 * k + 10, *values(0.25 * (k // 50 % 2)))
+        found = samples(written(tmp_path, log.data))
+
+        assert found.channels.surfaces[0].source == "ACTUATOR_CONTROL_TARGET.controls[2]"
+        known = found.u[np.isfinite(found.u)]
+        assert (known.min(), known.max()) == (0.0, 0.25)
+
+
+def test_a_vtol_is_steered_by_its_fixed_wing_setpoint(tmp_path: Path):
+    log = ULogFile({})
+    log.add("vehicle_status", 1, 2, 0, 22, 1, True)
+    for k in range(3):
+        log.add("vehicle_torque_setpoint", 1000 * k + 5, 0, [0, 0, 0.9], instance=0)
+        log.add("vehicle_torque_setpoint", 1000 * k + 6, 0, [0, 0, 0.2], instance=1)
+    mine = columns(written(tmp_path, log.data))["ACTUATOR_CONTROL_TARGET"]
+    np.testing.assert_allclose(mine["controls"][:, 2], 0.2, rtol=1e-6)
+    assert np.isnan(mine["controls"][:, 3:]).all()
+
+
+def test_outputs_of_each_instance_are_a_port(tmp_path: Path):
+    log = ULogFile({})
+    for k in range(3):
+        log.add("actuator_outputs", 1000 * k, [1100, 1200], instance=0)
+        log.add("actuator_outputs", 1000 * k + 1, [1300, 1400], instance=1)
+    log.add("actuator_outputs_sim", 5000, [-0.5, 0.5])
+    log.add("input_rc", 5000, 8, [1000 + i for i in range(18)])
+    mine = columns(written(tmp_path, log.data))
+
+    servos = mine["SERVO_OUTPUT_RAW"]
+    assert servos[["port", "servo2_raw"]].tolist() == [(0, 1200.0), (1, 1400.0)] * 3
+    assert mine["HIL_ACTUATOR_CONTROLS"]["controls"][0, :2].tolist() == [-0.5, 0.5]
+    assert mine["RC_CHANNELS"]["chan18_raw"].tolist() == [1017]
+
+
+def test_a_parameter_changed_in_flight_holds_from_there_on(tmp_path: Path):
+    log = logged(flown(4.0))
+    log.change("PWM_MAIN_MAX3", 2000)
+    log.add("actuator_outputs", us(30.0), [1500])
+    blocks = [
+        frames.messages["PARAM_VALUE"]
+        for _, frames in UlogReader(written(tmp_path, log.data)).read()
+        if frames is not None and "PARAM_VALUE" in frames.messages
+    ]
+    order = np.concatenate([block.order for block in blocks])
+    value = np.concatenate([block.fields["param_value"] for block in blocks])
+
+    assert order[:-1].max() <= len(PARAMETERS)
+    assert order[-1] > 200
+    assert value[-1] == 2000.0
+
+
+def test_modes_and_arming_come_with_the_status(tmp_path: Path):
+    log = ULogFile({})
+    for k, (armed, mode) in enumerate([(1, 0), (2, 0), (2, 3), (1, 3)]):
+        log.add("vehicle_status", 1000 * k, armed, mode, 1, 1)
+    beats = columns(written(tmp_path, log.data))["HEARTBEAT"]
+    assert (beats["base_mode"] & 128).tolist() == [0, 0, 128, 128, 0]
+    assert beats["custom_mode"].tolist() == [0, 0, 0, 3, 3]
+
+
+def test_rates_of_older_logs_come_from_the_gyro(tmp_path: Path):
+    log = ULogFile({})
+    for k in range(5):
+        log.add("sensor_combined", 1000 * k, [0.1, 0.2, 0.3])
+    mine = columns(written(tmp_path, log.data))["ATTITUDE"]
+    np.testing.assert_allclose(mine["yawspeed"], 0.3, rtol=1e-6)
+    assert np.isnan(mine["yaw"]).all()
+
+
+def test_order_rises_through_the_log_whatever_the_message(ulg: Path):
+    low = -1
+    for _, frames in UlogReader(ulg).read():
+        orders = np.sort(np.concatenate([b.order for b in frames.messages.values()]))
+        np.testing.assert_array_equal(orders, np.arange(low + 1, low + 1 + len(orders)))
+        low = orders[-1]
+
+
+@pytest.mark.parametrize("cut", [1, 100, 20_001])
+def test_a_torn_log_gives_what_came_before_the_tear(tmp_path: Path, cut: int):
+    complete = columns(written(tmp_path, whole()))["SERVO_OUTPUT_RAW"]
+    torn = columns(written(tmp_path, whole()[:-cut]))["SERVO_OUTPUT_RAW"]
+    assert 0 < len(complete) - len(torn) <= 1 + cut // 100 or cut == 1
+    assert (torn == complete[: len(torn)]).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_flipped_bytes_are_read_or_refused_in_silence(tmp_path: Path, seed: int):
+    rng = np.random.default_rng(seed)
+    data = np.frombuffer(logged(flown(2.0)).data, np.uint8).copy()
+    where = rng.choice(np.arange(8, len(data)), 30, replace=False)
+    data[where] ^= rng.integers(1, 256, 30, np.uint8)
+    said, pipeline = io.StringIO(), Pipeline(RunConfig())
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            for _, frames in UlogReader(written(tmp_path, data.tobytes())).read():
+                pipeline.take(frames)
+        except SourceError as error:
+            assert "\n" not in str(error)
+        pipeline.finish()
+    assert said.getvalue() == ""
+
+
+def test_a_log_of_other_topics_is_refused_in_one_line(tmp_path: Path):
+    log = ULogFile({})
+    log.add("unrelated_topic", 5)
+    for data, text in ((log.data, "without any of the topics"), (log.data[:9], "cannot be read")):
+        with pytest.raises(SourceError, match=text) as caught:
+            open_log(written(tmp_path, data), Decoder(WANTED))
+        assert "\n" not in str(caught.value)
+
+
+def test_without_pyulog_the_user_is_told_what_to_install(ulg: Path, monkeypatch):
+    found = builtins.__import__
+
+    def refuse(name: str, *args: object, **kwargs: object) -> object:
+        if name == "pyulog":
+            raise ImportError(name)
+        return found(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(SourceError, match=r"pip install 'yawid\[ulog\]'"):
+        UlogReader(ulg)

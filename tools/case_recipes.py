@@ -1,0 +1,361 @@
+"""The recipes of replay_logs/: how each case's log is made, and what is true of the aircraft in it."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import fly_jsbsim
+import numpy as np
+from jsbsim_flight import Flight, FlightPlan, excitation
+from jsbsim_truth import truth
+from log_surgery import (
+    Record,
+    after,
+    join,
+    littered,
+    rewrite,
+    split,
+    together,
+    without,
+)
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from telemetry import Link, telemetry
+from trim_tlog import ESSENTIAL, trim
+
+Truth = dict[str, Any]
+MIT = "MIT (made for yawid)"
+KEY = bytes(range(32))
+"""Signs the frames of the signed case: no secret."""
+UINT32_WRAP_S = 2**32 / 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What a recipe gives: the log, and the truth where there is one."""
+
+    log: bytes
+    truth: Truth | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How a case is made; ``make`` takes a scratch folder and the folder of recorded flights."""
+
+    origin: str
+    make: Callable[[Path, Path], Made]
+    options: dict[str, Any] = field(default_factory=lambda: {"rate": 10, "forgetting": 1.0})
+    floor: int = 700
+    licence: str = MIT
+    recorded: bool = False
+
+
+def flown(command: str, scratch: Path, flights: Path) -> Made:
+    """Fly as tools/fly_jsbsim.py does with these options."""
+    log, found = scratch / "log.tlog", scratch / "truth.json"
+    code = fly_jsbsim.main([*shlex.split(command), "--out", str(log), "--truth", str(found)])
+    if code:
+        raise ValueError(f"fly_jsbsim.py {command} failed")
+    told = json.loads(found.read_text(encoding="utf-8"))
+    told.pop("command")
+    return Made(log.read_bytes(), {"flight": f"tools/fly_jsbsim.py {command}"} | told)
+
+
+def original(command: str, place: str, scratch: Path, flights: Path) -> Made:
+    """Fly one of the first cases, whose truth tells the command of the flight itself."""
+    made = flown(command, scratch, flights)
+    assert made.truth is not None
+    told = {key: value for key, value in made.truth.items() if key != "flight"}
+    paths = f"--out replay_logs/{place}/log.tlog --truth replay_logs/{place}/truth.json"
+    return Made(made.log, told | {"command": f"python tools/fly_jsbsim.py {command} {paths}"})
+
+
+def changed(
+    command: str, change: Callable[[list[Record]], Iterable[Record] | bytes], *rest: Path
+) -> Made:
+    """Fly, then change the log's records."""
+    made = flown(command, *rest)
+    log = change(split(made.log))
+    return Made(log if isinstance(log, bytes) else join(log), made.truth)
+
+
+def flown_twice(
+    first: str,
+    second: str,
+    combine: Callable[[list[Record], list[Record]], Sequence[Record]],
+    *rest: Path,
+) -> Made:
+    """Fly twice and combine the logs; the truth is that of the second flight."""
+    a, b = flown(first, *rest), flown(second, *rest)
+    return Made(join(combine(split(a.log), split(b.log))), b.truth)
+
+
+def cut(name: str, low_s: float, high_s: float, told: Truth | None, *rest: Path) -> Made:
+    """Cut a stretch out of a recorded flight, only the messages that yawid reads."""
+    log = (rest[1] / f"{name}.tlog").read_bytes()
+    command = f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
+    return Made(trim(log, low_s, high_s, ESSENTIAL), told and told | {"command": command})
+
+
+class StirredFlight(Flight):
+    """A flight whose aileron is moved on purpose too, about what the roll hold commands."""
+
+    def __init__(self, plan: FlightPlan, amplitude: float, seed: int) -> None:
+        super().__init__(plan, excitation(plan))
+        rng = np.random.default_rng(seed)
+        pulses = rng.choice([-amplitude, amplitude], size=round(plan.seconds / 0.3) + 2)
+        pulses[: round(5.0 / 0.3)] = 0.0
+        self._level, self._pulses = self._aileron_trim, pulses.tolist()
+
+    def _step(self) -> None:
+        self._aileron_trim = self._level + self._pulses[self._ms // 300]
+        super()._step()
+
+
+def with_aileron(scratch: Path, flights: Path) -> Made:
+    """Fly with rudder and aileron both moved on purpose: each moves the yaw on its own.
+
+    The aileron is an input then, so that the Dutch roll to be found is the bare airframe's.
+    """
+    plan = FlightPlan(seconds=100.0, roll_gain=0.3, roll_rate_gain=0.0)
+    link = Link(attitude_hz=25.0, servo_hz=25.0, seed=11)
+    log = join(telemetry(plan, link, StirredFlight(plan, 0.12, 12)))
+    found = truth(plan)
+    return Made(log, found | {"dutch_roll": found["dutch_roll_open_loop"], "seed": link.seed})
+
+
+def vtail(records: list[Record]) -> list[Record]:
+    """Make it a V-tail on servos 2 and 4, whose elevator is moved all the while."""
+    rng = np.random.default_rng(21)
+    elevator_us = 0.0
+
+    def change(message: Any) -> list[Any]:
+        nonlocal elevator_us
+        kind = message.get_type()
+        if kind == "PARAM_VALUE":
+            values = {"SERVO2_FUNCTION": 79.0, "SERVO4_FUNCTION": 80.0}
+            message.param_value = values.get(message.param_id, message.param_value)
+        elif kind == "SERVO_OUTPUT_RAW":
+            # left = (elevator + rudder) / 2, right = (elevator - rudder) / 2: MIXING_GAIN 0.5
+            rudder_us = message.servo4_raw - 1500
+            elevator_us = 0.9 * elevator_us + rng.normal(0.0, 30.0)
+            message.servo2_raw = 1500 + round((elevator_us + rudder_us) / 2)
+            message.servo4_raw = 1500 + round((elevator_us - rudder_us) / 2)
+        return [message]
+
+    return rewrite(records, change)
+
+
+def _as_px4(message: Any) -> bool:
+    """Turn the vehicle's HEARTBEAT into PX4's; tell whether the message stays."""
+    if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
+        message.autopilot = mavlink.MAV_AUTOPILOT_PX4
+    return bool(message.get_type() != "PARAM_VALUE")
+
+
+def px4_controls(records: list[Record]) -> list[Record]:
+    """Make it a PX4 that tells normalised controls, beside those of another group."""
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() != "SERVO_OUTPUT_RAW":
+            return [message] if _as_px4(message) else []
+        yaw, roll = (message.servo4_raw - 1500) / 400, (message.servo1_raw - 1500) / 400
+        mine = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
+        return [
+            mavlink.MAVLink_actuator_control_target_message(message.time_usec, group, controls)
+            for group, controls in ((0, mine), (1, [0.3] * 8))
+        ]
+
+    return rewrite(records, change)
+
+
+PX4_PARAMETERS = (
+    ("PWM_MAIN_FUNC1", 201),
+    ("PWM_MAIN_FUNC2", 202),
+    ("PWM_MAIN_FUNC4", 101),
+    ("PWM_MAIN_FUNC5", 203),
+    ("PWM_MAIN_MIN5", 1100),
+    ("PWM_MAIN_MAX5", 1900),
+    ("PWM_MAIN_REV", 0b10000),
+    ("CA_SV_CS0_TYPE", 15),
+    ("CA_SV_CS1_TYPE", 3),
+    ("CA_SV_CS2_TYPE", 4),
+)
+"""Rudder: the third surface, hence the third servo (203), hence output 5, reversed."""
+
+
+def px4_outputs(records: list[Record]) -> list[Record]:
+    """Make it a PX4 that tells its outputs and which surface each of them moves.
+
+    PX4 sends an integer parameter as its four bytes in the place of the float.
+    """
+    told = [
+        mavlink.MAVLink_param_value_message(
+            name.encode(),
+            float(np.int32(value).view(np.float32)),
+            mavlink.MAV_PARAM_TYPE_INT32,
+            len(PX4_PARAMETERS),
+            index,
+        )
+        for index, (name, value) in enumerate(PX4_PARAMETERS)
+    ]
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() == "PARAM_VALUE":
+            return [told.pop(0)] if told else []
+        _as_px4(message)
+        if message.get_type() == "SERVO_OUTPUT_RAW":
+            message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000
+        return [message]
+
+    return rewrite(records, change)
+
+
+def no_rudder(records: list[Record]) -> list[Record]:
+    """Make it a flying wing: its parameters name elevons and no rudder."""
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() == "PARAM_VALUE":
+            values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
+            message.param_value = values.get(message.param_id, message.param_value)
+        return [message]
+
+    return rewrite(records, change)
+
+
+def with_gaps(records: list[Record]) -> list[Record]:
+    """Silence the link for 0.8 s, 4 s and 15 s."""
+    for low, high in ((30.0, 30.8), (45.0, 49.0), (65.0, 80.0)):
+        records = without(records, low, high)
+    return records
+
+
+def _two_vehicles(other: list[Record], mine: list[Record]) -> list[Record]:
+    return together(other, rewrite(mine, sysid=2))
+
+
+FLY = "--manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"
+SITL = "ArduPlane V4.6-dev SITL"
+SITL_MIT = "MIT (recorded for yawid)"
+_FIRST = "--manoeuvre 3211 --seconds 120"
+_GCS = f"{_FIRST} --attitude-hz 10 --servo-hz 5 --heading-deg 180 --seed 2"
+_EXCITED = {"rate": 25, "forgetting": 1.0}
+SITL_TRUTH: Truth = {
+    "aircraft": f"{SITL}, built-in plane model",
+    "flown": "FBWA, wings level, 22 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",
+    "dutch_roll": {"wn_rad_s": 10.54, "zeta": 0.624},
+    "servo_lag_s": 0.14,
+}
+
+RECIPES: dict[str, Recipe] = {
+    "c172p_3211": Recipe(
+        "JSBSim C172P at 100 kt, 3-2-1-1 on the rudder, wings held level; tools/fly_jsbsim.py, "
+        "see truth.json",
+        partial(original, _FIRST, "c172p_3211"),
+        floor=1100,
+    ),
+    "c172p_gcs_rates": Recipe(
+        "the same flight as a ground station records it: ATTITUDE 10 Hz, servo 5 Hz; "
+        "tools/fly_jsbsim.py, see truth.json",
+        partial(original, _GCS, "c172p_gcs_rates"),
+        {"forgetting": 1.0},
+        floor=500,
+    ),
+    "c172p_mavlink1": Recipe(
+        "JSBSim C172P at 100 kt, MAVLink 1 frames", partial(flown, f"{FLY} 3 --mavlink1")
+    ),
+    "c172p_reversed": Recipe(
+        "JSBSim C172P at 100 kt, rudder servo reversed, its trim out of the middle",
+        partial(flown, f"{FLY} 4 --rudder 1050,1430,1900,1"),
+    ),
+    "c172p_vtail": Recipe(
+        "JSBSim C172P at 100 kt, its rudder told as a V-tail's whose elevator moves too",
+        partial(changed, f"{FLY} 5", vtail),
+    ),
+    "px4_controls": Recipe(
+        "JSBSim C172P at 100 kt, told as PX4's ACTUATOR_CONTROL_TARGET",
+        partial(changed, f"{FLY} 6", px4_controls),
+    ),
+    "px4_outputs": Recipe(
+        "JSBSim C172P at 100 kt, told as PX4's outputs: PWM_MAIN_FUNCn and CA_SV_CSi_TYPE",
+        partial(changed, f"{FLY} 7", px4_outputs),
+    ),
+    "c172p_yaw_output": Recipe(
+        "JSBSim C172P at 100 kt, through north, with the yaw angle as output",
+        partial(flown, f"{FLY} 8 --heading-deg 0"),
+        {"rate": 10, "forgetting": 1.0, "output": "yaw", "method": "rml", "also": "els"},
+    ),
+    "c172p_aileron": Recipe(
+        "JSBSim C172P at 100 kt, rudder and aileron both moved on purpose and both inputs",
+        with_aileron,
+        {"rate": 10, "forgetting": 1.0, "inputs": "rudder,aileron", "method": "rml", "also": "els"},
+    ),
+    "c172p_gaps": Recipe(
+        "JSBSim C172P at 100 kt, the link silent for 0.8, 4 and 15 s",
+        partial(changed, f"{FLY} 9", with_gaps),
+        floor=600,
+    ),
+    "c172p_reboot": Recipe(
+        "JSBSim C172P at 100 kt, the autopilot rebooted in flight, unannounced",
+        partial(
+            flown_twice,
+            f"{FLY} 10 --boot-s 400 --seconds 50",
+            f"{FLY} 11 --boot-s 8 --seconds 50",
+            partial(after, pause_s=7.0),
+        ),
+    ),
+    "c172p_uint32_wrap": Recipe(
+        "JSBSim C172P at 100 kt, servo time wrapping after 71.6 minutes, 50 s into the flight",
+        partial(flown, f"{FLY} 12 --boot-s {UINT32_WRAP_S - 50.0:.3f}"),
+    ),
+    "two_vehicles": Recipe(
+        "two JSBSim C172Ps on one link, at 100 and at 80 kt, and a ground station; the second asked",
+        partial(flown_twice, f"{FLY} 13", f"{FLY} 14 --speed-kt 80 --boot-s 700", _two_vehicles),
+        {"rate": 10, "forgetting": 1.0, "sysid": 2},
+    ),
+    "c172p_garbage": Recipe(
+        "JSBSim C172P at 100 kt, rubbish at the start and between the records, the end torn",
+        partial(changed, f"{FLY} 15", partial(littered, seed=16)),
+    ),
+    "c172p_signed": Recipe(
+        "JSBSim C172P at 100 kt, every frame signed, read without the key",
+        partial(changed, f"{FLY} 17", partial(rewrite, key=KEY)),
+    ),
+    "no_rudder": Recipe(
+        "JSBSim C172P told as a flying wing with elevons: no rudder at all",
+        partial(changed, f"{FLY} 18 --seconds 20", no_rudder),
+        floor=0,
+    ),
+    "sitl_fbwa_50hz": Recipe(
+        f"{SITL} flown in FBWA, doublets, 3-2-1-1, PRBS and sweep, trimmed by tools/trim_tlog.py; "
+        "recorded for yawid",
+        partial(cut, "sitl_fbwa_50hz", 76.5, 255.0, None),
+        _EXCITED | {"from": 86.5, "to": 253.9},
+        floor=4000,
+        licence=SITL_MIT,
+        recorded=True,
+    ),
+    "sitl_fbwa_stock_33hz": Recipe(
+        f"{SITL} flown in FBWA on the stock loop, intervals of 20 and 40 ms mixed, trimmed by "
+        "tools/trim_tlog.py; recorded for yawid",
+        partial(cut, "sitl_fbwa_stock_33hz", 76.8, 255.0, SITL_TRUTH),
+        _EXCITED | {"from": 86.9, "to": 254.0, "method": "rml", "also": "els"},
+        floor=4000,
+        licence=SITL_MIT,
+        recorded=True,
+    ),
+    "sitl_auto": Recipe(
+        f"{SITL} flying an AUTO mission, nothing excited on purpose, trimmed by tools/trim_tlog.py; "
+        "recorded for yawid",
+        partial(cut, "sitl_auto_25hz", 60.0, 360.0, None),
+        {},
+        floor=5000,
+        licence=SITL_MIT,
+        recorded=True,
+    ),
+}
