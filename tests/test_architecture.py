@@ -22,7 +22,8 @@ STAGES = [
     ("summary",),
     ("outputs", "golden", "collect"),
     ("session", "regress", "inspect"),
-    ("live",),
+    ("live", "simulation"),
+    ("cli_paper",),
     ("cli",),
     ("__main__",),
 ]

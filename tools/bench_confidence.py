@@ -13,6 +13,7 @@ from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
 FACTORS = (0.99, 0.995, 0.998)
 SAMPLES, EVERY = 20_000, 2_000
 NOMINAL = 1.96
+LAGS = 20
 
 
 def track(plant: Plant, config: EstimatorConfig, truth: Floats, runs: int) -> tuple[Floats, Floats]:
@@ -49,7 +50,7 @@ def main(arguments: list[str]) -> None:
     for factor in FACTORS:
         for plant in PLANTS:
             line = f"lambda {factor} {plant.name}"
-            for lags in (0, 10):
+            for lags in (0, LAGS):
                 errors, sigmas = track(
                     plant, configuration(plant.orders, factor, lags), plant.theta, runs
                 )
@@ -64,7 +65,7 @@ def main(arguments: list[str]) -> None:
             limit = configuration(orders, 1.0, 0)
             truth = RecursiveArmax(limit).run(*plant.simulate(10**6, 999), keep="last").theta[-1]
             line = f"{plant.name} ({orders.na},{orders.nb[0]},{orders.nc})"
-            for lags in (0, 10):
+            for lags in (0, LAGS):
                 errors, sigmas = track(plant, configuration(orders, 1.0, lags), truth, runs)
                 line += f" | lags {lags}: cover {coverage(errors, sigmas)}"
             print(line, flush=True)

@@ -1,4 +1,4 @@
-"""The recipes of replay_logs/: how each case's log is made, and what is true of the aircraft in it."""
+"""The recipes of replay_logs/: how each log is made, and what is true of the aircraft in it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,10 @@ from typing import Any
 
 import fly_jsbsim
 import numpy as np
+from case_changes import no_rudder, px4_controls, px4_outputs, two_vehicles, vtail, with_gaps
 from jsbsim_flight import Flight, FlightPlan, excitation
 from jsbsim_truth import truth
-from log_surgery import (
-    Record,
-    after,
-    join,
-    littered,
-    rewrite,
-    split,
-    together,
-    without,
-)
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from log_surgery import Record, after, join, littered, rewrite, split
 from telemetry import Link, telemetry
 from trim_tlog import ESSENTIAL, trim
 
@@ -76,12 +67,15 @@ def original(command: str, place: str, scratch: Path, flights: Path) -> Made:
 
 
 def changed(
-    command: str, change: Callable[[list[Record]], Iterable[Record] | bytes], *rest: Path
+    command: str,
+    change: Callable[[list[Record]], Iterable[Record] | bytes],
+    *rest: Path,
+    tell: bool = True,
 ) -> Made:
-    """Fly, then change the log's records."""
+    """Fly, then change the log's records; ``tell`` whether there is still a truth to be found."""
     made = flown(command, *rest)
     log = change(split(made.log))
-    return Made(log if isinstance(log, bytes) else join(log), made.truth)
+    return Made(log if isinstance(log, bytes) else join(log), made.truth if tell else None)
 
 
 def flown_twice(
@@ -98,7 +92,9 @@ def flown_twice(
 def cut(name: str, low_s: float, high_s: float, told: Truth | None, *rest: Path) -> Made:
     """Cut a stretch out of a recorded flight, only the messages that yawid reads."""
     log = (rest[1] / f"{name}.tlog").read_bytes()
-    command = f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
+    command = (
+        f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
+    )
     return Made(trim(log, low_s, high_s, ESSENTIAL), told and told | {"command": command})
 
 
@@ -127,116 +123,6 @@ def with_aileron(scratch: Path, flights: Path) -> Made:
     log = join(telemetry(plan, link, StirredFlight(plan, 0.12, 12)))
     found = truth(plan)
     return Made(log, found | {"dutch_roll": found["dutch_roll_open_loop"], "seed": link.seed})
-
-
-def vtail(records: list[Record]) -> list[Record]:
-    """Make it a V-tail on servos 2 and 4, whose elevator is moved all the while."""
-    rng = np.random.default_rng(21)
-    elevator_us = 0.0
-
-    def change(message: Any) -> list[Any]:
-        nonlocal elevator_us
-        kind = message.get_type()
-        if kind == "PARAM_VALUE":
-            values = {"SERVO2_FUNCTION": 79.0, "SERVO4_FUNCTION": 80.0}
-            message.param_value = values.get(message.param_id, message.param_value)
-        elif kind == "SERVO_OUTPUT_RAW":
-            # left = (elevator + rudder) / 2, right = (elevator - rudder) / 2: MIXING_GAIN 0.5
-            rudder_us = message.servo4_raw - 1500
-            elevator_us = 0.9 * elevator_us + rng.normal(0.0, 30.0)
-            message.servo2_raw = 1500 + round((elevator_us + rudder_us) / 2)
-            message.servo4_raw = 1500 + round((elevator_us - rudder_us) / 2)
-        return [message]
-
-    return rewrite(records, change)
-
-
-def _as_px4(message: Any) -> bool:
-    """Turn the vehicle's HEARTBEAT into PX4's; tell whether the message stays."""
-    if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
-        message.autopilot = mavlink.MAV_AUTOPILOT_PX4
-    return bool(message.get_type() != "PARAM_VALUE")
-
-
-def px4_controls(records: list[Record]) -> list[Record]:
-    """Make it a PX4 that tells normalised controls, beside those of another group."""
-
-    def change(message: Any) -> list[Any]:
-        if message.get_type() != "SERVO_OUTPUT_RAW":
-            return [message] if _as_px4(message) else []
-        yaw, roll = (message.servo4_raw - 1500) / 400, (message.servo1_raw - 1500) / 400
-        mine = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
-        return [
-            mavlink.MAVLink_actuator_control_target_message(message.time_usec, group, controls)
-            for group, controls in ((0, mine), (1, [0.3] * 8))
-        ]
-
-    return rewrite(records, change)
-
-
-PX4_PARAMETERS = (
-    ("PWM_MAIN_FUNC1", 201),
-    ("PWM_MAIN_FUNC2", 202),
-    ("PWM_MAIN_FUNC4", 101),
-    ("PWM_MAIN_FUNC5", 203),
-    ("PWM_MAIN_MIN5", 1100),
-    ("PWM_MAIN_MAX5", 1900),
-    ("PWM_MAIN_REV", 0b10000),
-    ("CA_SV_CS0_TYPE", 15),
-    ("CA_SV_CS1_TYPE", 3),
-    ("CA_SV_CS2_TYPE", 4),
-)
-"""Rudder: the third surface, hence the third servo (203), hence output 5, reversed."""
-
-
-def px4_outputs(records: list[Record]) -> list[Record]:
-    """Make it a PX4 that tells its outputs and which surface each of them moves.
-
-    PX4 sends an integer parameter as its four bytes in the place of the float.
-    """
-    told = [
-        mavlink.MAVLink_param_value_message(
-            name.encode(),
-            float(np.int32(value).view(np.float32)),
-            mavlink.MAV_PARAM_TYPE_INT32,
-            len(PX4_PARAMETERS),
-            index,
-        )
-        for index, (name, value) in enumerate(PX4_PARAMETERS)
-    ]
-
-    def change(message: Any) -> list[Any]:
-        if message.get_type() == "PARAM_VALUE":
-            return [told.pop(0)] if told else []
-        _as_px4(message)
-        if message.get_type() == "SERVO_OUTPUT_RAW":
-            message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000
-        return [message]
-
-    return rewrite(records, change)
-
-
-def no_rudder(records: list[Record]) -> list[Record]:
-    """Make it a flying wing: its parameters name elevons and no rudder."""
-
-    def change(message: Any) -> list[Any]:
-        if message.get_type() == "PARAM_VALUE":
-            values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
-            message.param_value = values.get(message.param_id, message.param_value)
-        return [message]
-
-    return rewrite(records, change)
-
-
-def with_gaps(records: list[Record]) -> list[Record]:
-    """Silence the link for 0.8 s, 4 s and 15 s."""
-    for low, high in ((30.0, 30.8), (45.0, 49.0), (65.0, 80.0)):
-        records = without(records, low, high)
-    return records
-
-
-def _two_vehicles(other: list[Record], mine: list[Record]) -> list[Record]:
-    return together(other, rewrite(mine, sysid=2))
 
 
 FLY = "--manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"
@@ -314,8 +200,8 @@ RECIPES: dict[str, Recipe] = {
         partial(flown, f"{FLY} 12 --boot-s {UINT32_WRAP_S - 50.0:.3f}"),
     ),
     "two_vehicles": Recipe(
-        "two JSBSim C172Ps on one link, at 100 and at 80 kt, and a ground station; the second asked",
-        partial(flown_twice, f"{FLY} 13", f"{FLY} 14 --speed-kt 80 --boot-s 700", _two_vehicles),
+        "two JSBSim C172Ps on one link, at 100 and 80 kt, and a ground station; the second asked",
+        partial(flown_twice, f"{FLY} 13", f"{FLY} 14 --speed-kt 80 --boot-s 700", two_vehicles),
         {"rate": 10, "forgetting": 1.0, "sysid": 2},
     ),
     "c172p_garbage": Recipe(
@@ -328,7 +214,7 @@ RECIPES: dict[str, Recipe] = {
     ),
     "no_rudder": Recipe(
         "JSBSim C172P told as a flying wing with elevons: no rudder at all",
-        partial(changed, f"{FLY} 18 --seconds 20", no_rudder),
+        partial(changed, f"{FLY} 18 --seconds 20", no_rudder, tell=False),
         floor=0,
     ),
     "sitl_fbwa_50hz": Recipe(
@@ -350,8 +236,8 @@ RECIPES: dict[str, Recipe] = {
         recorded=True,
     ),
     "sitl_auto": Recipe(
-        f"{SITL} flying an AUTO mission, nothing excited on purpose, trimmed by tools/trim_tlog.py; "
-        "recorded for yawid",
+        f"{SITL} flying an AUTO mission, nothing excited on purpose, trimmed by "
+        "tools/trim_tlog.py; recorded for yawid",
         partial(cut, "sitl_auto_25hz", 60.0, 360.0, None),
         {},
         floor=5000,

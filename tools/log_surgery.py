@@ -42,7 +42,7 @@ def sender(frame: bytes) -> tuple[int, int]:
 
 
 class Encoder:
-    """Packs messages as several senders do, each with its own sequence; signed where there is a key."""
+    """Packs messages as several senders do, each with its sequence; signed where there is a key."""
 
     def __init__(self, key: bytes | None = None, dialect: Any = mavlink) -> None:
         self._key, self._dialect = key, dialect

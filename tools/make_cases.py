@@ -4,9 +4,9 @@
     python tools/make_cases.py c172p_vtail --folder /tmp/cases
     python tools/make_cases.py --check            # make them, compare, write nothing
 
-Most are flights of JSBSim (tools/fly_jsbsim.py), some of them changed by tools/log_surgery.py; those
-named sitl_ are cut out of recorded flights (--flights DIR). References are not written here: see
-``yawid regress --update``.
+Most are flights of JSBSim (tools/fly_jsbsim.py), some changed by tools/log_surgery.py; those named
+sitl_ are cut out of recorded flights (--flights DIR). References are not written here: see ``yawid
+regress --update``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ def write(name: str, recipe: Recipe, made: Made, folder: Path) -> None:
 
 def _told(name: str, truth: dict[str, Any]) -> dict[str, Any]:
     """Return the truth with the command that makes the case, where it does not tell one."""
-    return {"command": f"python tools/make_cases.py {name}"} | truth
+    return (
+        truth if "command" in truth else truth | {"command": f"python tools/make_cases.py {name}"}
+    )
 
 
 def _header(recipe: Recipe, made: Made) -> str:
@@ -87,7 +89,9 @@ def _one(name: str, options: argparse.Namespace) -> bool:
 
 def main(argv: Sequence[str]) -> int:
     """Make cases; return 0, or 1 where --check finds another log than the one there."""
-    parser = argparse.ArgumentParser(prog="make_cases.py", description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="make_cases.py", description=(__doc__ or "").split("\n")[0]
+    )
     parser.add_argument("names", nargs="*", metavar="CASE", help=f"(all) {', '.join(RECIPES)}")
     parser.add_argument("--folder", type=Path, default=ROOT / "replay_logs")
     parser.add_argument("--flights", type=Path, default=Path("flights"), help="recorded flights")
@@ -95,7 +99,8 @@ def main(argv: Sequence[str]) -> int:
     options = parser.parse_args(argv)
     if unknown := set(options.names) - RECIPES.keys():
         parser.error(f"no such case: {', '.join(sorted(unknown))}")
-    return 0 if all([_one(name, options) for name in options.names or RECIPES]) else 1
+    same = [_one(name, options) for name in options.names or RECIPES]
+    return 0 if all(same) else 1
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from yawid import __version__
+from yawid.cli_paper import add_commands
 from yawid.errors import (
     ChannelError,
     ConfigError,
@@ -91,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     orders.add_argument("--json", action="store_true", help="print one JSON object")
     _add_estimator_options(orders)
     orders.set_defaults(run=_orders)
+    add_commands(commands)
     regress = commands.add_parser("regress", help="replay cases against their references")
     regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
     regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")

@@ -113,7 +113,7 @@ class EstimatorConfig:
     scale_window: int = 100
     scale_minimum: float = 1e-3
     drift: float | tuple[float, ...] = 0.0
-    residual_lags: int = 10
+    residual_lags: int = 20
 
     def __post_init__(self) -> None:
         if not isinstance(self.orders, ArmaxOrders):

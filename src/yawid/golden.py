@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -111,8 +111,9 @@ def tolerance_of(column: str, tolerances: Mapping[str, float]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """One column or key that differs: how far beyond its tolerance, and in words."""
+    """One column that differs: which ("" where it is the table itself), how far, and in words."""
 
+    column: str
     excess: float
     text: str
 
@@ -132,10 +133,10 @@ def compare_tables(
     if unused := sorted(set(tolerances) - set(columns)):
         raise ConfigError(f"tolerance for no such column: {', '.join(unused)}")
     if columns != actual_columns:
-        return [Mismatch(math.inf, f"columns: expected {columns}, got {actual_columns}")]
+        return [Mismatch("", math.inf, f"columns: expected {columns}, got {actual_columns}")]
     if expected.shape != actual.shape:
         text = f"rows: expected {len(expected)}, got {len(actual)}"
-        return [Mismatch(math.inf, text)]
+        return [Mismatch("", math.inf, text)]
     found = [
         mismatch
         for i, column in enumerate(columns)
@@ -172,31 +173,70 @@ def _compare_column(
         f"at k={k_and_t[first, 0]:.0f} t={k_and_t[first, 1]:.3f}: "
         f"expected {expected[first]:.9g}, got {actual[first]:.9g}"
     )
-    return Mismatch(worst, text)
+    return Mismatch(column, worst, text)
 
 
-def compare_summaries(expected: Any, actual: Any, where: str = "summary") -> Iterator[str]:
-    """Yield every key of the summary that differs."""
+def split_tolerances(
+    tolerances: Mapping[str, float], columns: Sequence[str], reference: Any
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the tolerances of columns, and those of keys of the summary and all below them.
+
+    Raises:
+        ConfigError: a tolerance is given for no such column or key.
+    """
+    by_column = {name: value for name, value in tolerances.items() if name in columns}
+    by_key = {name: value for name, value in tolerances.items() if name not in columns}
+    paths = set(_paths(reference))
+    if unused := sorted(by_key.keys() - paths):
+        raise ConfigError(f"tolerance for no such column or key: {', '.join(unused)}")
+    return by_column, by_key
+
+
+def _paths(value: Any, where: str = "") -> Iterator[str]:
+    """Yield the dotted name of every key of a summary, inner ones too."""
+    pairs: Iterable[tuple[str, Any]] = ()
+    if isinstance(value, dict):
+        pairs = ((f"{where}.{key}" if where else key, entry) for key, entry in value.items())
+    elif isinstance(value, list):
+        pairs = ((f"{where}[{i}]", entry) for i, entry in enumerate(value))
+    for name, entry in pairs:
+        yield name
+        yield from _paths(entry, name)
+
+
+def compare_summaries(
+    expected: Any, actual: Any, tolerances: Mapping[str, float] | None = None, where: str = ""
+) -> Iterator[str]:
+    """Yield every key of the summary that differs; a tolerance holds for all below its key."""
     if isinstance(expected, dict) and isinstance(actual, dict):
         for key in sorted(expected.keys() | actual.keys()):
+            name = f"{where}.{key}" if where else key
             if key in NOT_COMPARED:
                 continue
             if key not in expected or key not in actual:
                 there = "not there" if key in expected else "there"
-                yield f"{where}.{key}: {there}, unlike the reference"
+                yield f"summary.{name}: {there}, unlike the reference"
             else:
-                yield from compare_summaries(expected[key], actual[key], f"{where}.{key}")
+                yield from compare_summaries(expected[key], actual[key], tolerances, name)
     elif isinstance(expected, list) and isinstance(actual, list) and len(expected) == len(actual):
         for i, (a, b) in enumerate(zip(expected, actual, strict=True)):
-            yield from compare_summaries(a, b, f"{where}[{i}]")
-    elif not _same_value(expected, actual, where):
-        yield f"{where}: expected {expected!r}, got {actual!r}"
+            yield from compare_summaries(a, b, tolerances, f"{where}[{i}]")
+    elif not _same_value(expected, actual, where, tolerances or {}):
+        yield f"summary.{where}: expected {expected!r}, got {actual!r}"
 
 
-def _same_value(expected: Any, actual: Any, where: str) -> bool:
+def _same_value(expected: Any, actual: Any, where: str, tolerances: Mapping[str, float]) -> bool:
     if not isinstance(expected, float) or not isinstance(actual, int | float):
-        return bool(expected == actual)
-    if where.endswith("whiteness_p"):
+        return type(expected) is type(actual) and bool(expected == actual)
+    given = [name for name in tolerances if _below(where, name)]
+    if given:
+        relative = tolerances[max(given, key=len)]
+    elif where.endswith("whiteness_p"):
         return math.isclose(expected, actual, abs_tol=SPREAD_TOLERANCE)
-    spread = "_std" in where
-    return math.isclose(expected, actual, rel_tol=SPREAD_TOLERANCE if spread else VALUE_TOLERANCE)
+    else:
+        relative = SPREAD_TOLERANCE if "_std" in where else VALUE_TOLERANCE
+    return math.isclose(expected, actual, rel_tol=relative)
+
+
+def _below(where: str, name: str) -> bool:
+    return where == name or where.startswith((f"{name}.", f"{name}["))

@@ -7,7 +7,7 @@ The only module that knows all stages; whether the bytes come from a file or a s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
@@ -33,6 +33,7 @@ class Pipeline:
     """Feed it tlog bytes cut anywhere, then ``finish``; the sinks are told as results come.
 
     What reads another kind of log is its ``source`` in the decoder's place: ``take`` its messages.
+    ``make_bank`` makes the estimators once the sample time is known.
 
     Raises:
         ConfigError: what was asked for does not fit the log (its rate).
@@ -40,9 +41,14 @@ class Pipeline:
     """
 
     def __init__(
-        self, config: RunConfig, sinks: Sequence[Sink] = (), reading: Reading | None = None
+        self,
+        config: RunConfig,
+        sinks: Sequence[Sink] = (),
+        reading: Reading | None = None,
+        make_bank: Callable[[RunConfig, float], Bank] = Bank,
     ) -> None:
         self.config = config
+        self._make_bank = make_bank
         self.sinks = list(sinks)
         self.decoder = (reading or Reading()).decoder(WANTED)
         self.source: Counted = self.decoder
@@ -88,7 +94,7 @@ class Pipeline:
             sink.write(samples, estimates, self.modes)
 
     def _open_bank(self, sample_time_s: float) -> Bank:
-        self.bank = Bank(self.config, sample_time_s)
+        self.bank = self._make_bank(self.config, sample_time_s)
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         for sink in self.sinks:
             sink.start(names, self.config.inputs, self.bank.methods, sample_time_s)

@@ -51,12 +51,12 @@ def test_exact_samples_give_k_d_and_q_back_to_1e_6(k, D, q, u0):
     assert found.settling_5pct_s.value == pytest.approx(second_order_settling(D, q, 0.05), rel=1e-6)
 
 
-def test_the_papers_readings_alone_are_right_to_a_percent():
+def test_the_papers_readings_alone_are_right_to_the_sample():
     """T where the response passes 63 %; D and q from the overshoot and its time."""
     exact = Record.checked(T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0, 0.0)
-    assert next(read_first_order(exact)) == pytest.approx(1.3, rel=0.01)
+    assert next(read_first_order(exact)) == pytest.approx(1.3, rel=0.001)
     exact = Record.checked(T, second_order_response(T, -1.0, 0.3, 2.0), 1.0, 0.0)
-    assert next(read_second_order(exact)) == pytest.approx((0.3, 2.0), rel=0.01)
+    assert next(read_second_order(exact)) == pytest.approx((0.3, 2.0), rel=0.02)
 
 
 def covered(values, truths):

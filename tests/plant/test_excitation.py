@@ -55,6 +55,11 @@ def test_a_prbs_holds_its_bits_and_another_seed_is_another_prbs():
     assert (one != two).any()
 
 
+def test_no_seed_makes_a_prbs_that_stands_still():
+    for seed in range(200):
+        assert len(set(Excitation(kind="prbs", unit_s=1.0, seed=seed).samples(160, TS))) == 2
+
+
 def test_sweep_and_multisine_have_their_power_in_the_band():
     for kind in ("sweep", "multisine"):
         u = Excitation(kind=kind, low_hz=0.2, high_hz=1.0).samples(4000, TS)

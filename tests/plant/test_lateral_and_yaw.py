@@ -53,6 +53,19 @@ def test_eq_21_is_the_rigid_body_linearised_at_trim(flight):
     assert off(found, expected) < 1e-6
 
 
+def test_loads_by_an_angle_grow_with_dynamic_pressure_and_by_a_rate_with_speed():
+    trim = REFERENCE_FLIGHT.trim()
+    for controls, rates, growth in (
+        (np.array([0.1, 0.2, 0.0]), np.zeros(3), 4.0),
+        (np.zeros(3), np.array([0.1, 0.2, 0.3]), 2.0),
+    ):
+        slow = replace(trim, angular_rate=rates)
+        fast = replace(slow, velocity=2.0 * slow.velocity)
+        one, two = (REFERENCE_FLIGHT.loads(motion, controls)[1] for motion in (slow, fast))
+        assert one.any()
+        np.testing.assert_allclose(two, growth * one, rtol=1e-12)
+
+
 def test_the_longitudinal_states_take_no_part_in_the_lateral_motion():
     A = linearised(REFERENCE_FLIGHT).A
     longitudinal, sideways = [0, 1, 5, 7], [2, 3, 4, 6, 8]

@@ -2,125 +2,44 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import io
 import json
 import math
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, Samples, samples_of
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from flightlog import Samples, samples_of
+from sources.dataflash_flight import (
+    GPS_MS,
+    GPS_WEEK,
+    PARAMETERS,
+    UNIX_S,
+    columns,
+    flight,
+    logged,
+    telemetry,
+    us,
+    with_imu,
+    written,
+)
 from sources.dataflash_writer import DataflashLog
-from sources.onboard_flight import TRAVEL, Flight, flown
+from sources.onboard_flight import flown
 
 from yawid.channels.stage import WANTED, Channels
-from yawid.errors import SourceError
 from yawid.outputs import Outputs
-from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag, replay
 from yawid.sources.dataflash import DataflashReader
 from yawid.sources.frames import Decoder
 from yawid.sources.logs import TlogReader, open_log
 
-GPS_WEEK, GPS_MS = 2200, 345_600_000
-UNIX_S = 315_964_800 + GPS_WEEK * 604_800 + GPS_MS / 1000 - 18
-"""Unix time of the first fix, at the first instant of the flight."""
-PARAMETERS = {
-    "SYSID_THISMAV": 7,
-    "SERVO4_FUNCTION": 21,
-    "SERVO4_MIN": TRAVEL[0],
-    "SERVO4_TRIM": TRAVEL[1],
-    "SERVO4_MAX": TRAVEL[2],
-}
-
-
-def us(t_s: float) -> int:
-    return round(1e6 * t_s)
-
-
-def logged(flight: Flight, *, rates: str = "IMU", units: bool = True) -> DataflashLog:
-    """Log a flight as ArduPlane does, parameters within the first seconds."""
-    log = DataflashLog(units=units)
-    first = us(flight.t[0])
-    log.add("MSG", first - 50, "ArduPlane V4.5.7 (abcdef01)")
-    log.add("MODE", first - 40, 5, 5, 0)
-    log.add("ARM", first - 30, 1, 0, 0, 0)
-    pending = list(PARAMETERS.items())
-    for k, t in enumerate(flight.t):
-        now = us(t)
-        if k % 5 == 0:
-            yaw = math.degrees(flight.yaw[k]) % 360.0
-            roll, pitch = math.degrees(flight.roll[k]), math.degrees(flight.pitch[k])
-            log.add("ATT", now, 0, roll, 0, pitch, 0, yaw, 0, 0, 3)
-        p, q, r = (float(rate) for rate in flight.rates[k])
-        if rates == "RATE":
-            p, q, r = (math.degrees(rate) for rate in (p, q, r))
-            log.add("RATE", now, 0, p, 0, 0, q, 0, 0, r, 0)
-        elif rates == "IMU":
-            log.add("IMU", now, 0, p, q, r)
-            log.add("IMU", now, 1, 9.0, 9.0, 9.0)
-        log.add("RCOU", now + 4000, 1500, 1500, 1500, flight.pwm[k])
-        if k % 10 == 0:
-            log.add("CTUN", now + 5000, 0, 0, 0, 0, 30, 0, 30, 18.5)
-            log.add("GPS", now + 6000, 0, 3, GPS_MS + 20 * k, GPS_WEEK, 12, 0.8, 0, 0, 500, 17.25)
-        if pending and k % 7 == 3:
-            log.add("PARM", now + 7000, *pending.pop(0), 0)
-    return log
-
-
-def telemetry(flight: Flight) -> FlightLog:
-    """Log the same flight as a ground station does."""
-    log = FlightLog(sysid=7)
-    log.add(flight.t[0], mavlink.MAVLink_heartbeat_message(1, 3, 128, 5, 4, 3))
-    for name, value in PARAMETERS.items():
-        log.parameter(flight.t[0], name, value)
-    for k, t in enumerate(flight.t):
-        p, q, r = (float(rate) for rate in flight.rates[k])
-        angles = flight.roll[k], flight.pitch[k], flight.yaw[k]
-        log.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), *angles, p, q, r))
-        log.servos(t + 0.004, [1500, 1500, 1500, flight.pwm[k]])
-        if k % 10 == 0:
-            log.add(t + 0.005, mavlink.MAVLink_vfr_hud_message(18.5, 17.25, 0, 0, 500.0, 0.0))
-    return log
-
-
-@cache
-def flight() -> Flight:
-    return flown()
-
-
-@cache
-def with_imu() -> DataflashLog:
-    return logged(flight())
-
 
 @pytest.fixture
 def bin_file(tmp_path: Path) -> Path:
     return written(tmp_path, with_imu().data)
-
-
-def written(folder: Path, data: bytes, name: str = "flight.bin") -> Path:
-    path = folder / name
-    path.write_bytes(data)
-    return path
-
-
-def columns(path: Path) -> dict[str, np.ndarray]:
-    """Return all messages of a log by name, each with its order."""
-    parts: dict[str, list[np.ndarray]] = {}
-    for _, frames in DataflashReader(path).read():
-        for name, block in (frames.messages if frames else {}).items():
-            parts.setdefault(name, []).append(block.fields)
-    return {name: np.concatenate(found) for name, found in parts.items()}
 
 
 def samples(path: Path) -> Samples:
@@ -334,75 +253,6 @@ def test_order_rises_through_the_log_whatever_the_message(bin_file: Path):
         assert (np.diff(orders) > 0).all()
         assert orders[0] > low
         low = orders[-1]
-
-
-@pytest.mark.parametrize("cut", [3, 50, 20_001, 90_000])
-def test_a_torn_log_gives_what_came_before_the_tear(tmp_path: Path, cut: int):
-    whole = columns(written(tmp_path, with_imu().data))["SERVO_OUTPUT_RAW"]
-    data = with_imu().data[:-cut]
-    torn = columns(written(tmp_path, data))["SERVO_OUTPUT_RAW"]
-    intact = sum(at + 40 <= len(data) for at, name in with_imu().starts if name == "RCOU")
-
-    assert 0 <= intact - len(torn) <= 1
-    assert (torn == whole[: len(torn)]).all()
-
-
-@given(st.data())
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_garbage_costs_only_the_message_it_stands_in(tmp_path: Path, data: st.DataObject):
-    short = logged(flown(2.0))
-    head = next(at for at, name in short.starts if name == "MSG")
-    at = data.draw(st.integers(head, len(short.data)))
-    garbage = data.draw(st.binary(min_size=1, max_size=200))
-    whole = columns(written(tmp_path, short.data))["SERVO_OUTPUT_RAW"]
-    damaged = short.data[:at] + garbage + short.data[at:]
-    found = columns(written(tmp_path, damaged))["SERVO_OUTPUT_RAW"]
-
-    assert len(whole) - 1 <= len(found) <= len(whole)
-    assert np.isin(found["time_usec"], whole["time_usec"]).all()
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_flipped_bytes_are_survived_in_silence(tmp_path: Path, seed: int):
-    rng = np.random.default_rng(seed)
-    data = np.frombuffer(logged(flown(2.0)).data, np.uint8).copy()
-    where = rng.choice(np.arange(2, len(data)), 30, replace=False)
-    data[where] ^= rng.integers(1, 256, 30, np.uint8)
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        pipeline = Pipeline(RunConfig())
-        for _, frames in DataflashReader(written(tmp_path, data.tobytes())).read():
-            pipeline.take(frames)
-        pipeline.finish()
-    assert said.getvalue() == ""
-
-
-def test_a_damaged_time_is_left_out(tmp_path: Path):
-    log = DataflashLog()
-    for k in range(100):
-        log.add("RCOU", 20_000 * k + (2**40 if k == 40 else 0), 1500)
-    times = columns(written(tmp_path, log.data))["SERVO_OUTPUT_RAW"]["time_usec"]
-    np.testing.assert_array_equal(times, [20_000 * k for k in range(100) if k != 40])
-
-
-def test_a_pause_of_the_log_is_no_damage(tmp_path: Path):
-    log = DataflashLog()
-    for k in range(100):
-        log.add("RCOU", 20_000 * k + (10**9 if k >= 40 else 0), 1500)
-    assert len(columns(written(tmp_path, log.data))["SERVO_OUTPUT_RAW"]) == 100
-
-
-def test_a_file_that_only_begins_like_a_log_is_refused_in_one_line(tmp_path: Path):
-    for data in (b"\xa3\x95", b"\xa3\x95\x80" + bytes(50), b"\xa3\x95" * 500):
-        path = written(tmp_path, data)
-        with pytest.raises(SourceError, match="holds no readable message") as caught:
-            open_log(path, Decoder(WANTED))
-        assert "\n" not in str(caught.value)
 
 
 def test_a_telemetry_log_is_still_read_as_one(tmp_path: Path):

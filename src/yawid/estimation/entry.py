@@ -23,7 +23,6 @@ from yawid.estimation.state import (
     LAGS,
     LAMBDA,
     LAMBDA_END,
-    LOSS,
     MINIMUM,
     PHASE,
     RESIDUAL,
@@ -44,10 +43,10 @@ from yawid.estimation.state import (
     Y_HAT,
     D,
     M,
-    N,
     Y,
     places,
 )
+from yawid.estimation.upkeep import noise_variance
 
 
 @jit
@@ -164,14 +163,6 @@ def predict(s):
 
 
 @jit
-def noise_variance(s):
-    """Variance of the innovation on scaled signals; NaN before the first update."""
-    if s[S1] == 0.0:
-        return math.nan
-    return s[LOSS] / max(s[S1] - s[N] * s[S2] / s[S1], 1.0)
-
-
-@jit
 def covariance_entry(s, at, i, j):
     """Covariance of theta[i] and theta[j], i <= j, in the user's units."""
     theta = s[at[THETA] : at[THETA + 1]]
@@ -182,8 +173,10 @@ def covariance_entry(s, at, i, j):
     n = len(theta)
     if s[S1] == 0.0:
         return math.nan
-    over_noise = covariance[i * n + j] if s[LAGS] > 0.0 else p_entry(d, upper, i, j) * s[S2] / s[S1]
-    return over_noise * noise_variance(s) * units[i] * units[j]
+    if s[LAGS] > 0.0:
+        return covariance[i * n + j] * units[i] * units[j]
+    # cov = sigma^2 P S2 / S1: sigma^2 P for lambda = 1, sigma^2 P / (1 + lambda) in steady state
+    return noise_variance(s) * p_entry(d, upper, i, j) * s[S2] / s[S1] * units[i] * units[j]
 
 
 @jit

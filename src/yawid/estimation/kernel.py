@@ -176,42 +176,33 @@ def over_c(c, columns):
             columns[k, j] = x
 
 
-@jit
-def follow_covariance(covariance, echoes, products, psi, gain, h, inverse):
-    """Follow theta's covariance over the noise variance, the residual's correlation included.
+@hot
+def follow_covariance(covariance, echo, psi, gain, h, inverse, e, memory):
+    """Follow the covariance of theta from the innovations as they come, white or coloured.
 
-    With K the gain and F = I - K psi': cov <- F cov F' + K K' + F h K' + K h' F', where h sums
-    the echoes w(l) = F ... F K(k-l) of past gains, each times the residual's correlation over l
-    samples under Bartlett's taper. A floor row moves P but not theta, and so not this.
+    With K = inverse * gain and F = I - K psi', theta's error moves by F and is driven by K e, so
+    cov <- F cov F' + K e e K' + F h e K' + K e h' F', where h = memory * echo is what earlier
+    innovations left in theta, weighted by memory^lag: the residual's autocorrelation, summed as it
+    comes (after Grauer and Morelli 2016, with the weights of a geometric window). Any lambda(t)
+    and step counts as it was; a floor row moves P but not theta, and so not this.
     """
-    n, lags = len(psi), len(products) - 1
-    h[:] = 0.0
-    for j in range(lags if products[0] > 0.0 else 0):
-        rho = (1.0 - (j + 1.0) / (lags + 1.0)) * products[j + 1] / products[0]
-        for i in range(n):
-            h[i] += rho * echoes[j * n + i]
-    quadratic, cross = 1.0, 0.0
+    n = len(psi)
+    quadratic, cross, dot = e * e, 0.0, 0.0
     for i in range(n):
         row = 0.0
         for j in range(n):
-            row += covariance[i * n + j] * psi[j]
+            row += covariance[j * n + i] * psi[j]
         quadratic += psi[i] * row
-        cross += psi[i] * h[i]
         gain[i] *= inverse
-        h[i] -= row
+        dot += psi[i] * echo[i]
+        h[i] = memory * e * echo[i] - row
+    cross = memory * e * dot
     for i in range(n):
         h[i] += gain[i] * (0.5 * quadratic - cross)
+        echo[i] = memory * (echo[i] - gain[i] * dot) + gain[i] * e
     for i in range(n):
         for j in range(n):
             covariance[i * n + j] += gain[i] * h[j] + h[i] * gain[j]
-    for k in range(lags - 1, 0, -1):
-        dot = 0.0
-        for i in range(n):
-            dot += psi[i] * echoes[(k - 1) * n + i]
-        for i in range(n):
-            echoes[k * n + i] = echoes[(k - 1) * n + i] - gain[i] * dot
-    for i in range(n):
-        echoes[i] = gain[i]
 
 
 @hot

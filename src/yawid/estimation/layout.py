@@ -45,7 +45,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     window = max(config.scale_window, config.start_buffer)
     table, taps = registers(config)
     size = int(table[:, 1].sum())
-    covariance = n * n + lags * n + 2 * lags + 1 if lags else 0
+    covariance = n * n + n + 2 * lags + 1 if lags else 0
     length = slots.HEADER + 8 * n + n * (n - 1) // 2 + n + 2 * size + covariance
     length += table.size + len(table) + n + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
     state = np.zeros(length)

@@ -14,7 +14,7 @@ from yawid.estimation.state import (
     DEPTH,
     DIVERGED,
     DIVERGING,
-    ECHOES,
+    ECHO,
     FACTORS,
     FAST_Y2,
     FILL,
@@ -98,12 +98,12 @@ def _open(s, at):
     """Empty the registers: the samples before are not the neighbours of those that follow."""
     raw = s[at[RAW] : at[RAW + 1]]
     filtered = s[at[FILTERED] : at[FILTERED + 1]]
-    echoes = s[at[ECHOES] : at[ECHOES + 1]]
+    echo = s[at[ECHO] : at[ECHO + 1]]
     residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
     fresh = s[at[FRESH] : at[FRESH + 1]]
     raw[:] = 0.0
     filtered[:] = 0.0
-    echoes[:] = 0.0
+    echo[:] = 0.0
     residuals[:] = 0.0
     fresh[:] = 0.0
     s[FILL], s[BROKEN] = 0.0, 0.0
@@ -162,8 +162,7 @@ def _learn(s, at, y, e):
     upper = s[at[UPPER] : at[UPPER + 1]]
     scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
     covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    echoes = s[at[ECHOES] : at[ECHOES + 1]]
-    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
+    echo = s[at[ECHO] : at[ECHO + 1]]
     if s[RML] == 0.0 or s[SINCE] < PSI_FROM:
         psi = phi
     else:
@@ -184,7 +183,8 @@ def _learn(s, at, y, e):
     if not (inverse > 0.0 and e * e + eps * eps < math.inf):
         return math.nan
     if s[LAGS] > 0.0:
-        follow_covariance(covariance, echoes, products, psi, gain, scratch, inverse)
+        memory = 1.0 - 1.0 / s[LAGS]
+        follow_covariance(covariance, echo, psi, gain, scratch, inverse, e, memory)
     adapt(s, at, lam)
     account(s, at, y, e, eps, lam, lam * inverse)
     return eps

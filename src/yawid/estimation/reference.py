@@ -69,7 +69,7 @@ class ReferenceArmax(ReferenceReadings):
         self._filtered = np.zeros_like(self._raw)  # rows y, u.., residual, 1; the newest first
         self._fresh = np.zeros(len(self._raw))
         self._sums.residuals[:] = 0.0
-        self._spread.echoes[:] = 0.0
+        self._spread.echo[:] = 0.0
         self._fill, self._broken = 0, False
 
     def update(self, u: ArrayLike, y: float) -> ReferenceEstimate:
@@ -218,9 +218,11 @@ class ReferenceArmax(ReferenceReadings):
             self._diverged = True
             self._broken = True
             return math.nan, False
-        self._spread.follow(psi, kalman.K[:, 0], self._sums.correlation())
+        self._spread.follow(psi, kalman.K[:, 0], e)
         kalman.P = kalman.P + self._drift
-        self._spread.covariance = self._spread.covariance + self._drift
+        if self._since:
+            noise = self._sums.noise_variance(self.config.n_theta)
+            self._spread.covariance = self._spread.covariance + noise * self._drift
         self._keep_information()
         rate = self.config.forgetting_rate
         self.forgetting_factor = rate * lam + (1.0 - rate) * self.config.forgetting_factor

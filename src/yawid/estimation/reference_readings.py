@@ -68,11 +68,11 @@ class ReferenceReadings(Readings):
         sums = self._sums
         if not sums.s1:
             return np.full((self.config.n_theta,) * 2, math.nan)
-        over_noise = self._spread.covariance
+        covariance = self._spread.covariance
         if not self.config.residual_lags:
-            over_noise = self._filter.P * sums.s2 / sums.s1
-        noise = sums.noise_variance(self.config.n_theta)
-        return np.asarray(noise * over_noise * np.outer(self._units, self._units), np.float64)
+            noise = sums.noise_variance(self.config.n_theta)
+            covariance = noise * self._filter.P * sums.s2 / sums.s1
+        return np.asarray(covariance * np.outer(self._units, self._units), np.float64)
 
     @property
     def noise_std(self) -> float:

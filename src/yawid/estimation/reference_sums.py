@@ -31,14 +31,6 @@ class Sums:
         self.products = lam * self.products + eps * lagged
         self.residuals = lagged[:-1]
 
-    def correlation(self) -> Floats:
-        """Return the residual's autocorrelation (lags,), tapered after Bartlett; 0 at first."""
-        lags = len(self.residuals)
-        if not self.products[0] > 0.0:
-            return np.zeros(lags)
-        taper = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
-        return np.asarray(taper * self.products[1:] / self.products[0], dtype=np.float64)
-
     def noise_variance(self, n_theta: int) -> float:
         """Return the variance of the innovation, NaN before the first update."""
         if not self.s1:
@@ -51,16 +43,16 @@ class Sums:
 
 
 class Spread:
-    """The covariance of theta over the noise variance, the residual's correlation included."""
+    """The covariance of theta, the residual's autocorrelation included."""
 
     def __init__(self, covariance: Floats, lags: int) -> None:
         self.covariance = covariance
-        self.echoes = np.zeros((lags, len(covariance)))
+        self.echo = np.zeros(len(covariance))
+        self.memory = 1.0 - 1.0 / lags if lags else 0.0
 
-    def follow(self, psi: Floats, gain: Floats, correlation: Floats) -> None:
+    def follow(self, psi: Floats, gain: Floats, e: float) -> None:
         """Take one update: see ``kernel.follow_covariance``, here as the equations stand."""
-        F = np.eye(len(psi)) - np.outer(gain, psi)
-        cross = F @ np.outer(correlation @ self.echoes, gain)
-        self.covariance = F @ self.covariance @ F.T + np.outer(gain, gain) + cross + cross.T
-        if len(self.echoes):
-            self.echoes = np.vstack([gain, self.echoes[:-1] @ F.T])
+        F, drive = np.eye(len(psi)) - np.outer(gain, psi), gain * e
+        cross = F @ np.outer(self.memory * self.echo, drive)
+        self.covariance = F @ self.covariance @ F.T + np.outer(drive, drive) + cross + cross.T
+        self.echo = self.memory * (F @ self.echo) + drive

@@ -26,10 +26,7 @@ SETTLED = 1e-8
 
 @dataclass(frozen=True)
 class Start:
-    """What the fit hands over, on scaled signals: theta (n,), P and theta's covariance (n, n).
-
-    Neither P nor the covariance is multiplied by the noise variance.
-    """
+    """What the fit hands over, on scaled signals: theta (n,), P and theta's covariance (n, n)."""
 
     theta: Floats
     P: Floats
@@ -48,7 +45,8 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
     P = np.asarray(np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi), np.float64)
     if not better or not np.isfinite(P).all() or np.linalg.eigvalsh(P)[0] <= 0.0:
         return None
-    return Start(theta, P, P @ (fit.prior + (psi.T * fit.weights**2) @ psi) @ P)
+    scores = psi * (fit.weights * np.concatenate(fit.residuals(theta)))[:, None]
+    return Start(theta, P, P @ (scores.T @ scores) @ P)
 
 
 def _stretches(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:

@@ -4,7 +4,9 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 from __future__ import annotations
 
-from yawid.estimation.kernel import correlate, drift_entry, floor, hot, p_entry
+import math
+
+from yawid.estimation.kernel import correlate, drift_entry, floor, hot, jit, p_entry
 from yawid.estimation.state import (
     COVARIANCE,
     D_MAX,
@@ -40,6 +42,7 @@ from yawid.estimation.state import (
     WARM,
     Y2,
     D,
+    N,
 )
 
 
@@ -66,6 +69,14 @@ def _keep_information(s, at, d, upper):
         floor(d, upper, k, 1.0 / limit - 1.0 / p, gain)
 
 
+@jit
+def noise_variance(s):
+    """Return the variance of the innovation on scaled signals; NaN before the first update."""
+    if s[S1] == 0.0:
+        return math.nan
+    return s[LOSS] / max(s[S1] - s[N] * s[S2] / s[S1], 1.0)
+
+
 @hot
 def adapt(s, at, lam):
     """Let P grow by forgetting or drift, no further than its cap, and keep information in it."""
@@ -82,7 +93,7 @@ def adapt(s, at, lam):
             if drift[i] > 0.0:
                 drift_entry(d, upper, i, drift[i], scratch)
                 if s[LAGS] > 0.0:
-                    covariance[i * n + i] += drift[i]
+                    covariance[i * n + i] += drift[i] * noise_variance(s) if s[S1] > 0.0 else 0.0
     if s[FLOOR] > 0.0:
         _keep_information(s, at, d, upper)
     s[LAMBDA] = s[LAMBDA_RATE] * lam + (1.0 - s[LAMBDA_RATE]) * s[LAMBDA_END]

@@ -80,13 +80,7 @@ def read_first_order(record: Record) -> Iterator[float]:
 def read_second_order(record: Record) -> Iterator[tuple[float, float]]:
     """Yield D and q by eq. 12-13 from the first extremum; none where there is no overshoot."""
     for t, y in record.smoothed():
-        peak = float(t[np.argmax(y)])
-        near = np.abs(t - peak) <= 0.15 * peak
-        y_max = float(y.max())
-        if near.sum() >= 5:  # the parabola through the top is finer than the samples
-            curve, slope, top = np.polyfit(t[near] - peak, y[near], 2)
-            if curve < 0.0 and abs(0.5 * slope / curve) <= 0.15 * peak:
-                peak, y_max = peak - 0.5 * slope / curve, top - 0.25 * slope**2 / curve
+        peak, y_max = float(t[np.argmax(y)]), float(y.max())
         if 0.0 < y_max - 1.0 < 1.0 and peak > 0.0:
             _, D, q = second_order_from_peak(1.0, y_max, peak)
             yield D, q

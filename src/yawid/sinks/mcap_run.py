@@ -83,6 +83,7 @@ class McapRun:
     config: RunConfig
     grid: Grid | None
     log: list[LogLine] = field(default_factory=list)
+    rows: int = 0
 
     def samples(self) -> Iterator[SampleBlock]:
         """Yield the samples alone.
@@ -155,11 +156,12 @@ def open_run(path: Path) -> McapRun:
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
             attachments = {record.name: record.data for record in reader.iter_attachments()}
             log = list(_log_lines(reader))
+            rows = _count(reader)
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     summary = _summary(path, attachments)
     config = _config(path, attachments)
-    return McapRun(path, summary, metadata, attachments, config, _grid(path, metadata), log)
+    return McapRun(path, summary, metadata, attachments, config, _grid(path, metadata), log, rows)
 
 
 @contextmanager
@@ -269,3 +271,12 @@ def _grid(path: Path, metadata: Mapping[str, Mapping[str, str]]) -> Grid | None:
     if not (0.0 < sample_time_s < math.inf and parameters and inputs and methods):
         raise SourceError(f"{path}: its grid makes no sense: {dict(record)}")
     return Grid(parameters, inputs, methods, sample_time_s)
+
+
+def _count(reader: McapReader) -> int:
+    """Return the number of samples, 0 where the file does not say."""
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None:
+        return 0
+    counts = summary.statistics.channel_message_counts
+    return sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)

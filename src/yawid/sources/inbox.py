@@ -15,7 +15,7 @@ _MOST_AT_ONCE = 8192  # so that a backlog does not keep the files from growing
 
 
 def _steady_ns() -> int:
-    """A clock that only goes forward, through a suspend of the machine too where that is known."""
+    """Read a clock that only goes forward, through a suspend of the machine too where known."""
     return time.clock_gettime_ns(_STEADY)
 
 
@@ -88,7 +88,7 @@ class Inbox:
     def take(self) -> list[Heard]:
         """Return what is queued, the oldest first, up to a bound."""
         self._arrived.clear()
-        taken = []
+        taken: list[Heard] = []
         while self._queue and len(taken) < _MOST_AT_ONCE:
             taken.append(self._queue.popleft())
         if self._queue:

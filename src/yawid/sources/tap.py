@@ -7,6 +7,7 @@ import struct
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
 from typing import Self
@@ -46,7 +47,7 @@ class Tap(ABC):
         self.skipped_bytes = 0
         self.stamps = Stamps()
         self.senders = Addresses()
-        self.news: list[str] = []
+        self.news: deque[str] = deque()
         self._inbox = Inbox(queue_size, self.stamps)
         self._next_read_s = 0.0
         self._closing = threading.Event()
@@ -116,7 +117,7 @@ class Tap(ABC):
             for frame in frames:
                 parts += (prefix, frame)
                 pairs.add((sysid_of(frame), address))
-        self.news += self.senders.note(pairs, stamp)
+        self.news.extend(self.senders.note(pairs, stamp))
         if not parts and self._failure is not None:
             raise SourceError(f"{self.endpoint} failed: {self._failure}")
         return b"".join(parts)
@@ -178,6 +179,12 @@ def split_datagram(datagram: bytes) -> Iterator[bytes]:
             continue
         yield datagram[at : at + size]
         at += size
+
+
+def magic_at(data: bytes, start: int) -> int:
+    """Return where a frame may begin at or after ``start``, -1 if nowhere."""
+    match = _MAGIC.search(data, start)
+    return -1 if match is None else match.start()
 
 
 def sysid_of(frame: bytes) -> int:

@@ -1,0 +1,52 @@
+"""What a live session says while it runs: one line that updates, and lines that stay."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from typing import TextIO
+
+PLAIN_LINE_S = 10.0
+TERMINAL_LINE_S = 0.5
+_CLEAR = "\r\x1b[2K"
+
+
+class Console:
+    """Writes to ``stream``; only on a terminal does a line update in place."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._is_terminal = stream.isatty()
+        self._period_s = TERMINAL_LINE_S if self._is_terminal else PLAIN_LINE_S
+        self._next_s = time.monotonic() + self._period_s
+        self._shown = ""
+
+    def say(self, text: str) -> None:
+        """Write a line that stays."""
+        self._write(f"{_CLEAR if self._shown else ''}yawid: {text}\n{self._shown}")
+
+    def is_due(self) -> bool:
+        """Whether it is time for the next state of the line."""
+        return time.monotonic() >= self._next_s
+
+    def show(self, line: str) -> None:
+        """Show where the session stands: in place on a terminal, else as a line of its own."""
+        self._next_s = time.monotonic() + self._period_s
+        if self._is_terminal:
+            self._shown = line[: shutil.get_terminal_size().columns - 1]
+            self._write(_CLEAR + self._shown)
+        else:
+            self._write(f"yawid: {line}\n")
+
+    def close(self) -> None:
+        """Leave the line that updates: what follows stands below it."""
+        if self._shown:
+            self._shown = ""
+            self._write("\n")
+
+    def _write(self, text: str) -> None:
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except OSError:
+            pass  # the terminal has gone: the session need not

@@ -1,0 +1,69 @@
+"""The session's tlog: what was heard, on disk within a fraction of a second."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+from yawid.errors import SinkError
+from yawid.live.guard import LOOK_S, check_present
+from yawid.sinks.base import Pace, open_part, os_errors_as_sink_error, sync
+
+FLUSH_S = 0.25
+
+
+class TlogRecorder:
+    """Writes ``<path>.part`` and gives it the name ``path`` at the end; ``failure`` as in Guarded.
+
+    Flushed means handed to the system: kill -9 cannot take it back, a power cut can.
+
+    Raises:
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, tell: Callable[[str], None], *, force: bool) -> None:
+        self.failure: str | None = None
+        self._path = path
+        self._tell = tell
+        self._pace, self._look = Pace(FLUSH_S), Pace(LOOK_S)
+        self._part, self._stream = open_part(path, force=force)
+
+    def write(self, data: bytes) -> None:
+        """Add whole records."""
+        self._attempt(lambda: self._stream.write(data))
+
+    def flush(self) -> None:
+        """Bring out what was written, a few times a second."""
+        if self._pace.due():
+            self._attempt(self._flush)
+
+    def finish(self) -> Path | None:
+        """Close and rename; return the file, None where there is none to be had."""
+        self._attempt(self._finish)
+        return None if self.failure else self._path
+
+    def abort(self) -> None:
+        """Close under the unfinished name: what was recorded stays."""
+        with contextlib.suppress(OSError):  # what it could not write has been told already
+            self._stream.close()
+
+    def _flush(self) -> None:
+        self._stream.flush()
+        if self._look.due():
+            check_present(self._part)
+
+    def _finish(self) -> None:
+        sync(self._stream)
+        self._stream.close()
+        self._part.replace(self._path)
+
+    def _attempt(self, act: Callable[[], object]) -> None:
+        if self.failure is None:
+            try:
+                with os_errors_as_sink_error(self._part):
+                    act()
+            except SinkError as error:
+                self.failure = str(error)
+                self._tell(f"{error}: the session goes on without its tlog")
+                self.abort()

@@ -1,0 +1,129 @@
+"""A case from any telemetry log: cut to the stretch asked for and to what yawid reads, hashed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import FrameBlock, Ints
+from yawid.channels.stage import WANTED
+from yawid.channels.yaw import SOURCES, boot_us
+from yawid.errors import ConfigError, SinkError, YawidError
+from yawid.regress.case import Case
+from yawid.run_config import RunConfig, check_settings
+from yawid.sources.frames import Decoder
+from yawid.sources.framing import STAMP_SIZE, frame_size
+from yawid.sources.tlog import read_tlog
+
+MOST_BYTES = 1_000_000
+LEAD_S = 10.0
+"""Kept before --from: the first seconds of both channels set the rate of the grid."""
+FLOOR_SHARE = 0.9
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> Case:
+    """Make ``folder/name`` with log.tlog and case.toml; its references come by ``update``.
+
+    A log of less than 1 MB without --from and --to is taken as it is; else only the messages that
+    yawid reads are kept, of the stretch asked for.
+
+    Raises:
+        ConfigError: the name is none, the case exists, the options do not fit the log, or what is
+        asked for is still 1 MB or more.
+        SourceError: the log cannot be read.
+        SinkError: the case cannot be written.
+    """
+    if not _NAME.fullmatch(name):
+        raise ConfigError(f"--name must be letters, digits, '.', '_' and '-', got {name!r}")
+    place = folder / name
+    if place.exists():
+        raise ConfigError(f"{place} exists: choose another --name")
+    config = RunConfig(**check_settings(dict(options), "the command line"))
+    data = b"".join(read_tlog(log))
+    kept = data
+    if len(data) >= MOST_BYTES or config.from_s is not None or config.to_s is not None:
+        kept = _trimmed(data, config)
+    if len(kept) >= MOST_BYTES:
+        raise ConfigError(
+            f"{log}: {len(kept)} bytes of what yawid reads, a case has less than {MOST_BYTES}: "
+            "choose a stretch by --from and --to"
+        )
+    origin = f"{log.name}, sha256 {hashlib.sha256(data).hexdigest()}"
+    origin += "" if kept is data else ", trimmed by yawid regress --new"
+    return _written(place, kept, origin, options)
+
+
+def _written(place: Path, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
+    """Write the case, replay it once for its floor, and leave nothing where that fails."""
+    head = (
+        f"origin = {json.dumps(origin)}\n"
+        'licence = "not stated: whose log is it, and who may have it?"\n'
+        f'sha256 = "{hashlib.sha256(log).hexdigest()}"\n'
+    )
+    told = "".join(f"{key} = {json.dumps(value)}\n" for key, value in options.items())
+    files = {"log.tlog": log, "case.toml": f"{head}floor = 0\n\n[options]\n{told}".encode()}
+    try:
+        place.mkdir(parents=True)
+        for file, content in files.items():
+            (place / file).write_bytes(content)
+        floor = int(FLOOR_SHARE * Case.read(place).replay().updates)
+        final = f"{head}floor = {floor}\n\n[options]\n{told}"
+        (place / "case.toml").write_text(final, encoding="utf-8")
+    except OSError as error:
+        raise SinkError(f"cannot write {place}: {error.strerror}") from error
+    except YawidError:
+        for file in files:
+            (place / file).unlink(missing_ok=True)
+        place.rmdir()
+        raise
+    return Case.read(place)
+
+
+def _trimmed(data: bytes, config: RunConfig) -> bytes:
+    """Return the records that yawid reads, of the stretch asked for; parameters stay whole."""
+    decoder = Decoder(WANTED)
+    blocks = [found for found in (decoder.feed(data), decoder.finish()) if found is not None]
+    heard = _Heard.of(blocks)
+    low = -np.inf if config.from_s is None else config.from_s - LEAD_S
+    high = np.inf if config.to_s is None else config.to_s + LEAD_S
+    inside = (heard.boot_s >= low) & (heard.boot_s <= high)
+    kept = []
+    for at in heard.order[inside | heard.is_fact].tolist():
+        frame = at + STAMP_SIZE
+        size = frame_size(data[frame : frame + 3])
+        assert size is not None
+        kept.append(data[at : frame + size])
+    return b"".join(kept)
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """Every record read, in the order heard (n,): where it starts, the boot time then, its kind."""
+
+    order: Ints
+    boot_s: np.ndarray[tuple[int], np.dtype[np.float64]]
+    is_fact: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+    @staticmethod
+    def of(blocks: list[FrameBlock]) -> _Heard:
+        """Join the blocks of a decoder; a record without a time has that of the one before it."""
+        order, boot, fact = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros(0, bool)]
+        for name, block in ((n, b) for found in blocks for n, b in found.messages.items()):
+            timed = name in SOURCES
+            order.append(block.order)
+            boot.append(boot_us(block.fields) / 1e6 if timed else np.full(len(block), np.nan))
+            fact.append(np.full(len(block), name == "PARAM_VALUE"))
+        by_order = np.argsort(np.concatenate(order))
+        times = np.concatenate(boot)[by_order]
+        last = np.maximum.accumulate(np.where(np.isnan(times), -1, np.arange(len(times))))
+        first = times[np.isfinite(times)][:1]
+        known = np.where(last >= 0, times[last], first[0] if len(first) else 0.0)
+        return _Heard(np.concatenate(order)[by_order], known, np.concatenate(fact)[by_order])

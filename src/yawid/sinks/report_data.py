@@ -1,0 +1,198 @@
+"""What the report draws: the rows of a run, and its final model estimated once more.
+
+The file keeps theta's sigma but not its covariance, which every band needs. Estimating again from
+the samples gives it, and shows that the file can be replayed from itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, Noted, SampleBlock, Status
+from yawid.config import ArmaxOrders
+from yawid.estimation.bank import Bank
+from yawid.estimation.fit import simulate
+from yawid.sinks.mcap_run import McapRun
+
+TRACK_POINTS = 1500
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The final model of the primary method: theta (p,), its covariance (p, p), what it belongs to.
+
+    ``same`` tells whether estimating again gave the file's own theta to the bit.
+    """
+
+    theta: Floats
+    covariance: Floats
+    orders: ArmaxOrders
+    sample_time_s: float
+    same: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Estimates over time, thinned to some 1500 rows: t (n,) in s since boot, the rest (n, ...)."""
+
+    t: Floats
+    theta: Floats
+    theta_std: Floats
+    dutch_roll: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The rows the final model is judged by: three times its memory, all where it keeps everything.
+
+    t (n,) in s since boot, u (n, inputs), y, y_hat, simulated, residual (n,); NaN where held.
+    """
+
+    t: Floats
+    u: Floats
+    y: Floats
+    y_hat: Floats
+    simulated: Floats
+    residual: Floats
+
+    def longest_stretch(self) -> slice:
+        """Return the rows of the longest stretch in which nothing was held."""
+        good = np.isfinite(self.y) & np.isfinite(self.u).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+        stretches = edges.reshape(-1, 2)
+        if not len(stretches):
+            return slice(0, 0)
+        first, last = stretches[np.argmax(stretches[:, 1] - stretches[:, 0])]
+        return slice(int(first), int(last))
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """What happened to the samples: spans (n, 2) and instants (n,) in s since boot, and counts."""
+
+    held: Floats
+    mode_changes: Floats
+    counts: dict[str, int]
+    delay_t: Floats
+    delay_s: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """All that is drawn of one run."""
+
+    model: Model
+    track: Track
+    judged: Judged
+    events: Events
+
+
+def gather(run: McapRun) -> ReportData | None:
+    """Return what is drawn of a run, or None where it has no rows or nothing was estimated.
+
+    Raises:
+        SourceError: the file is damaged.
+    """
+    if run.grid is None or not run.rows or run.config.bank_methods() != run.grid.methods:
+        return None
+    gatherer = _Gatherer(run, run.grid.methods[0], run.grid.sample_time_s)
+    for block in run.blocks():
+        gatherer.add(block.samples, block.estimates[gatherer.method], block.modes)
+    return gatherer.result()
+
+
+class _Gatherer:
+    def __init__(self, run: McapRun, method: str, sample_time_s: float) -> None:
+        self.method = method
+        self._bank = Bank(run.config, sample_time_s)
+        self._stride = max(1, run.rows // TRACK_POINTS)
+        self._rows = 0
+        self._thin: list[tuple[Floats, ...]] = []
+        self._full: list[tuple[Any, ...]] = []
+        self._last = np.empty(0)
+
+    def add(self, samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock) -> None:
+        for rows in _epochs(samples.epoch):
+            self._bank.run(samples.select(rows))
+        live = (estimate.status != Status.WARMING_UP)[:, None]
+        thin = slice(-self._rows % self._stride, None, self._stride)
+        columns = (
+            samples.boot_us[:, None] / 1e6,
+            np.where(live, estimate.theta, np.nan),
+            np.where(live, estimate.theta_std, np.nan),
+            modes.dutch_roll,
+        )
+        self._thin.append(tuple(column[thin].copy() for column in columns))
+        delay_s = (samples.received_us - samples.unix_ns / 1e3) / 1e6
+        self._full.append(
+            (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s)
+        )
+        self._rows += len(samples)
+        self._last = estimate.theta[-1].copy()
+
+    def result(self) -> ReportData | None:
+        block = self._bank.last[self.method]
+        theta, covariance = block.theta[-1], block.covariance
+        if covariance is None or not np.isfinite(covariance[-1]).all():
+            return None
+        config = self._bank.estimators[self.method].config
+        same = bool(np.array_equal(theta, self._last))
+        model = Model(theta, covariance[-1], config.orders, config.sample_time_s, same)
+        t, theta_track, theta_std, dutch_roll = _joined(self._thin)
+        boot_us, held, noted, residual, delay_s = _joined(self._full)
+        boot_s = boot_us / 1e6
+        return ReportData(
+            model,
+            Track(t[:, 0], theta_track, theta_std, dutch_roll),
+            self._judged(model, boot_s, residual),
+            _events(boot_s, held, noted, delay_s, model.sample_time_s),
+        )
+
+    def _judged(self, model: Model, boot_s: Floats, residual: Floats) -> Judged:
+        history = self._bank.history()
+        forgotten = 1.0 - self._bank.config.forgetting_factor(model.sample_time_s)
+        if forgotten > 0.0:
+            history = history.newest(math.ceil(3.0 / forgotten))
+        n = len(history.y)
+        bias = self._bank.estimators[self.method].config.bias
+        simulated = simulate(model.theta, model.orders, bias, history.u, history.y)
+        return Judged(
+            boot_s[-n:], history.u, history.y, history.y_hat[self.method], simulated, residual[-n:]
+        )
+
+
+def _joined(parts: list[tuple[Any, ...]]) -> list[Any]:
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
+
+
+def _epochs(epoch: Ints) -> Iterator[slice]:
+    edges = [0, *(np.flatnonzero(np.diff(epoch)) + 1).tolist(), len(epoch)]
+    return (slice(first, last) for first, last in pairwise(edges))
+
+
+def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: float) -> Events:
+    edges = np.diff(np.concatenate([[0], (held != 0).astype(int), [0]]))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    changed = noted & Noted.MODE_CHANGED.value != 0
+    changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
+    counts = {
+        str(flag.name).lower().replace("_", " "): int(np.sum(held & flag.value != 0))
+        for flag in Held
+        if np.any(held & flag.value != 0)
+    }
+    stride = max(1, len(t) // TRACK_POINTS)
+    # The slowest of each stretch: a stall must not fall between the points that are drawn.
+    starts = np.arange(0, len(t), stride)
+    return Events(
+        np.column_stack([t[first], t[last] + sample_time_s]),
+        changes,
+        counts,
+        t[starts],
+        np.maximum.reduceat(delay_s, starts),
+    )

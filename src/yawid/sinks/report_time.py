@@ -1,0 +1,175 @@
+"""Pictures over time: the fit, parameters, modes, and what the link did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from yawid.blocks import Floats
+from yawid.sinks.report_data import Judged, ReportData
+from yawid.sinks.report_pictures import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    Picture,
+    band,
+    drawn,
+    mark_events,
+    sensible_limits,
+    thin_lines,
+)
+
+FIT_WINDOW_S = 30.0
+TIME_LABEL = "time since boot [s]"
+
+
+def fit_picture(data: ReportData, fit: Mapping[str, float]) -> Picture:
+    """Rudder and yaw rate where the rudder moved most: measured, one step ahead, simulated."""
+    judged = data.judged
+    rows = _most_moved(judged, round(FIT_WINDOW_S / data.model.sample_time_s))
+    t = judged.t[rows]
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2.4])
+        upper.plot(t, judged.u[rows, 0], color=GREEN, drawstyle="steps-post")
+        upper.set_ylabel("rudder")
+        lower.plot(t, judged.y[rows], color=BLUE, label="measured")
+        lower.plot(t, judged.y_hat[rows], color=ORANGE, linewidth=0.9, label="one step ahead")
+        lower.plot(t, judged.simulated[rows], color=RED, linewidth=0.9, label="simulated")
+        lower.set_ylabel("yaw rate [rad/s]")
+        lower.set_xlabel(TIME_LABEL)
+        figure.legend(*lower.get_legend_handles_labels(), loc="outside upper right", ncols=3)
+        mark_events(lower, data.events)
+
+    numbers = [
+        f"{name} {fit[key]:.0f} %"
+        for name, key in (("one step ahead", "one_step_pct"), ("simulated", "simulation_pct"))
+        if key in fit
+    ]
+    look = (
+        "Does the red line, the model run free from the rudder alone, follow the blue one in size "
+        "and time? One step ahead flatters every model. "
+        f"Fit over all that is judged: {', '.join(numbers) or 'not known'}. "
+        "Shown: the 30 s in which the rudder moved most."
+    )
+    return Picture("fit", "Fit: measured, predicted, simulated", look, drawn("fit", draw))
+
+
+def _most_moved(judged: Judged, width: int) -> slice:
+    """Return the ``width`` rows with most movement of the rudder."""
+    n = len(judged.t)
+    if n <= width:
+        return slice(0, n)
+    moved = np.abs(np.diff(np.nan_to_num(judged.u[:, 0]), prepend=0.0))
+    moved[0] = 0.0
+    total = np.concatenate([[0.0], np.cumsum(moved)])
+    first = int(np.argmax(total[width:] - total[:-width]))
+    return slice(first, first + width)
+
+
+def parameters_picture(data: ReportData, names: tuple[str, ...]) -> Picture:
+    """Theta over time with its 2 sigma band, a panel for each polynomial."""
+    track = data.track
+    groups = [("A", "a"), ("B", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
+    panels = [(title, [i for i, n in enumerate(names) if _group(n) == g]) for title, g in groups]
+    panels = [(title, columns) for title, columns in panels if columns]
+
+    def draw(figure: Figure) -> None:
+        grid = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
+        for ax, (title, columns) in zip(grid.flat, panels, strict=False):
+            lines = []
+            for shade, i in zip(_shades(len(columns)), columns, strict=True):
+                theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
+                ax.plot(track.t, theta, color=shade, label=names[i])
+                band(ax, track.t, theta - spread, theta + spread, shade)
+                lines += [theta]
+            sensible_limits(ax, *lines)
+            mark_events(ax, data.events)
+            ax.set_title(title)
+            ax.legend(loc="best", ncols=min(len(columns), 3))
+        for ax in list(grid.flat)[len(panels) :]:
+            ax.set_axis_off()
+        for ax in grid[-1]:
+            ax.set_xlabel(TIME_LABEL)
+
+    look = (
+        "Do the lines settle and stay within their own bands (2 sigma)? A line that still drifts "
+        "says that the aircraft, its speed or the noise changed. Grey: samples held; dotted: the "
+        "flight mode changed."
+    )
+    svg = drawn("parameters", draw, (5.6, 4.2))
+    return Picture("parameters", "Parameters over time", look, svg)
+
+
+def _group(name: str) -> str:
+    return "bias" if name == "bias" else name[:1]
+
+
+def _shades(count: int) -> list[str]:
+    shades = (BLUE, ORANGE, GREEN, RED, "#ab47bc", "#8d6e63", "#ec62a1", "#78909c")
+    return [shades[i % len(shades)] for i in range(count)]
+
+
+def modes_picture(data: ReportData, others: Mapping[str, Mapping[str, Any]]) -> Picture:
+    """Natural frequency and damping ratio over time; the other methods' final values as levels."""
+    track = data.track
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(2, 1, sharex=True)
+        names = (("natural frequency [rad/s]", "wn_rad_s", BLUE), ("damping ratio", "zeta", ORANGE))
+        for i, (ax, (label, key, shade)) in enumerate(zip(axes, names, strict=True)):
+            value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
+            spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
+            ax.plot(track.t, value, color=shade)
+            band(ax, track.t, value - spread, value + spread, shade)
+            sensible_limits(ax, value - spread, value + spread)
+            for method, estimate in others.items():
+                level = estimate.get("dutch_roll", {}).get(key)
+                if level is not None:
+                    ax.axhline(level, color=GREY, linewidth=0.9, linestyle="--")
+                    ax.annotate(
+                        f"{method.upper()} at the end: {level:.3g}", (0.99, level),
+                        xycoords=("axes fraction", "data"), ha="right", va="bottom",
+                        fontsize=8, color="#555555",
+                    )  # fmt: skip
+            ax.set_ylabel(label)
+            mark_events(ax, data.events)
+        axes[-1].set_xlabel(TIME_LABEL)
+
+    look = (
+        "Has each line settled long before the end, with a band (2 sigma) narrow enough for your "
+        "purpose? The band must keep the true value inside: a line that leaves its earlier band "
+        "has a sigma that is too small."
+    )
+    return Picture("modes", "Dutch roll over time", look, drawn("modes", draw))
+
+
+def link_picture(data: ReportData) -> Picture:
+    """How late each sample was complete, and what was held."""
+    events = data.events
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        [(t, delay)] = thin_lines(events.delay_t, 1e3 * events.delay_s)
+        ax.plot(t, delay, color=BLUE, linewidth=0.9)
+        ax.set_ylabel("delay of a sample [ms]")
+        ax.set_xlabel(TIME_LABEL)
+        ax.set_ylim(bottom=min(0.0, _least(delay)))
+        mark_events(ax, events)
+
+    look = (
+        "From the instant a sample belongs to until it was complete at the receiver. Flat is a good "
+        "link; spikes are stalls, a slope is a drifting clock. The estimates use the vehicle's "
+        "own clock, so that delay alone does no harm. Grey: held."
+    )
+    return Picture("link", "Link: delay and held samples", look, drawn("link", draw, (5.6, 2.6)))
+
+
+def _least(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if len(finite) else 0.0

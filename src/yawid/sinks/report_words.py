@@ -1,0 +1,161 @@
+"""The report's first screen, in words: what is wn, what is zeta, how sure, can it be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+WHAT_TO_DO: Final[Mapping[str, str]] = {
+    "no_vehicle": "Record the vehicle's own stream, its HEARTBEAT included.",
+    "no_rudder": "Record the servo outputs and the parameters, or name the channel by --rudder.",
+    "no_yaw": "Ask the vehicle for ATTITUDE.",
+    "rate_too_low": "Ask for ATTITUDE and the servo outputs at 25 Hz or more and fly again.",
+    "rate_low": "Next time ask for ATTITUDE and the servo outputs at 25 Hz or more.",
+    "not_excited": "Fly rudder doublets or a 3-2-1-1 in steady level flight.",
+    "collinear_inputs": "Move the rudder on its own: without the mix, or in a mode without it.",
+    "not_converged": "Fly more rudder doublets, or compare structures: yawid orders.",
+    "turn_dominated": "Use a stretch of straight flight: --from, --to.",
+    "coloured_residuals": "Compare structures: yawid orders. Until then rely on RML's sigma.",
+    "rudder_assumed": "Record the parameters too, or name the channel by --rudder.",
+    "els_rml_disagree": "Take RML's numbers, and compare structures: yawid orders.",
+    "airspeed_changed": "Estimate each speed by itself: --from, --to.",
+    "closed_loop": "Move the rudder by hand, or in a mode that does not damp yaw by itself.",
+    "wrong_sign": "Try --rudder-sign nose-left.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One of the four answers: the question, the answer in large, what stands below it."""
+
+    question: str
+    answer: str
+    spread: str
+    notes: tuple[str, ...]
+
+
+def cards(summary: Mapping[str, Any]) -> list[Card]:
+    """Return the answers to the four questions; numbers stand for the primary method."""
+    estimates = summary.get("estimates", {})
+    primary = next(iter(estimates.values()), {})
+    others = {m: e for m, e in list(estimates.items())[1:]}
+    mode = primary.get("dutch_roll", {})
+    return [_frequency(mode, others), _damping(mode, others), _sure(primary, others), use(summary)]
+
+
+def use(summary: Mapping[str, Any]) -> Card:
+    """Return whether the estimate can be used."""
+    verdict = summary["verdict"]
+    reasons = verdict["reasons"]
+    if not verdict["usable"]:
+        fatal = [reason for reason in reasons if reason["weight"] == "fatal"]
+        notes = tuple(_first_words(reason["text"]) for reason in fatal)
+        return Card("Can I use it?", "No", "the numbers are shown for study only", notes)
+    if not reasons:
+        return Card("Can I use it?", "Yes", "nothing speaks against it", ())
+    count = f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below"
+    return Card("Can I use it?", "Yes, with care", count, ())
+
+
+def headline(summary: Mapping[str, Any]) -> str:
+    """Return the whole answer as one sentence."""
+    primary = next(iter(summary.get("estimates", {}).values()), {})
+    mode = primary.get("dutch_roll", {})
+    if "wn_rad_s" not in mode:
+        return "No Dutch roll was identified from this log."
+    if not summary["verdict"]["usable"]:
+        return "This log cannot answer how the yaw answers the rudder; the reasons stand below."
+    wn, zeta = mode["wn_rad_s"], mode["zeta"]
+    return (
+        f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
+        f"({wn / (2.0 * math.pi):.2g} Hz), {_damped(zeta)} (damping ratio {zeta:.2g})."
+    )
+
+
+def advice(reason: Mapping[str, str]) -> str:
+    """Return what to do about a reason, or nothing."""
+    return WHAT_TO_DO.get(reason["id"], "")
+
+
+def with_two_sigma(values: Mapping[str, float], name: str, sigma: str) -> tuple[str, str]:
+    """Return a value and its 2 sigma, rounded to where the sigma has two digits."""
+    if name not in values:
+        return "none found", ""
+    value = values[name]
+    if not values.get(sigma, 0.0) > 0.0:
+        return f"{value:.4g}", "sigma not known"
+    spread = 2.0 * values[sigma]
+    digits = min(max(1 - math.floor(math.log10(spread)), 0), 6)
+    return f"{value:.{digits}f}", f"± {spread:.{digits}f}"
+
+
+def _frequency(mode: Mapping[str, float], others: Mapping[str, Any]) -> Card:
+    value, spread = with_two_sigma(mode, "wn_rad_s", "wn_std")
+    notes = list(_beside(others, "wn_rad_s", "wn_std"))
+    if "wn_rad_s" in mode:
+        wn, zeta = mode["wn_rad_s"], mode["zeta"]
+        swing = f", a swing takes {_period(wn, zeta):.3g} s" if abs(zeta) < 1.0 else ""
+        notes.insert(0, f"{wn / (2.0 * math.pi):.3g} Hz{swing}")
+        value += " rad/s"
+    return Card("Natural frequency ωn", value, f"{spread} (2σ)" if spread else "", tuple(notes))
+
+
+def _damping(mode: Mapping[str, float], others: Mapping[str, Any]) -> Card:
+    value, spread = with_two_sigma(mode, "zeta", "zeta_std")
+    notes = list(_beside(others, "zeta", "zeta_std"))
+    if "zeta" in mode:
+        level = f"; MIL-F-8785C level {mode['level']:.0f}" if "level" in mode else ""
+        notes.insert(0, f"{_damped(mode['zeta'])}{level}")
+    return Card("Damping ratio ζ", value, f"{spread} (2σ)" if spread else "", tuple(notes))
+
+
+def _sure(primary: Mapping[str, Any], others: Mapping[str, Any]) -> Card:
+    mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
+    notes = []
+    simulated = fit.get("simulation_pct")
+    if simulated is not None:
+        notes.append(f"the model alone tells {max(simulated, 0.0):.0f} % of the yaw rate")
+    if "updates" in primary:
+        seconds = primary["updates"] * primary["sample_time_s"]
+        notes.append(f"learnt from {_duration(seconds)} of flight")
+    if "wn_std" not in mode or "zeta_std" not in mode:
+        return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
+    wn_pct = 200.0 * mode["wn_std"] / mode["wn_rad_s"]
+    zeta_pct = 200.0 * mode["zeta_std"] / abs(mode["zeta"]) if mode["zeta"] else math.inf
+    spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} % (2σ)"
+    word = "Sure" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
+    word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word
+    if simulated is not None and simulated < 50.0 and word == "Sure":
+        word = "Fairly"
+    return Card("How sure?", word, spread, tuple(notes))
+
+
+def _beside(others: Mapping[str, Any], name: str, sigma: str) -> Iterator[str]:
+    for method, estimate in others.items():
+        value, spread = with_two_sigma(estimate.get("dutch_roll", {}), name, sigma)
+        yield f"{method.upper()} beside it: {value} {spread}".rstrip()
+
+
+def _damped(zeta: float) -> str:
+    if zeta < 0.0:
+        return "unstable: each swing grows"
+    if zeta >= 1.0:
+        return "it does not swing"
+    left = math.exp(-2.0 * math.pi * zeta / math.sqrt(1.0 - zeta * zeta))
+    return f"each swing leaves {100.0 * left:.2g} % of the one before"
+
+
+def _period(wn_rad_s: float, zeta: float) -> float:
+    return 2.0 * math.pi / (wn_rad_s * math.sqrt(1.0 - zeta * zeta))
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def _first_words(text: str) -> str:
+    return text if len(text) <= 90 else text[:87].rsplit(" ", 1)[0] + " …"

@@ -1,0 +1,228 @@
+"""Signing and raw logs through the command line: what counts, and where no key may be found."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import socket
+import struct
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from flightlog import START_US, fly
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from yawid.cli import main
+from yawid.live import live
+from yawid.outputs import Outputs
+from yawid.run_config import RunConfig
+from yawid.session import StopFlag, replay
+from yawid.sources.framing import frame_size
+from yawid.sources.reading import Reading
+from yawid.sources.signing import SigningKey
+
+PASSPHRASE = "correct horse battery staple"
+KEY = hashlib.sha256(PASSPHRASE.encode()).digest()
+
+
+def flight() -> list[bytes]:
+    """Return the unsigned records of a flight of 20 s."""
+    rng = np.random.default_rng(1)
+    sticks = 1500 + 150 * rng.choice([-1, 1], 80)
+    data = fly(
+        lambda t: 0.4 * np.sin(2.0 * t) * np.cos(0.7 * t),
+        lambda t: int(sticks[int(4 * t)]),
+        20.0,
+        attitude_s=0.05,
+        servo_s=0.05,
+    ).data
+    records, at = [], 0
+    while at < len(data):
+        size = 8 + (frame_size(data[at + 8 : at + 11]) or 0)
+        records.append(data[at : at + size])
+        at += size
+    return records
+
+
+def signed(record: bytes, link: Any) -> bytes:
+    """Return the record with its frame signed by pymavlink."""
+    msg = dialect.MAVLink(None).decode(bytearray(record[8:]))
+    link.seq = msg.get_seq()
+    frame: bytes = msg.pack(link)
+    return record[:8] + frame
+
+
+def signer() -> Any:
+    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    link.signing.secret_key, link.signing.timestamp = KEY, 5
+    link.signing.sign_outgoing = True
+    return link
+
+
+@pytest.fixture(scope="module")
+def records() -> list[bytes]:
+    return flight()
+
+
+@pytest.fixture(scope="module")
+def signed_records(records: list[bytes]) -> list[bytes]:
+    link = signer()
+    return [signed(rec, link) for rec in records]
+
+
+@pytest.fixture
+def key_file(tmp_path: Path) -> Path:
+    path = tmp_path / "key.txt"
+    path.write_text(PASSPHRASE + "\n")
+    return path
+
+
+def intruders(records: list[bytes]) -> list[bytes]:
+    """Return unsigned frames of the same vehicle that tell another rudder."""
+    attitude = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    forged = []
+    for i, rec in enumerate(records[5::7]):
+        attitude.seq = (3 * i) % 256
+        servos = dialect.MAVLink_servo_output_raw_message(
+            round(1e6 * (10.0 + 0.1 * i)), 0, *[1900] * 8
+        )
+        forged.append(rec[:8] + servos.pack(attitude))
+    return forged
+
+
+def summary_of(out: str) -> dict[str, Any]:
+    summary: dict[str, Any] = json.loads(out)
+    return summary
+
+
+def test_with_a_key_forged_frames_change_nothing_and_the_key_is_in_no_output(
+    signed_records: list[bytes],
+    key_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    forged = intruders(signed_records)
+    mixed = list(signed_records)
+    for i, rec in enumerate(forged):
+        mixed.insert(5 + 8 * i, rec)
+    (tmp_path / "clean.tlog").write_bytes(b"".join(signed_records))
+    (tmp_path / "mixed.tlog").write_bytes(b"".join(mixed))
+    out = tmp_path / "out"
+    code = main(["replay", str(tmp_path / "clean.tlog"), "--out", str(out), "--json"])
+    clean = summary_of(capsys.readouterr().out)
+    arguments = ["--out", str(out), "--json", "--rerun", "save", "--signing-key-file"]
+
+    again = main(["replay", str(tmp_path / "mixed.tlog"), *arguments, str(key_file)])
+
+    said = capsys.readouterr()
+    summary = summary_of(said.out)
+    assert again == code
+    assert summary["estimates"] == clean["estimates"]
+    assert summary["estimates"]["els"]["updates"] > 100
+    assert summary["link"]["unsigned_rejected"] == len(forged) > 50
+    assert clean["link"]["unsigned_rejected"] == 0
+    written = [path.read_bytes() for path in out.iterdir()]
+    assert len(written) == 3
+    for content in [*written, said.out.encode(), said.err.encode()]:
+        for secret in (KEY, KEY.hex().encode(), PASSPHRASE.encode()):
+            assert secret not in content
+
+
+def test_the_wrong_key_leaves_no_vehicle_and_counts_every_frame(
+    signed_records: list[bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "log.tlog").write_bytes(b"".join(signed_records))
+    (tmp_path / "key").write_bytes(bytes(32))
+    arguments = ["--out", str(tmp_path / "out"), "--signing-key-file", str(tmp_path / "key")]
+
+    code = main(["replay", str(tmp_path / "log.tlog"), *arguments, "--json"])
+
+    summary = summary_of(capsys.readouterr().out)
+    assert code == 3
+    assert summary["link"]["unsigned_rejected"] == len(signed_records)
+
+
+def test_a_key_file_that_cannot_be_used_is_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "key").write_text("two\nlines\n")
+    for command in (["replay", "x.tlog"], ["live", "udpin:127.0.0.1:14999"]):
+        for path in (tmp_path / "key", tmp_path / "none"):
+            assert main([*command, "--signing-key-file", str(path)]) == 2
+            said = capsys.readouterr().err
+            assert said.count("\n") == 1
+            assert str(path) in said
+            assert "two" not in said
+
+
+def test_a_live_session_with_a_key_replays_to_the_same_bits(
+    signed_records: list[bytes], tmp_path: Path
+) -> None:
+    frames = [rec[8:] for rec in signed_records[:500]]
+    forged = [rec[8:] for rec in intruders(signed_records)[:20]]
+    config, reading = RunConfig(rate=10.0), Reading(key=SigningKey(KEY))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    stop, ready, results = StopFlag(), threading.Event(), []
+
+    def listen() -> None:
+        outputs = Outputs(tmp_path, "live")
+        arguments = (f"udpin:127.0.0.1:{port}", config, outputs, stop, 60.0, lambda t: ready.set())
+        results.append(live(*arguments, reading))
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    assert ready.wait(30.0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for i, frame in enumerate(frames):
+            datagram = frame + forged[i // 25] if i % 25 == 0 else frame
+            out.sendto(datagram, ("127.0.0.1", port))
+    size = sum(8 + len(frame) for frame in frames + forged)
+    part = tmp_path / "live.tlog.part"
+    for _ in range(300):
+        if part.exists() and part.stat().st_size >= size:
+            break
+        threading.Event().wait(0.05)
+    stop.is_set = True
+    thread.join()
+    summary, _ = results[0]
+
+    again, _ = replay(
+        tmp_path / "live.tlog", config, Outputs(tmp_path, "again"), StopFlag(), reading
+    )
+
+    assert summary["link"] == again["link"]
+    assert summary["link"]["unsigned_rejected"] == 20
+    assert summary["link"]["frames"] == 520
+    assert summary["estimates"] == again["estimates"]
+
+
+def test_a_log_without_stamps_gives_the_estimates_of_the_tlog(
+    records: list[bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "log.tlog").write_bytes(b"".join(records))
+    for name in ("log.rlog", "log.bin"):
+        (tmp_path / name).write_bytes(b"".join(rec[8:] for rec in records))
+    out = ["--out", str(tmp_path / "out"), "--json", "--force"]
+
+    codes, summaries = [], []
+    for arguments in (["log.tlog"], ["log.rlog"], ["log.bin", "--format", "raw"]):
+        codes.append(main(["replay", str(tmp_path / arguments[0]), *arguments[1:], *out]))
+        summaries.append(summary_of(capsys.readouterr().out))
+    refused = main(["replay", str(tmp_path / "log.bin"), *out])
+    said = capsys.readouterr().err
+
+    assert codes[0] == codes[1] == codes[2]
+    for summary in summaries[1:]:
+        assert summary["estimates"] == summaries[0]["estimates"]
+        assert summary["link"] == summaries[0]["link"]
+        assert abs(summary["duration_s"] - summaries[0]["duration_s"]) < 0.1
+    assert summaries[1]["sha256"] == hashlib.sha256(b"".join(r[8:] for r in records)).hexdigest()
+    assert refused == 6
+    assert "--format raw" in said
+    assert main(["replay", str(tmp_path / "log.tlog"), "--format", "csv", *out]) == 2
+    assert struct.unpack(">Q", records[0][:8])[0] >= START_US

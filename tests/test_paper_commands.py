@@ -1,0 +1,108 @@
+"""``yawid step`` and ``yawid simulate`` from the outside."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from yawid.cli import main
+
+
+def write(path: Path, function, seconds: float = 20.0) -> Path:
+    rows = [f"{0.05 * i},{function(0.05 * i):.9g}" for i in range(round(seconds / 0.05))]
+    path.write_text("t,y\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def first_order(t: float) -> float:
+    return 2.0 * (1.0 - math.exp(-t / 1.5))
+
+
+def second_order(t: float) -> float:
+    D, q = 0.3, 2.0
+    root = math.sqrt(1.0 - D * D)
+    return 3.0 * (1.0 - math.exp(-D * q * t) / root * math.sin(q * root * t + math.acos(D)))
+
+
+def test_a_first_order_response_gives_K_and_T(tmp_path: Path, capsys):
+    file = write(tmp_path / "h.csv", first_order)
+
+    assert main(["step", str(file), "--u0", "0.5", "--json"]) == 0
+
+    report = json.loads(capsys.readouterr().out)
+    assert report["model"] == "first"
+    assert report["parameters"]["K"]["value"] == pytest.approx(4.0, rel=1e-6)
+    assert report["parameters"]["T"]["value"] == pytest.approx(1.5, rel=1e-6)
+    assert report["settling_5pct_s"]["value"] == pytest.approx(1.5 * math.log(20.0), rel=1e-6)
+
+
+def test_an_oscillating_response_gives_k_D_and_q(tmp_path: Path, capsys):
+    file = write(tmp_path / "h.csv", second_order)
+
+    assert main(["step", str(file), "--json"]) == 0
+
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    assert [round(found[name]["value"], 5) for name in ("k", "D", "q")] == [3.0, 0.3, 2.0]
+
+
+def test_a_form_that_does_not_hold_is_refused_with_exit_5(tmp_path: Path, capsys):
+    file = write(tmp_path / "h.csv", first_order)
+
+    assert main(["step", str(file), "--model", "second"]) == 5
+    assert "overshoot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "t,y\n1,x\n"])
+def test_a_file_without_t_and_y_is_a_usage_error(text: str, tmp_path: Path):
+    (tmp_path / "h.csv").write_text(text)
+
+    assert main(["step", str(tmp_path / "h.csv")]) in (2, 5)
+    assert main(["step", str(tmp_path / "nosuch.csv")]) == 6
+
+
+def test_a_simulated_tlog_replays_to_the_plants_dutch_roll(tmp_path: Path, capsys):
+    log = tmp_path / "yaw.tlog"
+    options = ["--input", "prbs", "--amplitude", "0.1", "--noise", "0.001"]
+    assert main(["simulate", "yaw", "--out", str(log), *options]) == 0
+    capsys.readouterr()
+
+    replay = ["replay", str(log), "--out", str(tmp_path), "--json", "--method", "rml"]
+    grid = ["--rate", "10", "--forgetting", "1", "--rudder-max-deg", "25"]
+    assert main([*replay, *grid]) == 0
+
+    found = json.loads(capsys.readouterr().out)["estimates"]["rml"]
+    # The reference coefficients: a_omega a_z + a_beta = 0.7 * 0.3 + 5.5.
+    wn = math.sqrt(5.71)
+    assert found["dutch_roll"]["wn_rad_s"] == pytest.approx(wn, rel=0.02)
+    assert found["dutch_roll"]["zeta"] == pytest.approx(0.5 / wn, abs=0.02)
+    assert found["physics"]["a_my_delta_h"]["value"] == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap"])
+def test_a_simulation_is_not_written_over_a_file_that_exists(suffix: str, tmp_path: Path):
+    out = tmp_path / f"flight{suffix}"
+    arguments = ["simulate", "lateral", "--out", str(out), "--seconds", "30"]
+
+    assert main(arguments) == 0
+    size = out.stat().st_size
+    assert main(arguments) == 6
+    assert out.stat().st_size == size
+    assert main([*arguments, "--force"]) == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["--out", "x.txt"], ["--input", "kick"], ["--rate", "0"], ["--amplitude", "0"]],
+)
+def test_a_setting_of_simulate_outside_its_limits_is_refused(options: list[str], tmp_path: Path):
+    out = ["--out", str(tmp_path / "x.csv")]
+
+    assert main(["simulate", "yaw", *out, *options]) == 2
+
+
+def test_a_rudder_beyond_full_travel_does_not_fit_a_tlog(tmp_path: Path):
+    assert main(["simulate", "yaw", "--out", str(tmp_path / "x.tlog"), "--amplitude", "1"]) == 2
+    assert list(tmp_path.iterdir()) == []

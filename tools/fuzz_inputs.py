@@ -1,0 +1,245 @@
+"""What a fuzzer gives yawid: hostile flights as tlog bytes, and command lines.
+
+Each is drawn by Hypothesis, which makes a failing one small before it is shown.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+START_US = 1_700_000_000_000_000
+HOSTILE = (
+    0.0, -0.0, 1.0, -1.0, 21.0, 4.0, 19.0, 79.0, 80.0, 77.0, 78.0, 24.0, 25.0, 201.0, 202.0,
+    1100.0, 1500.0, 1900.0, 65535.0, 2.0**31, 1e30, -1e30, 3.4e38, 1e-38,
+    float("nan"), float("inf"), float("-inf"),
+)  # fmt: skip
+NAMES = (
+    *(f"SERVO{n}_{end}" for n in (1, 4, 16) for end in ("FUNCTION", "MIN", "TRIM", "MAX")),
+    "SERVO4_REVERSED", "SERVO33_FUNCTION", "MIXING_GAIN", "MIXING_OFFSET", "RCMAP_YAW",
+    "RCMAP_ROLL", "RC4_MIN", "RC4_TRIM", "RC4_MAX", "RC4_REVERSED", "KFF_RDDRMIX",
+    *(f"{bank}_{end}{n}" for bank in ("PWM_MAIN", "PWM_AUX", "HIL_ACT")
+      for end in ("FUNC", "MIN", "MAX", "CENT") for n in (1, 4)),
+    "PWM_MAIN_REV", "HIL_ACT_REV", "CA_SV_CS0_TYPE", "CA_SV_CS1_TYPE", "CA_SV_CS_COUNT",
+)  # fmt: skip
+
+
+def numbers() -> st.SearchStrategy[float]:
+    """Numbers a parameter or a field may hold: mostly the nasty ones."""
+    return st.sampled_from(HOSTILE) | st.floats(width=32)
+
+
+@dataclass(frozen=True)
+class FuzzFlight:
+    """A flight as a log may tell it; ``tlog`` is its bytes, and the repr gives it back.
+
+    ``parameters`` are (fraction of the flight, name, value), ``steps`` (fraction, seconds) by which
+    the vehicle's clock leaps, ``fields`` (fraction, message, payload) that stand in between, and
+    ``damage`` (fraction, kind, seed) what befell the bytes.
+    """
+
+    kind: int = 1
+    autopilot: int = 3
+    seconds: float = 8.0
+    hz: tuple[float, float] = (20.0, 20.0)
+    messages: tuple[str, str] = ("ATTITUDE", "SERVO_OUTPUT_RAW")
+    start_s: float = 10.0
+    moves: bool = True
+    parameters: tuple[tuple[float, str, float], ...] = ()
+    steps: tuple[tuple[float, float], ...] = ()
+    fields: tuple[tuple[float, str, bytes], ...] = ()
+    damage: tuple[tuple[float, str, int], ...] = ()
+    seed: int = 0
+
+    def tlog(self) -> bytes:
+        """Return the log."""
+        rng = np.random.default_rng(self.seed)
+        link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        parts = []
+        for t, message in self._timeline(rng):
+            link.seq = (link.seq + 1) % 256
+            stamp = START_US + int(1e6 * t) + int(rng.exponential(3000.0))
+            parts.append(struct.pack(">Q", stamp) + message.pack(link))
+        data = bytearray(b"".join(parts))
+        for where, kind, seed in self.damage:
+            _damage(data, int(where * max(len(data) - 1, 0)), kind, np.random.default_rng(seed))
+        return bytes(data)
+
+    def _timeline(self, rng: np.random.Generator) -> list[tuple[float, Any]]:
+        events: list[tuple[float, Any]] = []
+        for t in np.arange(0.0, self.seconds, 1.0):
+            mode = (self.kind, self.autopilot, 209, 5, 4, 3)
+            events.append((float(t), dialect.MAVLink_heartbeat_message(*mode)))
+        for hz, name in zip(self.hz, self.messages, strict=True):
+            for t in np.arange(0.01, self.seconds, 1.0 / hz):
+                boot_s = self.start_s + t
+                boot_s += sum(step for at, step in self.steps if at * self.seconds <= t)
+                swing = rng.normal() if self.moves else 0.0
+                events.append((float(t), _message(name, _payload(name, boot_s, t, swing))))
+        for at, name, value in self.parameters:
+            told = dialect.MAVLink_param_value_message(name.encode()[:16], value, 9, 10, 0)
+            events.append((at * self.seconds, told))
+        for at, name, payload in self.fields:
+            events.append((at * self.seconds, _message(name, payload)))
+        return sorted(events, key=lambda event: event[0])
+
+
+def _message(name: str, payload: bytes) -> Any:
+    """Return the message with this payload, zeros added."""
+    cls = _BY_NAME[name]
+    size = cls.unpacker.size
+    head = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16)
+    body = head + payload.ljust(size, b"\0")[:size]
+    crc = dialect.x25crc(body + bytes([cls.crc_extra])).crc
+    return dialect.MAVLink(None).decode(bytearray(b"\xfd" + body + struct.pack("<H", crc)))
+
+
+def _payload(name: str, boot_s: float, t: float, swing: float) -> bytes:
+    """Return what the vehicle sends at a time: a yaw rate and a rudder that answers ``swing``."""
+    ms, us = int(1e3 * boot_s) % 2**32, int(1e6 * boot_s) % 2**32
+    rate = 0.4 * np.sin(2.0 * t) + 0.01 * swing
+    pulse = 1500 + int(np.clip(100.0 * swing, -390.0, 390.0))
+    if name == "SERVO_OUTPUT_RAW":
+        return struct.pack("<I8H", us, *[pulse] * 8)
+    if name == "RC_CHANNELS":
+        return struct.pack("<I18H", ms, *[pulse] * 18)
+    if name in ("ACTUATOR_CONTROL_TARGET", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"):
+        head = (
+            struct.pack("<QI", us, 8) if name == "ACTUATOR_OUTPUT_STATUS" else struct.pack("<Q", us)
+        )
+        return head + struct.pack("<8f", *[float(np.clip(swing, -1, 1))] * 8)
+    if name == "ATTITUDE_QUATERNION":
+        return struct.pack("<I7f", ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, rate)
+    if name == "VFR_HUD":
+        return struct.pack("<4fhH", 20.0, 20.0, 100.0, 0.0, int(50.0 * t) % 360, 50)
+    return struct.pack("<I6f", ms, 0.1, 0.0, np.sin(t), 0.0, 0.0, rate)
+
+
+def _damage(data: bytearray, at: int, kind: str, rng: np.random.Generator) -> None:
+    """Change bytes, put garbage in, cut some out, repeat a stretch, or tear the end off."""
+    size = int(rng.integers(1, 3000))
+    if kind == "flip":
+        for place in rng.integers(0, max(len(data), 1), size // 20).tolist():
+            data[place : place + 1] = rng.bytes(len(data[place : place + 1]))
+    elif kind == "garbage":
+        data[at:at] = rng.bytes(size)
+    elif kind == "cut":
+        del data[at : at + size]
+    elif kind == "repeat":
+        data[at:at] = data[at : at + size]
+    elif kind == "stamp":
+        data[at : at + 8] = rng.bytes(8)
+    else:
+        del data[at:]
+
+
+_BY_NAME = {cls.msgname: cls for cls in dialect.mavlink_map.values()}
+_READ = (
+    "ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "HEARTBEAT",
+    "PARAM_VALUE", "SYSTEM_TIME", "ACTUATOR_OUTPUT_STATUS", "ACTUATOR_CONTROL_TARGET",
+    "HIL_ACTUATOR_CONTROLS", "GLOBAL_POSITION_INT", "HIGHRES_IMU", "RAW_IMU", "SCALED_IMU",
+    "STATUSTEXT", "RADIO_STATUS",
+)  # fmt: skip
+_FRACTION = st.floats(0, 1)
+
+
+def flights() -> st.SearchStrategy[FuzzFlight]:
+    """Flights of a vehicle that may lie about everything."""
+    names = st.sampled_from(NAMES) | st.text("SERVO_MAXIN14 \x7f\n", max_size=16)
+    rates = st.sampled_from([2.0, 4.0, 10.0, 20.0, 20.0, 50.0])
+    yaw = st.sampled_from(["ATTITUDE"] * 4 + ["ATTITUDE_QUATERNION", "VFR_HUD", "HIGHRES_IMU"])
+    rudder = st.sampled_from(["SERVO_OUTPUT_RAW"] * 5 + list(_READ[3:4] + _READ[8:11]))
+    leaps = st.sampled_from([-1e4, -10.0, -1.4, 0.05, 3.0, 447.0, 5000.0, 4e6])
+    payloads = st.binary(max_size=60) | st.sampled_from([b"\xff" * 60, b"\xff\xff\xff\x7f" * 15])
+    kinds = st.sampled_from(["flip", "garbage", "cut", "repeat", "stamp", "torn"])
+    return st.builds(
+        FuzzFlight,
+        kind=st.sampled_from([1, 1, 1, 1, 2, 6, 22, 255]),
+        autopilot=st.sampled_from([3, 3, 12, 0, 8, 255]),
+        seconds=st.sampled_from([0.2, 3.0, 6.0, 8.0, 15.0]),
+        hz=st.tuples(rates, rates),
+        messages=st.tuples(yaw, rudder),
+        start_s=st.sampled_from([0.0, 10.0, 4290.0, 4294967.0, 1e9]),
+        moves=st.booleans(),
+        parameters=_tuples(st.tuples(_FRACTION, names, numbers()), 6),
+        steps=_tuples(st.tuples(_FRACTION, leaps), 2),
+        fields=_tuples(st.tuples(_FRACTION, st.sampled_from(_READ), payloads), 4),
+        damage=_tuples(st.tuples(_FRACTION, kinds, st.integers(0, 99)), 3),
+        seed=st.integers(0, 99),
+    )
+
+
+def _tuples(entries: st.SearchStrategy[Any], most: int) -> st.SearchStrategy[tuple[Any, ...]]:
+    return st.lists(entries, max_size=most).map(tuple)
+
+
+_WORDS = st.sampled_from(["", "nan", "inf", "-inf", "0", "-1", "1e300", "1e-300", "x", "é\n"])
+_VALUES: dict[str, tuple[str, ...]] = {
+    "--orders": ("3,3,2,1", "2,2,2,1", "1,1,0,1", "0,1,0,1", "6,6,6,3", "auto", "9,9,9,50", "3,3"),
+    "--method": ("els", "rml"),
+    "--also": ("els", "rml", "none"),
+    "--engine": ("numba", "filterpy"),
+    "--memory": ("60", "1", "1e-3", "1e12"),
+    "--forgetting": ("1", "0.99", "0.5", "1e-9"),
+    "--rate": ("20", "10", "5", "0.1", "1000", "19.9999"),
+    "--inputs": ("rudder", "rudder,aileron", "aileron"),
+    "--output": ("yaw-rate", "heading-rate", "yaw"),
+    "--band": ("0.3,3", "0.01,9.9", "3,0.3", "1,1e9"),
+    "--turn": ("keep", "remove"),
+    "--rudder": ("auto", "servo:4", "servo:99", "vtail:1,4", "vtail:4,4", "control:2", "rc:4"),
+    "--aileron": ("auto", "servo:1", "servo:4", "control:0", "rc:1"),
+    "--rudder-sign": ("nose-right", "nose-left"),
+    "--rudder-max-deg": ("25", "1e-6", "1e6"),
+    "--from": ("0", "12", "1e9", "-1e9"),
+    "--to": ("0", "14", "1e9"),
+    "--sysid": ("1", "2", "255", "256"),
+    "--format": ("auto", "tlog", "raw"),
+    "--signing-key-file": ("KEY", "LOG", "/nowhere/key"),
+    "--config": ("TOML", "LOG", "/nowhere/x.toml"),
+}  # fmt: skip
+
+
+@st.composite
+def options(draw: st.DrawFn) -> list[str]:
+    """Options with values that are mostly allowed; LOG, KEY and TOML stand for files."""
+    chosen = draw(st.lists(st.sampled_from(sorted(_VALUES)), max_size=4, unique=True))
+    told = []
+    for name in chosen:
+        allowed = st.sampled_from(_VALUES[name])
+        value = draw(st.one_of(*[allowed] * 6, _WORDS))
+        told.append(f"{name}={value}")
+    return told
+
+
+@st.composite
+def command_lines(draw: st.DrawFn) -> list[str]:
+    """Command lines of every command that ends by itself; LOG, OUT and FOLDER stand for files."""
+    command = draw(
+        st.sampled_from(["replay"] * 9 + ["inspect", "inspect", "orders", "live", "other"])
+    )
+    if command == "other":
+        return draw(
+            st.lists(st.text(max_size=8) | st.sampled_from(["--help", "regress"]), max_size=3)
+        )
+    told = [option for option in draw(options()) if _fits(command, option)]
+    if command == "live":
+        place = st.sampled_from(["udpin:127.0.0.1:0", "udpin:127.0.0.1:14998", "udp:", "é:1"])
+        return ["live", draw(place), "--seconds=0.05", "--out=OUT", *told]
+    logs = (
+        ["LOG"]
+        if command != "replay"
+        else draw(st.sampled_from([["LOG"], ["LOG", "LOG"], ["OUT"]]))
+    )
+    ends = ["--out=OUT", "--force"] if command == "replay" else []
+    return [command, *logs, "--json", *ends, *told]
+
+
+def _fits(command: str, option: str) -> bool:
+    name = option.split("=")[0]
+    allowed = {"--signing-key-file": ("replay", "live"), "--format": ("replay",)}
+    return command in allowed.get(name, (command,))
