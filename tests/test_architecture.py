@@ -23,7 +23,7 @@ STAGES = [
     ("outputs", "golden", "collect"),
     ("session", "regress", "inspect"),
     ("live", "simulation"),
-    ("cli_paper",),
+    ("cli_paper", "cli_live"),
     ("cli",),
     ("__main__",),
 ]

@@ -146,7 +146,7 @@ def read_fasttlogparser(path: Path) -> Iterator[int]:
     """Yield the number of wanted messages."""
     # Not written as an import: the package is not there to be checked against.
     parser = importlib.import_module("fasttlogparser")
-    messages, _ = parser.parseTLog(str(path), ids=[(None, None, (30, 36))])
+    messages, _ = parser.parseTLog(str(path), whitelist=list(WANTED))
     yield sum(len(next(iter(columns.values()))) for columns in messages.values())
 
 

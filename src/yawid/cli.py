@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from yawid import __version__
+from yawid.cli_live import add_live, add_recover, run_live, run_recover
 from yawid.cli_paper import add_commands
 from yawid.errors import (
     ChannelError,
@@ -26,6 +27,8 @@ from yawid.errors import (
     SourceError,
     YawidError,
 )
+from yawid.regress.command import add_regress
+from yawid.regress.command import run as run_regress
 
 if TYPE_CHECKING:
     from yawid.outputs import Outputs
@@ -41,7 +44,13 @@ _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
     (SourceError, 6),
     (SinkError, 6),
 )
-_ESTIMATOR_OPTIONS: tuple[tuple[str, type, str, str], ...] = (
+
+
+def _sysid(text: str) -> int | str:
+    return text if text == "all" else int(text)
+
+
+_ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
     ("--orders", str, "NA,NB,NC,NK", "orders, nb and nk for every input; auto in replay (3,3,2,1)"),
     ("--method", str, "els|rml", "the estimator asked for (els)"),
     ("--also", str, "METHOD|none", "a second estimator beside it (rml)"),
@@ -59,7 +68,7 @@ _ESTIMATOR_OPTIONS: tuple[tuple[str, type, str, str], ...] = (
     ("--rudder-max-deg", float, "DEG", "rudder at full travel, to have gains per radian"),
     ("--from", float, "S", "first second since boot to estimate from"),
     ("--to", float, "S", "last second since boot to estimate from"),
-    ("--sysid", int, "N", "system id of the vehicle, where several are heard"),
+    ("--sysid", _sysid, "N", "system id of the vehicle, where several are heard (live: or all)"),
 )
 
 
@@ -76,12 +85,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_outputs(replay)
     replay.set_defaults(run=_replay)
-    live = commands.add_parser("live", help="estimate from a live UDP link, passively")
-    live.add_argument("endpoint", metavar="ENDPOINT", help="such as udpin:127.0.0.1:14560")
-    live.add_argument("--seconds", type=float, metavar="N", help="stop after so many seconds")
-    live.add_argument("--no-record", action="store_true", help="write no tlog")
-    _add_outputs(live)
-    live.set_defaults(run=_live)
+    add_live(commands, _add_outputs).set_defaults(run=_live)
+    add_recover(commands).set_defaults(run=run_recover)
     inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
     inspect.add_argument("log", metavar="LOG", type=Path)
     inspect.add_argument("--json", action="store_true", help="print one JSON object")
@@ -93,12 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_estimator_options(orders)
     orders.set_defaults(run=_orders)
     add_commands(commands)
-    regress = commands.add_parser("regress", help="replay cases against their references")
-    regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
-    regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")
-    regress.add_argument("--update", action="store_true", help="write the references anew")
-    regress.add_argument("--why", metavar="TEXT", help="the reason, recorded with the update")
-    regress.set_defaults(run=_regress)
+    add_regress(commands, _add_estimator_options).set_defaults(run=_regress)
     return parser
 
 
@@ -134,12 +134,16 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
     from yawid.run_config import RunConfig, check_settings, settings_from_toml
 
     settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    given = {
+    return RunConfig(**(settings | check_settings(_given(arguments), "the command line")))
+
+
+def _given(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the estimator options that were given, by their names without dashes."""
+    return {
         name[2:]: value
         for name, *_ in _ESTIMATOR_OPTIONS
         if (value := getattr(arguments, name[2:].replace("-", "_"))) is not None
     }
-    return RunConfig(**(settings | check_settings(given, "the command line")))
 
 
 def _outputs(arguments: argparse.Namespace, name: str) -> Outputs:
@@ -221,17 +225,14 @@ def _names(logs: Sequence[Path]) -> list[str]:
 
 
 def _live(arguments: argparse.Namespace) -> int:
-    from yawid.live import live, session_name
-    from yawid.session import StopFlag
+    from yawid.live import session_name
 
+    every_vehicle = arguments.sysid == "all"
+    if every_vehicle:
+        arguments.sysid = None
     config, outputs = _config(arguments), _outputs(arguments, session_name())
     reading = _reading(arguments)
-    if arguments.seconds is not None and not arguments.seconds > 0.0:
-        raise ConfigError(f"--seconds must be > 0, got {arguments.seconds!r}")
-    with StopFlag().installed() as stop:
-        told = arguments.seconds, _say, reading
-        run = partial(live, arguments.endpoint, config, outputs, stop, *told)
-        return _told(run, arguments.json, "print_summary")
+    return run_live(arguments, config, outputs, reading, every_vehicle=every_vehicle)
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
@@ -242,13 +243,10 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _regress(arguments: argparse.Namespace) -> int:
-    from yawid.regress import regress, update
+    from yawid.run_config import settings_from_toml
 
-    if arguments.update != (arguments.why is not None):
-        raise ConfigError("--update and --why belong together: a new reference has a reason")
-    if arguments.update:
-        return update(arguments.folder, arguments.cases, arguments.why, print)
-    return regress(arguments.folder, arguments.cases, print)
+    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
+    return run_regress(arguments, settings | _given(arguments), partial(print, flush=True))
 
 
 def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool, printer: str) -> int:

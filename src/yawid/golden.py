@@ -234,7 +234,8 @@ def _same_value(expected: Any, actual: Any, where: str, tolerances: Mapping[str,
     elif where.endswith("whiteness_p"):
         return math.isclose(expected, actual, abs_tol=SPREAD_TOLERANCE)
     else:
-        relative = SPREAD_TOLERANCE if "_std" in where else VALUE_TOLERANCE
+        spread = "_std" in where or where.endswith(".std")
+        relative = SPREAD_TOLERANCE if spread else VALUE_TOLERANCE
     return math.isclose(expected, actual, rel_tol=relative)
 
 

@@ -16,6 +16,7 @@ from yawid.estimation.state import (
     DIVERGING,
     ECHO,
     FACTORS,
+    FEW,
     FAST_Y2,
     FILL,
     FILTERED,
@@ -183,7 +184,7 @@ def _learn(s, at, y, e):
     if not (inverse > 0.0 and e * e + eps * eps < math.inf):
         return math.nan
     if s[LAGS] > 0.0:
-        memory = 1.0 - 1.0 / s[LAGS]
+        memory = 1.0 - min(1.0, max(1.0 / s[LAGS], FEW / (s[S1] + 1.0)))
         follow_covariance(covariance, echo, psi, gain, scratch, inverse, e, memory)
     adapt(s, at, lam)
     account(s, at, y, e, eps, lam, lam * inverse)

@@ -218,7 +218,7 @@ class ReferenceArmax(ReferenceReadings):
             self._diverged = True
             self._broken = True
             return math.nan, False
-        self._spread.follow(psi, kalman.K[:, 0], e)
+        self._spread.follow(psi, kalman.K[:, 0], e, self._sums.s1)
         kalman.P = kalman.P + self._drift
         if self._since:
             noise = self._sums.noise_variance(self.config.n_theta)

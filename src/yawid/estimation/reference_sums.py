@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.state import FAST
+from yawid.estimation.state import FAST, FEW
 
 
 class Sums:
@@ -48,11 +48,12 @@ class Spread:
     def __init__(self, covariance: Floats, lags: int) -> None:
         self.covariance = covariance
         self.echo = np.zeros(len(covariance))
-        self.memory = 1.0 - 1.0 / lags if lags else 0.0
+        self.lags = lags
 
-    def follow(self, psi: Floats, gain: Floats, e: float) -> None:
+    def follow(self, psi: Floats, gain: Floats, e: float, s1: float) -> None:
         """Take one update: see ``kernel.follow_covariance``, here as the equations stand."""
+        memory = 1.0 - min(1.0, max(1.0 / max(self.lags, 1), FEW / (s1 + 1.0)))
         F, drive = np.eye(len(psi)) - np.outer(gain, psi), gain * e
-        cross = F @ np.outer(self.memory * self.echo, drive)
+        cross = F @ np.outer(memory * self.echo, drive)
         self.covariance = F @ self.covariance @ F.T + np.outer(drive, drive) + cross + cross.T
-        self.echo = self.memory * (F @ self.echo) + drive
+        self.echo = memory * (F @ self.echo) + drive

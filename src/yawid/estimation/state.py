@@ -32,6 +32,7 @@ WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # STATUS, as bloc
 PSI_FROM = 150  # rml: updates with psi = phi, until C is good enough to filter by
 HALVINGS = 12  # of a step that would make C unstable; then it is not taken at all
 FAST = 0.99  # forgetting of the test for divergence
+FEW = 25.0  # samples it takes to follow the residual's correlation over one lag
 SLACK = 0.03  # the share by which P[k, k] may exceed its usual least, times the floor
 SETTLING = 1000  # updates during which the least of P[k, k] is simply the least
 FAST_FALL = 0.98  # later, how fast that least may fall at a visit

@@ -27,6 +27,8 @@ from yawid.golden import (
 from yawid.regress.case import Case, Replayed, find_cases
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
+PARALLEL_BYTES = 50_000_000
+"""A second process costs as much as replaying some tens of megabytes: it has all to import."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +55,22 @@ class Outcome:
 def regress(folder: Path, names: Sequence[str], workers: int | None = None) -> Iterator[Outcome]:
     """Replay cases and compare; yield what came of each, in their order.
 
-    ``workers`` is the number of processes (None: one for each core, no more than cases).
+    ``workers`` is the number of processes (None: one for each core where the logs are large, else
+    one alone), no more than there are cases.
 
     Raises:
         ConfigError: there is no such case.
     """
     cases = find_cases(folder, names)
-    count = min(workers or os.cpu_count() or 1, len(cases))
+    count = min(workers or _worthwhile(cases), len(cases))
     if count == 1:
         return map(check_case, cases)
     return _in_processes(cases, count)
+
+
+def _worthwhile(cases: Sequence[Case]) -> int:
+    size = sum(case.log.stat().st_size for case in cases if case.log.is_file())
+    return (os.cpu_count() or 1) if size > PARALLEL_BYTES else 1
 
 
 def _in_processes(cases: Sequence[Case], workers: int) -> Iterator[Outcome]:

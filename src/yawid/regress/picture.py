@@ -50,7 +50,7 @@ def draw(
 
 
 def _curves(axis: Any, expected: Floats, actual: Floats) -> None:
-    """Draw both, the reference broad and pale below; the axis spans what both do most of the time."""
+    """Draw both, the reference broad and pale below; the span is what they do most of the time."""
     axis.plot(*expected.T, color="#b0b0b0", linewidth=4.0, label="expected")
     axis.plot(*actual.T, color="#c03000", linewidth=1.2, label="actual")
     values = np.concatenate([expected[:, 1], actual[:, 1]])

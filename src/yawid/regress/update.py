@@ -16,6 +16,9 @@ from yawid.regress.case import Case, Replayed, find_cases
 def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], None]) -> None:
     """Write the references of cases anew, and into case.toml when, why and by which versions.
 
+    A case whose replay is not one of it (another log, too few updates) keeps its references; the
+    others are updated first.
+
     Raises:
         ConfigError: no reason is given, there is no such case, or a replay is not one of its case.
         SourceError: a log cannot be read.
@@ -23,15 +26,19 @@ def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], No
     """
     if not why.strip():
         raise ConfigError("--why must give a reason")
+    refused = []
     for case in find_cases(folder, names):
         replayed = case.replay()
         if wrong := case.unsound(replayed):
-            raise ConfigError(f"{case.folder}: {wrong[0]}")
+            refused.append(f"{case.folder}: {wrong[0]}")
+            continue
         try:
             _write(case, replayed, why)
         except OSError as error:
             raise SinkError(f"cannot write {case.folder}: {error.strerror}") from error
         say(f"updated  {case.name}")
+    if refused:
+        raise ConfigError("; ".join(refused))
 
 
 def _write(case: Case, replayed: Replayed, why: str) -> None:

@@ -67,7 +67,7 @@ def report(run: McapRun) -> str:
 def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]:
     summary = run.summary
     yield first_screen(name, _origin(run), headline(summary), cards(summary), summary["verdict"])
-    primary = next(iter(summary.get("estimates", {}).values()), {})
+    primary: Mapping[str, Any] = next(iter(summary.get("estimates", {}).values()), {})
     if data is not None and run.grid is not None and primary:
         mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
         others = dict(list(summary["estimates"].items())[1:])
@@ -181,7 +181,7 @@ def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
             "bands and model pictures are of the new estimate"
         )
     yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
-    yield table("configuration", {k: v for k, v in _configuration(run)})
+    yield table("configuration", dict(_configuration(run)))
     yield table("versions", run.metadata.get("versions", {}))
 
 

@@ -20,7 +20,7 @@ from yawid.estimation.bank import Bank
 from yawid.estimation.fit import simulate
 from yawid.sinks.mcap_run import McapRun
 
-TRACK_POINTS = 1500
+TRACK_POINTS = 600
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Estimates over time, thinned to some 1500 rows: t (n,) in s since boot, the rest (n, ...)."""
+    """Estimates over time, thinned to 600 rows at most: t (n,) in s since boot, rest (n, ...)."""
 
     t: Floats
     theta: Floats
@@ -111,7 +111,7 @@ class _Gatherer:
     def __init__(self, run: McapRun, method: str, sample_time_s: float) -> None:
         self.method = method
         self._bank = Bank(run.config, sample_time_s)
-        self._stride = max(1, run.rows // TRACK_POINTS)
+        self._stride = -(-run.rows // TRACK_POINTS)
         self._rows = 0
         self._thin: list[tuple[Floats, ...]] = []
         self._full: list[tuple[Any, ...]] = []
@@ -186,7 +186,7 @@ def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: 
         for flag in Held
         if np.any(held & flag.value != 0)
     }
-    stride = max(1, len(t) // TRACK_POINTS)
+    stride = -(-len(t) // TRACK_POINTS)
     # The slowest of each stretch: a stall must not fall between the points that are drawn.
     starts = np.arange(0, len(t), stride)
     return Events(

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
+from matplotlib.ticker import StrMethodFormatter
 
 from yawid.blocks import Floats
 from yawid.errors import YawidError
@@ -26,7 +27,7 @@ from yawid.sinks.report_pictures import BLUE, GREEN, GREY, ORANGE, RED, Picture,
 
 LAGS = 25
 COHERENT = 0.6
-PERIODS = 5.0
+PERIODS = 10.0
 """Length of a segment of the spectral estimate in periods of the Dutch roll."""
 
 
@@ -50,8 +51,8 @@ def poles_picture(model: Model) -> Picture:
 
     look = (
         "Poles inside the unit circle are stable; the pair off the real axis is the Dutch roll, "
-        "the nearer to the circle the less damped. Ellipses: 2 sigma. A pole with a zero on top of it "
-        "does nothing: a lower order would do. Thin lines: zeta of 0.1 to 0.9."
+        "the nearer to the circle the less damped. Ellipses: 2 sigma. A pole with a zero on top "
+        "of it does nothing: a lower order would do. Thin lines: zeta of 0.1 to 0.9."
     )
     return Picture("poles", "Poles and zeros", look, drawn("poles", draw, (5.6, 4.4)))
 
@@ -75,7 +76,7 @@ def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
     if not np.isfinite(covariance).all():
         return
     variance, axes = np.linalg.eigh(covariance)
-    width, height = 4.0 * np.sqrt(np.maximum(variance[::-1], 0.0))
+    width, height = np.maximum(4.0 * np.sqrt(np.maximum(variance[::-1], 0.0)), 0.015)
     angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
     size = max(width, height)
     if size < 2.0:
@@ -108,6 +109,7 @@ def bode_picture(data: ReportData, mode: Mapping[str, float], n_inputs: int) -> 
             for ax in (upper, lower):
                 ax.axvline(mode["wn_rad_s"] / (2.0 * np.pi), color=GREY, linewidth=0.9, ls="--")
         upper.set_xscale("log")
+        upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         upper.set_ylabel("gain [dB, rad/s]")
         lower.set_ylabel("phase [deg]")
         lower.set_xlabel("frequency [Hz]")
@@ -167,7 +169,7 @@ def step_picture(model: Model, mode: Mapping[str, float], unit: str) -> Picture:
     period_s = 2.0 * np.pi / mode["wn_rad_s"] if "wn_rad_s" in mode else 2.0
     steps = int(np.clip(4.0 * period_s / model.sample_time_s, 20, 2000))
     answer, std = step_band(model, steps)
-    t: Floats = np.arange(steps) * model.sample_time_s
+    t = np.arange(steps, dtype=np.float64) * model.sample_time_s
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()

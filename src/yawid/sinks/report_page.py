@@ -20,7 +20,8 @@ STYLE: Final = """
 body { margin: 0 auto; padding: 1rem 1.25rem 3rem; max-width: 72rem; background: #fff;
   color: #1c1c1c; font: 15px/1.45 "DejaVu Sans", Verdana, "Segoe UI", sans-serif; }
 h1 { font-size: 1.35rem; margin: 0 0 .15rem; overflow-wrap: anywhere; }
-h2 { font-size: 1.1rem; margin: 2rem 0 .5rem; border-bottom: 1px solid #ccc; padding-bottom: .2rem; }
+h2 { font-size: 1.1rem; margin: 2rem 0 .5rem; border-bottom: 1px solid #ccc;
+  padding-bottom: .2rem; }
 h3 { font-size: 1rem; margin: 0 0 .25rem; }
 .origin { color: #555; margin: 0 0 .8rem; overflow-wrap: anywhere; font-size: .87rem; }
 .headline { font-size: 1.08rem; margin: 0 0 .9rem; }
@@ -46,16 +47,18 @@ table { border-collapse: collapse; font-size: .87rem; max-width: 100%; }
 td, th { text-align: left; vertical-align: top; padding: .14rem .8rem .14rem 0;
   border-bottom: 1px solid #e8e8e8; overflow-wrap: anywhere; }
 th { font-weight: 600; white-space: nowrap; } td.number { text-align: right;
-  font-variant-numeric: tabular-nums; }
+  white-space: nowrap;  font-variant-numeric: tabular-nums; }
 .tables { display: grid; gap: 1rem 2rem; grid-template-columns: 1fr 1fr; }
 .tables > div { min-width: 0; }
 details { margin: .6rem 0; } summary { cursor: pointer; }
 @media (max-width: 60rem) { .cards { grid-template-columns: 1fr 1fr; } }
 @media (max-width: 44rem) { body { padding: .7rem .8rem 2rem; }
-  .pictures, .tables { grid-template-columns: 1fr; } .card .answer { font-size: 1.2rem; } th { white-space: normal; } }
+  .pictures, .tables { grid-template-columns: 1fr; } .card .answer { font-size: 1.2rem; }
+  th { white-space: normal; } }
 @media (max-width: 22rem) { .cards { grid-template-columns: 1fr; } }
 @media print { body { font-size: 10pt; padding: 0; max-width: none; } @page { margin: 14mm; }
-  h2 { break-after: avoid; } .card, li, table { break-inside: avoid; } .pictures { gap: .8rem 1rem; }
+  h2 { break-after: avoid; } .card, li, table { break-inside: avoid; }
+  .pictures { gap: .8rem 1rem; }
   .cards { grid-template-columns: repeat(4, 1fr); } .card .answer { font-size: 1.15rem; } }
 """
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

@@ -80,6 +80,8 @@ def drawn(key: str, draw: Callable[[Figure], None], size_in: tuple[float, float]
     svg = svg[svg.index("<svg") :]
     # Many pictures share one page: ids must differ, and the size is the page's to choose.
     svg = re.sub(r'(\bid="|="#|url\(#)', rf"\g<1>{key}-", svg)
+    # A hundredth of a point is finer than any printer.
+    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = svg.replace("'DejaVu Sans'", _FONTS)
     return re.sub(r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1)

@@ -121,7 +121,7 @@ def modes_picture(data: ReportData, others: Mapping[str, Mapping[str, Any]]) -> 
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
-        names = (("natural frequency [rad/s]", "wn_rad_s", BLUE), ("damping ratio", "zeta", ORANGE))
+        names = (("ωn [rad/s]", "wn_rad_s", BLUE), ("ζ", "zeta", ORANGE))
         for i, (ax, (label, key, shade)) in enumerate(zip(axes, names, strict=True)):
             value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
             spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
@@ -163,9 +163,9 @@ def link_picture(data: ReportData) -> Picture:
         mark_events(ax, events)
 
     look = (
-        "From the instant a sample belongs to until it was complete at the receiver. Flat is a good "
-        "link; spikes are stalls, a slope is a drifting clock. The estimates use the vehicle's "
-        "own clock, so that delay alone does no harm. Grey: held."
+        "From the instant a sample belongs to until it was complete at the receiver. Flat is a "
+        "good link; spikes are stalls, a slope is a drifting clock. The estimates use the "
+        "vehicle's own clock, so that delay alone does no harm. Grey: held."
     )
     return Picture("link", "Link: delay and held samples", look, drawn("link", draw, (5.6, 2.6)))
 

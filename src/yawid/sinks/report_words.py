@@ -17,7 +17,7 @@ WHAT_TO_DO: Final[Mapping[str, str]] = {
     "collinear_inputs": "Move the rudder on its own: without the mix, or in a mode without it.",
     "not_converged": "Fly more rudder doublets, or compare structures: yawid orders.",
     "turn_dominated": "Use a stretch of straight flight: --from, --to.",
-    "coloured_residuals": "Compare structures: yawid orders. Until then rely on RML's sigma.",
+    "coloured_residuals": "Compare structures: yawid orders. Until then take sigma as too small.",
     "rudder_assumed": "Record the parameters too, or name the channel by --rudder.",
     "els_rml_disagree": "Take RML's numbers, and compare structures: yawid orders.",
     "airspeed_changed": "Estimate each speed by itself: --from, --to.",
@@ -39,10 +39,10 @@ class Card:
 def cards(summary: Mapping[str, Any]) -> list[Card]:
     """Return the answers to the four questions; numbers stand for the primary method."""
     estimates = summary.get("estimates", {})
-    primary = next(iter(estimates.values()), {})
-    others = {m: e for m, e in list(estimates.items())[1:]}
+    primary: Mapping[str, Any] = next(iter(estimates.values()), {})
+    others = dict(list(estimates.items())[1:])
     mode = primary.get("dutch_roll", {})
-    return [_frequency(mode, others), _damping(mode, others), _sure(primary, others), use(summary)]
+    return [_frequency(mode, others), _damping(mode, others), _sure(summary, primary), use(summary)]
 
 
 def use(summary: Mapping[str, Any]) -> Card:
@@ -56,12 +56,13 @@ def use(summary: Mapping[str, Any]) -> Card:
     if not reasons:
         return Card("Can I use it?", "Yes", "nothing speaks against it", ())
     count = f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below"
-    return Card("Can I use it?", "Yes, with care", count, ())
+    notes = tuple(reason["id"].replace("_", " ") for reason in reasons)
+    return Card("Can I use it?", "Yes, with care", count, notes)
 
 
 def headline(summary: Mapping[str, Any]) -> str:
     """Return the whole answer as one sentence."""
-    primary = next(iter(summary.get("estimates", {}).values()), {})
+    primary: Mapping[str, Any] = next(iter(summary.get("estimates", {}).values()), {})
     mode = primary.get("dutch_roll", {})
     if "wn_rad_s" not in mode:
         return "No Dutch roll was identified from this log."
@@ -70,7 +71,7 @@ def headline(summary: Mapping[str, Any]) -> str:
     wn, zeta = mode["wn_rad_s"], mode["zeta"]
     return (
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
-        f"({wn / (2.0 * math.pi):.2g} Hz), {_damped(zeta)} (damping ratio {zeta:.2g})."
+        f"({wn / (2.0 * math.pi):.2g} Hz) and a damping ratio of {zeta:.2g}: {_damped(zeta)}."
     )
 
 
@@ -111,7 +112,7 @@ def _damping(mode: Mapping[str, float], others: Mapping[str, Any]) -> Card:
     return Card("Damping ratio ζ", value, f"{spread} (2σ)" if spread else "", tuple(notes))
 
 
-def _sure(primary: Mapping[str, Any], others: Mapping[str, Any]) -> Card:
+def _sure(summary: Mapping[str, Any], primary: Mapping[str, Any]) -> Card:
     mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
     notes = []
     simulated = fit.get("simulation_pct")
@@ -125,11 +126,17 @@ def _sure(primary: Mapping[str, Any], others: Mapping[str, Any]) -> Card:
     wn_pct = 200.0 * mode["wn_std"] / mode["wn_rad_s"]
     zeta_pct = 200.0 * mode["zeta_std"] / abs(mode["zeta"]) if mode["zeta"] else math.inf
     spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} % (2σ)"
-    word = "Sure" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
-    word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word
-    if simulated is not None and simulated < 50.0 and word == "Sure":
+    word = "Very" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
+    if word == "Very" and _doubtful(summary):
         word = "Fairly"
+        notes.append("σ may be too small: the residuals are not white")
+    word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word
     return Card("How sure?", word, spread, tuple(notes))
+
+
+def _doubtful(summary: Mapping[str, Any]) -> bool:
+    reasons = {reason["id"] for reason in summary["verdict"]["reasons"]}
+    return "coloured_residuals" in reasons
 
 
 def _beside(others: Mapping[str, Any], name: str, sigma: str) -> Iterator[str]:

@@ -49,11 +49,17 @@ DTYPES = {
 }
 
 
+def quiet() -> np.errstate:
+    """Convert numbers without a warning: of damaged bytes any may come, signalling NaNs too."""
+    return np.errstate(invalid="ignore", over="ignore")
+
+
 def table(name: str, rows: int, **columns: Any) -> NDArray[Any]:
     """Return the fields of a message (rows,), those not given being zero."""
     fields = np.zeros(rows, DTYPES[name])
-    for column, values in columns.items():
-        fields[column] = values
+    with quiet():
+        for column, values in columns.items():
+            fields[column] = values
     return fields
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
-from yawid.sources.columns import steady
+from yawid.sources.columns import quiet, steady
 
 MAGIC = b"\xa3\x95"
 _HEADER = 3
@@ -122,7 +122,8 @@ class DataflashIndex:
 
     def si(self, name: str, rows: NDArray[Any], column: str) -> Floats:
         """Return a column (n,) in SI units, angles in rad."""
-        return np.asarray(rows[column], float) * self._factors[name][column]
+        with quiet():
+            return np.asarray(rows[column], float) * self._factors[name][column]
 
     def times(self, name: str, offsets: Ints) -> Ints:
         """Return when the messages (n,) were logged, in microseconds since boot."""

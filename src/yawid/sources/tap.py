@@ -40,12 +40,17 @@ class Tap(ABC):
     """The system's buffer in bytes as it reports it; None where there is none to be seen."""
 
     def __init__(
-        self, endpoint: Endpoint, queue_size: int = QUEUE, *, may_transmit: bool = False
+        self,
+        endpoint: Endpoint,
+        queue_size: int = QUEUE,
+        *,
+        may_transmit: bool = False,
+        stamps: Stamps | None = None,
     ) -> None:
         self.endpoint = endpoint
         self.may_transmit = may_transmit
         self.skipped_bytes = 0
-        self.stamps = Stamps()
+        self.stamps = stamps or Stamps()
         self.senders = Addresses()
         self.news: deque[str] = deque()
         self._inbox = Inbox(queue_size, self.stamps)

@@ -18,7 +18,7 @@ _MAX_DATAGRAM = 65535
 _THICK_US = 200  # datagrams closer than this are worth gathering: to wake up for each costs more
 _GATHER_S = 0.001
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
-# How long closing may take to be noticed; Python's own timeout would ask the system twice each time.
+# How long closing may take to be noticed; Python's own timeout would call the system twice.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
 _SO_MEMINFO = 55  # Linux: nine counts of a socket; the last is the one SO_RXQ_OVFL reports
 _MEMINFO = struct.Struct("9I")

@@ -77,7 +77,7 @@ class UlogReader:
         self._topics = topics_of(self._log)
         self._unix_us = self._unix_minus_boot_us()
         self._status = self._topics.get(("vehicle_status", 0), _NO_ROWS)
-        self._sysid = self._first("system_id", "MAV_SYS_ID", 1) or 1
+        self._sysid = self._first("system_id", "MAV_SYS_ID") or 1
         self._blocks = list(self._in_order(dict(self._messages())))
 
     @property
@@ -132,14 +132,14 @@ class UlogReader:
             received = t_us[rows] + self._unix_us
             yield message(name, order, received, fields[rows], self._sysid)
 
-    def _first(self, column: str, parameter: str, default: int) -> int:
-        """Return what vehicle_status said first, or else a parameter."""
-        if len(self._status.get(column, ())):
-            return int(self._status[column][0])
-        return int(self._log.initial_parameters.get(parameter, default))
+    def _first(self, column: str, parameter: str) -> int:
+        """Return a small number as vehicle_status said first, or a parameter, 0 if neither did."""
+        told = [*self._status.get(column, ())[:1], self._log.initial_parameters.get(parameter)]
+        sound = (int(n) for n in told if isinstance(n, int | np.integer) and 0 <= n <= 255)
+        return next(sound, 0)
 
     def _vehicle_type(self) -> int:
-        kind = self._first("system_type", "MAV_TYPE", 0)
+        kind = self._first("system_type", "MAV_TYPE")
         flies_as = self._status.get("vehicle_type", _NONE)
         return kind or (_FIXED_WING if (flies_as == _FIXED_WING_STATE).any() else 0)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
-from yawid.sources.columns import steady
+from yawid.sources.columns import quiet, steady
 
 Topic = Mapping[str, NDArray[Any]]
 _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
@@ -70,9 +70,10 @@ def sampled(topic: Topic) -> Ints:
 def array(topic: Topic, name: str, size: int) -> Floats:
     """Return the columns name[0], name[1], ... as (n, size), NaN where the log has fewer."""
     values = np.full((len(topic["timestamp"]), size), np.nan)
-    for i in range(size):
-        if f"{name}[{i}]" in topic:
-            values[:, i] = topic[f"{name}[{i}]"]
+    with quiet():
+        for i in range(size):
+            if f"{name}[{i}]" in topic:
+                values[:, i] = topic[f"{name}[{i}]"]
     return values
 
 

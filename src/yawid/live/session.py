@@ -1,0 +1,226 @@
+"""One vehicle's live session: the same bytes go to its tlog and to its pipeline."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from yawid.blocks import Status
+from yawid.errors import SinkError
+from yawid.estimation.bank import Bank
+from yawid.live.guard import Guarded
+from yawid.live.latency import Latency
+from yawid.live.recording import TlogRecorder
+from yawid.live.state import StateFile
+from yawid.live.viewer import Viewer
+from yawid.outputs import Outputs, finish, open_mcap, open_rerun
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.sinks.base import Sink
+from yawid.sinks.rerun_sink import RerunSink
+from yawid.sources.reading import Reading
+from yawid.summary import summarise
+from yawid.verdict import Verdict
+
+INPUT_OR_OUTPUT_FAILED = 6
+MOST_EVENTS = 100
+
+
+class Ended(NamedTuple):
+    """What a session came to: summary, verdict, and the exit code, 6 where an output failed."""
+
+    summary: dict[str, Any]
+    verdict: Verdict
+    exit_code: int
+
+
+class Setting(NamedTuple):
+    """What every session of a run shares."""
+
+    endpoint: str
+    config: RunConfig
+    outputs: Outputs
+    reading: Reading
+    state: Path | None
+    say: Callable[[str], None]
+    now_us: Callable[[], int]
+
+
+class LiveSession:
+    """Records, estimates and shows one vehicle; ``label`` names it where there are several.
+
+    Raises:
+        ConfigError: the state to resume from does not fit.
+    """
+
+    def __init__(self, setting: Setting, label: str = "") -> None:
+        self.events: list[str] = []
+        self.failures: list[str] = []
+        self.latency = Latency()
+        self._setting = setting
+        self._label = label
+        self._state: StateFile | None = None
+        if setting.state is not None:
+            self._state = StateFile(setting.state, setting.config, self.tell)
+        self._viewer = self._open_viewer()
+        viewers: list[Sink] = [] if self._viewer is None else [self._viewer]
+        self.pipeline = Pipeline(setting.config, viewers, setting.reading, self._make_bank)
+        self._guards: dict[str, Guarded] = {}
+        self._tlog: TlogRecorder | None = None
+        self._sha256 = hashlib.sha256()
+        self._opened = False
+        self._rate_from = time.monotonic(), 0
+
+    @property
+    def vehicle(self) -> tuple[int, int] | None:
+        """The (sysid, compid) that is estimated, once known."""
+        found = self.pipeline.channels.lock.vehicle
+        return None if found is None else (found.sysid, found.compid)
+
+    def tell(self, text: str) -> None:
+        """Say a line, and keep it for the summary."""
+        if len(self.events) < MOST_EVENTS:
+            self.events.append(text)
+        self._setting.say(f"{self._label}{text}")
+
+    def feed(self, data: bytes) -> None:
+        """Record the bytes, then estimate; the files are opened with the first of them."""
+        if not self._opened:
+            self._open()
+        self._sha256.update(data)
+        if self._tlog is not None:
+            self._tlog.write(data)
+        before = self.pipeline.samples
+        self.pipeline.feed(data)
+        newest = self.pipeline.newest
+        if before and newest is not None and self.pipeline.samples > before:
+            # Not the first samples of all: they wait for the rate to be known.
+            self.latency.add(self._setting.now_us() - newest.received_us)
+
+    def tick(self) -> None:
+        """Bring out what is complete; made to be called several times a second."""
+        if self._tlog is not None:
+            self._tlog.flush()
+        for sink in self.pipeline.sinks:
+            sink.flush()
+        if self._state is not None:
+            self._state.tick(self.pipeline)
+
+    def line(self, lost: str) -> str:
+        """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
+        link, now_s = self.pipeline.link, time.monotonic()
+        since_s, frames = self._rate_from
+        self._rate_from = now_s, link.frames
+        rate = (link.frames - frames) / max(now_s - since_s, 1e-9)
+        parts = [f"{self._label}{rate:.0f} msg/s", f"{self.pipeline.samples} samples"]
+        found, bank = self.pipeline.modes, self.pipeline.bank
+        if found is None or bank is None:
+            parts.append("waiting for rudder and yaw rate")
+        else:
+            wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
+            last = bank.last[self._setting.config.method]
+            parts += [
+                f"ωn {wn:.4g} ± {wn_std:.2g} rad/s",
+                f"ζ {zeta:.3g} ± {zeta_std:.2g}",
+                Status(int(last.status[-1])).name.lower().replace("_", " "),
+            ]
+        return ", ".join([*parts, f"lost {link.lost} on the link, {lost}"])
+
+    def finish(self, live: dict[str, Any]) -> Ended:
+        """Finish every file; ``live`` is what the tap has to add to the summary."""
+        self.pipeline.finish()
+        if self._state is not None:
+            self._state.save(self.pipeline)
+        tlog = None if self._tlog is None else self._tlog.finish()
+        summary, verdict = summarise(self.pipeline, self._log(tlog), self._sha256.hexdigest())
+        summary["live"] = live | self._own(live["events"])
+        files = {n: p for n, p in self._files().items() if self._guards[n].failure is None}
+        finish(self.pipeline, summary, files | ({} if tlog is None else {"tlog": str(tlog)}))
+        # A file may fail as it is finished.
+        for name in [n for n, guard in self._guards.items() if guard.failure is not None]:
+            summary["files"].pop(name, None)
+        summary["live"] |= self._own(live["events"])
+        return Ended(
+            summary, verdict, INPUT_OR_OUTPUT_FAILED if self._failed() else verdict.exit_code
+        )
+
+    def abort(self) -> None:
+        """Close what is open under its unfinished name: what was recorded stays."""
+        if self._tlog is not None:
+            self._tlog.abort()
+        for sink in self.pipeline.sinks:
+            sink.abort()
+
+    def _open(self) -> None:
+        self._opened = True
+        outputs = self._setting.outputs
+        self._guard("mcap", lambda: open_mcap(self._setting.config, outputs))
+        if outputs.rerun == "save":
+            self._guard("rrd", lambda: open_rerun(outputs)[0])
+        if outputs.record:
+            try:
+                self._tlog = TlogRecorder(outputs.path(".tlog"), self.tell, force=outputs.force)
+            except SinkError as error:
+                self._give_up(error)
+
+    def _guard(self, name: str, make: Callable[[], Sink]) -> None:
+        part = self._setting.outputs.path(f".{name}.part")
+        try:
+            guarded = Guarded(make(), part, self.tell)
+        except SinkError as error:
+            self._give_up(error)
+            return
+        self._guards[name] = guarded
+        self.pipeline.sinks.insert(0, guarded)
+
+    def _give_up(self, error: SinkError) -> None:
+        self.failures.append(str(error))
+        self.tell(f"{error}: the session goes on without it")
+
+    def _open_viewer(self) -> Viewer | None:
+        outputs = self._setting.outputs
+        if outputs.rerun in ("off", "save"):
+            return None
+        return Viewer(
+            lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.tell
+        )
+
+    def _make_bank(self, config: RunConfig, sample_time_s: float) -> Bank:
+        bank = Bank(config, sample_time_s)
+        if self._state is not None:
+            self._state.resume(bank, self.pipeline.channels)
+        return bank
+
+    def _files(self) -> dict[str, str]:
+        return {name: str(self._setting.outputs.path(f".{name}")) for name in self._guards}
+
+    def _failed(self) -> list[str]:
+        watched = [*self._guards.values(), self._tlog, self._state]
+        return self.failures + [w.failure for w in watched if w is not None and w.failure]
+
+    def _own(self, events: list[str]) -> dict[str, Any]:
+        own: dict[str, Any] = {"events": [*events, *self.events], "failed": self._failed()}
+        if self.latency.count:
+            own["latency_ms"] = self.latency.summary()
+        if self._viewer is not None:
+            own["viewer_skipped"] = self._viewer.skipped
+        return own
+
+    def _log(self, tlog: Path | None) -> str:
+        return self._setting.endpoint if tlog is None else str(tlog)
+
+
+def for_vehicle(setting: Setting, sysid: int) -> LiveSession:
+    """Return the session of one of several vehicles: files and state are suffixed by its number."""
+    outputs = replace(setting.outputs, name=f"{setting.outputs.name}-{sysid}")
+    state = setting.state
+    own = setting._replace(
+        config=replace(setting.config, sysid=sysid),
+        outputs=outputs,
+        state=None if state is None else state.with_name(f"{state.name}-{sysid}"),
+    )
+    return LiveSession(own, f"system {sysid}: ")

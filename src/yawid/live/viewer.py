@@ -1,0 +1,116 @@
+"""A Rerun viewer beside a live session: it may be slow, go away and come back."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.sinks.base import LogLevel, Pace, Sink
+
+WAITING = 512
+"""Calls that may wait for the viewer; what comes on top is skipped and counted."""
+AGAIN_S = 10.0
+"""How often a viewer that has gone is looked for."""
+CLOSE_S = 5.0
+
+Call = Callable[[Sink], None]
+
+
+class Viewer:
+    """A sink that hands everything to a thread of its own: the session never waits for a viewer.
+
+    ``connect`` returns a new sink and calls its argument with one line when the viewer is lost,
+    then or later. ``skipped`` counts the samples that were not shown. The first connection is made
+    here and now, so that what it has to load is loaded before the socket opens.
+    """
+
+    def __init__(
+        self, connect: Callable[[Callable[[str], None]], Sink], tell: Callable[[str], None]
+    ) -> None:
+        self.skipped = 0
+        self._connect = connect
+        self._tell = tell
+        self._lost = self._was_lost = False
+        self._begin: Call | None = None
+        self._again = Pace(AGAIN_S)
+        self._again.due()
+        self._calls: queue.Queue[Call | None] = queue.Queue(WAITING)
+        self._sink = connect(self._gone)
+        self._thread = threading.Thread(target=self._run, name="yawid-viewer", daemon=True)
+        self._thread.start()
+
+    def start(
+        self,
+        parameter_names: tuple[str, ...],
+        inputs: tuple[str, ...],
+        methods: tuple[str, ...],
+        sample_time_s: float,
+    ) -> None:
+        """See :meth:`yawid.sinks.base.Sink.start`; a viewer that comes later is told too."""
+        self._begin = lambda sink: sink.start(parameter_names, inputs, methods, sample_time_s)
+        self._hand(self._begin)
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :meth:`yawid.sinks.base.Sink.write`."""
+        if self._lost or not self._hand(lambda sink: sink.write(samples, estimates, modes)):
+            self.skipped += len(samples)
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """See :meth:`yawid.sinks.base.Sink.log`."""
+        self._hand(lambda sink: sink.log(unix_ns, level, text))
+
+    def flush(self) -> None:
+        """See :meth:`yawid.sinks.base.Sink.flush`."""
+        if self._calls.empty():
+            self._hand(lambda sink: sink.flush())
+
+    def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
+        """See :meth:`yawid.sinks.base.Sink.finish`; a viewer that does not take it is left."""
+        self._end(lambda sink: sink.finish(summary, attachments))
+
+    def abort(self) -> None:
+        """See :meth:`yawid.sinks.base.Sink.abort`."""
+        self._end(lambda sink: sink.abort())
+
+    def _hand(self, call: Call) -> bool:
+        try:
+            self._calls.put_nowait(call)
+        except queue.Full:
+            return False
+        return True
+
+    def _end(self, call: Call) -> None:
+        try:
+            self._calls.put(call, timeout=CLOSE_S)
+            self._calls.put(None, timeout=CLOSE_S)
+        except queue.Full:
+            return
+        self._thread.join(CLOSE_S)
+
+    def _run(self) -> None:
+        while (call := self._calls.get()) is not None:
+            if self._lost and self._again.due():
+                self._seek()
+            call(self._sink)
+
+    def _seek(self) -> None:
+        self._lost = False
+        self._sink = self._connect(self._gone)
+        if self._lost:
+            return
+        self._was_lost = False
+        self._tell("the Rerun viewer is back")
+        if self._begin is not None:
+            self._begin(self._sink)
+
+    def _gone(self, text: str) -> None:
+        """Take the line of a lost viewer; only the first of them is worth telling."""
+        self._lost = True
+        if not self._was_lost:
+            self._was_lost = True
+            self._tell(text)
