@@ -28,6 +28,7 @@ STAGES = [
     ("__main__",),
 ]
 ONLY_IN = {
+    "pyulog": {"sources/ulog_file.py"},
     "pymavlink": {"sources"},
     "mcap": {"sinks/mcap_file.py", "sinks/recover.py"},
     "rerun": {"sinks/rerun_view.py"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
@@ -13,20 +14,15 @@ from pathlib import Path
 import fly_jsbsim
 import pytest
 from jsbsim_flight import FlightPlan
+from live_link import CONFIG, Screen, frames, free_port, listening, send, tlog_size, wait_for_size
 from mcap.reader import make_reader
 from telemetry import Link
 
-from yawid.live import live
+from yawid.errors import ConfigError, SourceError
+from yawid.live import Console, LiveOptions, live
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag, replay
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
@@ -39,45 +35,34 @@ def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
 
 
 def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
-    frames = list(fly_jsbsim.fly(FlightPlan(seconds=25.0), Link(attitude_hz=50.0, servo_hz=50.0)))
-    port, stop, heard = free_port(), StopFlag(), threading.Event()
+    sent = list(fly_jsbsim.fly(FlightPlan(seconds=25.0), Link(attitude_hz=50.0, servo_hz=50.0)))
     config = RunConfig(rate=10.0)
-    results = []
+    with listening(tmp_path, config, Outputs(tmp_path, "live", "save")) as session:
+        fly_jsbsim.send(sent, ("127.0.0.1", session.port), 25.0)
+        wait_for_size(session.part("tlog"), tlog_size([frame for _, frame in sent]))
 
-    def listen() -> None:
-        outputs = Outputs(tmp_path, "live", "save")
-        say = heard.set
-        results.append(
-            live(f"udpin:127.0.0.1:{port}", config, outputs, stop, 60.0, lambda text: say())
-        )
-
-    thread = threading.Thread(target=listen)
-    thread.start()
-    assert heard.wait(30.0)
-    fly_jsbsim.send(frames, ("127.0.0.1", port), 25.0)
-    wait_for_size(tmp_path / "live.tlog.part", sum(8 + len(frame) for _, frame in frames))
-    stop.is_set = True
-    thread.join()
-
-    summary, _ = results[0]
+    [(summary, _, _)] = session.ended
     again, _ = replay(tmp_path / "live.tlog", config, Outputs(tmp_path, "again"), StopFlag())
 
     assert summary["estimates"] == again["estimates"]
     assert summary["estimates"]["els"]["updates"] > 100
-    assert summary["link"]["frames"] == len(frames)
+    assert summary["link"]["frames"] == len(sent)
     assert messages(tmp_path / "live.mcap") == messages(tmp_path / "again.mcap")
     assert (tmp_path / "live.rrd").stat().st_size > 10_000
     assert set(summary["files"]) == {"mcap", "rrd", "tlog"}
+    assert summary["live"]["dropped"]["queue"] == 0
 
 
-def wait_for_size(path: Path, size: int) -> None:
-    """Wait until a file has grown to a size, which it does as fast as the tap reads."""
-    grown = threading.Event()
-    for _ in range(300):
-        if path.exists() and path.stat().st_size >= size:
-            return
-        grown.wait(0.1)
-    raise AssertionError(f"{path.name} has not grown to {size} bytes")
+def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        with listening(tmp_path) as session:
+            sent = frames(8.0)
+            send(sent, session.port, vehicle)
+            wait_for_size(session.part("tlog"), tlog_size(sent))
+        vehicle.settimeout(0.0)
+        with pytest.raises(BlockingIOError):
+            vehicle.recv(1)
+    assert session.ended[0].summary["estimates"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -93,50 +78,100 @@ def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path:
     )
     assert process.stderr is not None
     assert "listening" in process.stderr.readline()
-    plan, link = FlightPlan(seconds=3.0), Link(attitude_hz=50.0, servo_hz=50.0)
-    frames = list(fly_jsbsim.fly(plan, link))
-    fly_jsbsim.send(frames, ("127.0.0.1", port), 100.0)
-    for _ in range(300):
-        parts = list(tmp_path.glob("*.tlog.part"))
-        if parts:
-            wait_for_size(parts[0], sum(8 + len(frame) for _, frame in frames))
-            break
-        threading.Event().wait(0.1)
+    sent = frames(3.0)
+    send(sent, port)
+    wait_for_size(wait_for_part(tmp_path), tlog_size(sent))
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
 
     assert process.returncode in (0, 5), err
     assert out.count("\n") == 1
+    assert json.loads(out)["link"]["frames"] == len(sent)
     assert {path.suffix for path in tmp_path.iterdir()} == {".tlog", ".mcap"}
 
 
+def wait_for_part(folder: Path) -> Path:
+    """The tlog of a session that names its files itself."""
+    for _ in range(300):
+        if parts := list(folder.glob("*.tlog.part")):
+            return parts[0]
+        threading.Event().wait(0.1)
+    raise AssertionError("no tlog was begun")
+
+
 def test_a_link_nobody_sends_on_has_no_vehicle_and_leaves_no_file(tmp_path: Path):
-    endpoint = f"udpin:127.0.0.1:{free_port()}"
-    outputs = Outputs(tmp_path, "live")
+    options = LiveOptions(f"udpin:127.0.0.1:{free_port()}", seconds=0.3)
+    screen = Screen()
 
-    summary, verdict = live(endpoint, RunConfig(), outputs, StopFlag(), 0.3, lambda text: None)
+    [ended] = live(options, RunConfig(), Outputs(tmp_path, "live"), StopFlag(), Console(screen))
 
-    assert verdict.exit_code == 3
-    assert summary["files"] == {}
+    assert ended.exit_code == 3
+    assert ended.summary["files"] == {}
     assert list(tmp_path.iterdir()) == []
 
 
 def test_no_record_writes_no_tlog(tmp_path: Path):
-    port, stop, ready = free_port(), StopFlag(), threading.Event()
-    outputs = Outputs(tmp_path, "live", record=False)
-    thread = threading.Thread(
-        target=live,
-        args=(f"udpin:127.0.0.1:{port}", RunConfig(), outputs, stop, 30.0, lambda t: ready.set()),
-    )
-    thread.start()
-    assert ready.wait(30.0)
-    plan, link = FlightPlan(seconds=2.0), Link(attitude_hz=50.0, servo_hz=50.0)
-    fly_jsbsim.send(list(fly_jsbsim.fly(plan, link)), ("127.0.0.1", port), 100.0)
-    for _ in range(300):
-        if list(tmp_path.glob("*.mcap.part")):
-            break
-        threading.Event().wait(0.1)
-    stop.is_set = True
-    thread.join()
+    with listening(tmp_path, outputs=Outputs(tmp_path, "live", record=False)) as session:
+        send(frames(2.0), session.port)
+        wait_for_size(session.part("mcap"), 1)
 
     assert [path.name for path in tmp_path.iterdir()] == ["live.mcap"]
+
+
+def test_what_was_still_queued_when_the_session_ends_is_recorded_too(tmp_path: Path):
+    sent = frames(10.0)
+    with listening(tmp_path) as session:
+        send(sent, session.port)
+
+    assert session.ended[0].summary["link"]["frames"] == len(sent)
+
+
+def test_a_line_that_updates_is_cleared_for_one_that_stays():
+    screen = Screen()
+    screen.isatty = lambda: True  # type: ignore[method-assign]
+    console = Console(screen)
+    console.show("12 msg/s, 3 samples")
+    console.say("the link is back")
+    console.close()
+
+    assert screen.getvalue().endswith("\r\x1b[2Kyawid: the link is back\n12 msg/s, 3 samples\n")
+
+
+def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
+    with listening(tmp_path) as session:
+        sent = frames(20.0)
+        send(sent[:300] + sent[320:], session.port)
+        session.screen.wait_for("tracking, lost 20 on the link, 0 dropped here")
+    line = [text for text in session.screen.getvalue().splitlines() if "tracking" in text][0]
+    for word in ("msg/s", "samples", "ωn", "rad/s", "ζ", "±"):
+        assert word in line
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_the_socket_opens(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    options = LiveOptions(f"udpin:127.0.0.1:{free_port()}", seconds=5.0)
+    with pytest.raises(Exception, match="cannot write"):
+        live(options, CONFIG, Outputs(tmp_path / "file", "x"), StopFlag(), Console(Screen()))
+
+
+def test_a_port_in_use_is_refused_and_leaves_nothing(tmp_path: Path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        options = LiveOptions(f"udpin:127.0.0.1:{taken.getsockname()[1]}")
+        with pytest.raises(SourceError, match="in use"):
+            live(options, CONFIG, Outputs(tmp_path, "x"), StopFlag(), Console(Screen()))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"endpoint": "udpout:127.0.0.1:14550"}, "passive"),
+        ({"endpoint": "udpin:127.0.0.1:1", "seconds": 0.0}, "--seconds"),
+        ({"endpoint": "udpin:127.0.0.1:1", "request_hz": -1.0}, "--request-rates"),
+        ({"endpoint": "udpin:127.0.0.1:1", "request_hz": 5.0, "every_vehicle": True}, "--sysid N"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_in_one_line(options: dict[str, object], reason: str):
+    with pytest.raises(ConfigError, match=reason):
+        LiveOptions(**options)  # type: ignore[arg-type]

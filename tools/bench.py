@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-BENCHES = ("estimator", "efficiency", "windup", "confidence")
+BENCHES = ("estimator", "efficiency", "windup", "confidence", "link")
 
 
 def main() -> int:

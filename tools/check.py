@@ -2,7 +2,8 @@
 
     python tools/check.py [--fast]
 
-``--fast`` leaves out what is marked slow. The exit code is that of the first that fails; all of them run.
+``--fast`` leaves out what is marked slow. All of them run; the exit code is that of the first that
+fails.
 """
 
 from __future__ import annotations

@@ -78,6 +78,17 @@ def _check(code: int, arguments: list[str], out: str, err: str) -> None:
             json.loads(line)
 
 
+def warm_up(folder: Path) -> None:
+    """Have everything imported and compiled, for which no run is to be blamed."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        for engine in ("numba", "filterpy"):
+            log = folder / "log.tlog"
+            log.write_bytes(FuzzFlight(seconds=15.0).tlog())
+            out = ["--out", str(folder / "out"), "--force"]
+            yawid(["replay", str(log), f"--engine={engine}", *out])
+            yawid(["orders", str(log)])
+
+
 @contextlib.contextmanager
 def _limited() -> Iterator[None]:
     """Raise FindingError where a run takes longer than it may."""
@@ -140,6 +151,7 @@ def main() -> int:
     known: set[str] = set()
     seed, memory_mb = arguments.seed, []
     with tempfile.TemporaryDirectory() as folder:
+        warm_up(Path(folder))
         while time.monotonic() < end:
             found = fuzz(seed, Path(folder), counts, known)
             if found is not None:

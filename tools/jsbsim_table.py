@@ -4,7 +4,8 @@
 
 Each flight is 120 s of 3-2-1-1 on the rudder with the wings held level, replayed with the default
 orders at 10 Hz, nothing forgotten. The truth is the Dutch roll of the linearised aircraft, closed
-with the roll hold that was flown. Prints a Markdown table; the exit code is 1 where RML misses 2.5 % or 0.02.
+with the roll hold that was flown. Prints a Markdown table; the exit code is 1 where RML misses
+2.5 % or 0.02.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,10 @@ from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.errors import NotIdentifiable
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
+from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
+from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
-from yawid.sources.tlog import read_tlog
 
 
 def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> list[SampleBlock]:
@@ -27,12 +29,26 @@ def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> lis
     reading = reading or Reading()
     decoder, channels = reading.decoder(WANTED), Channels(config)
     blocks: list[SampleBlock] = []
-    for chunk in read_tlog(log, form=reading.form):
-        frames = decoder.feed(chunk)
+    for _, frames in open_log(log, decoder, reading.form).read():
         blocks += [] if frames is None else channels.feed(frames)
     frames = decoder.finish()
     blocks += [] if frames is None else channels.feed(frames)
     return blocks + channels.finish()
+
+
+def run_through(log: Path, config: RunConfig) -> tuple[Pipeline, str]:
+    """Replay a log without outputs; return the finished pipeline and the log's sha256.
+
+    Raises:
+        SourceError: the log cannot be read.
+        ConfigError: what is asked for does not fit the log.
+    """
+    digest, pipeline = hashlib.sha256(), Pipeline(config)
+    pipeline.source = reader = open_log(log, pipeline.decoder)
+    for _, frames in reader.read(digest):
+        pipeline.take(frames)
+    pipeline.finish()
+    return pipeline, digest.hexdigest()
 
 
 def try_orders(

@@ -6,7 +6,6 @@ own.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,9 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import Floats, SampleBlock
-from yawid.collect import collect
+from yawid.collect import collect, run_through
 from yawid.errors import ConfigError
-from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
-from yawid.sources.tlog import read_tlog
 from yawid.summary import summarise
 from yawid.verdict import Verdict
 
@@ -58,18 +55,14 @@ def inspect(log: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    digest = hashlib.sha256()
-    pipeline = Pipeline(config)
-    for chunk in read_tlog(log, digest=digest):
-        pipeline.feed(chunk)
-    pipeline.finish()
-    summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())
+    pipeline, sha256 = run_through(log, config)
+    summary, verdict = summarise(pipeline, str(log.absolute()), sha256)
     excited = []
     if pipeline.bank is not None and pipeline.channels.surfaces:
         excited = stretches(activity(log, config))
     kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict")
     report = {key: summary[key] for key in kept if key in summary}
-    report["senders"] = {f"{s}/{c}": n for (s, c), n in pipeline.decoder.link.senders.items()}
+    report["senders"] = {f"{s}/{c}": n for (s, c), n in pipeline.link.senders.items()}
     report["excited"] = [{"from": a, "to": b} for a, b in excited]
     fatal = [r["id"] for r in summary["verdict"]["reasons"] if r["weight"] == "fatal"]
     unanswerable = [reason for reason in fatal if reason in _UNANSWERABLE]
@@ -153,14 +146,10 @@ def recommend(log: Path, config: RunConfig, stretch: tuple[float, float]) -> dic
 
 def _trial(log: Path, config: RunConfig) -> dict[str, Any]:
     """Return the summary of a replay without outputs; empty where the channels do not fit."""
-    pipeline = Pipeline(config)
     try:
-        for chunk in read_tlog(log):
-            pipeline.feed(chunk)
-        pipeline.finish()
+        return summarise(run_through(log, config)[0], "", "")[0]
     except ConfigError:
         return {}
-    return summarise(pipeline, "", "")[0]
 
 
 def _fit(summary: dict[str, Any]) -> float:

@@ -38,7 +38,7 @@ from yawid.verdict import (
 
 def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
     """Return the summary of a finished pipeline and its verdict."""
-    link = pipeline.decoder.link
+    link = pipeline.link
     channels, bank = pipeline.channels, pipeline.bank
     summary: dict[str, Any] = {
         "log": log,
@@ -70,7 +70,7 @@ def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any]
 
 def _link(pipeline: Pipeline) -> dict[str, int]:
     link, segmenter, aligner = (
-        pipeline.decoder.link,
+        pipeline.link,
         pipeline.channels.segmenter,
         pipeline.channels.aligner,
     )

@@ -90,3 +90,17 @@ def test_a_file_that_only_begins_like_a_log_is_refused_in_one_line(tmp_path: Pat
         with pytest.raises(SourceError, match="holds no readable message") as caught:
             open_log(path, Decoder(WANTED))
         assert "\n" not in str(caught.value)
+
+
+def test_a_column_whose_format_is_damaged_is_not_read(tmp_path: Path):
+    # One bit turns the character f of a number into n, four letters of text.
+    sound = logged(flown(2.0)).data
+    damaged = sound.replace(b"QBffffffIIfBBHH", b"QBffnfffIIfBBHH")
+    assert damaged != sound
+    found = columns(written(tmp_path, damaged))
+
+    assert "ATTITUDE" not in found
+    assert (
+        len(found["GLOBAL_POSITION_INT"]) == len(columns(written(tmp_path, sound))["ATTITUDE"]) / 5
+    )
+    assert len(found["SERVO_OUTPUT_RAW"]) == 100

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -16,13 +20,7 @@ from flightlog import START_US, fly
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from yawid.cli import main
-from yawid.live import live
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag, replay
 from yawid.sources.framing import frame_size
-from yawid.sources.reading import Reading
-from yawid.sources.signing import SigningKey
 
 PASSPHRASE = "correct horse battery staple"
 KEY = hashlib.sha256(PASSPHRASE.encode()).digest()
@@ -158,47 +156,56 @@ def test_a_key_file_that_cannot_be_used_is_one_line_and_exit_code_2(
             assert "two" not in said
 
 
-def test_a_live_session_with_a_key_replays_to_the_same_bits(
-    signed_records: list[bytes], tmp_path: Path
-) -> None:
-    frames = [rec[8:] for rec in signed_records[:500]]
-    forged = [rec[8:] for rec in intruders(signed_records)[:20]]
-    config, reading = RunConfig(rate=10.0), Reading(key=SigningKey(KEY))
+def heard_live(frames: list[bytes], arguments: list[str], folder: Path, size: int) -> str:
+    """Send datagrams to a live session until its log has grown to a size; return its stdout."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    stop, ready, results = StopFlag(), threading.Event(), []
-
-    def listen() -> None:
-        outputs = Outputs(tmp_path, "live")
-        arguments = (f"udpin:127.0.0.1:{port}", config, outputs, stop, 60.0, lambda t: ready.set())
-        results.append(live(*arguments, reading))
-
-    thread = threading.Thread(target=listen)
-    thread.start()
-    assert ready.wait(30.0)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "yawid", "live", f"udpin:127.0.0.1:{port}", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "listening" in line:
+            break
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for i, frame in enumerate(frames):
-            datagram = frame + forged[i // 25] if i % 25 == 0 else frame
-            out.sendto(datagram, ("127.0.0.1", port))
-    size = sum(8 + len(frame) for frame in frames + forged)
-    part = tmp_path / "live.tlog.part"
+        for frame in frames:
+            out.sendto(frame, ("127.0.0.1", port))
     for _ in range(300):
-        if part.exists() and part.stat().st_size >= size:
+        if sum(path.stat().st_size for path in folder.glob("*.tlog.part")) >= size:
             break
         threading.Event().wait(0.05)
-    stop.is_set = True
-    thread.join()
-    summary, _ = results[0]
+    process.send_signal(signal.SIGTERM)
+    said, _ = process.communicate(timeout=60)
+    return said
 
-    again, _ = replay(
-        tmp_path / "live.tlog", config, Outputs(tmp_path, "again"), StopFlag(), reading
-    )
 
+def test_a_live_session_with_a_key_replays_to_the_same_bits(
+    signed_records: list[bytes],
+    key_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    frames = [rec[8:] for rec in signed_records[:500]]
+    forged = [rec[8:] for rec in intruders(signed_records)[:20]]
+    mixed = [f + forged[i // 25] if i % 25 == 0 else f for i, f in enumerate(frames)]
+    size = sum(8 + len(frame) for frame in frames + forged)
+    arguments = ["--rate", "10", "--json", "--signing-key-file", str(key_file)]
+
+    said = heard_live(mixed, [*arguments, "--out", str(tmp_path / "a")], tmp_path / "a", size)
+    (log,) = (tmp_path / "a").glob("*.tlog")
+    main(["replay", str(log), *arguments, "--out", str(tmp_path / "b")])
+
+    summary, again = summary_of(said), summary_of(capsys.readouterr().out)
     assert summary["link"] == again["link"]
     assert summary["link"]["unsigned_rejected"] == 20
     assert summary["link"]["frames"] == 520
     assert summary["estimates"] == again["estimates"]
+    assert KEY not in log.read_bytes()
 
 
 def test_a_log_without_stamps_gives_the_estimates_of_the_tlog(

@@ -13,7 +13,11 @@ from sources.tlog_records import BY_NAME, message, pack, random_records, rows, r
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.frames import Decoder
-from yawid.sources.udp import Endpoint, UdpTap, parse_endpoint, split_datagram
+from yawid.sources.addresses import Addresses
+from yawid.sources.endpoints import Endpoint, parse_endpoint
+from yawid.sources.inbox import Stamps
+from yawid.sources.tap import split_datagram
+from yawid.sources.udp import UdpTap, dropped_by
 
 ANY_PORT = Endpoint("127.0.0.1", 0)
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 300)]
@@ -56,7 +60,7 @@ def test_replaying_what_was_recorded_gives_the_same_messages(
 ) -> None:
     decoder = Decoder()
     recorded, live = b"", []
-    for i, frame in enumerate(FRAMES):
+    for i, frame in enumerate(FRAMES[:60]):
         vehicle.sendto(frame, tap.address)
         data = heard(tap, i + 1)
         recorded += data
@@ -133,9 +137,26 @@ def test_the_buffer_is_asked_for_and_its_size_reported(tap: UdpTap) -> None:
     assert tap.receive_buffer >= usual
 
 
-@pytest.mark.parametrize("text", ["udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560"])
-def test_an_endpoint_with_host_and_port_is_taken(text: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    ["udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560", "udpout:10.0.0.1:14550",
+     "udpbcast:192.168.1.255:14550", "tcp:127.0.0.1:5760", "mcast:239.1.2.3:14551",
+     "/dev/ttyUSB0,921600", "COM3,57600"],
+)  # fmt: skip
+def test_an_endpoint_that_leaves_nothing_open_is_taken(text: str) -> None:
     assert str(parse_endpoint(text)) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("mcast:", "mcast:239.255.145.50:14550"),
+        ("mcast:14551", "mcast:239.255.145.50:14551"),
+        ("/dev/ttyACM0", "/dev/ttyACM0,57600"),
+    ],
+)
+def test_what_an_endpoint_leaves_out_is_pymavlink_s_default(text: str, meant: str) -> None:
+    assert str(parse_endpoint(text)) == meant
 
 
 @pytest.mark.parametrize(
@@ -152,9 +173,9 @@ def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(t
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["udpout:10.0.0.1:14550", "tcp:127.0.0.1:5760", "mcast:"])
+@pytest.mark.parametrize("text", ["tcpin:0.0.0.0:5760", "ws:127.0.0.1:1", "unix:/tmp/x"])
 def test_other_kinds_of_endpoint_are_refused_in_one_line(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"udpin:127\.0\.0\.1"):
+    with pytest.raises(ConfigError, match=r"not supported, write udpin:127\.0\.0\.1"):
         parse_endpoint(text)
 
 
@@ -163,3 +184,90 @@ def test_a_frame_cut_off_by_the_end_of_a_datagram_is_no_frame() -> None:
     for size in range(len(frame)):
         assert frame not in list(split_datagram(frame[:size]))
     assert list(split_datagram(frame)) == [frame]
+
+
+def test_a_passive_tap_refuses_to_transmit(tap: UdpTap, vehicle: socket.socket) -> None:
+    vehicle.sendto(FRAMES[0], tap.address)
+    heard(tap, 1)
+    with pytest.raises(RuntimeError, match="passive"):
+        tap.transmit(FRAMES[0], FRAMES[0][5])
+
+
+def test_what_the_system_has_no_room_for_is_counted(vehicle: socket.socket) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as full:
+        full.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        full.bind(("127.0.0.1", 0))
+        for _ in range(500):
+            vehicle.sendto(FRAMES[0], full.getsockname())
+        full.setblocking(False)
+        taken = 0
+        with pytest.raises(BlockingIOError):
+            while full.recv(2048):
+                taken += 1
+        dropped = dropped_by(full)
+    if dropped is None:
+        pytest.skip("this system does not count")
+    assert (taken + dropped, dropped > 0) == (500, True)
+
+
+def test_a_group_is_heard_by_everyone_who_joins_it() -> None:
+    endpoint = Endpoint("239.255.145.50", free_port(), "mcast")
+    with (
+        UdpTap(endpoint) as one,
+        UdpTap(endpoint) as two,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+    ):
+        try:
+            vehicle.sendto(FRAMES[0], (endpoint.host, endpoint.port))
+        except OSError as error:
+            pytest.skip(f"this machine has no multicast: {error}")
+        assert [heard(tap, 1)[8:] for tap in (one, two)] == [FRAMES[0]] * 2
+
+
+def test_a_broadcast_is_heard(vehicle: socket.socket) -> None:
+    endpoint = Endpoint("127.255.255.255", free_port(), "udpbcast")
+    vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    with UdpTap(endpoint) as tap:
+        vehicle.sendto(FRAMES[0], (endpoint.host, endpoint.port))
+        assert heard(tap, 1)[8:] == FRAMES[0]
+
+
+def test_a_peer_that_waits_to_be_spoken_to_answers_the_tap(vehicle: socket.socket) -> None:
+    vehicle.bind(("127.0.0.1", 0))
+    vehicle.settimeout(10.0)
+    endpoint = Endpoint(*vehicle.getsockname(), "udpout")
+    with UdpTap(endpoint, may_transmit=True) as tap:
+        assert tap.transmit(FRAMES[1], 0)
+        data, address = vehicle.recvfrom(2048)
+        vehicle.sendto(FRAMES[0], address)
+        assert (data, heard(tap, 1)[8:]) == (FRAMES[1], FRAMES[0])
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def test_stamps_go_on_evenly_when_the_clock_is_set_and_the_jump_is_said_once() -> None:
+    wall, steady = [5_000_000_000_000], [0]
+    stamps = Stamps(lambda: wall[0], lambda: steady[0])
+    wall[0] += 2_000_000_000
+    steady[0] += 2_000_000_000
+    assert (stamps.now(), stamps.jump()) == (5_002_000_000, None)
+    wall[0] -= 3_600_000_000_000
+    assert (stamps.now(), stamps.jump(), stamps.jump()) == (5_002_000_000, -3600.0, None)
+    steady[0] += 1_000_000_000
+    wall[0] += 3_601_000_000_000
+    assert (stamps.now(), stamps.jump()) == (5_003_000_000, 3600.0)
+
+
+def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:
+    addresses = Addresses()
+    old, new = ("127.0.0.1", 1), ("127.0.0.1", 2)
+    assert addresses.note({(1, old)}, 0) == []
+    assert addresses.note({(1, new)}, 6_000_000) == []
+    assert addresses.latest == {1: new}
+    [line] = addresses.note({(1, old)}, 7_000_000)
+    assert "127.0.0.1:1 and 127.0.0.1:2" in line or "127.0.0.1:2 and 127.0.0.1:1" in line

@@ -53,8 +53,10 @@ class History:
         """Return the last ``count`` samples."""
         rows = slice(-count, None)
         y_hat = {method: column[rows] for method, column in self.y_hat.items()}
-        columns = (self.u, self.y, self.roll, self.turn, self.airspeed)
-        return History(*(column[rows] for column in columns), y_hat)
+        u, y, roll, turn, airspeed = (
+            column[rows] for column in (self.u, self.y, self.roll, self.turn, self.airspeed)
+        )
+        return History(u, y, roll, turn, airspeed, y_hat)
 
 
 class Bank:

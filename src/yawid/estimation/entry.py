@@ -16,6 +16,7 @@ from yawid.estimation.state import (
     FACTORS,
     FITTING,
     HEAD,
+    HEADS,
     HELD,
     HOLDING,
     INNOVATION,
@@ -31,7 +32,6 @@ from yawid.estimation.state import (
     S2,
     SAMPLES,
     SCALED,
-    SIGNALS,
     START_FIT,
     STATUS,
     TAPS,
@@ -54,7 +54,7 @@ def _scale(s, at):
     """Set the factors from the full window; False where a channel in use moves too little."""
     samples = s[at[SAMPLES] : at[SAMPLES + 1]]
     factors = s[at[FACTORS] : at[FACTORS + 1]]
-    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    heads = s[at[HEADS] : at[HEADS + 1]]
     units = s[at[UNITS] : at[UNITS + 1]]
     taps = s[at[TAPS] : at[TAPS + 1]]
     w, width = int(s[WINDOW]), int(s[M]) + 2
@@ -64,7 +64,7 @@ def _scale(s, at):
             mean += samples[i * width + 1 + j] / w
         for i in range(w):
             spread += (samples[i * width + 1 + j] - mean) ** 2 / w
-        used = j == 0 or signals[2 * j + 1] > 0.0
+        used = j == 0 or heads[j + 1] > heads[j]
         if used and not s[MINIMUM] <= math.sqrt(spread) < math.inf:
             factors[:] = 1.0
             return False
@@ -72,7 +72,7 @@ def _scale(s, at):
             factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
     for i in range(len(units)):
         for j in range(1, int(s[M]) + 1):
-            if signals[2 * j] <= taps[i] < signals[2 * j] + signals[2 * j + 1]:
+            if heads[j] <= taps[i] < heads[j + 1]:
                 units[i] = factors[j] / factors[0]
     if s[BIAS] > 0.0:
         units[len(units) - 1] = 1.0 / factors[0]

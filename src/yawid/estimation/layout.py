@@ -20,8 +20,8 @@ def lag_depth(config: EstimatorConfig) -> int:
     return max([0, orders.na, *inputs])
 
 
-def registers(config: EstimatorConfig) -> tuple[Floats, list[int]]:
-    """Return offset and length of each signal's register (M + 3, 2), and each phi entry's place.
+def registers(config: EstimatorConfig) -> tuple[list[int], list[int]]:
+    """Return where each signal's register begins, and the end (M + 4), and each phi entry's place.
 
     The signals are y, the inputs, the residual and the bias's 1; the newest entry comes first. When
     phi(k) is formed that is y(k-1), u(k), eps(k-1).
@@ -30,24 +30,24 @@ def registers(config: EstimatorConfig) -> tuple[Floats, list[int]]:
     rows = [(0, orders.na)]
     rows += [(nk, nb) for nb, nk in zip(orders.nb, orders.nk, strict=True)]
     rows += [(0, orders.nc), (0, int(config.bias))]
-    table, taps, offset = np.zeros((len(rows), 2)), list[int](), 0
-    for row, (first, count) in zip(table, rows, strict=True):
-        length = max(first + count, orders.nc) if count else 0  # 1/C needs nc lags of each
-        row[:] = offset, length
-        taps += range(offset + first, offset + first + count)
-        offset += length
-    return table, taps
+    heads, taps = [0], list[int]()
+    for first, count in rows:
+        taps += range(heads[-1] + first, heads[-1] + first + count)
+        # 1/C needs nc lags of each.
+        heads.append(heads[-1] + (max(first + count, orders.nc) if count else 0))
+    return heads, taps
 
 
 def new_state(config: EstimatorConfig) -> Floats:
     """Return the packed state of an estimator that has seen nothing."""
     orders, n, lags = config.orders, config.n_theta, config.residual_lags
     window = max(config.scale_window, config.start_buffer)
-    table, taps = registers(config)
-    size = int(table[:, 1].sum())
+    heads, taps = registers(config)
+    size = heads[-1] + max(1, orders.nc)  # a spare for signals without a register
     covariance = n * n + n + 2 * lags + 1 if lags else 0
-    length = slots.HEADER + 8 * n + n * (n - 1) // 2 + n + 2 * size + covariance
-    length += table.size + len(table) + n + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
+    length = slots.HEADER + 8 * n + n * (n - 1) // 2 + 2 * size + covariance
+    length += max(n, orders.n_inputs + 3) + len(heads) + len(heads) - 1 + n
+    length += 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
     state = np.zeros(length)
     header = {
         slots.N: n, slots.NA: orders.na, slots.NC: orders.nc, slots.M: orders.n_inputs,
@@ -68,7 +68,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     parts[slots.D][:] = config.P0
     if lags:
         parts[slots.COVARIANCE][:: n + 1] = config.P0
-    parts[slots.SIGNALS][:] = table.ravel()
+    parts[slots.HEADS][:] = heads
     parts[slots.TAPS][:] = taps
     parts[slots.FACTORS][:] = 1.0
     parts[slots.UNITS][:] = 1.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 
-from yawid.estimation.kernel import bierman, follow_covariance, hot, jit, push, stable
+from yawid.estimation.kernel import bierman, follow_covariance, hot, jit, stable
 from yawid.estimation.state import (
     BIAS,
     BROKEN,
@@ -16,14 +16,15 @@ from yawid.estimation.state import (
     DIVERGING,
     ECHO,
     FACTORS,
-    FEW,
     FAST_Y2,
+    FEW,
     FILL,
     FILTERED,
     FRESH,
     GAIN,
     HALVED,
     HALVINGS,
+    HEADS,
     HELD,
     HOLDING,
     INNOVATION,
@@ -46,7 +47,6 @@ from yawid.estimation.state import (
     RML,
     S1,
     SCRATCH,
-    SIGNALS,
     SINCE,
     STATUS,
     TAPS,
@@ -64,34 +64,38 @@ from yawid.estimation.upkeep import account, adapt
 
 
 @hot
-def _over_c(s, theta, register, start, x):
-    """Return x filtered by 1/C(q); the register holds the filter's outputs, newest first.
+def _shift(register, heads, fresh):
+    """Move all of the registers on by one and enter the fresh values at their heads.
 
-    While lambda(t) is on its way, C's zeros are drawn in as far: an early C may lie at the edge.
+    A signal without a register writes where the next one will, the last one into the spare.
     """
-    nc = int(s[NC])
-    first = int(s[N]) - nc - int(s[BIAS])
-    contraction = 1.0 - (s[LAMBDA_END] - s[LAMBDA])
-    power = contraction
-    for i in range(nc):
-        x -= power * theta[first + i] * register[start + i]
-        power *= contraction
-    return x
+    for i in range(len(register) - 1, 0, -1):
+        register[i] = register[i - 1]
+    for j in range(len(fresh)):
+        register[int(heads[j])] = fresh[j]
 
 
 @hot
-def _shift(s, at):
-    """Enter the fresh values: y and residual of the sample before, u of this one."""
-    raw = s[at[RAW] : at[RAW + 1]]
+def _filter(s, at):
+    """Pass the fresh values through 1/C(q) into the filtered registers.
+
+    While lambda(t) is on its way, C's zeros are drawn in as far: an early C may lie at the edge.
+    """
     filtered = s[at[FILTERED] : at[FILTERED + 1]]
-    signals = s[at[SIGNALS] : at[SIGNALS + 1]]
+    heads = s[at[HEADS] : at[HEADS + 1]]
     fresh = s[at[FRESH] : at[FRESH + 1]]
     theta = s[at[THETA] : at[THETA + 1]]
+    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
+    nc = int(s[NC])
+    first = int(s[N]) - nc - int(s[BIAS])
+    contraction = 1.0 - (s[LAMBDA_END] - s[LAMBDA])
     for j in range(len(fresh)):
-        start, length = int(signals[2 * j]), int(signals[2 * j + 1])
-        push(raw, start, length, fresh[j])
-        if s[RML] > 0.0 and length > 0:
-            push(filtered, start, length, _over_c(s, theta, filtered, start, fresh[j]))
+        x, power, start = fresh[j], contraction, int(heads[j])
+        for i in range(nc):
+            x -= power * theta[first + i] * filtered[start + i]
+            power *= contraction
+        scratch[j] = x
+    _shift(filtered, heads, scratch[: len(fresh)])
 
 
 @jit
@@ -177,10 +181,11 @@ def _learn(s, at, y, e):
         if possible != step:
             s[HALVED] += 1.0
         step = possible
-    eps = e
+    along = 0.0
     for i in range(len(theta)):
         theta[i] += step * gain[i]
-        eps -= step * gain[i] * phi[i]
+        along += gain[i] * phi[i]
+    eps = e - step * along
     if not (inverse > 0.0 and e * e + eps * eps < math.inf):
         return math.nan
     if s[LAGS] > 0.0:
@@ -198,6 +203,7 @@ def expect(s, at):
     factors = s[at[FACTORS] : at[FACTORS + 1]]
     fresh = s[at[FRESH] : at[FRESH + 1]]
     raw = s[at[RAW] : at[RAW + 1]]
+    heads = s[at[HEADS] : at[HEADS + 1]]
     taps = s[at[TAPS] : at[TAPS + 1]]
     phi = s[at[PHI] : at[PHI + 1]]
     theta = s[at[THETA] : at[THETA + 1]]
@@ -206,7 +212,9 @@ def expect(s, at):
     for j in range(len(inputs)):
         fresh[1 + j] = inputs[j] * factors[1 + j]
     fresh[len(fresh) - 1] = 1.0
-    _shift(s, at)
+    if s[RML] > 0.0:
+        _filter(s, at)
+    _shift(raw, heads, fresh)
     s[FILL] += 1.0
     if s[FILL] <= s[DEPTH]:
         return math.nan

@@ -24,7 +24,7 @@ DIVERGED, HALVED, RESTARTS, HEADER = 44, 45, 46, 47
 
 # The parts, as views() returns them.
 THETA, D, UPPER, PHI, PSI, GAIN, RAW, FILTERED, SCRATCH = range(9)
-COVARIANCE, ECHO, RESIDUALS, PRODUCTS, SIGNALS, FRESH, TAPS = range(9, 16)
+COVARIANCE, ECHO, RESIDUALS, PRODUCTS, HEADS, FRESH, TAPS = range(9, 16)
 FACTORS, UNITS, DRIFT, LEAST, INPUTS, SAMPLES = range(16, 22)
 
 GATHERING, FITTING, RUNNING = 0.0, 1.0, 2.0  # PHASE: fill the window, await the start fit, recurse
@@ -44,10 +44,10 @@ def places(s):
     """Return where each part of the state begins, and where the last one ends (23 ints).
 
     On scaled signals: theta, D (N,), U (N(N-1)/2,) the columns above the diagonal, phi, psi, gain
-    (N,), raw and filtered registers (R,), scratch (N,). Where LAGS > 0: covariance (N N,) of theta,
-    echo (N,) of past innovations in it, residuals (LAGS,), products (LAGS + 1,) of them. signals
-    (2 (M + 3),): offset and length of the registers of y, inputs, residual, 1; fresh (M + 3,) what
-    enters them next, taps (N,) where phi finds its entries. factors (M + 1,) scale y and u, units
+    (N,), raw and filtered registers (R,), scratch. Where LAGS > 0: covariance (N N,) of theta,
+    echo (N,) of past innovations in it, residuals (LAGS,), products (LAGS + 1,) of them. heads
+    (M + 4,): where the registers of y, inputs, residual and 1 begin, and the end; fresh (M + 3,)
+    what enters them next, taps (N,) where phi finds its entries. factors (M + 1,) scale y and u, units
     (N,) take theta to the user's units, drift (N,) is added to P, least (N,) is that of P[k, k].
     inputs (M,). samples: WINDOW rows of break flag, y, u.
     """
@@ -57,19 +57,19 @@ def places(s):
     phi = upper + n * (n - 1) // 2
     raw = phi + 3 * n
     scratch = raw + 2 * r
-    covariance = scratch + n
+    covariance = scratch + max(n, m + 3)
     echo = covariance + (n * n if lags > 0 else 0)
     residuals = echo + (n if lags > 0 else 0)
     products = residuals + lags
-    signals = products + (lags + 1 if lags > 0 else 0)
-    fresh = signals + 2 * (m + 3)
+    heads = products + (lags + 1 if lags > 0 else 0)
+    fresh = heads + m + 4
     taps = fresh + m + 3
     factors = taps + n
     units = factors + m + 1
     inputs = units + 3 * n
     return (
         theta, theta + n, upper, phi, phi + n, phi + 2 * n, raw, raw + r, scratch, covariance,
-        echo, residuals, products, signals, fresh, taps, factors, units, units + n,
+        echo, residuals, products, heads, fresh, taps, factors, units, units + n,
         units + 2 * n, inputs, inputs + m, len(s),
     )  # fmt: skip
 

@@ -12,12 +12,16 @@ _CLEAR = "\r\x1b[2K"
 
 
 class Console:
-    """Writes to ``stream``; only on a terminal does a line update in place."""
+    """Writes to ``stream``; only on a terminal does a line update in place.
 
-    def __init__(self, stream: TextIO) -> None:
+    ``period_s`` is the time between two states of the line, by default that of the stream's kind.
+    """
+
+    def __init__(self, stream: TextIO, period_s: float | None = None) -> None:
         self._stream = stream
         self._is_terminal = stream.isatty()
-        self._period_s = TERMINAL_LINE_S if self._is_terminal else PLAIN_LINE_S
+        usual_s = TERMINAL_LINE_S if self._is_terminal else PLAIN_LINE_S
+        self._period_s = usual_s if period_s is None else period_s
         self._next_s = time.monotonic() + self._period_s
         self._shown = ""
 

@@ -66,7 +66,7 @@ class Fleet:
         parts: dict[int, list[bytes]] = {}
         for record in records(data):
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
-            if sysid in self._sessions or self._is_ready(sysid, record):
+            if sysid in self._sessions or sysid in parts or self._is_ready(sysid, record):
                 parts.setdefault(sysid, []).append(record)
         for sysid, own in parts.items():
             if sysid not in self._sessions:

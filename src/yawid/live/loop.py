@@ -12,6 +12,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.live.console import Console
 from yawid.live.fleet import Fleet, Sessions, Single
 from yawid.live.session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
+from yawid.live.warming import warm_up
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
@@ -82,7 +83,8 @@ def live(
     setting = Setting(
         options.endpoint, config, outputs, reading, options.state, console.say, stamps.now
     )
-    # A viewer is warmed up by this: afterwards the socket may open.
+    warm_up(config)
+    # This opens a viewer, the slowest of all: afterwards the socket may open.
     sessions: Sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
         with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:

@@ -26,6 +26,8 @@ MOST_BYTES = 1_000_000
 LEAD_S = 10.0
 """Kept before --from: the first seconds of both channels set the rate of the grid."""
 FLOOR_SHARE = 0.9
+FACTS = ("PARAM_VALUE", "HEARTBEAT")
+"""Kept of the whole log: what the vehicle is does not depend on the stretch."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -88,7 +90,7 @@ def _written(place: Path, log: bytes, origin: str, options: Mapping[str, Any]) -
 
 
 def _trimmed(data: bytes, config: RunConfig) -> bytes:
-    """Return the records that yawid reads, of the stretch asked for; parameters stay whole."""
+    """Return the records that yawid reads, of the stretch asked for, and all facts."""
     decoder = Decoder(WANTED)
     blocks = [found for found in (decoder.feed(data), decoder.finish()) if found is not None]
     heard = _Heard.of(blocks)
@@ -120,7 +122,7 @@ class _Heard:
             timed = name in SOURCES
             order.append(block.order)
             boot.append(boot_us(block.fields) / 1e6 if timed else np.full(len(block), np.nan))
-            fact.append(np.full(len(block), name == "PARAM_VALUE"))
+            fact.append(np.full(len(block), name in FACTS))
         by_order = np.argsort(np.concatenate(order))
         times = np.concatenate(boot)[by_order]
         last = np.maximum.accumulate(np.where(np.isnan(times), -1, np.arange(len(times))))

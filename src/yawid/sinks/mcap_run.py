@@ -26,6 +26,7 @@ from zstandard import ZstdError
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SourceError
 from yawid.run_config import RunConfig, check_settings
+from yawid.sinks.base import LogLevel
 from yawid.sinks.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.rows import RowLayout
 from yawid.sinks.schemas import descriptor, message_class, schema_data
@@ -33,7 +34,13 @@ from yawid.sinks.schemas import descriptor, message_class, schema_data
 MAGIC: Final = b"\x89MCAP0\r\n"
 BLOCK_ROWS: Final = 8192
 SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
-_LOG_LEVELS: Final = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
+_LOG_LEVELS: Final[Mapping[int, LogLevel]] = {
+    1: "debug",
+    2: "info",
+    3: "warning",
+    4: "error",
+    5: "error",
+}
 # What the libraries raise on bytes that are not what they should be.
 _DAMAGE: Final = (
     McapError, DecodeError, struct.error, ValueError, KeyError, TypeError, ZstdError, MemoryError,
@@ -46,7 +53,7 @@ class LogLine:
     """One line for people, as it was written during the run."""
 
     unix_ns: int
-    level: str
+    level: LogLevel
     text: str
 
 

@@ -22,10 +22,11 @@ class RerunSink:
     """Shows a run in Rerun; ``target`` is ``save``, ``spawn`` or the address of a viewer.
 
     ``path`` is the .rrd of ``save`` (``<path>.part`` until finished). A viewer that cannot be had
-    or goes away costs one call of ``warn`` and nothing else.
+    or goes away costs one call of ``warn`` and nothing else, unless it is ``needed``.
 
     Raises:
-        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+        SinkError: the file exists and ``force`` is not set, it cannot be written, or there is no
+        viewer where one is needed.
     """
 
     def __init__(
@@ -36,8 +37,10 @@ class RerunSink:
         warn: Callable[[str], None],
         path: Path | None = None,
         force: bool = False,
+        needed: bool = False,
     ) -> None:
         self._warn = warn
+        self._needed = needed
         self._pace = Pace(FLUSH_S)
         self._view: RerunView | None = None
         self._path = path if target == "save" else None
@@ -62,7 +65,7 @@ class RerunSink:
         sample_time_s: float,
     ) -> None:
         """See the protocol; of the ``methods`` only the first is drawn."""
-        self._attempt(lambda view: view.start(parameter_names, inputs))
+        self._attempt(lambda view: view.start(parameter_names, inputs, sample_time_s))
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
@@ -108,6 +111,9 @@ class RerunSink:
         reason = str(error).partition("\n")[0]
         if self._part is not None:
             raise SinkError(f"cannot write {self._part}: {reason}") from error
+        if self._needed:
+            advice = "--save X.rrd writes a recording to open elsewhere"
+            raise SinkError(f"no Rerun viewer: {reason}; {advice}") from error
         self._warn(f"no Rerun viewer: {reason}; the run goes on without it")
 
 

@@ -1,4 +1,4 @@
-"""One Rerun recording and its blueprint: the only file that knows rerun.
+"""One Rerun recording: where it goes and what is sent to it.
 
 Whatever goes wrong here is raised as rerun raises it; what that means for the run is decided in
 :mod:`yawid.sinks.rerun_sink`.
@@ -17,11 +17,19 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
 from yawid.sinks.base import LogLevel
-from yawid.sinks.series import group_rows, series_styles, verdict_markdown
+from yawid.sinks.marks import LAGS, Change, Marks, Plane, Whiteness
+from yawid.sinks.rerun_blueprint import TIMELINE, blueprint, log_furniture, points
+from yawid.sinks.series import (
+    MEASURED,
+    NEUTRAL,
+    PREDICTED,
+    group_rows,
+    series_styles,
+    verdict_markdown,
+)
 
 APPLICATION: Final = "yawid"
 DEFAULT_PORT: Final = 9876  # rerun's own
@@ -30,39 +38,9 @@ FINISH_S: Final = 30.0
 BATCH_ROWS: Final = 1000  # a call costs the same for one row as for some hundred
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
 
+_LAG_NUMBERS: Final = np.arange(1, LAGS + 1, dtype=np.float64)
+_BAR: Final = np.full(LAGS, 0.5, np.float32)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
-
-
-def blueprint() -> rrb.Blueprint:
-    """Return the first picture: what went in, what came out, what was learnt, what it is worth."""
-
-    def lines(name: str, origin: str) -> rrb.TimeSeriesView:
-        linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
-        return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked)
-
-    flight = rrb.Vertical(
-        lines("Rudder and aileron", "/input"),
-        lines("Yaw rate, measured and predicted", "/yaw_rate"),
-        lines("Innovation", "/innovation"),
-        lines("Held and status", "/status"),
-        row_shares=[3, 4, 3, 1.5],
-    )
-    learnt = rrb.Vertical(
-        lines("Dutch roll: natural frequency", "/dutch_roll/wn"),
-        lines("Dutch roll: damping ratio", "/dutch_roll/zeta"),
-        lines("Parameters", "/parameters"),
-        rrb.Tabs(
-            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
-            rrb.TextLogView(name="Log", origin="/log"),
-        ),
-        row_shares=[3, 3, 4, 2.5],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(flight, learnt, column_shares=[1, 1]),
-        rrb.TimePanel(timeline="boot_time", state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-    )
 
 
 class RerunView:
@@ -85,12 +63,20 @@ class RerunView:
             _check_listening(address)
             self._recording.connect_grpc(address, default_blueprint=first)
         self._recording.send_recording_name(name)
+        log_furniture(self._recording)
         self._show_verdict("No verdict yet: the run goes on.\n")
 
-    def start(self, parameter_names: tuple[str, ...], inputs: tuple[str, ...]) -> None:
+    def start(
+        self, parameter_names: tuple[str, ...], inputs: tuple[str, ...], sample_time_s: float
+    ) -> None:
         """Name and colour the lines."""
+        self._marks = Marks(parameter_names, sample_time_s)
         for entity, style in series_styles(inputs, parameter_names).items():
             self._recording.log(entity, rr.SeriesLines(**style), static=True)
+        poles = rr.LineStrips2D.from_fields(colors=MEASURED, radii=rr.Radius.ui_points(1.2))
+        zeros = rr.Points2D.from_fields(colors=PREDICTED, radii=rr.Radius.ui_points(4.0))
+        self._recording.log("z_plane/poles", poles, static=True)
+        self._recording.log("z_plane/zeros", zeros, static=True)
 
     def write(self, samples: SampleBlock, primary: EstimateBlock, modes: ModesBlock) -> None:
         """Take a block; its rows go out by the thousand or with :meth:`flush`."""
@@ -98,6 +84,11 @@ class RerunView:
         rows = group_rows(samples, primary, modes)
         self._batch.append((samples.boot_us, samples.unix_ns, rows))
         self._waiting += len(samples)
+        for change in self._marks.changes(samples, primary):
+            self._send_change(samples, change)
+        self._send_plane(samples, self._marks.plane(samples, primary))
+        for white in self._marks.whiteness(samples, primary):
+            self._send_whiteness(samples, white)
         if self._waiting >= BATCH_ROWS:
             self._send()
 
@@ -138,6 +129,41 @@ class RerunView:
         document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
         self._recording.log("verdict", document, static=True)
 
+    def _send_change(self, samples: SampleBlock, change: Change) -> None:
+        state = rr.StateChange.columns(state=[change.state])
+        self._recording.send_columns(
+            f"state/{change.lane}", _times(samples, np.array([change.row])), state
+        )
+
+    def _send_plane(self, samples: SampleBlock, plane: Plane) -> None:
+        if not len(plane.rows):
+            return
+        times = _times(samples, plane.rows)
+        for entity, found in (("poles", plane.poles), ("zeros", plane.zeros)):
+            there = np.isfinite(found)
+            at = points(found[there])
+            if entity == "poles":
+                arm = 0.035 * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
+                crosses = (at[:, None, None, :] + arm).reshape(-1, 2, 2)
+                columns = rr.LineStrips2D.columns(strips=list(crosses))
+                rows = columns.partition(2 * there.sum(axis=1))
+            else:
+                rows = rr.Points2D.columns(positions=at).partition(there.sum(axis=1))
+            self._recording.send_columns(f"z_plane/{entity}", times, rows)
+
+    def _send_whiteness(self, samples: SampleBlock, white: Whiteness) -> None:
+        recording, row = self._recording, white.row
+        recording.set_time(TIMELINE, duration=np.timedelta64(int(samples.boot_us[row]), "us"))
+        recording.set_time("unix_time", timestamp=np.datetime64(int(samples.unix_ns[row]), "ns"))
+        bars = rr.BarChart(white.correlation, abscissa=_LAG_NUMBERS, widths=_BAR, color=MEASURED)
+        recording.log("whiteness/correlation", bars)
+        for name, bound in (("upper", white.bound), ("lower", -white.bound)):
+            wide = rr.BarChart(
+                np.full(LAGS, bound), abscissa=_LAG_NUMBERS, color=(*NEUTRAL[:3], 70)
+            )
+            recording.log(f"whiteness/{name}_bound", wide)
+        recording.reset_time()
+
     def _send(self) -> None:
         if not self._batch:
             return
@@ -149,8 +175,12 @@ class RerunView:
             self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
 
 
+def _times(samples: SampleBlock, rows: Ints) -> list[rr.TimeColumn]:
+    return [_boot_times(samples.boot_us[rows]), _unix_times(samples.unix_ns[rows])]
+
+
 def _boot_times(boot_us: Ints) -> rr.TimeColumn:
-    return rr.TimeColumn("boot_time", duration=boot_us.astype("timedelta64[us]"))
+    return rr.TimeColumn(TIMELINE, duration=boot_us.astype("timedelta64[us]"))
 
 
 def _unix_times(unix_ns: Ints) -> rr.TimeColumn:

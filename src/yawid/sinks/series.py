@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
+from yawid.sinks.report_words import cards
 
 Rgba = tuple[int, int, int, int]
 
@@ -16,12 +17,14 @@ MEASURED: Final[Rgba] = (66, 133, 244, 255)
 PREDICTED: Final[Rgba] = (244, 140, 36, 255)
 INPUTS: Final[Mapping[str, Rgba]] = {"rudder": (52, 168, 83, 255), "aileron": (171, 71, 188, 255)}
 NEUTRAL: Final[Rgba] = (140, 140, 140, 255)
+RED: Final[Rgba] = (234, 67, 53, 255)
+GREEN: Final[Rgba] = INPUTS["rudder"]
 PALETTE: Final[tuple[Rgba, ...]] = (
     MEASURED,
     PREDICTED,
-    (52, 168, 83, 255),
-    (234, 67, 53, 255),
-    (171, 71, 188, 255),
+    GREEN,
+    RED,
+    INPUTS["aileron"],
     (141, 110, 99, 255),
     (236, 98, 161, 255),
     (120, 144, 156, 255),
@@ -30,6 +33,9 @@ PALETTE: Final[tuple[Rgba, ...]] = (
 )
 PALE_ALPHA: Final = 90
 LINE_WIDTH, BAND_WIDTH = 1.5, 0.7
+BAND: Final = "± 2 sigma"  # of one name, so that the legend has one entry for all bounds
+ZETA_LEVELS: Final = {"level 1: 0.08": 0.08, "level 2: 0.02": 0.02}
+"""Least damping ratios of MIL-F-8785C, category B: indicative for an unmanned aircraft."""
 
 
 def _pale(colour: Rgba) -> Rgba:
@@ -43,7 +49,7 @@ def _style(names: list[str], colours: list[Rgba], widths: list[float]) -> dict[s
 def _banded(name: str, colour: Rgba) -> dict[str, Any]:
     """Style of a line with its lower and upper 2 sigma bound."""
     return _style(
-        [name, f"{name} - 2 sigma", f"{name} + 2 sigma"],
+        [name, BAND, BAND],
         [colour, _pale(colour), _pale(colour)],
         [LINE_WIDTH, BAND_WIDTH, BAND_WIDTH],
     )
@@ -55,7 +61,6 @@ def series_styles(
     """Return names, colours and widths of the lines of every entity, in column order."""
     p = len(parameter_names)
     colours = [PALETTE[i % len(PALETTE)] for i in range(p)]
-    bounds = [f"{name} {sign} 2 sigma" for sign in "-+" for name in parameter_names]
     return {
         "input": _style(
             [f"{name} [half travel]" for name in inputs],
@@ -68,15 +73,11 @@ def series_styles(
         "innovation": _banded("innovation [rad/s]", PREDICTED),
         "parameters/theta": _style(list(parameter_names), colours, [LINE_WIDTH] * p),
         "parameters/band": _style(
-            bounds, [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
+            [BAND] * (2 * p), [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
         ),
         "dutch_roll/wn": _banded("wn [rad/s]", MEASURED),
         "dutch_roll/zeta": _banded("zeta", PREDICTED),
-        "status": _style(
-            ["held", "status: 0 warming up, 1 tracking, 2 held, 3 diverged"],
-            [(234, 67, 53, 255), NEUTRAL],
-            [LINE_WIDTH] * 2,
-        ),
+        "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [NEUTRAL] * 2, [BAND_WIDTH] * 2),
     }
 
 
@@ -107,14 +108,18 @@ def group_rows(
         "parameters/band": np.hstack([theta - band, theta + band]),
         "dutch_roll/wn": _with_band(wn, _two_sigma(wn_std, wn)),
         "dutch_roll/zeta": _with_band(zeta, _two_sigma(zeta_std, 0.5)),
-        "status": np.column_stack([samples.held != 0, estimate.status]).astype(np.float64),
+        "dutch_roll/zeta/level": np.tile(list(ZETA_LEVELS.values()), (len(samples), 1)),
     }
 
 
 def verdict_markdown(summary: Mapping[str, Any]) -> str:
-    """Return the verdict of the JSON summary for the text panel."""
+    """Return the verdict of the JSON summary for the text panel: the answer, then the reasons."""
     verdict = summary["verdict"]
     lines = ["# Usable" if verdict["usable"] else "# Not usable"]
+    lines += [
+        f"- {card.question}: **{card.answer}** {card.spread}".rstrip()
+        for card in cards(summary)[:3]
+    ]
     lines += [
         f"- **{reason['id']}** ({reason['weight']}): {reason['text']}"
         for reason in verdict["reasons"]

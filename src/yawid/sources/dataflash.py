@@ -107,8 +107,8 @@ class DataflashReader:
             yield self._outputs("RC_CHANNELS", "chan", "RCIN", offsets)
         if len(offsets := self._between(self._rates, low, high)):
             yield self._attitude(offsets, low, high)
-        elif not self._rates and len(offsets := self._between("ATT", low, high)):
-            yield self._heading(offsets)
+        elif not self._rates and self._index.has("ATT", "Yaw"):
+            yield self._heading(self._between("ATT", low, high))
 
     def _between(self, name: str, low: int, high: int, more: int = 0) -> Ints:
         """Return where messages of this name start in [low, high), and ``more`` on both sides."""

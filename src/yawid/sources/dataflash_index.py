@@ -32,6 +32,7 @@ _HEADER = 3
 _FMT = 0x80
 _FMT_STRUCT = struct.Struct("<BB4s16s64s")
 _TABLES = ("UNIT", "MULT", "FMTU")
+_TEXT = frozenset({"Name", "Message", "Label", "UnitIds", "MultIds"})
 _DEGREES = ("deg", "deg/s", "degheading")
 _IN_DEGREES = ("ATT", "RATE")  # in logs older than FMTU, which tells the units
 
@@ -108,9 +109,17 @@ class DataflashIndex:
             keep[kind] = found.name in self._wanted
 
     def has(self, name: str, *columns: str) -> bool:
-        """Tell whether there are messages of this name, and with these columns."""
-        known = self._formats[name].dtype.names if name in self._formats else None
-        return len(self.offsets.get(name, ())) > 0 and set(columns) <= set(known or ())
+        """Tell whether there are messages of this name, and with these columns.
+
+        Text where a number should stand, or the other way round, is none: an FMT may be damaged.
+        """
+        if len(self.offsets.get(name, ())) == 0:
+            return False
+        dtype = self._formats[name].dtype
+        return all(
+            column in (dtype.names or ()) and (dtype[column].kind == "S") == (column in _TEXT)
+            for column in columns
+        )
 
     def rows(self, name: str, offsets: Ints) -> NDArray[Any]:
         """Return the payloads (n,) of the messages that start at ``offsets`` (n,)."""

@@ -74,11 +74,10 @@ def system_id(first: NDArray[Any]) -> int:
 def heartbeats(index: DataflashIndex) -> Told:
     """Return a HEARTBEAT for what held at the start, at byte -1, then one for every change."""
     modes, mode = _NONE, np.zeros(0)
-    if index.has("MODE"):
+    column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
+    if index.has("MODE", column):
         modes = index.offsets["MODE"]
-        rows = index.rows("MODE", modes)
-        column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
-        mode = np.asarray(rows[column], float)
+        mode = np.asarray(index.rows("MODE", modes)[column], float)
     arms, armed = _arming(index)
     # Unless told otherwise a log begins with arming (LOG_DISARMED is 0).
     opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)

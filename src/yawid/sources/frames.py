@@ -139,9 +139,11 @@ class Decoder:
             records, order = records.select(used), order[used]
         frames = records.frames
         messages = {}
+        counts = np.bincount(frames.row, minlength=len(self._known.names))
         for name, dtype in self._dtypes.items():
-            rows = np.flatnonzero(frames.row == self._known.names[name])
-            if len(rows):
+            row = self._known.names[name]
+            if counts[row]:
+                rows = np.flatnonzero(frames.row == row)
                 fields = _payloads(buffer, frames.payload[rows], frames.length[rows], dtype)
                 of_sender = records.sysid[rows], records.compid[rows]
                 columns = order[rows], records.stamps[rows], *of_sender, fields

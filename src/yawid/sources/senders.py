@@ -120,11 +120,12 @@ class SenderCount:
 
     def _remember(self, heard: Heard, place: Ints, *, goes_on: bool) -> None:
         """Keep the last frame of each sequence number."""
-        last_row = np.full(_CYCLE, -1)
-        last_row[heard.sequence] = np.arange(len(place))
-        for number in np.flatnonzero(last_row >= 0).tolist():
-            row = last_row[number]
-            self._recent[number] = int(place[row]), int(heard.stamps[row]), _frame(heard, row)
+        rows = _last_rows(heard.sequence)
+        begin, end = heard.frames.begin[rows].tolist(), heard.frames.end[rows].tolist()
+        when = place[rows].tolist(), heard.stamps[rows].tolist()
+        numbers = heard.sequence[rows].tolist()
+        for number, at, stamp, first, stop in zip(numbers, *when, begin, end, strict=True):
+            self._recent[number] = at, stamp, heard.data[first:stop]
         self._last, self._place = int(heard.sequence[-1]), int(place[-1])
         # Only of the frames kept: after a restart, places lower than before must not stay suspect.
         kept = (entry[0] for entry in self._recent if entry is not None)
@@ -142,6 +143,18 @@ def _steps(sequence: Bytes, before: int | None) -> Bytes:
     steps[0] = 1 if before is None else (int(sequence[0]) - before) % _CYCLE
     np.subtract(sequence[1:], sequence[:-1], out=steps[1:])
     return steps
+
+
+def _last_rows(sequence: Bytes) -> Ints:
+    """Return the last row of each sequence number that occurs."""
+    if len(sequence) == 1:
+        return np.zeros(1, np.int64)
+    last_row = np.full(_CYCLE, -1)
+    first = max(len(sequence) - 4 * _CYCLE, 0)
+    last_row[sequence[first:]] = np.arange(first, len(sequence))
+    if first and (last_row < 0).any():
+        last_row[sequence] = np.arange(len(sequence))
+    return last_row[last_row >= 0]
 
 
 def _frame(heard: Heard, row: int) -> bytes:

@@ -1,0 +1,127 @@
+"""What the viewer draws besides lines: lanes of states, the z plane, the whiteness of residuals.
+
+Rows are chosen by the grid's own index, and what is carried from block to block depends on no
+block: the picture is the same however the stream was cut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status
+from yawid.physics.modes import discrete_poles
+
+PLANE_S = 1.0
+WHITENESS_S = 5.0
+WINDOW_S = 60.0
+LAGS = 20
+USED = "used"
+_STATUS = {status: status.name.lower().replace("_", " ") for status in Status}
+_NOTED = {
+    Noted.SATURATED: "rudder at its stop",
+    Noted.AIRSPEED_CHANGED: "airspeed changed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A lane enters a state at a row of the block."""
+
+    lane: str
+    row: int
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """Poles and zeros (n, ...) of the first input in the z plane at ``rows`` (n,) of the block."""
+
+    rows: Ints
+    poles: NDArray[np.complex128]
+    zeros: NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Whiteness:
+    """Autocorrelation (LAGS,) of the newest residuals at a row, lags from 1, and its 2 sigma."""
+
+    row: int
+    correlation: Floats
+    bound: float
+
+
+class Marks:
+    """Derives the marks of one run, block after block."""
+
+    def __init__(self, parameter_names: tuple[str, ...], sample_time_s: float) -> None:
+        self._na = sum(name[0] == "a" for name in parameter_names)
+        self._nb = sum(name[0] == "b" and name[1:].isdigit() for name in parameter_names)
+        self._plane_step = max(1, round(PLANE_S / sample_time_s))
+        self._white_step = max(1, round(WHITENESS_S / sample_time_s))
+        self._window = max(4 * LAGS, round(WINDOW_S / sample_time_s))
+        self._residuals = np.empty(0)
+        self._states: dict[str, str] = {}
+        self._modes = 1
+        self._changing = False
+
+    def changes(self, samples: SampleBlock, estimate: EstimateBlock) -> Iterator[Change]:
+        """Yield the changes of every lane within the block; a run's first row is always one."""
+        codes = np.column_stack([samples.held, estimate.status, samples.noted])
+        for row in [0, *(np.flatnonzero((codes[1:] != codes[:-1]).any(axis=1)) + 1).tolist()]:
+            held, status, noted = (int(code) for code in codes[row])
+            changing = bool(noted & Noted.MODE_CHANGED)
+            self._modes += changing and not self._changing
+            self._changing = changing
+            now = {
+                "estimator": _STATUS[Status(status)],
+                "samples": _sample_text(held, noted),
+                "flight_mode": f"mode {self._modes}",
+            }
+            for lane, state in now.items():
+                if self._states.get(lane) != state:
+                    self._states[lane] = state
+                    yield Change(lane, row, state)
+
+    def plane(self, samples: SampleBlock, estimate: EstimateBlock) -> Plane:
+        """Return poles and zeros once a second; NaN where there is none."""
+        live = estimate.status != Status.WARMING_UP
+        rows = np.flatnonzero((samples.k % self._plane_step == 0) & live)
+        theta = estimate.theta[rows]
+        b = theta[:, self._na : self._na + self._nb]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            monic = b[:, 1:] / b[:, :1]
+        return Plane(rows, discrete_poles(theta[:, : self._na]), discrete_poles(monic))
+
+    def whiteness(self, samples: SampleBlock, estimate: EstimateBlock) -> list[Whiteness]:
+        """Return the autocorrelation of the last minute's residuals every five seconds."""
+        before = len(self._residuals)
+        residuals = np.concatenate([self._residuals, estimate.residual])
+        due = np.flatnonzero(samples.k % self._white_step == 0).tolist()
+        found = [self._white(residuals[: before + row + 1], row) for row in due]
+        self._residuals = residuals[-self._window :].copy()
+        return [white for white in found if white is not None]
+
+    def _white(self, residuals: Floats, row: int) -> Whiteness | None:
+        newest = residuals[-self._window :]
+        newest = newest[np.isfinite(newest)]
+        if len(newest) < 4 * LAGS:
+            return None
+        centred = newest - newest.mean()
+        power = float(centred @ centred)
+        if not power > 0.0:
+            return None
+        n = len(centred)
+        products = [float(centred[lag:] @ centred[: n - lag]) for lag in range(1, LAGS + 1)]
+        return Whiteness(row, np.array(products) / power, 2.0 / math.sqrt(n))
+
+
+def _sample_text(held: int, noted: int) -> str:
+    if held:
+        names = [str(flag.name).lower().replace("_", " ") for flag in Held if held & flag]
+        return f"held: {', '.join(names)}"
+    return ", ".join([USED, *(text for flag, text in _NOTED.items() if noted & flag)])

@@ -1,0 +1,135 @@
+"""A vehicle's link made up of real frames, and a live session that listens to it."""
+
+from __future__ import annotations
+
+import io
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import lfilter
+
+from yawid.live import Console, Ended, LiveOptions, live
+from yawid.outputs import Outputs
+from yawid.run_config import RunConfig
+from yawid.session import StopFlag
+
+CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
+PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
+A, B = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01)
+
+
+def frames(seconds: float, sysid: int = 1, hz: int = 50, first_s: float = 100.0) -> list[bytes]:
+    """What a vehicle sends in so many seconds of its own time: a yaw that answers its rudder."""
+    rng = np.random.default_rng(sysid)
+    count = int(seconds * hz)
+    rudder_us = 1500 + 300 * np.sign(np.sin(np.arange(count) / hz * 3.0 + rng.normal(0, 1, count)))
+    rate = lfilter(B, A, (rudder_us - 1500) / 400) + rng.normal(0, 0.001, count)
+    link = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)
+    messages = [
+        mavlink.MAVLink_param_value_message(name.encode(), value, 4, len(PARAMETERS), i)
+        for i, (name, value) in enumerate(PARAMETERS.items())
+    ]
+    heartbeat = mavlink.MAVLink_heartbeat_message(1, 3, 0x81, 5, 4, 3)
+    for i in range(count):
+        ms = int(1000 * first_s) + i * 1000 // hz
+        if i % hz == 0:
+            messages.append(heartbeat)
+        servos = [1500, 1500, 1000, int(rudder_us[i]), 0, 0, 0, 0]
+        messages.append(mavlink.MAVLink_servo_output_raw_message(1000 * ms, 0, *servos))
+        messages.append(mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, 0.0, 0.0, 0.0, rate[i]))
+    packed = []
+    for message in messages:
+        packed.append(bytes(message.pack(link)))
+        link.seq = (link.seq + 1) % 256
+    return packed
+
+
+def tlog_size(sent: list[bytes]) -> int:
+    return sum(8 + len(frame) for frame in sent)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+class Screen(io.StringIO):
+    """What a session says, and a way to wait for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._changed = threading.Condition()
+
+    def write(self, text: str) -> int:
+        with self._changed:
+            written = super().write(text)
+            self._changed.notify_all()
+        return written
+
+    def wait_for(self, text: str, timeout_s: float = 30.0) -> None:
+        with self._changed:
+            assert self._changed.wait_for(lambda: text in self.getvalue(), timeout_s), (
+                f"{text!r} was not said, but ... {self.getvalue()[-500:]!r}"
+            )
+
+
+class Session(SimpleNamespace):
+    """A live session in a thread of its own."""
+
+    port: int
+    screen: Screen
+    ended: list[Ended]
+    folder: Path
+
+    def part(self, suffix: str, name: str = "live") -> Path:
+        return self.folder / f"{name}.{suffix}.part"
+
+
+@contextmanager
+def listening(
+    folder: Path, config: RunConfig = CONFIG, outputs: Outputs | None = None, **options: object
+) -> Iterator[Session]:
+    """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
+    port = free_port()
+    stop, screen, ended = StopFlag(), Screen(), []
+    asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    asked = replace(asked, **options)
+    outputs, line_s = outputs or Outputs(folder, "live"), 0.2
+
+    def listen() -> None:
+        ended.extend(live(asked, config, outputs, stop, Console(screen, line_s)))
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    try:
+        screen.wait_for("listening")
+        yield Session(port=port, screen=screen, ended=ended, folder=outputs.folder)
+    finally:
+        stop.is_set = True
+        thread.join(60.0)
+
+
+def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None:
+    """Send each frame as a datagram."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as fresh:
+        for frame in sent:
+            (own or fresh).sendto(frame, ("127.0.0.1", port))
+
+
+def wait_for_size(path: Path, size: int) -> None:
+    """Wait until a file has grown to a size, which it does as fast as the tap reads."""
+    never = threading.Event()
+    for _ in range(300):
+        if path.exists() and path.stat().st_size >= size:
+            return
+        never.wait(0.1)
+    raise AssertionError(f"{path.name} has not grown to {size} bytes")

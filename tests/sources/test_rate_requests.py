@@ -1,0 +1,146 @@
+"""Asking for rates, against a vehicle that answers over a real socket; time is the test's own."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from yawid.sources.endpoints import Endpoint
+from yawid.sources.rates import RateRequests
+from yawid.sources.udp import UdpTap
+
+VEHICLE = (3, 1)
+
+
+@pytest.fixture
+def link() -> Iterator[SimpleNamespace]:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        UdpTap(Endpoint("127.0.0.1", 0), may_transmit=True) as tap,
+    ):
+        vehicle.connect(tap.address)
+        vehicle.settimeout(0.0)
+        requests = RateRequests(tap, 50.0)
+        codec = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
+        yield SimpleNamespace(vehicle=vehicle, tap=tap, requests=requests, codec=codec)
+
+
+def say(link: SimpleNamespace, *messages: object) -> None:
+    """The vehicle speaks and the requests hear it."""
+    before = link.tap.datagrams
+    for message in messages:
+        link.vehicle.send(message.pack(link.codec))  # type: ignore[attr-defined]
+        link.codec.seq = (link.codec.seq + 1) % 256
+    data, patience = b"", time.monotonic() + 10.0
+    while link.tap.datagrams < before + len(messages) and time.monotonic() < patience:
+        data += link.tap.read(0.2)
+    link.requests.feed(data + link.tap.read(0.0), VEHICLE)
+
+
+def asked(link: SimpleNamespace) -> list[tuple[int, int, float, float]]:
+    """What the vehicle has been asked since: (system, command, message, interval in us)."""
+    found = []
+    parser = mavlink.MAVLink(None)
+    while True:
+        try:
+            data = link.vehicle.recv(2048)
+        except BlockingIOError:
+            return found
+        for message in parser.parse_buffer(data) or []:
+            row = message.target_system, message.command, message.param1, message.param2
+            found.append(row)
+
+
+def heartbeat() -> object:
+    return mavlink.MAVLink_heartbeat_message(1, 3, 0x81, 5, 4, 3)
+
+
+def answer(result: int) -> object:
+    return mavlink.MAVLink_command_ack_message(511, result)
+
+
+def flow(link: SimpleNamespace, attitudes: int, servos: int) -> None:
+    messages = [mavlink.MAVLink_attitude_message(i, 0, 0, 0, 0, 0, 0) for i in range(attitudes)]
+    messages += [mavlink.MAVLink_servo_output_raw_message(i, 0, *[0] * 8) for i in range(servos)]
+    say(link, *messages)
+
+
+def settle(link: SimpleNamespace) -> None:
+    """Both questions have been asked and accepted at time 0 and 1."""
+    say(link, heartbeat())
+    link.requests.tick(0.0, VEHICLE)
+    say(link, answer(0))
+    link.requests.tick(1.0, VEHICLE)
+    say(link, answer(0))
+
+
+def test_both_messages_are_asked_for_one_after_the_other(link: SimpleNamespace) -> None:
+    say(link, heartbeat())
+    link.requests.tick(0.0, VEHICLE)
+    assert asked(link) == [(3, 511, 30.0, 20000.0)]
+    link.requests.tick(0.5, VEHICLE)
+    assert asked(link) == []
+    say(link, answer(0))
+    link.requests.tick(0.6, VEHICLE)
+    assert asked(link) == [(3, 511, 36.0, 20000.0)]
+
+
+def test_nothing_is_asked_of_nobody(link: SimpleNamespace) -> None:
+    link.requests.tick(0.0, None)
+    assert asked(link) == []
+
+
+def test_the_rate_achieved_is_said_beside_the_one_asked_for(link: SimpleNamespace) -> None:
+    settle(link)
+    flow(link, 250, 50)
+    [line] = link.requests.tick(5.0, VEHICLE)
+    assert line == "rates: ATTITUDE 50.0, SERVO_OUTPUT_RAW 10.0 Hz of the 50 asked for"
+    summary = link.requests.summary()
+    assert summary["ATTITUDE"] == {"asked_hz": 50.0, "answer": "accepted", "achieved_hz": 50.0}
+
+
+def test_a_question_without_an_answer_is_asked_again_after_ten_seconds(
+    link: SimpleNamespace,
+) -> None:
+    say(link, heartbeat())
+    link.requests.tick(0.0, VEHICLE)
+    link.requests.tick(2.0, VEHICLE)
+    asked(link)
+    link.requests.tick(9.9, VEHICLE)
+    assert asked(link) == []
+    link.requests.tick(10.0, VEHICLE)
+    assert [row[2] for row in asked(link)] == [30.0]
+
+
+def test_a_rate_that_somebody_else_sets_back_is_asked_for_again(link: SimpleNamespace) -> None:
+    settle(link)
+    flow(link, 250, 250)
+    link.requests.tick(5.0, VEHICLE)
+    flow(link, 20, 250)
+    link.requests.tick(10.0, VEHICLE)
+    link.requests.tick(11.0, VEHICLE)
+    assert [row[2] for row in asked(link)][2:] == [30.0]
+
+
+def test_what_the_vehicle_cannot_give_is_not_asked_for_again_and_again(
+    link: SimpleNamespace,
+) -> None:
+    settle(link)
+    for step in range(1, 6):
+        flow(link, 200, 200)  # 40 Hz: 0.8 of a loop rate of 50
+        link.requests.tick(5.0 * step, VEHICLE)
+    assert len(asked(link)) == 2
+
+
+def test_a_refusal_is_said_with_its_reason(link: SimpleNamespace) -> None:
+    say(link, heartbeat())
+    link.requests.tick(0.0, VEHICLE)
+    say(link, answer(2))
+    [line] = link.requests.tick(0.1, VEHICLE)
+    assert "denied" in line
+    assert "0.8 of SCHED_LOOP_RATE" in line

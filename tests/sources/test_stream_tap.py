@@ -1,0 +1,97 @@
+"""The tap on a TCP connection and on a serial line: frames cut anywhere come out whole."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+from sources.tlog_records import random_records
+
+from yawid.errors import SourceError
+from yawid.sources.endpoints import Endpoint
+from yawid.sources.stream import StreamTap, complete_until
+from yawid.sources.tap import Tap
+
+FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 200)]
+
+
+def frames_of(data: bytes) -> bytes:
+    """Return the frames of records whose frames are known: all stamps cut out."""
+    out, at = b"", 0
+    for frame in FRAMES:
+        if at >= len(data):
+            break
+        out += data[at + 8 : at + 8 + len(frame)]
+        at += 8 + len(frame)
+    return out
+
+
+def read_all(tap: Tap, size: int) -> bytes:
+    data, patience = b"", time.monotonic() + 20.0
+    while len(data) < size and time.monotonic() < patience:
+        data += tap.read(0.2)
+    return data
+
+
+def test_frames_cut_anywhere_come_out_whole_and_nothing_is_sent_back() -> None:
+    stream, rng = b"".join(FRAMES), np.random.default_rng(1)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        tap = StreamTap(Endpoint(*server.getsockname(), "tcp"))
+        vehicle, _ = server.accept()
+        with tap, vehicle:
+            cuts = [0, *sorted(rng.integers(0, len(stream), 60).tolist()), len(stream)]
+            for first, stop in zip(cuts, cuts[1:], strict=False):
+                vehicle.sendall(stream[first:stop])
+            data = read_all(tap, len(stream) + 8 * len(FRAMES))
+            vehicle.settimeout(0.0)
+            with pytest.raises(BlockingIOError):
+                vehicle.recv(1)
+    assert frames_of(data) == stream
+
+
+def test_a_connection_that_is_lost_is_sought_again_and_both_are_said() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        tap = StreamTap(Endpoint(*server.getsockname(), "tcp"))
+        first, _ = server.accept()
+        with tap:
+            first.sendall(FRAMES[0])
+            assert read_all(tap, 1)
+            first.close()
+            again, _ = server.accept()
+            with again:
+                again.sendall(FRAMES[1])
+                assert read_all(tap, 1)[8:] == FRAMES[1]
+    assert [("gone" in news, "back" in news) for news in tap.news] == [(True, False), (False, True)]
+
+
+def test_a_peer_that_is_not_there_is_one_line_with_the_remedy() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = server.getsockname()
+    with pytest.raises(SourceError, match="nobody listens there"):
+        StreamTap(Endpoint(*address, "tcp"))
+
+
+def test_a_serial_port_that_cannot_be_opened_is_one_line() -> None:
+    with pytest.raises(SourceError, match="no such device|pip install pyserial"):
+        StreamTap(Endpoint("/dev/ttyNone", 57600, "serial"))
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo terminals here")
+def test_a_serial_line_is_read() -> None:
+    pytest.importorskip("serial")
+    vehicle, line = os.openpty()
+    with StreamTap(Endpoint(os.ttyname(line), 57600, "serial")) as tap:
+        threading.Thread(target=os.write, args=(vehicle, FRAMES[0])).start()
+        assert read_all(tap, 1)[8:] == FRAMES[0]
+
+
+def test_bytes_before_an_unfinished_frame_are_complete() -> None:
+    frame = FRAMES[0]
+    for size in range(1, len(frame)):
+        assert complete_until(b"ab" + frame[:size]) == 2
+    assert complete_until(b"ab" + frame) == 2 + len(frame)
+    assert complete_until(b"abc") == 3

@@ -1,0 +1,262 @@
+"""A day of this and a day of that: bounded, finite, and back within 300 samples.
+
+The textbook recursion overflows after 35 000 silent updates at a forgetting factor of 0.98 and
+loses definiteness after 2 000 at trim; nothing here may.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from daylog import long_log
+from flightlog import fly, samples_of
+from log_surgery import join, split
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import lfilter
+
+from yawid.blocks import Floats, Status
+from yawid.config import ArmaxOrders, EstimatorConfig
+from yawid.estimation.armax import RecursiveArmax
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.summary import summarise
+
+DAY = 24 * 3600 * 20
+"""A day of samples at 20 Hz."""
+TS = 0.05
+A, B, C = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5], [1.0, -0.5, 0.1]
+TRUTH = np.array([*A[1:], *B[1:], *C[1:], 0.0])
+PART = 100_000
+LARGEST_P = 1e8
+"""P starts at 100 and is held below 1e6 on scaled signals; in the user's units it may look larger.
+Wind-up would take it to 1e308."""
+
+
+def excited(n: int, rng: np.random.Generator, gain: float = 1.0) -> tuple[Floats, Floats]:
+    u = rng.normal(size=n)
+    noise = lfilter(C, A, 0.05 * rng.normal(size=n))
+    return u, gain * lfilter(B, A, u) + noise
+
+
+Day = Callable[[int, np.random.Generator], tuple[Floats, Floats]]
+
+
+def silence(first: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    return np.zeros(PART), np.zeros(PART)
+
+
+def quiet_rudder(first: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    return np.zeros(PART), lfilter(C, A, 0.05 * rng.normal(size=PART))
+
+
+def trim(first: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    u = np.full(PART, 0.3)
+    return u, 0.3 * sum(B) / sum(A) + lfilter(C, A, 0.05 * rng.normal(size=PART))
+
+
+def sine(first: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """One steady weave without any noise: two directions are excited, the others never."""
+    k = first + np.arange(PART)
+    w = 2.4 * TS
+    response = np.polyval(B[::-1], np.exp(-1j * w)) / np.polyval(A[::-1], np.exp(-1j * w))
+    return np.sin(w * k), abs(response) * np.sin(w * k + np.angle(response))
+
+
+def estimator(method: str, forgetting: float) -> RecursiveArmax:
+    orders = ArmaxOrders(na=2, nb=(2,), nc=2, nk=(1,))
+    return RecursiveArmax(
+        EstimatorConfig(
+            orders=orders, sample_time_s=TS, forgetting_factor=forgetting, method=method
+        )
+    )
+
+
+def assert_bounded(armax: RecursiveArmax) -> None:
+    assert np.isfinite(armax.theta).all()
+    assert np.isfinite(armax.P).all()
+    eigenvalues = np.linalg.eigvalsh(armax.P)
+    assert eigenvalues.min() > 0.0
+    assert eigenvalues.max() < LARGEST_P
+
+
+def error(armax: RecursiveArmax, gain: float = 1.0) -> float:
+    """Return the largest error of a and b: c is known as well as the noise allows, no better."""
+    truth = TRUTH.copy()
+    truth[2:4] *= gain
+    return float(np.abs(armax.theta - truth)[:4].max())
+
+
+FORGETTING = [0.98, math.exp(-TS / 60.0)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forgetting", FORGETTING)
+@pytest.mark.parametrize("method", ["els", "rml"])
+@pytest.mark.parametrize("day", [silence, quiet_rudder, trim, sine])
+def test_a_day_of_nothing_new_leaves_it_bounded_and_ready(day: Day, method: str, forgetting: float):
+    rng = np.random.default_rng(1)
+    armax = estimator(method, forgetting)
+    armax.run(*excited(3000, rng), keep="last")
+    before = error(armax)
+    assert before < 0.05
+
+    for first in range(0, DAY, PART):
+        last = armax.run(*day(first, rng), keep="last")
+        assert last.status[-1] in (Status.TRACKING, Status.HELD)
+        assert_bounded(armax)
+    armax.run(*excited(300, rng), keep="last")
+
+    assert_bounded(armax)
+    assert error(armax) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["els", "rml"])
+def test_ten_million_updates_of_a_plant_that_changes_between_long_poor_stretches(method: str):
+    """2 000 excited and 48 000 poor samples in turn; the gain changes while nobody looks."""
+    rng = np.random.default_rng(2)
+    armax, worst = estimator(method, 0.98), 0.0
+    poor: list[Day] = [silence, quiet_rudder, trim, sine]
+    for cycle in range(200):
+        gain = 1.0 if cycle % 2 else 1.5
+        armax.run(*excited(300, rng, gain), keep="last")
+        worst = max(worst, error(armax, gain))
+        armax.run(*excited(1700, rng, gain), keep="last")
+        u, y = poor[cycle % 4](48_000 * cycle, rng)
+        armax.run(u[:48_000], y[:48_000], keep="last")
+        assert_bounded(armax)
+
+    assert armax.updates > 9_990_000
+    assert worst < 0.25
+
+
+@pytest.mark.slow
+def test_ten_million_held_samples_change_nothing_but_their_count():
+    rng = np.random.default_rng(3)
+    armax = estimator("rml", 0.98)
+    armax.run(*excited(3000, rng), keep="last")
+    theta, p = armax.theta, armax.P
+    nothing = np.full(PART, np.nan)
+    for _ in range(100):
+        armax.run(nothing, nothing, keep="last")
+
+    np.testing.assert_array_equal(armax.theta, theta)
+    np.testing.assert_array_equal(armax.P, p)
+    assert armax.held >= 10_000_000
+
+
+HZ = 10.0
+HOURS_24 = round(24 * 3600 * HZ)
+
+
+def dutch_roll_filter() -> tuple[Floats, Floats]:
+    """Return (b, a) of wn 2.4 rad/s, zeta 0.25, gain 0.5 rad/s per unit, sampled at HZ."""
+    from scipy.signal import cont2discrete
+
+    wn, zeta = 2.4, 0.25
+    b, a, _ = cont2discrete(([0.5, 0.5 * wn**2], [1.0, 2 * zeta * wn, wn**2]), 1.0 / HZ)
+    return b.ravel(), a
+
+
+def flown(u: Floats, seed: int) -> Floats:
+    b, a = dutch_roll_filter()
+    return lfilter(b, a, u) + 0.002 * np.random.default_rng(seed).normal(size=len(u))
+
+
+def doublets(n: int, seed: int) -> Floats:
+    return np.repeat(np.random.default_rng(seed).choice([-0.25, 0.0, 0.25], n // 8 + 1), 8)[:n]
+
+
+def summary_of(log: bytes, chunk: int = 1 << 20, **settings) -> dict:
+    pipeline = Pipeline(RunConfig(rate=HZ, **settings))
+    for at in range(0, len(log), chunk):
+        pipeline.feed(log[at : at + chunk])
+    pipeline.finish()
+    return summarise(pipeline, "", "")[0]
+
+
+def assert_found(summary: dict, method: str = "rml") -> None:
+    found = summary["estimates"][method]["dutch_roll"]
+    assert found["wn_rad_s"] == pytest.approx(2.4, rel=0.03)
+    assert found["zeta"] == pytest.approx(0.25, abs=0.03)
+    assert 0.0 < found["wn_std"] < 0.2
+
+
+def a_day(kind: str) -> Floats:
+    k = np.arange(HOURS_24)
+    return {
+        "silence": np.zeros(HOURS_24),
+        "trim": np.full(HOURS_24, 0.12),
+        "sine": 0.2 * np.sin(1.3 * k / HZ),
+    }[kind]
+
+
+def test_the_long_logs_frames_are_what_pymavlink_packs():
+    log = long_log(np.array([0.1, -0.2]), np.array([1500.0, 1612.0]), HZ)
+    reader = mavlink.MAVLink(None)
+    told = [reader.decode(bytearray(frame)) for _, frame in split(log)]
+
+    names = [message.get_type() for message in told]
+    assert names == ["HEARTBEAT", *["ATTITUDE", "SERVO_OUTPUT_RAW"] * 2]
+    assert told[-2].yawspeed == pytest.approx(-0.2)
+    assert (told[-1].servo4_raw, told[-1].time_usec) == (1612, 10_100_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["silence", "trim", "sine"])
+def test_a_day_through_the_whole_pipeline_between_two_manoeuvres(kind: str):
+    u = np.concatenate([doublets(1200, 1), a_day(kind), doublets(300, 2)])
+    found = summary_of(long_log(flown(u, 3), 1500.0 + 400.0 * u, HZ))
+
+    assert found["link"]["lost"] == 0
+    assert found["duration_s"] > 86_400
+    assert found["estimates"]["rml"]["updates"] > 0.99 * HOURS_24
+    assert_found(found)
+
+
+@pytest.mark.slow
+def test_a_link_that_says_nothing_for_a_day_is_one_gap():
+    first, second = doublets(600, 4), doublets(600, 5)
+    log = long_log(flown(first, 6), 1500.0 + 400.0 * first, HZ)
+    log += long_log(flown(second, 7), 1500.0 + 400.0 * second, HZ, start_s=86_500.0)
+    found = summary_of(log, forgetting=1.0)
+
+    assert (found["link"]["gaps"], found["link"]["reboots"]) == (1, 0)
+    assert found["estimates"]["els"]["updates"] < 1200
+    assert_found(found)
+
+
+@pytest.mark.slow
+def test_a_thousand_reboots():
+    """Each life lasts ten seconds and has a clock of its own; what was learned is kept."""
+    log = b"".join(lives(1000, 100))
+    found = summary_of(log, forgetting=1.0)
+
+    assert found["link"]["reboots"] == 999
+    assert found["estimates"]["els"]["updates"] > 85_000
+    assert_found(found)
+
+
+def lives(count: int, samples: int) -> Iterator[bytes]:
+    for life in range(count):
+        u = doublets(samples, life)
+        data = long_log(flown(u, 1000 + life), 1500.0 + 400.0 * u, HZ, start_s=8.0)
+        # The receiver's clock goes on; the vehicle's begins anew.
+        yield restamped(data, round(life * 1e6 * (samples / HZ + 3.0)))
+
+
+def restamped(data: bytes, shift_us: int) -> bytes:
+    return join((stamp + shift_us, frame) for stamp, frame in split(data))
+
+
+def test_memory_and_grid_after_a_day_without_servo_messages():
+    """What is kept while one channel is silent does not grow: the newest row alone."""
+    first = fly(lambda t: 0.1 * math.sin(t), lambda t: 1500, 3.0, servo_s=100.0)
+    samples = samples_of(first.data)
+
+    startup = samples.channels.startup
+    assert startup is not None
+    assert sum(len(piece.yaw) for piece in startup.pieces) <= 2

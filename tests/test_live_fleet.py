@@ -1,0 +1,85 @@
+"""Several vehicles on one port, and two senders with one number."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+
+from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from yawid.outputs import Outputs
+from yawid.session import StopFlag, replay
+
+
+def mixed(*vehicles: list[bytes]) -> list[bytes]:
+    return list(chain.from_iterable(zip(*vehicles, strict=True)))
+
+
+def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
+    one, two = frames(20.0, sysid=1), frames(20.0, sysid=2)
+    ground = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    beat = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(ground))
+    with listening(tmp_path, every_vehicle=True) as session:
+        send([beat, *mixed(one, two), beat], session.port)
+        for sysid, sent in ((1, one), (2, two)):
+            wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent))
+
+    ended = {e.summary["vehicle"]["sysid"]: e.summary for e in session.ended}
+    assert set(ended) == {1, 2}
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"live-{sysid}.{suffix}" for sysid in (1, 2) for suffix in ("tlog", "mcap")
+    }
+    for sysid, summary in ended.items():
+        again, _ = replay(
+            tmp_path / f"live-{sysid}.tlog", CONFIG, Outputs(tmp_path, f"{sysid}"), StopFlag()
+        )
+        assert again["estimates"] == summary["estimates"]
+        assert again["estimates"]["els"]["updates"] > 100
+        assert again["link"]["lost"] == 0
+
+
+def test_one_of_several_vehicles_can_be_chosen(tmp_path: Path):
+    sent = mixed(frames(20.0, sysid=1), frames(20.0, sysid=2))
+    with listening(tmp_path, replace(CONFIG, sysid=2)) as session:
+        send(sent, session.port)
+        wait_for_size(session.part("tlog"), tlog_size(sent))
+
+    assert session.ended[0].summary["vehicle"]["sysid"] == 2
+
+
+def test_a_link_without_any_vehicle_is_one_summary_that_says_so(tmp_path: Path):
+    with listening(tmp_path, every_vehicle=True) as session:
+        pass
+
+    assert [e.exit_code for e in session.ended] == [3]
+
+
+def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_path: Path):
+    quick, slow = frames(20.0, sysid=1), frames(20.0, sysid=2, hz=5)
+    with listening(tmp_path, every_vehicle=True) as session:
+        send([*slow, *quick], session.port)
+        session.screen.wait_for("system 2: ")
+        session.screen.wait_for("no longer estimated")
+        session.screen.wait_for("tracking")
+
+    assert [e.summary["vehicle"]["sysid"] for e in session.ended] == [1]
+
+
+def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Path):
+    sent = frames(10.0)
+    with (
+        listening(tmp_path) as session,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as forger,
+    ):
+        for i in range(0, len(sent), 2):
+            send(sent[i : i + 1], session.port, vehicle)
+            send(sent[i + 1 : i + 2], session.port, forger)
+        session.screen.wait_for("system 1 is sent from two addresses")
+        ports = {s.getsockname()[1] for s in (vehicle, forger)}
+    said = [text for text in session.screen.getvalue().splitlines() if "two addresses" in text]
+    assert len(said) == 1
+    assert all(f"127.0.0.1:{port}" in said[0] for port in ports)

@@ -1,0 +1,101 @@
+"""What was learnt is kept from one session to the next, and only where it fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+
+from yawid.errors import ConfigError
+from yawid.estimation.armax import RecursiveArmax
+from yawid.live import Ended
+from yawid.live.state import StateFile
+from yawid.outputs import Outputs
+from yawid.run_config import RunConfig
+
+
+def fly(
+    folder: Path, state: Path, name: str, sent: list[bytes], config: RunConfig = CONFIG
+) -> tuple[Ended, str]:
+    with listening(folder, config, Outputs(folder, name), state=state) as session:
+        send(sent, session.port)
+        wait_for_size(session.part("tlog", name), tlog_size(sent))
+    [ended] = session.ended
+    return ended, session.screen.getvalue()
+
+
+def test_a_second_session_goes_on_from_where_the_first_ended(tmp_path: Path):
+    state = tmp_path / "state"
+    first, _ = fly(tmp_path, state, "one", frames(30.0))
+    second, said = fly(tmp_path, state, "two", frames(7.0, first_s=500.0))
+
+    learnt = first.summary["estimates"]["els"]["updates"]
+    assert f"resumed from {state}: {learnt} updates" in said
+    assert second.summary["estimates"]["els"]["updates"] > learnt
+    theta = [e.summary["estimates"]["els"]["theta"]["a1"] for e in (first, second)]
+    assert theta[1] == pytest.approx(theta[0], abs=0.05)
+
+
+def test_what_is_saved_is_the_estimator_to_the_bit(tmp_path: Path):
+    state = tmp_path / "state"
+    ended, _ = fly(tmp_path, state, "one", frames(30.0))
+    _, _, body = state.read_bytes().partition(b"\n")
+    theta = ended.summary["estimates"]["els"]["theta"]
+    size = len(body) // 2
+    saved = RecursiveArmax.from_bytes(body[:size])
+    np.testing.assert_array_equal(saved.theta, list(theta.values()))
+
+
+def test_another_vehicle_starts_anew_with_the_reason_and_the_old_state_is_kept(tmp_path: Path):
+    state = tmp_path / "state"
+    fly(tmp_path, state, "one", frames(30.0))
+    old = state.read_bytes()
+    ended, said = fly(tmp_path, state, "two", frames(20.0, sysid=7))
+
+    assert "does not fit, starting anew: vehicle is 7/1, type 1, in the state 1/1" in said
+    assert (tmp_path / "state.old").read_bytes() == old
+    assert state.read_bytes() != old
+    assert ended.summary["estimates"]["els"]["updates"] < 400
+
+
+def test_another_configuration_is_refused_at_once_with_the_reason(tmp_path: Path):
+    state = tmp_path / "state"
+    fly(tmp_path, state, "one", frames(15.0))
+    with pytest.raises(ConfigError, match=r"configuration: memory is 30\.0, in the state 20\.0"):
+        StateFile(state, replace(CONFIG, memory=30.0), print)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"{}\n", b'{"version": 1}\nabc'])
+def test_a_file_that_is_no_state_is_refused_and_left_alone(content: bytes, tmp_path: Path):
+    path = tmp_path / "notes.txt"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="no saved state"):
+        StateFile(path, CONFIG, print)
+    assert path.read_bytes() == content
+
+
+def test_a_state_cut_short_is_refused(tmp_path: Path):
+    state = tmp_path / "state"
+    fly(tmp_path, state, "one", frames(15.0))
+    state.write_bytes(state.read_bytes()[:-1])
+    with pytest.raises(ConfigError, match="cut short"):
+        StateFile(state, CONFIG, print)
+
+
+def test_the_reference_engine_cannot_be_saved(tmp_path: Path):
+    with pytest.raises(ConfigError, match="--engine numba"):
+        StateFile(tmp_path / "state", replace(CONFIG, engine="filterpy"), print)
+
+
+def test_a_state_that_cannot_be_written_is_one_line_and_exit_code_6(tmp_path: Path):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    with listening(tmp_path, state=folder / "state") as session:
+        folder.rmdir()
+        send(frames(20.0), session.port)
+        session.screen.wait_for("cannot write")
+    assert session.ended[0].exit_code == 6
+    assert session.screen.getvalue().count("cannot write") == 1
