@@ -22,16 +22,17 @@ STAGES = [
     ("summary",),
     ("outputs", "golden", "collect"),
     ("session", "regress", "inspect"),
+    ("again",),
     ("live", "simulation"),
-    ("cli_paper", "cli_live"),
+    ("cli_paper", "cli_live", "cli_view"),
     ("cli",),
     ("__main__",),
 ]
 ONLY_IN = {
     "pyulog": {"sources/ulog_file.py"},
     "pymavlink": {"sources"},
-    "mcap": {"sinks/mcap_file.py", "sinks/recover.py"},
-    "rerun": {"sinks/rerun_view.py"},
+    "mcap": {"sinks/mcap_file.py", "sinks/mcap_run.py", "sinks/recover.py"},
+    "rerun": {"sinks/rerun_view.py", "sinks/rerun_blueprint.py"},
     "filterpy": {"estimation/reference.py", "channels/heading.py"},
     "numba": {"estimation/kernel.py"},
 }

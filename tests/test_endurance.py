@@ -178,11 +178,17 @@ def summary_of(log: bytes, chunk: int = 1 << 20, **settings) -> dict:
     return summarise(pipeline, "", "")[0]
 
 
-def assert_found(summary: dict, method: str = "rml") -> None:
-    found = summary["estimates"][method]["dutch_roll"]
-    assert found["wn_rad_s"] == pytest.approx(2.4, rel=0.03)
-    assert found["zeta"] == pytest.approx(0.25, abs=0.03)
-    assert 0.0 < found["wn_std"] < 0.2
+def assert_found(summary: dict) -> None:
+    """Both methods have the truth within three sigma and 0.5 %, and know it to a few percent.
+
+    The 0.5 %: a day makes sigma smaller than the bias of ELS under coloured noise.
+    """
+    for method in ("els", "rml"):
+        found = summary["estimates"][method]["dutch_roll"]
+        assert abs(found["wn_rad_s"] - 2.4) < 3.0 * found["wn_std"] + 0.005 * 2.4
+        assert abs(found["zeta"] - 0.25) < 3.0 * found["zeta_std"] + 0.005
+        assert 0.0 < found["wn_std"] < 0.05 * 2.4
+        assert 0.0 < found["zeta_std"] < 0.07
 
 
 def a_day(kind: str) -> Floats:

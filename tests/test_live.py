@@ -18,6 +18,7 @@ from live_link import CONFIG, Screen, frames, free_port, listening, send, tlog_s
 from mcap.reader import make_reader
 from telemetry import Link
 
+from yawid.cli import main
 from yawid.errors import ConfigError, SourceError
 from yawid.live import Console, LiveOptions, live
 from yawid.outputs import Outputs
@@ -142,7 +143,7 @@ def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
         sent = frames(20.0)
         send(sent[:300] + sent[320:], session.port)
         session.screen.wait_for("tracking, lost 20 on the link, 0 dropped here")
-    line = [text for text in session.screen.getvalue().splitlines() if "tracking" in text][0]
+    line = next(text for text in session.screen.getvalue().splitlines() if "tracking" in text)
     for word in ("msg/s", "samples", "ωn", "rad/s", "ζ", "±"):
         assert word in line
 
@@ -175,3 +176,58 @@ def test_a_port_in_use_is_refused_and_leaves_nothing(tmp_path: Path):
 def test_what_cannot_be_asked_is_refused_in_one_line(options: dict[str, object], reason: str):
     with pytest.raises(ConfigError, match=reason):
         LiveOptions(**options)  # type: ignore[arg-type]
+
+
+def test_silence_is_said_once_and_so_is_the_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("yawid.live.loop.SILENT_US", 1_000_000)
+    with listening(tmp_path) as session:
+        send(frames(1.0), session.port)
+        session.screen.wait_for("nothing heard for 1 s")
+        send(frames(1.0, first_s=200.0), session.port)
+        session.screen.wait_for("the link is back")
+    said = session.screen.getvalue()
+    assert said.count("nothing heard") == said.count("the link is back") == 1
+
+
+def test_a_torn_mcap_is_recovered_from_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with listening(tmp_path) as session:
+        sent = frames(20.0)
+        send(sent, session.port)
+        session.screen.wait_for("tracking")
+        wait_for_size(session.part("mcap"), 20_000)
+        (tmp_path / "torn.mcap").write_bytes(session.part("mcap").read_bytes()[:-5])
+    out = tmp_path / "whole.mcap"
+
+    assert main(["recover", str(tmp_path / "torn.mcap"), "-o", str(out)]) == 0
+    assert "/yawid/estimate" in capsys.readouterr().out
+    rescued, all_of_it = messages(out), messages(tmp_path / "live.mcap")
+    assert 0 < len(rescued) <= len(all_of_it)
+    assert set(rescued) <= set(all_of_it)
+
+
+def test_a_file_from_which_nothing_can_be_recovered_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    out = tmp_path / "whole.mcap"
+    assert main(["recover", str(tmp_path / "empty.mcap"), "-o", str(out)]) == 6
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_every_vehicle_is_one_json_object_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    endpoint = f"udpin:127.0.0.1:{free_port()}"
+    code = main(
+        ["live", endpoint, "--seconds", "0.3", "--sysid", "all", "--json", "--out", str(tmp_path)]
+    )
+    [line] = capsys.readouterr().out.splitlines()
+    assert (code, json.loads(line)["verdict"]["reasons"][0]["id"]) == (3, "no_vehicle")
+
+
+def test_a_replay_of_every_vehicle_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["replay", str(tmp_path / "x.tlog"), "--sysid", "all"]) == 2
+    assert "sysid" in capsys.readouterr().err

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-BENCHES = ("estimator", "efficiency", "windup", "confidence", "link")
+BENCHES = ("estimator", "efficiency", "windup", "confidence", "link", "live")
 
 
 def main() -> int:

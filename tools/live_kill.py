@@ -64,14 +64,20 @@ class Sender(threading.Thread):
         self.join()
 
 
-def kill_once(
-    frames: Sequence[Stamped], moment_s: float, folder: Path, speed: float = 1.0
-) -> Loss:
+def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: float = 1.0) -> Loss:
     """Listen, send, kill -9 ``moment_s`` after the first frame; return what is missing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "yawid", "live", f"udpin:127.0.0.1:{port}", "--out", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "yawid",
+        "live",
+        f"udpin:127.0.0.1:{port}",
+        "--out",
+        str(folder),
+    ]
     with subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ) as process:
         assert process.stderr is not None
         assert b"listening" in process.stderr.readline()

@@ -3,8 +3,8 @@
     python tools/send_tlog.py log.tlog 127.0.0.1:14560 --speed 2
     python tools/send_tlog.py log.tlog 127.0.0.1:14560 --rate 20000 --count 1200000
 
-By default at the pace of their stamps; with ``--rate`` so many a second whatever the stamps say, from
-the start again where the log ends.
+By default at the pace of their stamps; with ``--rate`` so many a second whatever the stamps say,
+from the start again where the log ends.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def flood(frames: Sequence[bytes], where: tuple[str, int], rate: float, count: i
 
 def main(argv: Sequence[str]) -> int:
     """Send; return 0."""
-    parser = argparse.ArgumentParser(prog="send_tlog.py", description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="send_tlog.py", description=(__doc__ or "").split("\n")[0]
+    )
     parser.add_argument("log", type=Path)
     parser.add_argument("endpoint", type=endpoint, metavar="HOST:PORT")
     parser.add_argument("--speed", type=float, default=1.0, help="times the pace of the stamps")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from yawid import __version__
 from yawid.cli_live import add_live, add_recover, run_live, run_recover
 from yawid.cli_paper import add_commands
+from yawid.cli_view import add_view_and_report
 from yawid.errors import (
     ChannelError,
     ConfigError,
@@ -98,6 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_estimator_options(orders)
     orders.set_defaults(run=_orders)
     add_commands(commands)
+    add_view_and_report(commands)
     add_regress(commands, _add_estimator_options).set_defaults(run=_regress)
     return parser
 
@@ -131,10 +133,17 @@ def _auto_orders(arguments: argparse.Namespace) -> bool:
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
     """Return the configuration: the TOML file's settings, overruled by the options given."""
-    from yawid.run_config import RunConfig, check_settings, settings_from_toml
+    from yawid.run_config import RunConfig
+
+    return RunConfig(**_settings(arguments))
+
+
+def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what the TOML file and the options say, the options overruling."""
+    from yawid.run_config import check_settings, settings_from_toml
 
     settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    return RunConfig(**(settings | check_settings(_given(arguments), "the command line")))
+    return settings | check_settings(_given(arguments), "the command line")
 
 
 def _given(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -169,17 +178,22 @@ def _reading(arguments: argparse.Namespace) -> Reading:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
+    from yawid.again import replay_run
+    from yawid.outputs import output_names
     from yawid.session import StopFlag
+    from yawid.sinks.mcap_run import is_mcap
 
     automatic, config = _auto_orders(arguments), _config(arguments)
     reading = _reading(arguments)
     codes = []
     with StopFlag().installed() as stop:
-        for log, name in zip(arguments.logs, _names(arguments.logs), strict=True):
+        for log, name in zip(arguments.logs, output_names(arguments.logs), strict=True):
             if stop.is_set:
                 break
             outputs = _outputs(arguments, name)
             run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
+            if is_mcap(log):
+                run = partial(replay_run, log, _settings(arguments), outputs, stop, automatic)
             codes.append(_told(run, arguments.json, "print_summary"))
     return max(codes, default=0)
 
@@ -211,17 +225,6 @@ def _orders(arguments: argparse.Namespace) -> int:
     else:
         print_orders(report, sys.stdout)
     return 0
-
-
-def _names(logs: Sequence[Path]) -> list[str]:
-    """Name each log's outputs: by its stem, and by its folder too where two agree."""
-    stems = [log.stem for log in logs]
-    names: list[str] = []
-    for log, stem in zip(logs, stems, strict=True):
-        name = stem if stems.count(stem) == 1 else f"{log.absolute().parent.name}-{stem}"
-        count = names.count(name)
-        names.append(f"{name}-{count + 1}" if count else name)
-    return names
 
 
 def _live(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -40,6 +40,17 @@ class Outputs:
         """Return the paths of MCAP and Rerun recording."""
         rrd = {"rrd": str(self.path(".rrd"))} if self.rerun == "save" else {}
         return {"mcap": str(self.path(".mcap"))} | rrd
+
+
+def output_names(logs: Sequence[Path]) -> list[str]:
+    """Name each log's outputs: by its stem, and by its folder too where two agree."""
+    stems = [log.stem for log in logs]
+    names: list[str] = []
+    for log, stem in zip(logs, stems, strict=True):
+        name = stem if stems.count(stem) == 1 else f"{log.absolute().parent.name}-{stem}"
+        count = names.count(name)
+        names.append(f"{name}-{count + 1}" if count else name)
+    return names
 
 
 def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:

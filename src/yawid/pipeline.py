@@ -71,15 +71,16 @@ class Pipeline:
         """Take in what was held back for want of more; the sinks stay open for the summary."""
         self.take(self.decoder.finish())
         for samples in self.channels.finish():
-            self._estimate(samples)
+            self.estimate(samples)
 
     def take(self, frames: FrameBlock | None) -> None:
         """Take messages in; every sample they complete is estimated and written."""
         if frames is not None:
             for samples in self.channels.feed(frames):
-                self._estimate(samples)
+                self.estimate(samples)
 
-    def _estimate(self, samples: SampleBlock) -> None:
+    def estimate(self, samples: SampleBlock) -> None:
+        """Take samples of one epoch in, such as a file of results holds; estimate and write."""
         bank = self.bank or self._open_bank(samples.sample_time_s)
         estimates = bank.run(samples)
         primary = estimates[self.config.method]

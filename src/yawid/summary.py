@@ -59,7 +59,7 @@ def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any]
     if bank is not None and channels.surfaces:
         summary["estimates"] = {}
         for method in bank.methods:
-            summary["estimates"][method], evidence[method] = _estimate(bank, method)
+            summary["estimates"][method], evidence[method] = method_summary(bank, method)
     verdict = Verdict.of(_reasons(pipeline, evidence))
     summary["verdict"] = {
         "usable": verdict.usable,
@@ -107,7 +107,7 @@ def _surface(surface: Surface) -> dict[str, Any]:
     return described
 
 
-def _estimate(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
+def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
     """Return the summary of one method, and what the verdict needs of it."""
     estimator, last = bank.estimators[method], bank.last[method]
     config = estimator.config
@@ -201,18 +201,28 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
         return [*reasons, Reason("not_excited", text)]
-    primary = evidence[config.method]
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
-    grid_hz = 1.0 / bank.sample_time_s
-    reasons += rate_reasons(yaw_hz, rudder_hz, grid_hz, primary.dutch_roll)
     reasons += changed_rates(yaw_hz, rudder_hz, *_later_rates(channels))
-    travel_unit = abs(channels.surfaces[0].scale)
-    history = _remembered(bank)
-    reasons += input_reasons(config.inputs, history.u, travel_unit)
-    reasons += flight_reasons(history, config.turn)
-    reasons += estimate_reasons(config.method, primary)
-    reasons += agreement_reasons(evidence)
+    reasons += bank_reasons(bank, evidence, (yaw_hz, rudder_hz), abs(channels.surfaces[0].scale))
     return reasons
+
+
+def bank_reasons(
+    bank: Bank, evidence: dict[str, Evidence], rates_hz: tuple[float, float], travel_unit: float
+) -> list[Reason]:
+    """Return what samples and estimates say against the answer.
+
+    ``rates_hz`` of yaw and rudder messages; ``travel_unit`` is half the travel in the unit of u.
+    """
+    config, history = bank.config, _remembered(bank)
+    primary = evidence[config.method]
+    return [
+        *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, primary.dutch_roll),
+        *input_reasons(config.inputs, history.u, travel_unit),
+        *flight_reasons(history, config.turn),
+        *estimate_reasons(config.method, primary),
+        *agreement_reasons(evidence),
+    ]
 
 
 def _later_rates(channels: Channels) -> tuple[float, float]:

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 from flightlog import FlightLog, samples_of
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held, MessageBlock
 from yawid.channels.mapping import find_surface
@@ -248,3 +251,17 @@ def test_without_named_outputs_px4_has_its_control_group():
 
     assert found.source == "ACTUATOR_CONTROL_TARGET.controls[2]"
     assert find_surface("rudder", "auto", PX4_PLANE, ParameterTable(), frozenset()) is None
+
+
+@pytest.mark.parametrize("value", [0, 1, 4, 204, 1100, -1, -400])
+def test_px4s_integer_parameters_are_the_four_bytes_of_their_float(value: int):
+    told = struct.unpack("<f", struct.pack("<i", value))[0]
+    log = FlightLog()
+    log.heartbeat(1.0, autopilot=12)
+    log.add(1.0, mavlink.MAVLink_param_value_message(b"PWM_MAIN_FUNC6", told, 6, 1, 0))
+    # ArduPilot tells an integer type too, and the value as a float.
+    log.add(1.0, mavlink.MAVLink_param_value_message(b"SERVO4_TRIM", 1500.0, 4, 1, 0))
+
+    found = samples_of(log.data)
+
+    assert found.channels.parameters.values == {"PWM_MAIN_FUNC6": value, "SERVO4_TRIM": 1500.0}

@@ -93,6 +93,7 @@ def test_a_viewer_that_died_is_noticed_by_the_next_flush() -> None:
     samples, estimates, modes = make_blocks(n=30)
     with viewer("--serve-grpc") as (address, process):
         view = RerunView(address, "flight")
+        view.start(PARAMETERS, ("rudder",), SAMPLE_TIME_S)
         view.write(samples, estimates["els"], modes)
         view.flush()
         process.kill()

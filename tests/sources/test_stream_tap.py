@@ -6,6 +6,7 @@ import os
 import socket
 import threading
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_frames_cut_anywhere_come_out_whole_and_nothing_is_sent_back() -> None:
         vehicle, _ = server.accept()
         with tap, vehicle:
             cuts = [0, *sorted(rng.integers(0, len(stream), 60).tolist()), len(stream)]
-            for first, stop in zip(cuts, cuts[1:], strict=False):
+            for first, stop in pairwise(cuts):
                 vehicle.sendall(stream[first:stop])
             data = read_all(tap, len(stream) + 8 * len(FRAMES))
             vehicle.settimeout(0.0)
@@ -76,7 +77,7 @@ def test_a_peer_that_is_not_there_is_one_line_with_the_remedy() -> None:
 
 
 def test_a_serial_port_that_cannot_be_opened_is_one_line() -> None:
-    with pytest.raises(SourceError, match="no such device|pip install pyserial"):
+    with pytest.raises(SourceError, match=r"no such device|pip install pyserial"):
         StreamTap(Endpoint("/dev/ttyNone", 57600, "serial"))
 
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from typing import Any
 
-from yawid.blocks import MessageBlock
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, MessageBlock
 from yawid.channels.surface import Travel
 
 STOCK_TRAVEL_US: Travel = (1100.0, 1500.0, 1900.0)
@@ -20,6 +24,22 @@ _RELEVANT = re.compile(
 _FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION")
 
 
+_INTEGERS = range(1, 9)
+"""MAV_PARAM_TYPE_UINT8 to MAV_PARAM_TYPE_INT64."""
+_LEAST_NORMAL = np.finfo(np.float32).tiny
+
+
+def _values(fields: NDArray[Any]) -> Floats:
+    """Return the values (n,) of PARAM_VALUE rows.
+
+    ArduPilot writes an integer as a float; PX4 puts its four bytes in the float's place, where a
+    small one is a denormal float and a negative one no number.
+    """
+    told = np.ascontiguousarray(fields["param_value"], np.float32)
+    bytewise = np.isin(fields["param_type"], _INTEGERS) & ~(np.abs(told) >= _LEAST_NORMAL)
+    return np.where(bytewise, told.view(np.int32), told).astype(float)
+
+
 class ParameterTable:
     """Parameters by name; the last value heard counts."""
 
@@ -28,12 +48,8 @@ class ParameterTable:
 
     def changes(self, block: MessageBlock) -> Iterator[int]:
         """Take PARAM_VALUE rows in, one by one; yield the order of each that may matter."""
-        for order, raw, value in zip(
-            block.order.tolist(),
-            block.fields["param_id"].tolist(),
-            block.fields["param_value"].tolist(),
-            strict=True,
-        ):
+        columns = (block.order, block.fields["param_id"], _values(block.fields))
+        for order, raw, value in zip(*(column.tolist() for column in columns), strict=True):
             name = raw.split(b"\0", 1)[0].decode("ascii", "replace")
             changed = self.values.get(name) != value
             self.values[name] = value

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from math import isinf
 from typing import Literal
 
 import numpy as np
@@ -51,6 +50,7 @@ class RecursiveArmax(Readings):
         self._live = len(state) - len(parts[slots.SAMPLES])
         self._input_at = self._live - config.orders.n_inputs
         self._one_input = config.orders.n_inputs == 1
+        self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
         """Take one sample; ``u`` is a float, or (n_inputs,). A NaN makes it a held record.
@@ -59,9 +59,9 @@ class RecursiveArmax(Readings):
             ValueError: u or y is infinite, or u has another number of inputs.
         """
         if self._one_input and isinstance(u, float):
-            if isinf(u) or isinf(y):
-                raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
-            if entry.step(self._state, u, y):
+            if came := entry.step(self._state, u, y):
+                if came == entry.INFINITE:
+                    raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
                 self._start()
         else:
             row = checked_u(u, y, self.config.orders.n_inputs)
@@ -86,7 +86,9 @@ class RecursiveArmax(Readings):
         if keep not in ("all", "last"):
             raise ValueError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self.config.orders.n_inputs)
-        n = self.config.n_theta
+        if not entry.finite_or_nan(u, y):
+            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
+        n = self._n
         width = 2 * n + 5 + (n * n if covariance else 0)
         rows = np.empty((len(y) if keep == "all" else 1, width))
         done = entry.run(self._state, u, y, rows, 0)
@@ -224,12 +226,12 @@ class RecursiveArmax(Readings):
 
 def _block(rows: Floats, n: int, covariance: bool) -> EstimateBlock:
     return EstimateBlock(
-        theta=rows[:, :n].copy(),
-        theta_std=rows[:, n : 2 * n].copy(),
-        covariance=rows[:, 2 * n + 5 :].reshape(-1, n, n).copy() if covariance else None,
-        y_hat=rows[:, 2 * n].copy(),
-        innovation=rows[:, 2 * n + 1].copy(),
-        residual=rows[:, 2 * n + 2].copy(),
-        noise_std=rows[:, 2 * n + 3].copy(),
+        theta=rows[:, :n],
+        theta_std=rows[:, n : 2 * n],
+        covariance=rows[:, 2 * n + 5 :].reshape(-1, n, n) if covariance else None,
+        y_hat=rows[:, 2 * n],
+        innovation=rows[:, 2 * n + 1],
+        residual=rows[:, 2 * n + 2],
+        noise_std=rows[:, 2 * n + 3],
         status=rows[:, 2 * n + 4].astype(np.uint8),
     )

@@ -48,6 +48,8 @@ from yawid.estimation.state import (
 )
 from yawid.estimation.upkeep import noise_variance
 
+TAKEN, FIT_DUE, INFINITE = 0, 1, 2  # what step returns
+
 
 @jit
 def _scale(s, at):
@@ -144,13 +146,27 @@ def _sample(s, at):
 
 @jit
 def step(s, u, y):
-    """Take one sample of one input; True where a fit is due, and then a release."""
+    """Take one sample of one input, or nothing if it is infinite; return what came of it."""
+    if abs(u) == math.inf or abs(y) == math.inf:
+        return INFINITE
     s = bare(s)
     at = places(s)
     s[at[INPUTS]] = u
     s[Y] = y
     _sample(s, at)
-    return s[PHASE] == FITTING
+    return FIT_DUE if s[PHASE] == FITTING else TAKEN
+
+
+@jit
+def finite_or_nan(u, y):
+    """Tell whether nothing in u (samples, M) and y (samples,) is infinite."""
+    for k in range(len(y)):
+        if abs(y[k]) == math.inf:
+            return False
+        for j in range(u.shape[1]):
+            if abs(u[k, j]) == math.inf:
+                return False
+    return True
 
 
 @jit

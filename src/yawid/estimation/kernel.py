@@ -153,6 +153,8 @@ def stable(a):
 
     Jury's test, as a step-down of reflection coefficients.
     """
+    if len(a) == 2:
+        return abs(a[1]) < 1.0 and abs(a[0]) < 1.0 + a[1]
     for m in range(len(a) - 1, -1, -1):
         k = a[m]
         if not abs(k) < 1.0:

@@ -90,11 +90,12 @@ def _filter(s, at):
     first = int(s[N]) - nc - int(s[BIAS])
     contraction = 1.0 - (s[LAMBDA_END] - s[LAMBDA])
     for j in range(len(fresh)):
-        x, power, start = fresh[j], contraction, int(heads[j])
-        for i in range(nc):
-            x -= power * theta[first + i] * filtered[start + i]
-            power *= contraction
-        scratch[j] = x
+        if heads[j + 1] > heads[j]:
+            x, power, start = fresh[j], contraction, int(heads[j])
+            for i in range(nc):
+                x -= power * theta[first + i] * filtered[start + i]
+                power *= contraction
+            scratch[j] = x
     _shift(filtered, heads, scratch[: len(fresh)])
 
 

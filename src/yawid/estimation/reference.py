@@ -88,6 +88,8 @@ class ReferenceArmax(ReferenceReadings):
         if keep not in ("all", "last"):
             raise ValueError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self.config.orders.n_inputs)
+        if np.isinf(u).any() or np.isinf(y).any():
+            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
         made = []
         for row, value in zip(u, y, strict=True):
             self._sample(row, float(value))

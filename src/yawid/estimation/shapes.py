@@ -26,7 +26,7 @@ def checked_samples(u: ArrayLike, y: ArrayLike, n_inputs: int) -> tuple[Floats, 
     """Return u (samples, n_inputs) and y (samples,), contiguous.
 
     Raises:
-        ValueError: wrong shapes, or an infinite value.
+        ValueError: wrong shapes.
     """
     y = np.ascontiguousarray(y, dtype=np.float64)
     if y.ndim != 1:
@@ -36,6 +36,4 @@ def checked_samples(u: ArrayLike, y: ArrayLike, n_inputs: int) -> tuple[Floats, 
         u = u.reshape(-1, 1)
     if u.shape != (len(y), n_inputs):
         raise ValueError(f"u must have shape ({len(y)}, {n_inputs}), got {u.shape}")
-    if np.isinf(u).any() or np.isinf(y).any():
-        raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
     return u, y

@@ -44,12 +44,12 @@ def places(s):
     """Return where each part of the state begins, and where the last one ends (23 ints).
 
     On scaled signals: theta, D (N,), U (N(N-1)/2,) the columns above the diagonal, phi, psi, gain
-    (N,), raw and filtered registers (R,), scratch. Where LAGS > 0: covariance (N N,) of theta,
-    echo (N,) of past innovations in it, residuals (LAGS,), products (LAGS + 1,) of them. heads
-    (M + 4,): where the registers of y, inputs, residual and 1 begin, and the end; fresh (M + 3,)
-    what enters them next, taps (N,) where phi finds its entries. factors (M + 1,) scale y and u, units
-    (N,) take theta to the user's units, drift (N,) is added to P, least (N,) is that of P[k, k].
-    inputs (M,). samples: WINDOW rows of break flag, y, u.
+    (N,), raw and filtered registers (R,), scratch. Where LAGS > 0: covariance (N N,) of theta, echo
+    (N,) of past innovations in it, residuals (LAGS,), products (LAGS + 1,) of them. heads (M + 4,):
+    where the registers of y, inputs, residual and 1 begin, and the end; fresh (M + 3,) what enters
+    them next, taps (N,) where phi finds its entries. factors (M + 1,) scale y and u, units (N,)
+    take theta to the user's units, drift (N,) is added to P, least (N,) is that of P[k, k]. inputs
+    (M,). samples: WINDOW rows of break flag, y, u.
     """
     n, m, r, lags = int(s[N]), int(s[M]), int(s[R]), int(s[LAGS])
     theta = HEADER

@@ -1,4 +1,4 @@
-"""The session's tlog: what was heard, on disk within a fraction of a second."""
+"""The session's tlog: what was heard, written as it is read."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from yawid.errors import SinkError
 from yawid.live.guard import LOOK_S, check_present
 from yawid.sinks.base import Pace, open_part, os_errors_as_sink_error, sync
 
-FLUSH_S = 0.25
-
 
 class TlogRecorder:
     """Writes ``<path>.part`` and gives it the name ``path`` at the end; ``failure`` as in Guarded.
 
-    Flushed means handed to the system: kill -9 cannot take it back, a power cut can.
+    What the system has been handed kill -9 cannot take back; a power cut can.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -26,17 +24,17 @@ class TlogRecorder:
         self.failure: str | None = None
         self._path = path
         self._tell = tell
-        self._pace, self._look = Pace(FLUSH_S), Pace(LOOK_S)
+        self._look = Pace(LOOK_S)
         self._part, self._stream = open_part(path, force=force)
 
     def write(self, data: bytes) -> None:
-        """Add whole records."""
-        self._attempt(lambda: self._stream.write(data))
+        """Add whole records and hand them to the system, before anything is made of them."""
+        self._attempt(lambda: self._write(data))
 
-    def flush(self) -> None:
-        """Bring out what was written, a few times a second."""
-        if self._pace.due():
-            self._attempt(self._flush)
+    def look(self) -> None:
+        """See that the file is still there, every ``LOOK_S``."""
+        if self._look.due():
+            self._attempt(lambda: check_present(self._part))
 
     def finish(self) -> Path | None:
         """Close and rename; return the file, None where there is none to be had."""
@@ -48,10 +46,9 @@ class TlogRecorder:
         with contextlib.suppress(OSError):  # what it could not write has been told already
             self._stream.close()
 
-    def _flush(self) -> None:
+    def _write(self, data: bytes) -> None:
+        self._stream.write(data)
         self._stream.flush()
-        if self._look.due():
-            check_present(self._part)
 
     def _finish(self) -> None:
         sync(self._stream)

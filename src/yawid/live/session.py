@@ -104,7 +104,7 @@ class LiveSession:
     def tick(self) -> None:
         """Bring out what is complete; made to be called several times a second."""
         if self._tlog is not None:
-            self._tlog.flush()
+            self._tlog.look()
         for sink in self.pipeline.sinks:
             sink.flush()
         if self._state is not None:

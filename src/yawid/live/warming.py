@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ def warm_up(config: RunConfig) -> None:
     """Run made-up samples through estimators of this configuration and throw the result away."""
     rng = np.random.default_rng(0)
     inputs = len(config.inputs)
-    columns = {
+    columns: dict[str, Any] = {
         field.name: np.zeros(_SAMPLES, np.int64 if "Ints" in str(field.type) else np.float64)
         for field in fields(SampleBlock)
         if field.name not in ("sample_time_s", "u")

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.progress import TransferSpeedColumn as Speed
 from rich.table import Table
@@ -50,12 +51,13 @@ def _print_verdict(console: Console, verdict: Mapping[str, Any]) -> None:
     console.print(Text("verdict  ") + word)
     for reason in verdict["reasons"]:
         style = "red" if reason["weight"] == "fatal" else "yellow"
-        console.print(Text(f"  {reason['id']}: ", style) + Text(reason["text"]))
+        line = Text(f"{reason['id']}: ", style) + Text(reason["text"], "default")
+        console.print(Padding(line, (0, 0, 0, 2), expand=False))
 
 
 def _estimates_table(estimates: Mapping[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False)
-    table.add_column("")
+    table.add_column("± is one sigma")
     for method in estimates:
         table.add_column(method.upper(), justify="right")
     rows: dict[str, list[str]] = {}

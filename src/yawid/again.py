@@ -1,0 +1,190 @@
+"""A run estimated once more from the samples its file holds: other orders, another memory.
+
+What concerns the channels was decided when the samples were made and cannot be changed here; what
+concerns the estimators can, and gives what a replay of the log itself would give.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import SampleBlock
+from yawid.errors import ConfigError, NotIdentifiable, SinkError
+from yawid.offline.orders import candidates, compare_orders, recommended
+from yawid.outputs import Outputs, open_sinks
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
+from yawid.session import StopFlag
+from yawid.sinks.mcap_run import McapRun, open_run
+from yawid.sinks.terminal import progress
+from yawid.summary import bank_reasons, method_summary
+from yawid.verdict import Evidence, Reason, Verdict
+
+CHANGEABLE = (
+    "orders",
+    "method",
+    "also",
+    "engine",
+    "memory",
+    "forgetting",
+    "inputs",
+    "from_s",
+    "to_s",
+)
+JUDGED_AGAIN = frozenset(
+    {
+        "rate_too_low", "rate_low", "not_excited", "collinear_inputs", "not_converged", "diverged",
+        "turn_dominated", "els_rml_disagree", "coloured_residuals", "saturated", "airspeed_changed",
+        "wrong_sign", "closed_loop",
+    }
+)  # fmt: skip
+"""Reasons that samples and estimates give; all others come from the log and stay as they were."""
+
+
+def replay_run(
+    mcap: Path,
+    settings: Mapping[str, Any],
+    outputs: Outputs,
+    stop: StopFlag,
+    automatic: bool = False,
+) -> tuple[dict[str, Any], Verdict]:
+    """Estimate anew from a run's file; return the summary and the verdict.
+
+    ``settings`` overrule those of the run; ``automatic`` chooses the orders by the samples.
+
+    Raises:
+        SourceError: the file cannot be read, was not finished or is not a run's.
+        ConfigError: a setting asks for other samples than the file holds.
+        SinkError: an output cannot be written.
+    """
+    run = open_run(mcap)
+    if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
+        raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
+    config = changed(run, settings)
+    if automatic:
+        config = _with_orders(run, config)
+    pipeline = Pipeline(config)
+    pipeline.sinks = open_sinks(config, outputs)
+    try:
+        size = mcap.stat().st_size
+        with progress(sys.stderr, mcap.name, size) as advance:
+            for samples in _samples(run, config):
+                pipeline.estimate(samples)
+                advance(size * len(samples) / run.rows)
+                if stop.is_set:
+                    break
+        summary, verdict = _summary(run, pipeline)
+        _finish(run, pipeline, summary, outputs)
+    except BaseException:
+        for sink in pipeline.sinks:
+            sink.abort()
+        for suffix in (".mcap", ".rrd"):
+            outputs.path(suffix + ".part").unlink(missing_ok=True)
+        raise
+    return summary, verdict
+
+
+def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
+    """Return the configuration of a run with other settings.
+
+    Raises:
+        ConfigError: a setting asks for other samples than the run's file holds.
+    """
+    before = asdict(run.config)
+    for name, value in settings.items():
+        same = value == before[name]
+        if name == "rate" and run.grid is not None:
+            same = abs(value * run.grid.sample_time_s - 1.0) < 1e-9
+        if name not in CHANGEABLE and not same:
+            option = name.replace("_", "-")
+            raise ConfigError(
+                f"{run.path} holds samples made with --{option} {before[name]}: "
+                f"replay the log itself to have {value}"
+            )
+    if {"memory", "forgetting"} & settings.keys():
+        before |= {"memory": None, "forgetting": None}
+    config = RunConfig(**(before | dict(settings)))
+    if not set(config.inputs) <= set(run.config.inputs):
+        raise ConfigError(
+            f"{run.path} holds no {' and '.join(config.inputs)}: replay the log itself"
+        )
+    return config
+
+
+def _samples(run: McapRun, config: RunConfig) -> Iterator[SampleBlock]:
+    """Yield the samples that are wanted, a block for each epoch at least."""
+    low = -np.inf if config.from_s is None else 1e6 * config.from_s
+    high = np.inf if config.to_s is None else 1e6 * config.to_s
+    columns = [run.config.inputs.index(name) for name in config.inputs]
+    for block in run.samples():
+        samples = replace(block, u=np.ascontiguousarray(block.u[:, columns]))
+        rows = (samples.boot_us >= low) & (samples.boot_us <= high)
+        samples = samples if rows.all() else samples.select(rows)
+        changes = (np.flatnonzero(np.diff(samples.epoch)) + 1).tolist()
+        for first, last in pairwise([0, *changes, len(samples)]):
+            if last > first:
+                yield samples.select(slice(first, last))
+
+
+def _with_orders(run: McapRun, config: RunConfig) -> RunConfig:
+    blocks = list(_samples(run, config))
+    if not blocks:
+        raise NotIdentifiable(f"{run.path}: no sample has both rudder and yaw rate")
+    u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
+    extra = int(config.output == "yaw")
+    tried = candidates(len(config.inputs), extra_b=extra)
+    orders = recommended(compare_orders(u, y, blocks[0].sample_time_s, tried)).orders
+    return replace(config, orders=(orders.na, orders.nb[0] - extra, orders.nc, orders.nk[0]))
+
+
+def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]:
+    with run.path.open("rb") as stream:
+        sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    before = run.summary
+    origin = before.get("source", {name: before[name] for name in ("log", "sha256")})
+    kept = ("duration_s", "vehicle", "link", "channels")
+    summary: dict[str, Any] = {"log": str(run.path.absolute()), "sha256": sha256}
+    summary |= {"source": origin} | {name: before[name] for name in kept if name in before}
+    evidence: dict[str, Evidence] = {}
+    reasons = [Reason(r["id"], r["text"]) for r in before["verdict"]["reasons"]]
+    bank = pipeline.bank
+    if bank is not None:
+        summary["estimates"] = {}
+        for method in bank.methods:
+            summary["estimates"][method], evidence[method] = method_summary(bank, method)
+        reasons = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
+        channels, degrees = before["channels"], pipeline.config.rudder_max_deg
+        rates_hz = channels["yaw"]["rate_hz"], channels[pipeline.config.inputs[0]]["rate_hz"]
+        unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
+        reasons += bank_reasons(bank, evidence, rates_hz, unit)
+    elif run.grid is not None:
+        text = "no sample lies within --from and --to"
+        reasons = [*(r for r in reasons if r.id not in JUDGED_AGAIN), Reason("not_excited", text)]
+    verdict = Verdict.of(reasons)
+    summary["verdict"] = {
+        "usable": verdict.usable,
+        "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
+    }
+    return summary, verdict
+
+
+def _finish(run: McapRun, pipeline: Pipeline, summary: dict[str, Any], outputs: Outputs) -> None:
+    summary["files"] = outputs.files()
+    attachments = {
+        "configuration.toml": pipeline.config.to_toml().encode(),
+        "parameters.txt": run.attachments.get("parameters.txt", b""),
+        "summary.json": json.dumps(summary).encode(),
+    }
+    for sink in pipeline.sinks:
+        for line in run.log:
+            sink.log(line.unix_ns, line.level, line.text)
+        sink.finish(summary, attachments)

@@ -1,0 +1,192 @@
+"""The same log gives the same contents: on every run, under any cut, with any number of workers.
+
+Between machines the last bits may differ: NumPy, BLAS and the compiler choose their instructions by
+the processor (fused multiply-add, width of vectors), so that sums round otherwise. The recursion
+carries such differences on; the tolerances of yawid.golden are wide enough for them, as the last
+test here shows on instructions of another machine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from yawid.cli import main
+from yawid.outputs import Outputs, finish, open_mcap
+from yawid.pipeline import Pipeline
+from yawid.regress.case import Case
+from yawid.regress.check import regress
+from yawid.run_config import RunConfig
+from yawid.summary import summarise
+
+ROOT = Path(__file__).parents[1]
+CASES = ROOT / "replay_logs"
+GAPS = CASES / "c172p_gaps" / "log.tlog"
+NAMES = ("c172p_gaps", "c172p_reboot", "c172p_gcs_rates", "two_vehicles")
+
+
+def contents(path: Path) -> dict[str, Any]:
+    """Return all that an MCAP holds, but for the paths of this run in its summary."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        messages = [
+            (channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
+            for _, channel, m in reader.iter_messages(log_time_order=False)
+        ]
+        metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+        attachments = {record.name: record.data for record in reader.iter_attachments()}
+        schemas = [(s.name, s.encoding, s.data) for s in reader.get_summary().schemas.values()]
+    metadata["source"].pop("log")
+    summary = json.loads(attachments.pop("summary.json"))
+    for name in ("log", "files"):
+        summary.pop(name)
+    return {
+        "messages": messages,
+        "metadata": metadata,
+        "attachments": attachments,
+        "schemas": schemas,
+        "summary": summary,
+    }
+
+
+def run_yawid(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run yawid in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "yawid", *map(str, arguments)],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")} | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_two_runs_in_different_surroundings_give_the_same_contents(tmp_path: Path):
+    options = ["--rate", "10", "--json"]
+    assert main(["replay", str(GAPS), "--out", str(tmp_path / "a"), *options]) == 0
+    surroundings = {"PYTHONHASHSEED": "77", "TZ": "Pacific/Kiritimati", "LC_ALL": "C"}
+    shutil.copy(GAPS, tmp_path / "log.tlog")
+    other = run_yawid(
+        "replay", tmp_path / "log.tlog", "--out", tmp_path / "b", *options, **surroundings
+    )
+    assert other.returncode == 0, other.stderr
+
+    one, two = (contents(tmp_path / name / "log.mcap") for name in "ab")
+
+    assert len(one["messages"]) > 1000
+    for part, expected in one.items():
+        assert two[part] == expected, part
+
+
+def written(path: Path, data: bytes, edges: list[int]) -> dict[str, Any]:
+    """Run the pipeline on a log cut at ``edges`` and return what its MCAP holds."""
+    config = RunConfig(rate=10.0)
+    outputs = Outputs(path.parent, path.stem, force=True)
+    pipeline = Pipeline(config, [open_mcap(config, outputs)])
+    for low, high in zip([0, *edges], [*edges, len(data)], strict=True):
+        pipeline.feed(data[low:high])
+    pipeline.finish()
+    summary, _ = summarise(pipeline, "log.tlog", "")
+    finish(pipeline, summary, outputs.files())
+    return contents(path)
+
+
+def test_the_contents_do_not_depend_on_the_cut_of_the_stream(tmp_path: Path):
+    data = GAPS.read_bytes()
+    whole = written(tmp_path / "whole.mcap", data, [])
+    for size in (137, 4096, 50_000):
+        cut = written(tmp_path / "cut.mcap", data, list(range(size, len(data), size)))
+
+        assert cut == whole, size
+
+
+SHORT = GAPS.read_bytes()[:60_000]
+
+
+@settings(max_examples=15, deadline=None)
+@given(edges=st.lists(st.integers(1, len(SHORT) - 1), max_size=12, unique=True).map(sorted))
+def test_the_contents_do_not_depend_on_any_cut(tmp_path_factory, edges: list[int]):
+    folder = tmp_path_factory.mktemp("cut")
+
+    assert written(folder / "cut.mcap", SHORT, edges) == written(folder / "w.mcap", SHORT, [])
+
+
+def test_the_number_of_workers_changes_nothing(tmp_path: Path):
+    """Every case differs from its reference here, so that all actual rows are written."""
+    found = []
+    for workers in (1, 3):
+        folder = tmp_path / str(workers)
+        for name in NAMES:
+            shutil.copytree(CASES / name, folder / name)
+            (folder / name / "expected.csv").write_text("k,t\n0,0\n")
+            (folder / name / "expected.json").write_text("{}")
+        outcomes = list(regress(folder, [], workers=workers))
+        rows = [Path(o.files["actual"]).read_bytes() for o in outcomes]
+        found.append(([(o.name, o.wrong) for o in outcomes], rows))
+
+    assert found[0] == found[1]
+    assert [name for name, _ in found[0][0]] == sorted(NAMES)
+    assert len(found[0][1]) == len(NAMES)
+
+
+def other_instructions(scratch: Path) -> dict[str, str]:
+    """Return an environment in which NumPy, BLAS and numba use only the oldest instructions."""
+    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+
+    dispatched = [name for name in __cpu_dispatch__ if __cpu_features__.get(name)]
+    return {
+        "NPY_DISABLE_CPU_FEATURES": " ".join(dispatched),
+        "OPENBLAS_CORETYPE": "Prescott",
+        "OPENBLAS_NUM_THREADS": "1",
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "",
+        "NUMBA_CACHE_DIR": str(scratch),
+    }
+
+
+@pytest.mark.slow
+def test_references_of_this_machine_hold_on_instructions_of_another(tmp_path: Path):
+    folder = tmp_path / "cases"
+    for path in CASES.glob("*/case.toml"):
+        shutil.copytree(path.parent, folder / path.parent.name)
+        lowered = path.read_text().replace("floor = ", "floor = 0 # ", 1)
+        (folder / path.parent.name / "case.toml").write_text(lowered)
+    assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
+
+    other = run_yawid(
+        "regress", "--json", "--folder", folder, **other_instructions(tmp_path / "cache")
+    )
+
+    told = json.loads(other.stdout)
+    assert {c["name"]: c["wrong"] for c in told["cases"] if not c["ok"]} == {}
+
+
+@pytest.mark.slow
+def test_without_compilation_the_numbers_are_the_same_to_rounding(tmp_path: Path):
+    """NUMBA_DISABLE_JIT=1: the same functions as plain Python, for those who cannot compile."""
+    folder = tmp_path / "cases"
+    shutil.copytree(CASES / "c172p_gcs_rates", folder / "c172p_gcs_rates")
+    assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
+
+    other = run_yawid("regress", "--json", "--folder", folder, NUMBA_DISABLE_JIT="1")
+
+    assert json.loads(other.stdout)["exit_code"] == 0, other.stdout
+
+
+def test_a_replay_of_the_same_case_twice_in_one_process_is_the_same_to_the_bit():
+    for name in NAMES:
+        case = Case.read(CASES / name)
+        one, two = case.replay(), case.replay()
+
+        np.testing.assert_array_equal(np.array(one.rows), np.array(two.rows))
+        assert one.summary == two.summary

@@ -1,0 +1,113 @@
+"""Speed side by side in one run: ns per update and how many times faster than a plain NumPy loop.
+
+Every figure is the best of many short measurements taken in turns: on a shared machine the best is what the
+code costs, the mean what the neighbours do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+from bench_peers import FORGETTING, PEERS, installed
+from bench_plants import PLANTS, Floats
+
+from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
+
+SAMPLES = 4_000
+CHUNK = 50
+FIRST = (
+    "import time; t = time.perf_counter()\n"
+    "from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax\n"
+    "orders = ArmaxOrders(2, 2, 2, 1)\n"
+    "armax = RecursiveArmax(EstimatorConfig(orders=orders, sample_time_s=0.05, scale_window=0))\n"
+    "armax.run([0.1] * 20, [0.1] * 20)\n"
+    "print(time.perf_counter() - t)"
+)
+
+
+def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
+    """Return what to run of ours, and how many updates that is."""
+    runs: dict[str, tuple[Callable[[], object], int]] = {}
+    u2, ul, yl = u.reshape(-1, 1), u.tolist(), y.tolist()
+    for method in ("els", "rml"):
+        for name, forgetting, lags in (
+            ("no floor", 1.0, 0),
+            ("floor", FORGETTING, 0),
+            ("floor and diagnostics", FORGETTING, 20),
+        ):
+            armax = RecursiveArmax(_config(method, order, forgetting, lags))
+            armax.run(u, y)
+            runs[f"{method} bulk, {name}"] = (
+                lambda armax=armax: armax.run(u2, y, keep="last"),
+                SAMPLES,
+            )
+        armax = RecursiveArmax(_config(method, order, FORGETTING, 0))
+        armax.run(u, y)
+        runs[f"{method} chunks of {CHUNK}, floor"] = (lambda armax=armax: _chunks(armax, u2, y), 1_000)
+        runs[f"{method} update, floor"] = (lambda armax=armax: _updates(armax, ul, yl), 500)
+    return runs
+
+
+def _config(method: str, order: int, forgetting: float, lags: int) -> EstimatorConfig:
+    return EstimatorConfig(
+        orders=ArmaxOrders(order, order, order, 1), sample_time_s=0.05, method=method, bias=False,
+        forgetting_factor=forgetting, residual_lags=lags,
+    )  # fmt: skip
+
+
+def _chunks(armax: RecursiveArmax, u: Floats, y: Floats) -> None:
+    for k in range(0, 1_000, CHUNK):
+        armax.run(u[k : k + CHUNK], y[k : k + CHUNK], keep="last")
+
+
+def _updates(armax: RecursiveArmax, u: list[float], y: list[float]) -> None:
+    for k in range(500):
+        armax.update(u[k], y[k])
+
+
+def measure(
+    runs: dict[str, tuple[Callable[[], object], int]], rounds: int
+) -> dict[str, float]:
+    """Return the best ns per update of each, taken in turns."""
+    best = dict.fromkeys(runs, np.inf)
+    for _ in range(rounds):
+        for name, (call, updates) in runs.items():
+            start = time.perf_counter()
+            call()
+            best[name] = min(best[name], (time.perf_counter() - start) / updates * 1e9)
+    return best
+
+
+def first_result() -> float:
+    """Return the seconds from import to the first estimate in a new process, cache warm."""
+    taken = [
+        float(subprocess.run([sys.executable, "-c", FIRST], capture_output=True, check=True).stdout)
+        for _ in range(4)
+    ]
+    return min(taken)
+
+
+def main(arguments: list[str]) -> None:
+    """Print a table for 6 and one for 9 parameters."""
+    parser = argparse.ArgumentParser(prog="bench.py estimator", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=60)
+    rounds = parser.parse_args(arguments).rounds
+    u, y = PLANTS[0].simulate(SAMPLES, 0)
+    for order in (2, 3):
+        runs = ours(u, y, order)
+        for name, (module, call, samples) in PEERS.items():
+            if installed(module):
+                runs[name] = (lambda call=call, n=samples: call(u, y, order, n), samples)
+        best = measure(runs, rounds)
+        numpy_ns, filterpy_ns = best["plain NumPy loop"], best["filterpy KalmanFilter"]
+        print(f"{3 * order} parameters{'':27s} ns/update  x NumPy  x filterpy")
+        for name, ns in sorted(best.items(), key=lambda item: item[1]):
+            print(f"{name:40s} {ns:9.0f} {numpy_ns / ns:8.1f} {filterpy_ns / ns:11.1f}", flush=True)
+    missing = [name for name, (module, *_) in PEERS.items() if not installed(module)]
+    print(f"not installed: {', '.join(missing) or 'none'}")
+    print(f"first result after import, warm cache: {first_result():.2f} s")

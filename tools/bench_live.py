@@ -1,0 +1,217 @@
+"""The live tap: loss, CPU per message against pymavlink, latency, kill -9, a soak at 50x speed.
+
+Each part runs for itself: --only loss stall cpu latency kill soak. The sender is another process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from live_kill import kill_once
+from send_tlog import stamped_frames
+
+from yawid.channels.stage import WANTED
+from yawid.sources.endpoints import Endpoint
+from yawid.sources.frames import Decoder
+from yawid.sources.udp import UdpTap
+
+TOOLS = Path(__file__).parent
+LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
+PARTS = ("loss", "stall", "cpu", "latency", "kill", "soak")
+QUIET_S = 0.5
+STALL_HZ, STALL_S = 1872.0, 5.0
+
+
+def sender(port: int, log: Path, *options: object) -> subprocess.Popen[str]:
+    """Start the sender."""
+    command = [TOOLS / "send_tlog.py", log, f"127.0.0.1:{port}", *options]
+    return subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
+
+
+def hear(
+    log: Path, rate: float, count: int, before: Callable[[UdpTap], None] = lambda tap: None
+) -> dict[str, Any]:
+    """Tap and decode a flood; return what was sent, heard and dropped, and the CPU it took."""
+    with UdpTap(Endpoint("127.0.0.1", 0)) as tap:
+        decoder, cpu_s = Decoder(WANTED), time.process_time()
+        with sender(tap.address[1], log, "--rate", rate, "--count", count) as process:
+            before(tap)
+            while process.poll() is None or tap.stamps.now() - tap.last_us < 1e6 * QUIET_S:
+                if data := tap.read(0.2):
+                    decoder.feed(data)
+            assert process.stdout is not None
+            sent: dict[str, Any] = json.loads(process.stdout.read())
+        cpu_s = time.process_time() - cpu_s
+        decoder.finish()
+        return sent | {
+            "heard": tap.datagrams, "frames": decoder.link.frames, "queue": tap.dropped,
+            "socket": tap.socket_dropped, "buffer": tap.receive_buffer,
+            "cpu_us": 1e6 * cpu_s / max(tap.datagrams, 1),
+        }  # fmt: skip
+
+
+def bench_loss(options: argparse.Namespace) -> None:
+    """20 000 a second for a minute, then 80 000."""
+    for rate, seconds in ((20_000, options.seconds), (80_000, options.seconds / 3)):
+        got = hear(options.log, rate, int(rate * seconds))
+        lost = got["sent"] - got["heard"]
+        achieved = got["sent"] / got["seconds"]
+        print(
+            f"loss   {rate:6d} msg/s asked, {achieved:.0f} sent/s for {got['seconds']:.1f} s: "
+            f"sent {got['sent']}, heard {got['heard']}, lost {lost}, counted by the system "
+            f"{got['socket']}, by the queue {got['queue']}; receive buffer {got['buffer']} bytes",
+            flush=True,
+        )
+
+
+def bench_stall(options: argparse.Namespace) -> None:
+    """Nobody reads for five seconds."""
+
+    def stall(tap: UdpTap) -> None:
+        while not tap.datagrams:
+            time.sleep(0.01)
+        time.sleep(STALL_S)
+
+    got = hear(options.log, STALL_HZ, int(10 * STALL_HZ), stall)
+    lost = got["sent"] - got["frames"]
+    print(
+        f"stall  {STALL_S:g} s at {STALL_HZ:g} msg/s: sent {got['sent']}, lost {lost}", flush=True
+    )
+
+
+def bench_cpu(options: argparse.Namespace) -> None:
+    """Our tap and decoder, then pymavlink's loop on the same flood; each in this very process."""
+    for rate in (STALL_HZ, 20_000.0):
+        count = int(10 * rate)
+        ours = hear(options.log, rate, count)["cpu_us"]
+        theirs = pymavlink_loop(options.log, rate, count)
+        print(
+            f"cpu    {rate:6g} msg/s: tap and decoder {ours:.1f} us/msg, pymavlink udpin "
+            f"{theirs:.1f} us/msg, ratio {ours / theirs:.2f}",
+            flush=True,
+        )
+
+
+def pymavlink_loop(log: Path, rate: float, count: int) -> float:
+    """Return the CPU in us that pymavlink's udpin takes for each message."""
+    from pymavlink import mavutil
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
+    link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+    heard, cpu_s = 0, time.process_time()
+    with sender(port, log, "--rate", rate, "--count", count) as process:
+        while True:
+            if link.recv_match(blocking=True, timeout=QUIET_S) is not None:
+                heard += 1
+            elif process.poll() is not None:
+                break
+    cpu_s = time.process_time() - cpu_s
+    link.close()
+    return 1e6 * cpu_s / max(heard, 1)
+
+
+def session(folder: Path, *options: object) -> tuple[subprocess.Popen[str], int]:
+    """Start ``yawid live`` on a free port; return it once it listens."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    command = [
+        "-m",
+        "yawid",
+        "live",
+        f"udpin:127.0.0.1:{port}",
+        "--out",
+        folder,
+        "--json",
+        *options,
+    ]
+    process = subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    assert "listening" in process.stderr.readline()
+    return process, port
+
+
+def bench_latency(options: argparse.Namespace) -> None:
+    """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
+    from yawid.outputs import Outputs
+    from yawid.run_config import RunConfig
+    from yawid.session import StopFlag, replay
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        process, port = session(folder)
+        with sender(port, options.log, "--speed", options.speed) as vehicle:
+            vehicle.wait()
+        process.terminate()
+        out, _ = process.communicate()
+        summary = json.loads(out)
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
+        log = Path(summary["files"]["tlog"])
+        again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
+    same = again["estimates"] == summary["estimates"]
+    frames = summary["link"]["frames"]
+    print(
+        f"latency {options.speed:g}x {summary['duration_s']:.0f} s, {frames} frames: "
+        f"{summary['live']['latency_ms']} ms; CPU {1e6 * cpu_s / frames:.0f} us/msg with start, "
+        f"estimates and the sender; lost {summary['link']['lost']}, dropped "
+        f"{summary['live']['dropped']}; bit-identical to its replay: {same}",
+        flush=True,
+    )
+
+
+def bench_kill(options: argparse.Namespace) -> None:
+    """kill -9 at random moments."""
+    frames = list(stamped_frames(options.log.read_bytes()))
+    rng = np.random.default_rng(0)
+    losses = []
+    for moment_s in rng.uniform(7.0, 15.0, options.kills):
+        with tempfile.TemporaryDirectory() as folder:
+            losses.append(kill_once(frames, float(moment_s), Path(folder)))
+    print(
+        f"kill   {len(losses)} times: at most {max(x.tlog_s for x in losses):.2f} s of the tlog "
+        f"and {max(x.mcap_s for x in losses):.2f} s of the MCAP missing; recovered rows same as a "
+        f"replay's: {all(x.is_same for x in losses)}; rows {min(x.rows for x in losses)} or more",
+        flush=True,
+    )
+
+
+def bench_soak(options: argparse.Namespace) -> None:
+    """Fly at 50 times the speed, with silences, reboots and gaps; watch the memory."""
+    from live_soak import soak
+
+    with tempfile.TemporaryDirectory() as name:
+        process, port = session(Path(name))
+        soak(process, port, options.soak, print)
+
+
+def main(arguments: list[str]) -> None:
+    """Run the parts asked for."""
+    parser = argparse.ArgumentParser(prog="bench.py live", description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS[:-1])
+    parser.add_argument("--log", type=Path, default=LOG)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the loss at 20 000 msg/s")
+    parser.add_argument("--speed", type=float, default=1.0, help="of the latency")
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--soak", type=float, default=300.0, help="seconds of the soak")
+    options = parser.parse_args(arguments)
+    for part in options.only:
+        globals()[f"bench_{part}"](options)
