@@ -50,7 +50,7 @@ def test_a_minute_of_hostile_logs_and_command_lines_ends_in_no_traceback(
     fuzz.run(flight, arguments, folder)
 
 
-@settings(FEW, max_examples=100)
+@settings(FEW, max_examples=60)
 @given(data=st.binary(max_size=4000) | flights().map(FuzzFlight.tlog), size=st.integers(300, 5000))
 def test_any_bytes_are_decoded_and_every_byte_is_counted(data: bytes, size: int) -> None:
     decoder, channels = Decoder(WANTED), Channels(RunConfig())
@@ -78,7 +78,7 @@ def test_many_runs_hold_no_more_memory_than_a_few(folder: Path) -> None:
     for _ in range(10):
         fuzz.run(flight, arguments, folder)
     before = fuzz.resident_mb()
-    for _ in range(40):
+    for _ in range(30):
         fuzz.run(flight, arguments, folder)
     assert fuzz.resident_mb() - before < 10.0
 

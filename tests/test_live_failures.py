@@ -7,7 +7,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from sinks.rerun_reading import VIEWER
 from sinks.test_rerun_viewer import viewer
 
 from yawid.live import Console
@@ -107,3 +109,30 @@ def test_the_stream_the_session_talks_to_may_be_gone(tmp_path: Path):
     console.show("12 msg/s")
     with contextlib.suppress(BrokenPipeError):
         gone.stdin.close()
+
+
+def test_a_viewer_that_comes_back_is_shown_what_follows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("yawid.live.viewer.AGAIN_S", 0.1)
+    with (
+        viewer("--serve-grpc") as (address, process),
+        listening(tmp_path, outputs=Outputs(tmp_path, "live", address)) as session,
+    ):
+        send(frames(10.0), session.port)
+        session.screen.wait_for("tracking")
+        process.kill()
+        process.wait()
+        session.screen.wait_for("no Rerun viewer")
+        send(frames(5.0, first_s=110.0), session.port)
+        port = address.rpartition(":")[2].partition("/")[0]
+        with subprocess.Popen(
+            [VIEWER, "--serve-grpc", "--bind", "127.0.0.1", "--port", port],
+            stderr=subprocess.DEVNULL,
+        ) as again:
+            session.screen.wait_for("the Rerun viewer is back")
+            send(frames(5.0, first_s=115.0), session.port)
+            again.terminate()
+    [ended] = session.ended
+    els = ended.summary["estimates"]["els"]
+    assert 0 < ended.summary["live"]["viewer_skipped"] < els["held"] + els["updates"]

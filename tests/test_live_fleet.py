@@ -50,6 +50,14 @@ def test_one_of_several_vehicles_can_be_chosen(tmp_path: Path):
     assert session.ended[0].summary["vehicle"]["sysid"] == 2
 
 
+def test_a_second_vehicle_that_is_not_estimated_is_said_one_time(tmp_path: Path):
+    with listening(tmp_path) as session:
+        send(mixed(frames(10.0, sysid=1), frames(10.0, sysid=2)), session.port)
+        session.screen.wait_for("tracking")
+
+    assert session.screen.getvalue().count("system 2 is heard too, estimated is 1") == 1
+
+
 def test_a_link_without_any_vehicle_is_one_summary_that_says_so(tmp_path: Path):
     with listening(tmp_path, every_vehicle=True) as session:
         pass

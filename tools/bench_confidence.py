@@ -1,4 +1,4 @@
-"""Tracking and confidence of rml on S1-S4: error against theory and coverage of the 95 % intervals."""
+"""Tracking and confidence of rml on S1-S4: error against theory, coverage of 95 % intervals."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="bench.py confidence", description=__doc__)
     parser.add_argument("--runs", type=int, default=40)
     runs = parser.parse_args(arguments).runs
-    print(f"{runs} runs of {SAMPLES} samples, every {EVERY}: mean d' I d / theory; coverage of 95 %")
+    print(f"{runs} runs of {SAMPLES} samples, every {EVERY}: MSE over theory; coverage of 95 %")
     for factor in FACTORS:
         for plant in PLANTS:
             line = f"lambda {factor} {plant.name}"

@@ -1,4 +1,4 @@
-"""Monte-Carlo efficiency against the Cramer-Rao bound on S1-S4: q = d' CRB^-1 d / n, 1 is the bound."""
+"""Monte-Carlo efficiency on S1-S4: q = d' CRB^-1 d / n, 1 is the Cramer-Rao bound."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Speed side by side in one run: ns per update and how many times faster than a plain NumPy loop.
 
-Every figure is the best of many short measurements taken in turns: on a shared machine the best is what the
-code costs, the mean what the neighbours do.
+Every figure is the best of many short measurements taken in turns: on a shared machine the best is
+what the code costs, the mean what the neighbours do.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], objec
             )
         armax = RecursiveArmax(_config(method, order, FORGETTING, 0))
         armax.run(u, y)
-        runs[f"{method} chunks of {CHUNK}, floor"] = (lambda armax=armax: _chunks(armax, u2, y), 1_000)
+        runs[f"{method} chunks of {CHUNK}, floor"] = (
+            lambda armax=armax: _chunks(armax, u2, y),
+            1_000,
+        )
         runs[f"{method} update, floor"] = (lambda armax=armax: _updates(armax, ul, yl), 500)
     return runs
 
@@ -70,9 +73,7 @@ def _updates(armax: RecursiveArmax, u: list[float], y: list[float]) -> None:
         armax.update(u[k], y[k])
 
 
-def measure(
-    runs: dict[str, tuple[Callable[[], object], int]], rounds: int
-) -> dict[str, float]:
+def measure(runs: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
     """Return the best ns per update of each, taken in turns."""
     best = dict.fromkeys(runs, np.inf)
     for _ in range(rounds):
@@ -102,7 +103,7 @@ def main(arguments: list[str]) -> None:
         runs = ours(u, y, order)
         for name, (module, call, samples) in PEERS.items():
             if installed(module):
-                runs[name] = (lambda call=call, n=samples: call(u, y, order, n), samples)
+                runs[name] = (lambda call=call, m=order, n=samples: call(u, y, m, n), samples)
         best = measure(runs, rounds)
         numpy_ns, filterpy_ns = best["plain NumPy loop"], best["filterpy KalmanFilter"]
         print(f"{3 * order} parameters{'':27s} ns/update  x NumPy  x filterpy")

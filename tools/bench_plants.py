@@ -63,7 +63,7 @@ class Plant:
 
 
 def _dutch_roll() -> Plant:
-    """K = 1, T_theta = 0.8 s, wn = 2.5 rad/s, zeta = 0.2 at 50 Hz, zero-order hold (eq. 23 for r)."""
+    """Eq. 23 for r: K = 1, T = 0.8 s, wn = 2.5 rad/s, zeta = 0.2, held at 50 Hz."""
     from scipy.signal import cont2discrete
 
     wn, zeta, t = 2.5, 0.2, 0.8

@@ -1,4 +1,4 @@
-"""Wind-up: S1, lambda = .98, cycles of 2 000 excited and 48 000 poor samples, four kinds of poverty."""
+"""Wind-up: S1, lambda = .98, cycles of 2 000 excited and 48 000 poor samples of four kinds."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def cycle(pattern: str, gain: float, rng: np.random.Generator) -> tuple[Floats, 
 
 
 def endure(pattern: str, method: str, updates: int, **options: float) -> dict[str, float]:
-    """Run the pattern; return the worst miss, mean gain error SETTLED samples after excitation returns, largest P."""
+    """Run the pattern; return the worst miss, the mean gain error on return and the range of P."""
     plant = PLANTS[0]
     config = EstimatorConfig(
         orders=plant.orders, sample_time_s=0.02, method=method, bias=False,
@@ -55,8 +55,9 @@ def endure(pattern: str, method: str, updates: int, **options: float) -> dict[st
         P = estimator.P
         largest, least = max(largest, float(np.max(P))), min(least, float(np.linalg.eigvalsh(P)[0]))
     return {
-        "worst": worst, "gain_error": max(abs(float(np.mean(gains[i::2]))) for i in range(2)), "P_max": largest,
-        "P_least": least, "restarts": estimator.restarts,
+        "worst": worst,
+        "gain_error": max(abs(float(np.mean(gains[i::2]))) for i in range(2)),
+        "P_max": largest, "P_least": least, "restarts": estimator.restarts,
     }  # fmt: skip
 
 

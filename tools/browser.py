@@ -139,12 +139,16 @@ class Browser:
 
     def screenshot(self, path: Path, *, whole: bool = False) -> None:
         """Save what the window shows, or the whole page, as a PNG."""
-        taken = self.call("Page.captureScreenshot", captureBeyondViewport=whole, **_clip(self, whole))
+        taken = self.call(
+            "Page.captureScreenshot", captureBeyondViewport=whole, **_clip(self, whole)
+        )
         path.write_bytes(base64.b64decode(taken["data"]))
 
     def pdf(self, path: Path) -> int:
         """Print the page to A4; return the number of sheets."""
-        printed = self.call("Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69)
+        printed = self.call(
+            "Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69
+        )
         data = base64.b64decode(printed["data"])
         path.write_bytes(data)
         return data.count(b"/Type /Page\n") or data.count(b"/Type /Page")

@@ -1,4 +1,4 @@
-"""yawid: how does this aircraft's yaw answer its rudder, right now?"""
+"""Yawid identifies how an aircraft's yaw answers its rudder, sample by sample."""
 
 from __future__ import annotations
 

@@ -88,13 +88,14 @@ class EstimatorConfig:
 
     ``forgetting_factor`` is lambda after start-up; ``forgetting_start`` and ``forgetting_rate``
     give the schedule ``lambda(t) = rate * lambda(t-1) + (1 - rate) * lambda_inf``. ``P0`` is the
-    starting variance of each parameter on scaled signals. ``information_floor`` None means 0.1
-    where lambda < 1 and else 0. ``scale_window`` counts the samples that set the scale (0: none),
-    ``start_buffer`` those given to one Gauss-Newton fit (0: none); both wait until each channel's
-    standard deviation over them exceeds ``scale_minimum``, in the channel's unit. ``drift`` (Kalman
-    mode, with a forgetting factor of 1) is the variance each parameter gains per second, in the
-    units of P0: a float, or one for each parameter. ``residual_lags`` counts the lags of the
-    residual's autocorrelation that whiteness and sigma use; 0 leaves both out.
+    starting variance of each parameter on scaled signals. ``information_floor`` bounds what
+    forgetting may take: P[i, i] stays below 1 + 0.03 / floor times its usual least (0: no bound;
+    None: 0.1 where lambda < 1, else 0). ``scale_window`` counts the samples that set the scale (0:
+    none), ``start_buffer`` those given to one Gauss-Newton fit (0: none); both wait until each
+    channel's standard deviation over them exceeds ``scale_minimum``, in the channel's unit.
+    ``drift`` (Kalman mode, with a forgetting factor of 1) is the variance each parameter gains per
+    second, in the units of P0: a float, or one for each parameter. ``residual_lags`` counts the
+    lags of the residual's autocorrelation that whiteness and sigma use; 0 leaves both out.
 
     Raises:
         ConfigError: a value outside its limits.
@@ -149,7 +150,7 @@ class EstimatorConfig:
             raise ConfigError(f"drift must be >= 0 and finite, got {self.drift!r}")
         if any(drift) and self.forgetting_factor < 1.0:
             raise ConfigError(
-                f"drift needs a forgetting_factor of 1, got {self.forgetting_factor!r}: one adaptation"
+                f"drift needs a forgetting_factor of 1, got {self.forgetting_factor!r}"
             )
         object.__setattr__(self, "drift", drift if any(drift) else 0.0)
 

@@ -31,9 +31,7 @@ def simulate(plant: Plant, n: int, seed: int, noise: float = 1.0) -> tuple[Float
 
 
 def config(orders: ArmaxOrders | None = None, **options: Any) -> EstimatorConfig:
-    return EstimatorConfig(
-        orders=orders or ArmaxOrders(2, 2, 2, 1), sample_time_s=0.05, **options
-    )
+    return EstimatorConfig(orders=orders or ArmaxOrders(2, 2, 2, 1), sample_time_s=0.05, **options)
 
 
 def assert_same_bits(one: Any, other: Any) -> None:

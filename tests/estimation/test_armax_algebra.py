@@ -76,7 +76,9 @@ def test_theta_is_weighted_least_squares_over_the_regressors_seen(
     residual = np.array([armax.update(u[k], y[k]).residual for k in range(n)])
     if window:  # inside the window residuals stay unseen: take them from a second estimator
         factors = 2.0 ** -np.floor(np.log2(np.column_stack([y, u])[:window].std(axis=0)) + 0.5)
-        plain = RecursiveArmax(config(orders, bias=bias, forgetting_factor=forgetting, scale_window=0))
+        plain = RecursiveArmax(
+            config(orders, bias=bias, forgetting_factor=forgetting, scale_window=0)
+        )
         scaled_y, scaled_u = y * factors[0], u * factors[1:]
     else:
         factors, plain = np.ones(1 + inputs), armax

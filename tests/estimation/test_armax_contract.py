@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -41,11 +42,7 @@ def test_block_cuts_never_change_a_bit(options, seed, cuts):
     whole = RecursiveArmax(config(**options))
     pieces = RecursiveArmax(config(**options))
     edges = [0, *sorted(cuts), 500]
-    parts = [
-        pieces.run(u[a:b], y[a:b], covariance=True)
-        for a, b in zip(edges, edges[1:], strict=False)
-        if b > a
-    ]
+    parts = [pieces.run(u[a:b], y[a:b], covariance=True) for a, b in pairwise(edges) if b > a]
     assert_same_bits(joined(parts), whole.run(u, y, covariance=True))
     assert pieces.to_bytes() == whole.to_bytes()
 

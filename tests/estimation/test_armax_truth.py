@@ -17,7 +17,9 @@ def information(plant):
     u, e = np.random.default_rng(99).standard_normal((2, n))
     y = lfilter((0.0, *b), poles, u) + lfilter((1.0, *c), poles, e)
     filtered = [lfilter([1.0], (1.0, *c), x) for x in (-y, u, e)]
-    psi = [np.roll(x, i + 1) for x, k in zip(filtered, (a, b, c), strict=True) for i in range(len(k))]
+    psi = [
+        np.roll(x, i + 1) for x, k in zip(filtered, (a, b, c), strict=True) for i in range(len(k))
+    ]
     psi = np.array(psi)[:, 100:]
     return psi @ psi.T / psi.shape[1]
 

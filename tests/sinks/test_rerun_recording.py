@@ -114,18 +114,18 @@ def test_poles_are_drawn_where_the_roots_of_a_lie_with_the_imaginary_axis_up(
     theta[:, :2] = -2.0 * z.real, abs(z) ** 2
     estimates = estimates | {"els": replace(els, theta=theta)}
     columns = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))["/z_plane/poles"]
-    at_a_second = samples.k % round(1.0 / SAMPLE_TIME_S) == 0
+    every_other = samples.k % round(2.0 / SAMPLE_TIME_S) == 0
     live = els.status != Status.WARMING_UP
-    assert len(columns["LineStrips2D:strips"]) == (at_a_second & live).sum() > 2
+    assert len(columns["LineStrips2D:strips"]) == (every_other & live).sum() > 1
     for strips in columns["LineStrips2D:strips"]:
-        centres = {tuple(np.round(np.mean(strip, axis=0), 5)) for strip in strips}
+        centres = {tuple(np.round(np.array(strip)[2], 5)) for strip in strips}
         assert centres == {(0.8, -0.3), (0.8, 0.3)}
 
 
 def test_the_autocorrelation_of_the_last_minute_is_that_of_the_residuals(tmp_path: Path) -> None:
     samples, estimates, modes = make_blocks(n=1500)
     columns = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
-    last = int(np.flatnonzero(samples.k % round(5.0 / SAMPLE_TIME_S) == 0)[-1])
+    last = int(np.flatnonzero(samples.k % round(10.0 / SAMPLE_TIME_S) == 0)[-1])
     x = estimates["els"].residual[last + 1 - 1200 : last + 1]
     x = x - x.mean()
     wanted = [np.sum(x[lag:] * x[:-lag]) / np.sum(x * x) for lag in range(1, 21)]

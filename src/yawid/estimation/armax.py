@@ -20,6 +20,7 @@ from yawid.estimation.saving import pack, unpack
 from yawid.estimation.shapes import checked_samples, checked_u
 from yawid.estimation.start import factorise, fit_start
 from yawid.estimation.uncertainty import ljung_box
+from yawid.estimation.upkeep import noise_variance
 
 __all__ = ["Estimate", "RecursiveArmax", "parameter_names"]
 
@@ -197,7 +198,7 @@ class RecursiveArmax(Readings):
     @property
     def noise_std(self) -> float:
         """Standard deviation of the noise e, in y's unit."""
-        return math.sqrt(entry.noise_variance(self._state)) / self._scale
+        return math.sqrt(noise_variance(self._state)) / self._scale
 
     @property
     def innovation_std(self) -> float:

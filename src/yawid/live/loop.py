@@ -151,8 +151,8 @@ class _Loop:
 
     def finish(self) -> list[Ended]:
         """Take what is still queued, then finish every session; the tap is closed."""
-        while self._feed(0.0):
-            pass
+        while self._tap.waiting:
+            self._feed(0.0)
         for line in self._tap.news:
             self._tell(line)
         if self._tap.dropped or self._tap.socket_dropped:
@@ -172,20 +172,19 @@ class _Loop:
             ended = [e._replace(exit_code=INPUT_OR_OUTPUT_FAILED) for e in ended]
         return ended
 
-    def _feed(self, timeout_s: float) -> bool:
-        """Read and hand on; return whether there was anything."""
+    def _feed(self, timeout_s: float) -> None:
+        """Read and hand on what there is."""
         try:
             data = self._tap.read(timeout_s)
         except SourceError as error:
             if not self._has_failed:
                 self._has_failed = True
                 self._tell(str(error))
-            return False
+            return
         if data:
             self._sessions.feed(data)
             if self._rates is not None:
                 self._rates.feed(data, self._vehicle())
-        return bool(data)
 
     def _watch(self) -> None:
         """Say what is new: senders, silence, a clock that was set, rates."""

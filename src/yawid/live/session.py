@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from yawid.blocks import Status
+from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import SinkError
 from yawid.estimation.bank import Bank
 from yawid.live.guard import Guarded
@@ -73,6 +74,8 @@ class LiveSession:
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
         self._opened = False
+        self._heard = 0
+        self._others: set[int] = set()
         self._rate_from = time.monotonic(), 0
 
     @property
@@ -109,6 +112,8 @@ class LiveSession:
             sink.flush()
         if self._state is not None:
             self._state.tick(self.pipeline)
+        if self._setting.config.sysid is None:
+            self._look_for_others()
 
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
@@ -166,6 +171,20 @@ class LiveSession:
                 self._tlog = TlogRecorder(outputs.path(".tlog"), self.tell, force=outputs.force)
             except SinkError as error:
                 self._give_up(error)
+
+    def _look_for_others(self) -> None:
+        """Say of every further vehicle, one time, that it is not estimated."""
+        lock = self.pipeline.channels.lock
+        if lock.vehicle is None or len(lock.heard) == self._heard:
+            return
+        self._heard = len(lock.heard)
+        flying = {sysid for (sysid, _), kind in lock.heard.items() if kind not in NOT_A_VEHICLE}
+        for sysid in sorted(flying - self._others - {lock.vehicle.sysid}):
+            self._others.add(sysid)
+            self.tell(
+                f"system {sysid} is heard too, estimated is {lock.vehicle.sysid}: "
+                "--sysid N takes another, --sysid all takes each"
+            )
 
     def _guard(self, name: str, make: Callable[[], Sink]) -> None:
         part = self._setting.outputs.path(f".{name}.part")

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status
 from yawid.physics.modes import discrete_poles
 
-PLANE_S = 1.0
-WHITENESS_S = 5.0
+PLANE_S = 2.0
+WHITENESS_S = 10.0
 WINDOW_S = 60.0
 LAGS = 20
 USED = "used"
@@ -88,7 +88,7 @@ class Marks:
                     yield Change(lane, row, state)
 
     def plane(self, samples: SampleBlock, estimate: EstimateBlock) -> Plane:
-        """Return poles and zeros once a second; NaN where there is none."""
+        """Return poles and zeros every other second; NaN where there is none."""
         live = estimate.status != Status.WARMING_UP
         rows = np.flatnonzero((samples.k % self._plane_step == 0) & live)
         theta = estimate.theta[rows]
@@ -98,7 +98,7 @@ class Marks:
         return Plane(rows, discrete_poles(theta[:, : self._na]), discrete_poles(monic))
 
     def whiteness(self, samples: SampleBlock, estimate: EstimateBlock) -> list[Whiteness]:
-        """Return the autocorrelation of the last minute's residuals every five seconds."""
+        """Return the autocorrelation of the last minute's residuals every ten seconds."""
         before = len(self._residuals)
         residuals = np.concatenate([self._residuals, estimate.residual])
         due = np.flatnonzero(samples.k % self._white_step == 0).tolist()

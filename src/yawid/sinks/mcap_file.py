@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 from yawid import __version__
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.sinks.base import LogLevel, Pace, open_part, os_errors_as_sink_error, sync
+from yawid.sinks.mcap_chunks import ChunkWriter, Topic
 from yawid.sinks.messages import (
-    Rows,
     estimate_rows,
     log_message,
     modes_rows,
@@ -75,9 +74,8 @@ class McapSink:
         self._records: set[str] = set()
         self._inputs: tuple[str, ...] = ()
         self._estimate_channels: dict[str, int] = {}
-        self._chunk_start_ns: int | None = None
         self._sample_ns = self._log_ns = self._rows = 0
-        self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
+        self._writer = ChunkWriter(self._stream, CHUNK_NS)
         try:
             self._open(metadata)
         except SinkError:
@@ -114,55 +112,47 @@ class McapSink:
     ) -> None:
         """See :meth:`yawid.sinks.base.Sink.write`."""
         topics = [
-            _sliced(self._sample_channel, sample_rows(samples, self._inputs)),
+            Topic(self._sample_channel, sample_rows(samples, self._inputs)),
             *(
-                _sliced(self._estimate_channels[method], estimate_rows(samples, estimate))
+                Topic(self._estimate_channels[method], estimate_rows(samples, estimate))
                 for method, estimate in estimates.items()
             ),
-            _sliced(self._modes_channel, modes_rows(samples, modes)),
+            Topic(self._modes_channel, modes_rows(samples, modes)),
         ]
-        log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._sample_ns)).tolist()
-        publish_ns = (np.maximum(samples.received_us, 0) * 1000).tolist()
-        add_message = self._writer.add_message
+        log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._sample_ns))
+        publish_ns = np.maximum(samples.received_us, 0) * 1000
         with os_errors_as_sink_error(self._part):
-            for row in range(len(samples)):
-                self._begin(log_ns[row])
-                sequence = (self._rows + row) & 0xFFFFFFFF
-                for channel, size, data in topics:
-                    message = data[row * size : (row + 1) * size]
-                    add_message(channel, log_ns[row], message, publish_ns[row], sequence)
+            self._writer.add_rows(topics, log_ns, publish_ns, self._rows)
         self._rows += len(samples)
-        self._sample_ns = log_ns[-1]
+        self._sample_ns = int(log_ns[-1])
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""
         self._log_ns = max(unix_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
             message = log_message(unix_ns, level, text)
-            self._writer.add_message(self._log_channel, self._log_ns, message, self._log_ns)
+            self._writer.add_message(self._log_channel, self._log_ns, message)
 
     def flush(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.flush`."""
         if self._pace.due():
             with os_errors_as_sink_error(self._part):
-                self._end_chunk()
+                self._writer.end_chunk()
                 sync(self._stream)
 
     def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
         """Write verdict, provenance and attachments, then rename; see the protocol."""
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
-            self._writer.add_message(
-                self._verdict_channel, last_ns, verdict_message(summary["verdict"]), last_ns
-            )
-            self._end_chunk()
+            verdict = verdict_message(summary["verdict"])
+            self._writer.add_message(self._verdict_channel, last_ns, verdict)
             source = {name: summary[name] for name in ("log", "sha256") if name in summary}
             self._add_record("source", source)
             for name in ("vehicle", "channels", "link"):
                 self._add_record(name, summary.get(name, {}))
             for name, data in attachments.items():
                 media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
-                self._writer.add_attachment(last_ns, last_ns, name, media_type, data)
+                self._writer.add_attachment(last_ns, name, media_type, data)
             self._writer.finish()
             sync(self._stream)
             self._stream.close()
@@ -178,7 +168,7 @@ class McapSink:
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):
-            self._writer.start(profile="", library=LIBRARY)
+            self._writer.start(LIBRARY)
             for name, value in metadata.items():
                 self._add_record(name, value)
             self._add_record("units", units())
@@ -192,7 +182,7 @@ class McapSink:
                 schema, "protobuf", schema_data(schema)
             )
         return self._writer.register_channel(
-            topic, "protobuf", self._schemas[schema], dict(metadata or {})
+            topic, "protobuf", self._schemas[schema], metadata or {}
         )
 
     def _add_record(self, name: str, value: str | Mapping[str, object]) -> None:
@@ -200,19 +190,3 @@ class McapSink:
         if value and name not in self._records:
             self._records.add(name)
             self._writer.add_metadata(name, _as_record(value))
-
-    def _begin(self, log_ns: int) -> None:
-        """End the chunk where the sample at ``log_ns`` would make it a second long."""
-        if self._chunk_start_ns is None:
-            self._chunk_start_ns = log_ns
-        elif log_ns - self._chunk_start_ns >= CHUNK_NS:
-            self._end_chunk()
-            self._chunk_start_ns = log_ns
-
-    def _end_chunk(self) -> None:
-        self._writer.flush()
-        self._chunk_start_ns = None
-
-
-def _sliced(channel: int, rows: Rows) -> tuple[int, int, bytes]:
-    return channel, rows.itemsize, rows.tobytes()

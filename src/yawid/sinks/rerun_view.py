@@ -38,6 +38,8 @@ FINISH_S: Final = 30.0
 BATCH_ROWS: Final = 1000  # a call costs the same for one row as for some hundred
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
 
+# One stroke: along one arm of the cross, back to its middle, out and along the other.
+_CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
 _LAG_NUMBERS: Final = np.arange(1, LAGS + 1, dtype=np.float64)
 _BAR: Final = np.full(LAGS, 0.5, np.float32)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
@@ -50,6 +52,7 @@ class RerunView:
         self._is_file = isinstance(target, Path)
         self._batch: list[Batch] = []
         self._waiting = 0
+        self._bound = 0.0
         self._boot_offset_us: int | None = None  # boot time minus Unix time
         # Building it also warms up what else makes the first rows of a live run wait for 0.2 s.
         first = blueprint()
@@ -77,6 +80,11 @@ class RerunView:
         zeros = rr.Points2D.from_fields(colors=PREDICTED, radii=rr.Radius.ui_points(4.0))
         self._recording.log("z_plane/poles", poles, static=True)
         self._recording.log("z_plane/zeros", zeros, static=True)
+        bars = rr.BarChart.from_fields(abscissa=_LAG_NUMBERS, widths=_BAR, color=MEASURED)
+        wide = rr.BarChart.from_fields(abscissa=_LAG_NUMBERS, color=(*NEUTRAL[:3], 70))
+        self._recording.log("whiteness/correlation", bars, static=True)
+        for name in ("upper", "lower"):
+            self._recording.log(f"whiteness/{name}_bound", wide, static=True)
 
     def write(self, samples: SampleBlock, primary: EstimateBlock, modes: ModesBlock) -> None:
         """Take a block; its rows go out by the thousand or with :meth:`flush`."""
@@ -143,10 +151,8 @@ class RerunView:
             there = np.isfinite(found)
             at = points(found[there])
             if entity == "poles":
-                arm = 0.035 * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
-                crosses = (at[:, None, None, :] + arm).reshape(-1, 2, 2)
-                columns = rr.LineStrips2D.columns(strips=list(crosses))
-                rows = columns.partition(2 * there.sum(axis=1))
+                columns = rr.LineStrips2D.columns(strips=list(at[:, None, :] + _CROSS))
+                rows = columns.partition(there.sum(axis=1))
             else:
                 rows = rr.Points2D.columns(positions=at).partition(there.sum(axis=1))
             self._recording.send_columns(f"z_plane/{entity}", times, rows)
@@ -155,13 +161,11 @@ class RerunView:
         recording, row = self._recording, white.row
         recording.set_time(TIMELINE, duration=np.timedelta64(int(samples.boot_us[row]), "us"))
         recording.set_time("unix_time", timestamp=np.datetime64(int(samples.unix_ns[row]), "ns"))
-        bars = rr.BarChart(white.correlation, abscissa=_LAG_NUMBERS, widths=_BAR, color=MEASURED)
-        recording.log("whiteness/correlation", bars)
-        for name, bound in (("upper", white.bound), ("lower", -white.bound)):
-            wide = rr.BarChart(
-                np.full(LAGS, bound), abscissa=_LAG_NUMBERS, color=(*NEUTRAL[:3], 70)
-            )
-            recording.log(f"whiteness/{name}_bound", wide)
+        recording.log("whiteness/correlation", rr.BarChart(white.correlation))
+        bounds = (("upper", white.bound), ("lower", -white.bound))
+        for name, bound in bounds if white.bound != self._bound else ():
+            recording.log(f"whiteness/{name}_bound", rr.BarChart(np.full(LAGS, bound)))
+        self._bound = white.bound
         recording.reset_time()
 
     def _send(self) -> None:

@@ -117,7 +117,7 @@ def verdict_markdown(summary: Mapping[str, Any]) -> str:
     verdict = summary["verdict"]
     lines = ["# Usable" if verdict["usable"] else "# Not usable"]
     lines += [
-        f"- {card.question}: **{card.answer}** {card.spread}".rstrip()
+        f"- {card.question.rstrip('?')}: **{card.answer}** {card.spread}".rstrip()
         for card in cards(summary)[:3]
     ]
     lines += [

@@ -65,6 +65,9 @@ class Inbox:
         self._queue: deque[Heard] = deque()
         self._arrived = threading.Event()
 
+    def __len__(self) -> int:
+        return len(self._queue)
+
     def put(self, datagram: bytes, address: Address) -> int:
         """Stamp and queue one datagram, or count it as dropped; return the stamp."""
         self.last_us = stamp = self.stamps.now()

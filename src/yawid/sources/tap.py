@@ -88,6 +88,11 @@ class Tap(ABC):
         return self._inbox.dropped
 
     @property
+    def waiting(self) -> int:
+        """How many datagrams wait to be read."""
+        return len(self._inbox)
+
+    @property
     def socket_dropped(self) -> int | None:
         """How many datagrams the system had no room for; None where it does not say."""
         return None

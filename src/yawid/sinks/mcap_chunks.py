@@ -1,0 +1,275 @@
+"""An MCAP file whose chunks are laid out from whole arrays of messages.
+
+The records are the mcap library's; only messages and their indexes, of which there are as many as
+samples, are laid out here by NumPy: the library's loop over them would cost as much as all the
+estimation. The format is that of https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from numpy.typing import NDArray
+from zstandard import ZstdCompressor
+
+from yawid.blocks import Ints
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+_HEAD: Final = struct.Struct("<BQHIQQ")  # of a message: opcode, length, channel, sequence, times
+_FIELDS: Final = 22  # bytes of a message's content before its data
+_INDEX: Final = struct.Struct("<BQHI")
+_FOOTER: Final = struct.Struct("<BQQQ")
+_SUMMARY: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX,
+                   Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """Messages of one channel, all of the same size: a structured row (n,) each."""
+
+    channel: int
+    rows: NDArray[Any]
+
+
+class ChunkWriter:
+    """Writes one file: ``start``, what there is in any order, ``end_chunk`` at will, ``finish``."""
+
+    def __init__(self, stream: BinaryIO, chunk_ns: int) -> None:
+        self._stream = stream
+        self._chunk_ns = chunk_ns
+        self._offset = 0
+        self._compressor = ZstdCompressor()
+        self._summary: dict[Opcode, list[McapRecord]] = defaultdict(list)
+        self._counts: dict[int, int] = defaultdict(int)
+        self._first_ns: int | None = None
+        self._last_ns = self._chunks = 0
+        self._new_chunk()
+
+    def _new_chunk(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = 0
+        self._start_ns: int | None = None
+        self._times: dict[int, list[Ints]] = {}
+        self._places: dict[int, list[Ints]] = {}
+
+    def start(self, library: str) -> None:
+        """Write the head of the file."""
+        self._write(MAGIC + _bytes_of(Header(profile="", library=library)))
+
+    def register_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Write a schema; return its number."""
+        number = len(self._summary[Opcode.SCHEMA]) + 1
+        schema = Schema(id=number, name=name, encoding=encoding, data=data)
+        self._keep(Opcode.SCHEMA, schema)
+        return number
+
+    def register_channel(
+        self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]
+    ) -> int:
+        """Write a channel; return its number."""
+        number = len(self._summary[Opcode.CHANNEL]) + 1
+        channel = Channel(
+            id=number,
+            topic=topic,
+            message_encoding=encoding,
+            schema_id=schema,
+            metadata=dict(metadata),
+        )
+        self._keep(Opcode.CHANNEL, channel)
+        return number
+
+    def add_message(self, channel: int, log_ns: int, data: bytes) -> None:
+        """Add one message to the chunk."""
+        head = _HEAD.pack(Opcode.MESSAGE, _FIELDS + len(data), channel, 0, log_ns, log_ns)
+        self._index(channel, np.array([log_ns]), np.array([self._size]))
+        self._append(head + data)
+
+    def add_rows(self, topics: Sequence[Topic], log_ns: Ints, publish_ns: Ints, first: int) -> None:
+        """Add a message of every topic for each row, numbered from ``first``.
+
+        ``log_ns`` (n,) never decreasing; a chunk ends before it becomes ``chunk_ns`` long.
+        """
+        records = _records(topics, log_ns, publish_ns, first)
+        size = records.dtype.itemsize
+        within = np.cumsum([0, *(_HEAD.size + topic.rows.dtype.itemsize for topic in topics)])
+        row = 0
+        while row < len(log_ns):
+            start_ns = int(log_ns[row]) if self._start_ns is None else self._start_ns
+            stop = int(np.searchsorted(log_ns, start_ns + self._chunk_ns))
+            if stop > row:
+                places = self._size + size * np.arange(stop - row)
+                for topic, offset in zip(topics, within[:-1], strict=True):
+                    self._index(topic.channel, log_ns[row:stop], places + offset)
+                self._append(records[row:stop].tobytes())
+                self._start_ns, row = start_ns, stop
+            if row < len(log_ns):
+                self.end_chunk()
+
+    def end_chunk(self) -> None:
+        """Write the chunk, if there is anything in it, and what indexes it."""
+        if self._parts:
+            self._write_chunk(b"".join(self._parts))
+            self._new_chunk()
+
+    def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        self.end_chunk()
+        data = _bytes_of(Metadata(name=name, metadata=dict(record)))
+        index = MetadataIndex(offset=self._offset, length=len(data), name=name)
+        self._summary[Opcode.METADATA_INDEX].append(index)
+        self._write(data)
+
+    def add_attachment(self, log_ns: int, name: str, media_type: str, content: bytes) -> None:
+        """Write an attachment."""
+        self.end_chunk()
+        times: dict[str, Any] = {"create_time": log_ns, "log_time": log_ns}
+        named: dict[str, Any] = {"name": name, "media_type": media_type}
+        data = _bytes_of(Attachment(**times, **named, data=content))
+        place: dict[str, Any] = {
+            "offset": self._offset,
+            "length": len(data),
+            "data_size": len(content),
+        }
+        self._summary[Opcode.ATTACHMENT_INDEX].append(AttachmentIndex(**place, **times, **named))
+        self._write(data)
+
+    def finish(self) -> None:
+        """Write the last chunk, the summary and the end."""
+        self.end_chunk()
+        self._summary[Opcode.STATISTICS] = [self._statistics()]
+        self._write(_bytes_of(DataEnd(data_section_crc=0)))
+        start = self._offset
+        summary, offsets = b"", b""
+        for opcode in _SUMMARY:
+            group = b"".join(_bytes_of(record) for record in self._summary[opcode])
+            if group:
+                place: dict[str, Any] = {
+                    "group_start": start + len(summary),
+                    "group_length": len(group),
+                }
+                offsets += _bytes_of(SummaryOffset(group_opcode=opcode, **place))
+            summary += group
+        offset_start = start + len(summary)
+        summary += offsets
+        # The checksum covers the footer up to itself.
+        head = _FOOTER.pack(Opcode.FOOTER, 20, start, offset_start)
+        crc = zlib.crc32(head, zlib.crc32(summary))
+        footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)
+        self._write(summary + _bytes_of(footer) + MAGIC)
+
+    def flush(self) -> None:
+        """Bring what was written so far through the buffer of the stream."""
+        self._stream.flush()
+
+    def _keep(self, opcode: Opcode, record: McapRecord) -> None:
+        self.end_chunk()
+        self._summary[opcode].append(record)
+        self._write(_bytes_of(record))
+
+    def _write(self, data: bytes) -> None:
+        self._stream.write(data)
+        self._offset += len(data)
+
+    def _append(self, data: bytes) -> None:
+        self._parts.append(data)
+        self._size += len(data)
+
+    def _index(self, channel: int, log_ns: Ints, places: Ints) -> None:
+        self._times.setdefault(channel, []).append(log_ns)
+        self._places.setdefault(channel, []).append(places)
+        self._counts[channel] += len(log_ns)
+
+    def _write_chunk(self, data: bytes) -> None:
+        times = {channel: np.concatenate(parts) for channel, parts in self._times.items()}
+        low = min(int(t.min()) for t in times.values())
+        high = max(int(t.max()) for t in times.values())
+        self._first_ns = low if self._first_ns is None else min(low, self._first_ns)
+        self._last_ns, self._chunks = max(high, self._last_ns), self._chunks + 1
+        compressed = self._compressor.compress(data)
+        span: dict[str, Any] = {"message_start_time": low, "message_end_time": high}
+        sizes: dict[str, Any] = {"compression": "zstd", "uncompressed_size": len(data)}
+        crc = zlib.crc32(data)
+        chunk = _bytes_of(Chunk(**span, **sizes, uncompressed_crc=crc, data=compressed))
+        start = self._offset
+        self._write(chunk)
+        places, indexes = {}, b""
+        for channel, t in times.items():
+            places[channel] = self._offset + len(indexes)
+            indexes += _message_index(channel, t, np.concatenate(self._places[channel]))
+        self._write(indexes)
+        index = ChunkIndex(
+            **span,
+            **sizes,
+            chunk_start_offset=start,
+            chunk_length=len(chunk),
+            message_index_offsets=places,
+            message_index_length=len(indexes),
+            compressed_size=len(compressed),
+        )
+        self._summary[Opcode.CHUNK_INDEX].append(index)
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            message_count=sum(self._counts.values()),
+            schema_count=len(self._summary[Opcode.SCHEMA]),
+            channel_count=len(self._summary[Opcode.CHANNEL]),
+            attachment_count=len(self._summary[Opcode.ATTACHMENT_INDEX]),
+            metadata_count=len(self._summary[Opcode.METADATA_INDEX]),
+            chunk_count=self._chunks,
+            message_start_time=self._first_ns or 0,
+            message_end_time=self._last_ns,
+            channel_message_counts=dict(self._counts),
+        )
+
+
+def _records(topics: Sequence[Topic], log_ns: Ints, publish_ns: Ints, first: int) -> NDArray[Any]:
+    """Return whole message records (n,), those of a row side by side."""
+    n = len(log_ns)
+    head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
+            ("log", "<u8"), ("publish", "<u8")]  # fmt: skip
+    parts = [(str(i), [*head, ("data", topic.rows.dtype)]) for i, topic in enumerate(topics)]
+    records = np.empty(n, np.dtype(parts))
+    for i, topic in enumerate(topics):
+        record = records[str(i)]
+        record["opcode"] = Opcode.MESSAGE
+        record["length"] = _FIELDS + topic.rows.dtype.itemsize
+        record["channel"] = topic.channel
+        record["sequence"] = (first + np.arange(n)) & 0xFFFFFFFF
+        record["log"], record["publish"] = log_ns, publish_ns
+        record["data"] = topic.rows
+    return records
+
+
+def _message_index(channel: int, log_ns: Ints, places: Ints) -> bytes:
+    pairs = np.column_stack([log_ns, places]).astype("<u8").tobytes()
+    return _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(pairs), channel, len(pairs)) + pairs
+
+
+def _bytes_of(record: Any) -> bytes:  # every record has a write of its own, their base has none
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
