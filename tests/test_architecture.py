@@ -24,7 +24,7 @@ STAGES = [
     ("session", "regress", "inspect"),
     ("again",),
     ("live", "simulation"),
-    ("cli_paper", "cli_live", "cli_view"),
+    ("cli_paper", "cli_options", "cli_live", "cli_view"),
     ("cli",),
     ("__main__",),
 ]

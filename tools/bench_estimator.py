@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from bench_peers import FORGETTING, PEERS, installed
@@ -43,16 +44,16 @@ def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], objec
             armax = RecursiveArmax(_config(method, order, forgetting, lags))
             armax.run(u, y)
             runs[f"{method} bulk, {name}"] = (
-                lambda armax=armax: armax.run(u2, y, keep="last"),
+                partial(armax.run, u2, y, keep="last"),
                 SAMPLES,
             )
         armax = RecursiveArmax(_config(method, order, FORGETTING, 0))
         armax.run(u, y)
         runs[f"{method} chunks of {CHUNK}, floor"] = (
-            lambda armax=armax: _chunks(armax, u2, y),
+            partial(_chunks, armax, u2, y),
             1_000,
         )
-        runs[f"{method} update, floor"] = (lambda armax=armax: _updates(armax, ul, yl), 500)
+        runs[f"{method} update, floor"] = (partial(_updates, armax, ul, yl), 500)
     return runs
 
 
@@ -103,7 +104,7 @@ def main(arguments: list[str]) -> None:
         runs = ours(u, y, order)
         for name, (module, call, samples) in PEERS.items():
             if installed(module):
-                runs[name] = (lambda call=call, m=order, n=samples: call(u, y, m, n), samples)
+                runs[name] = (partial(call, u, y, order, samples), samples)
         best = measure(runs, rounds)
         numpy_ns, filterpy_ns = best["plain NumPy loop"], best["filterpy KalmanFilter"]
         print(f"{3 * order} parameters{'':27s} ns/update  x NumPy  x filterpy")

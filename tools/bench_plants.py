@@ -59,7 +59,7 @@ class Plant:
         spectrum = (1.0 - self.input_pole**2) / np.abs(1.0 - self.input_pole * z) ** 2
         gu, ge = np.array(from_u), np.array(from_e)
         total = (gu * spectrum) @ gu.conj().T / self.noise_std**2 + ge @ ge.conj().T
-        return np.real(total) / len(z)
+        return np.asarray(np.real(total) / len(z), np.float64)
 
 
 def _dutch_roll() -> Plant:

@@ -18,6 +18,16 @@ from typing import TYPE_CHECKING, Any
 
 from yawid import __version__
 from yawid.cli_live import add_live, add_recover, run_live, run_recover
+from yawid.cli_options import (
+    add_estimator_options,
+    add_outputs,
+    auto_orders,
+    config_of,
+    given_options,
+    outputs_of,
+    reading_of,
+    settings_of,
+)
 from yawid.cli_paper import add_commands
 from yawid.cli_view import add_view_and_report
 from yawid.errors import (
@@ -37,39 +47,12 @@ if TYPE_CHECKING:
     from yawid.session import StopFlag
     from yawid.sources.reading import Reading
 
-DEFAULT_OUT = "yawid-out"
 _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
     (ConfigError, 2),
     (ChannelError, 3),
     (NotIdentifiable, 5),
     (SourceError, 6),
     (SinkError, 6),
-)
-
-
-def _sysid(text: str) -> int | str:
-    return text if text == "all" else int(text)
-
-
-_ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
-    ("--orders", str, "NA,NB,NC,NK", "orders, nb and nk for every input; auto in replay (3,3,2,1)"),
-    ("--method", str, "els|rml", "the estimator asked for (els)"),
-    ("--also", str, "METHOD|none", "a second estimator beside it (rml)"),
-    ("--engine", str, "numba|filterpy", "what computes the recursion (numba)"),
-    ("--memory", float, "SECONDS", "forgetting by a memory of so many seconds (60)"),
-    ("--forgetting", float, "LAMBDA", "forgetting factor instead of a memory; 1 keeps everything"),
-    ("--rate", float, "HZ", "rate of the grid (20, or the slower channel's where that is lower)"),
-    ("--inputs", str, "rudder[,aileron]", "inputs of the model (rudder)"),
-    ("--output", str, "yaw-rate|heading-rate|yaw", "what is taken as the answer (yaw-rate)"),
-    ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (off)"),
-    ("--turn", str, "keep|remove", "subtract the turn rate that bank and airspeed imply (keep)"),
-    ("--rudder", str, "CHANNEL", "auto, servo:N, control:K or rc:N (auto)"),
-    ("--aileron", str, "CHANNEL", "the same for the aileron (auto)"),
-    ("--rudder-sign", str, "nose-right|nose-left", "where positive rudder turns the nose"),
-    ("--rudder-max-deg", float, "DEG", "rudder at full travel, to have gains per radian"),
-    ("--from", float, "S", "first second since boot to estimate from"),
-    ("--to", float, "S", "last second since boot to estimate from"),
-    ("--sysid", _sysid, "N", "system id of the vehicle, where several are heard (live: or all)"),
 )
 
 
@@ -84,97 +67,24 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument(
         "--format", default="auto", metavar="auto|tlog|raw", help="raw: frames without stamps"
     )
-    _add_outputs(replay)
+    add_outputs(replay)
     replay.set_defaults(run=_replay)
-    add_live(commands, _add_outputs).set_defaults(run=_live)
+    add_live(commands, add_outputs).set_defaults(run=_live)
     add_recover(commands).set_defaults(run=run_recover)
     inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
     inspect.add_argument("log", metavar="LOG", type=Path)
     inspect.add_argument("--json", action="store_true", help="print one JSON object")
-    _add_estimator_options(inspect)
+    add_estimator_options(inspect)
     inspect.set_defaults(run=_inspect)
     orders = commands.add_parser("orders", help="compare orders and delays on a log")
     orders.add_argument("log", metavar="LOG", type=Path)
     orders.add_argument("--json", action="store_true", help="print one JSON object")
-    _add_estimator_options(orders)
+    add_estimator_options(orders)
     orders.set_defaults(run=_orders)
     add_commands(commands)
     add_view_and_report(commands)
-    add_regress(commands, _add_estimator_options).set_defaults(run=_regress)
+    add_regress(commands, add_estimator_options).set_defaults(run=_regress)
     return parser
-
-
-def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR")
-    parser.add_argument("--force", action="store_true", help="overwrite files that exist")
-    parser.add_argument("--json", action="store_true", help="print one JSON object per log")
-    parser.add_argument(
-        "--rerun", default="off", metavar="off|save|spawn|URL", help="a Rerun recording or viewer"
-    )
-    parser.add_argument(
-        "--signing-key-file", type=Path, metavar="FILE", help="read only frames signed by this key"
-    )
-    _add_estimator_options(parser)
-
-
-def _add_estimator_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, metavar="FILE", help="options from a TOML file")
-    for name, kind, metavar, text in _ESTIMATOR_OPTIONS:
-        parser.add_argument(name, type=kind, metavar=metavar, help=text)
-
-
-def _auto_orders(arguments: argparse.Namespace) -> bool:
-    """Tell whether the orders are to be chosen by the log; the option is then out of the way."""
-    auto: bool = arguments.orders == "auto"
-    if auto:
-        arguments.orders = None
-    return auto
-
-
-def _config(arguments: argparse.Namespace) -> RunConfig:
-    """Return the configuration: the TOML file's settings, overruled by the options given."""
-    from yawid.run_config import RunConfig
-
-    return RunConfig(**_settings(arguments))
-
-
-def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what the TOML file and the options say, the options overruling."""
-    from yawid.run_config import check_settings, settings_from_toml
-
-    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    return settings | check_settings(_given(arguments), "the command line")
-
-
-def _given(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the estimator options that were given, by their names without dashes."""
-    return {
-        name[2:]: value
-        for name, *_ in _ESTIMATOR_OPTIONS
-        if (value := getattr(arguments, name[2:].replace("-", "_"))) is not None
-    }
-
-
-def _outputs(arguments: argparse.Namespace, name: str) -> Outputs:
-    from yawid.outputs import Outputs
-
-    rerun = arguments.rerun
-    if rerun not in ("off", "save", "spawn") and not rerun.startswith("rerun+http"):
-        raise ConfigError(f"--rerun must be off, save, spawn or rerun+http://..., got {rerun!r}")
-    record = not getattr(arguments, "no_record", False)
-    return Outputs(arguments.out, name, rerun, arguments.force, record)
-
-
-def _reading(arguments: argparse.Namespace) -> Reading:
-    from yawid.sources.reading import Reading
-    from yawid.sources.signing import SigningKey
-    from yawid.sources.tlog import FORMS
-
-    form = getattr(arguments, "format", "auto")
-    if form not in FORMS:
-        raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
-    path = arguments.signing_key_file
-    return Reading(form, None if path is None else SigningKey.from_file(path))
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -183,19 +93,27 @@ def _replay(arguments: argparse.Namespace) -> int:
     from yawid.session import StopFlag
     from yawid.sinks.mcap_run import is_mcap
 
-    automatic, config = _auto_orders(arguments), _config(arguments)
-    reading = _reading(arguments)
+    automatic, config = auto_orders(arguments), config_of(arguments)
+    _warn_of_compiling()
+    reading = reading_of(arguments)
     codes = []
     with StopFlag().installed() as stop:
         for log, name in zip(arguments.logs, output_names(arguments.logs), strict=True):
             if stop.is_set:
                 break
-            outputs = _outputs(arguments, name)
+            outputs = outputs_of(arguments, name)
             run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
             if is_mcap(log):
-                run = partial(replay_run, log, _settings(arguments), outputs, stop, automatic)
+                run = partial(replay_run, log, settings_of(arguments), outputs, stop, automatic)
             codes.append(_told(run, arguments.json, "print_summary"))
     return max(codes, default=0)
+
+
+def _warn_of_compiling() -> None:
+    from yawid.estimation.kernel import compiled_before
+
+    if sys.stderr.isatty() and not compiled_before():
+        _say("compiling the estimator, once per installation: some 20 seconds")
 
 
 def _replay_one(
@@ -219,7 +137,7 @@ def _orders(arguments: argparse.Namespace) -> int:
     from yawid.collect import orders_report
     from yawid.sinks.terminal import print_orders
 
-    report = orders_report(arguments.log, _config(arguments))
+    report = orders_report(arguments.log, config_of(arguments))
     if arguments.json:
         print(json.dumps(report), flush=True)
     else:
@@ -233,15 +151,15 @@ def _live(arguments: argparse.Namespace) -> int:
     every_vehicle = arguments.sysid == "all"
     if every_vehicle:
         arguments.sysid = None
-    config, outputs = _config(arguments), _outputs(arguments, session_name())
-    reading = _reading(arguments)
+    config, outputs = config_of(arguments), outputs_of(arguments, session_name())
+    reading = reading_of(arguments)
     return run_live(arguments, config, outputs, reading, every_vehicle=every_vehicle)
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.inspect import inspect
 
-    run = partial(inspect, arguments.log, _config(arguments))
+    run = partial(inspect, arguments.log, config_of(arguments))
     return _told(run, arguments.json, "print_inspection")
 
 
@@ -249,7 +167,7 @@ def _regress(arguments: argparse.Namespace) -> int:
     from yawid.run_config import settings_from_toml
 
     settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    return run_regress(arguments, settings | _given(arguments), partial(print, flush=True))
+    return run_regress(arguments, settings | given_options(arguments), partial(print, flush=True))
 
 
 def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool, printer: str) -> int:

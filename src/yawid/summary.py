@@ -183,7 +183,9 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
     channels, bank, config = pipeline.channels, pipeline.bank, pipeline.config
     vehicle = channels.lock.vehicle
     if vehicle is None:
-        return [Reason("no_vehicle", channels.lock.why_none())]
+        rejected = pipeline.link.unsigned_rejected
+        keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
+        return [Reason("no_vehicle", channels.lock.why_none() + keyed)]
     reasons = []
     if channels.surface_rows == 0 or not channels.surfaces:
         missing = "rudder" if config.inputs == ("rudder",) else " or ".join(config.inputs)

@@ -139,3 +139,12 @@ def test_levels_need_all_three_limits():
     assert dutch_roll_level(0.3, 0.5) is None
     assert dutch_roll_level(2.4, -0.1) is None
     assert dutch_roll_level(2.4, 0.15, category="A") == 2
+
+
+def test_a_model_without_a_has_no_modes():
+    orders = ArmaxOrders(na=0, nb=2, nc=0, nk=1)
+
+    found = modes(estimates(np.array([0.1, 0.2]), np.eye(2)), orders, 0.1)
+
+    assert np.isnan(found.dutch_roll).all()
+    assert mode_list(found) == []

@@ -36,6 +36,9 @@ def _values(fields: NDArray[Any]) -> Floats:
     small one is a denormal float and a negative one no number.
     """
     told = np.ascontiguousarray(fields["param_value"], np.float32)
+    if "param_type" not in (fields.dtype.names or ()):
+        # An on-board log tells values, not what a link made of them.
+        return told.astype(float)
     bytewise = np.isin(fields["param_type"], _INTEGERS) & ~(np.abs(told) >= _LEAST_NORMAL)
     return np.where(bytewise, told.view(np.int32), told).astype(float)
 

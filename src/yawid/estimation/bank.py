@@ -26,7 +26,8 @@ class Record:
 
     def add(self, *columns: Floats) -> None:
         """Append rows of the columns of :class:`History`."""
-        self.parts.append(columns)
+        # Copies: a column may be a view that would keep all that it was cut from.
+        self.parts.append(tuple(column.copy() for column in columns))
         self.length += len(columns[0])
         if len(self.parts) > COMPACT or self.length > 2 * HISTORY:
             self.parts = [self.joined()]

@@ -55,6 +55,11 @@ def _compile(function: Callable[..., Any], inline: bool) -> Any:
 FOLDER = _cache_folder()
 
 
+def compiled_before() -> bool:
+    """Tell whether an earlier run has left compiled code: without, the first estimate waits."""
+    return bool(settings.DISABLE_JIT) or Path(FOLDER).is_dir()
+
+
 @intrinsic
 def _bare(_context, array):
     """Return the same memory without a reference count; the caller keeps the array alive."""

@@ -30,6 +30,8 @@ def discrete_poles(a: Floats) -> Complexes:
     estimated or not finite is NaN.
     """
     n, na = a.shape
+    if na == 0:
+        return np.zeros((n, 0), np.complex128)
     companion = np.zeros((n, na, na))
     good = np.isfinite(a).all(axis=1) & (a != 0.0).any(axis=1)
     companion[:, 0, :] = np.where(good[:, None], -a, 0.0)

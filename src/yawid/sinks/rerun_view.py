@@ -40,8 +40,6 @@ _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": 
 
 # One stroke: along one arm of the cross, back to its middle, out and along the other.
 _CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
-_LAG_NUMBERS: Final = np.arange(1, LAGS + 1, dtype=np.float64)
-_BAR: Final = np.full(LAGS, 0.5, np.float32)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
 
 
@@ -80,11 +78,6 @@ class RerunView:
         zeros = rr.Points2D.from_fields(colors=PREDICTED, radii=rr.Radius.ui_points(4.0))
         self._recording.log("z_plane/poles", poles, static=True)
         self._recording.log("z_plane/zeros", zeros, static=True)
-        bars = rr.BarChart.from_fields(abscissa=_LAG_NUMBERS, widths=_BAR, color=MEASURED)
-        wide = rr.BarChart.from_fields(abscissa=_LAG_NUMBERS, color=(*NEUTRAL[:3], 70))
-        self._recording.log("whiteness/correlation", bars, static=True)
-        for name in ("upper", "lower"):
-            self._recording.log(f"whiteness/{name}_bound", wide, static=True)
 
     def write(self, samples: SampleBlock, primary: EstimateBlock, modes: ModesBlock) -> None:
         """Take a block; its rows go out by the thousand or with :meth:`flush`."""
@@ -161,10 +154,13 @@ class RerunView:
         recording, row = self._recording, white.row
         recording.set_time(TIMELINE, duration=np.timedelta64(int(samples.boot_us[row]), "us"))
         recording.set_time("unix_time", timestamp=np.datetime64(int(samples.unix_ns[row]), "ns"))
-        recording.log("whiteness/correlation", rr.BarChart(white.correlation))
+        bars = np.concatenate([[0.0], white.correlation])  # the place of a bar is its lag
+        recording.log("whiteness/correlation", rr.BarChart(bars, color=MEASURED))
         bounds = (("upper", white.bound), ("lower", -white.bound))
         for name, bound in bounds if white.bound != self._bound else ():
-            recording.log(f"whiteness/{name}_bound", rr.BarChart(np.full(LAGS, bound)))
+            level = np.concatenate([[0.0], np.full(LAGS, bound)])
+            shade = rr.BarChart(level, color=(*NEUTRAL[:3], 70))
+            recording.log(f"whiteness/{name}_bound", shade)
         self._bound = white.bound
         recording.reset_time()
 
