@@ -15,7 +15,7 @@ from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
 from yawid.channels.surface import Surface
 from yawid.channels.yaw import COARSE, SOURCES
-from yawid.estimation.bank import Bank, History
+from yawid.estimation.bank import Bank
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import parameter_names
 from yawid.physics.derivatives import summary_of
@@ -157,7 +157,7 @@ def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
 def _fit(bank: Bank, method: str) -> dict[str, float]:
     estimator = bank.estimators[method]
     theta, config = bank.last[method].theta[-1], estimator.config
-    history = _remembered(bank)
+    history = bank.history()
     y, y_hat = history.y, history.y_hat[method]
     simulated = simulate(theta, config.orders, config.bias, history.u, y)
     return finite(
@@ -172,13 +172,6 @@ def _fit(bank: Bank, method: str) -> dict[str, float]:
     )
 
 
-def _remembered(bank: Bank) -> History:
-    """Return what a model that forgets can be asked about: three times its memory."""
-    forgotten = 1.0 - bank.config.forgetting_factor(bank.sample_time_s)
-    history = bank.history()
-    return history.newest(math.ceil(3.0 / forgotten)) if forgotten > 0.0 else history
-
-
 def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
     channels, bank, config = pipeline.channels, pipeline.bank, pipeline.config
     vehicle = channels.lock.vehicle
@@ -187,7 +180,9 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
         return [Reason("no_vehicle", channels.lock.why_none() + keyed)]
     reasons = []
-    if channels.surface_rows == 0 or not channels.surfaces:
+    # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.
+    unheard = channels.surface_rows == 0 and channels.yaw.rows > 0
+    if unheard or not channels.surfaces:
         missing = "rudder" if config.inputs == ("rudder",) else " or ".join(config.inputs)
         if channels.surfaces:
             text = f"no message carries {channels.surfaces[0].source}"
@@ -216,7 +211,7 @@ def bank_reasons(
 
     ``rates_hz`` of yaw and rudder messages; ``travel_unit`` is half the travel in the unit of u.
     """
-    config, history = bank.config, _remembered(bank)
+    config, history = bank.config, bank.history()
     primary = evidence[config.method]
     return [
         *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, primary.dutch_roll),

@@ -19,6 +19,8 @@ from yawid.channels.clock import Piece, Series
 from yawid.channels.yaw import AIRSPEED, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
 
 Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
+MOST_INSTANTS = 2**16
+"""Aligned at once: a clock that leaps from message to message must not take the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +68,10 @@ class Aligner:
             np.concatenate([self._offset[1], piece.offset_us]),
         )
         blocks = [] if self._next_k is not None else self._start()
-        if self._next_k is not None:
-            blocks += self._emit()
+        before = None
+        while self._next_k is not None and self._next_k != before:
+            before = self._next_k
+            blocks += self._emit(before)
         self._prune()
         return self._samples(blocks) if blocks else None
 
@@ -105,21 +109,21 @@ class Aligner:
             )
         ]
 
-    def _emit(self) -> list[Rows]:
-        """Align every grid instant that both channels have passed."""
-        assert self._next_k is not None
+    def _emit(self, first_k: int) -> list[Rows]:
+        """Align the grid instants that both channels have passed, so many of them at a time."""
         last = min(self._yaw.t_us[-1], self._surface.t_us[-1] - self._ts_us) / self._ts_us
-        edges = np.arange(self._next_k, math.floor(last) + 3) * self._ts_us
+        stop = min(math.floor(last) + 3, first_k + MOST_INSTANTS)
+        edges = np.arange(first_k, stop) * self._ts_us
         ready = (edges[:-1] <= self._yaw.t_us[-1]) & (edges[1:] <= self._surface.t_us[-1])
         n = int(ready.sum())
         if n == 0:
             return []
-        k, edges = self._next_k + np.arange(n), edges[: n + 1]
+        k, edges = first_k + np.arange(n), edges[: n + 1]
         yaw, yaw_row, yaw_gap = self._at_instants(edges[:-1])
         surface, surface_row, surface_gap = self._over_intervals(edges)
         gap = yaw_gap | surface_gap
         first_of_gap = gap & ~np.concatenate([[self._in_gap], gap[:-1]])
-        self._next_k, self._in_gap = self._next_k + n, bool(gap[-1])
+        self._next_k, self._in_gap = first_k + n, bool(gap[-1])
         self.gaps += int(first_of_gap.sum())
         self.instants += n - int(gap.sum())
         yaw[gap], surface[gap] = np.nan, np.nan

@@ -117,7 +117,9 @@ class YawReader:
         if self.source is None or self.source not in messages:
             return Series.empty(MODE + 1)
         block = messages[self.source]
-        roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
+        with np.errstate(over="ignore", invalid="ignore"):
+            # Any bits may stand in a float: what is not sound becomes NaN, and held.
+            roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
         t_us, unwrapped = boot_us(block.fields), self._unwrap(yaw)
         rate = self._slope.of(t_us, unwrapped) if self.source == COARSE else r
         if self.heading_rate and self.source != COARSE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -12,7 +13,9 @@ from yawid.estimation.reference import make_estimator
 from yawid.run_config import RunConfig
 
 HISTORY = 2**19
-"""Samples kept for the simulation fit: seven hours at 20 Hz; a longer run is judged by its end."""
+"""Samples kept at most: seven hours at 20 Hz; a longer run is judged by its end."""
+MEMORIES = 3.0
+"""A model that forgets is asked about three times its memory, what it still knows something of."""
 COMPACT = 512
 """Parts are joined when there are this many: a live part holds one sample."""
 
@@ -21,6 +24,7 @@ COMPACT = 512
 class Record:
     """The newest samples of the epoch, held ones as NaN: what the final model is tried on."""
 
+    limit: int = HISTORY
     parts: list[tuple[Floats, ...]] = field(default_factory=list)
     length: int = 0
 
@@ -29,14 +33,18 @@ class Record:
         # Copies: a column may be a view that would keep all that it was cut from.
         self.parts.append(tuple(column.copy() for column in columns))
         self.length += len(columns[0])
-        if len(self.parts) > COMPACT or self.length > 2 * HISTORY:
+        if len(self.parts) > COMPACT or self.length > 2 * self.limit:
             self.parts = [self.joined()]
             self.length = len(self.parts[0][0])
 
-    def joined(self) -> tuple[Floats, ...]:
-        """Return the columns of the newest rows, at most HISTORY of them."""
-        columns = zip(*self.parts, strict=True)
-        return tuple(np.concatenate(column)[-HISTORY:] for column in columns)
+    def joined(self, most: int = HISTORY) -> tuple[Floats, ...]:
+        """Return the columns of the newest rows, at most ``most`` of them."""
+        kept, rows = len(self.parts), 0
+        while kept and rows < most:
+            kept -= 1
+            rows += len(self.parts[kept][0])
+        columns = zip(*self.parts[kept:], strict=True)
+        return tuple(np.concatenate(column)[-most:] for column in columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +57,6 @@ class History:
     turn: Floats
     airspeed: Floats
     y_hat: Mapping[str, Floats]
-
-    def newest(self, count: int) -> History:
-        """Return the last ``count`` samples."""
-        rows = slice(-count, None)
-        y_hat = {method: column[rows] for method, column in self.y_hat.items()}
-        u, y, roll, turn, airspeed = (
-            column[rows] for column in (self.u, self.y, self.roll, self.turn, self.airspeed)
-        )
-        return History(u, y, roll, turn, airspeed, y_hat)
 
 
 class Bank:
@@ -78,7 +77,9 @@ class Bank:
             )
             for method in self.methods
         }
-        self._record = Record()
+        forgotten = 1.0 - self.config.forgetting_factor(self.sample_time_s)
+        kept = math.ceil(MEMORIES / forgotten) if forgotten > 0.0 else HISTORY
+        self._record = Record(min(kept, HISTORY))
         self.last: dict[str, EstimateBlock] = {}
 
     def run(self, samples: SampleBlock) -> dict[str, EstimateBlock]:
@@ -96,8 +97,11 @@ class Bank:
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
 
-    def history(self) -> History:
-        """Return the newest samples of the epoch and what each method predicted of them."""
-        u, y, roll, turn, airspeed, *predictions = self._record.joined()
+    def history(self, most: int = HISTORY) -> History:
+        """Return the newest samples of the epoch and what each method predicted of them.
+
+        As many as the model can be asked about: all of them, or three times its memory.
+        """
+        u, y, roll, turn, airspeed, *predictions = self._record.joined(min(most, HISTORY))
         y_hat = dict(zip(self.methods, predictions, strict=True))
         return History(u, y, roll, turn, airspeed, y_hat)

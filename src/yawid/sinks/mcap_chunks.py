@@ -63,7 +63,7 @@ class ChunkWriter:
         self._chunk_ns = chunk_ns
         self._offset = 0
         self._compressor = ZstdCompressor()
-        self._summary: dict[Opcode, list[McapRecord]] = defaultdict(list)
+        self._summary: dict[Opcode, list[bytes]] = defaultdict(list)  # bytes: they are many
         self._counts: dict[int, int] = defaultdict(int)
         self._first_ns: int | None = None
         self._last_ns = self._chunks = 0
@@ -140,7 +140,7 @@ class ChunkWriter:
         self.end_chunk()
         data = _bytes_of(Metadata(name=name, metadata=dict(record)))
         index = MetadataIndex(offset=self._offset, length=len(data), name=name)
-        self._summary[Opcode.METADATA_INDEX].append(index)
+        self._summary[Opcode.METADATA_INDEX].append(_bytes_of(index))
         self._write(data)
 
     def add_attachment(self, log_ns: int, name: str, media_type: str, content: bytes) -> None:
@@ -154,18 +154,19 @@ class ChunkWriter:
             "length": len(data),
             "data_size": len(content),
         }
-        self._summary[Opcode.ATTACHMENT_INDEX].append(AttachmentIndex(**place, **times, **named))
+        index = AttachmentIndex(**place, **times, **named)
+        self._summary[Opcode.ATTACHMENT_INDEX].append(_bytes_of(index))
         self._write(data)
 
     def finish(self) -> None:
         """Write the last chunk, the summary and the end."""
         self.end_chunk()
-        self._summary[Opcode.STATISTICS] = [self._statistics()]
+        self._summary[Opcode.STATISTICS] = [_bytes_of(self._statistics())]
         self._write(_bytes_of(DataEnd(data_section_crc=0)))
         start = self._offset
         summary, offsets = b"", b""
         for opcode in _SUMMARY:
-            group = b"".join(_bytes_of(record) for record in self._summary[opcode])
+            group = b"".join(self._summary[opcode])
             if group:
                 place: dict[str, Any] = {
                     "group_start": start + len(summary),
@@ -187,8 +188,9 @@ class ChunkWriter:
 
     def _keep(self, opcode: Opcode, record: McapRecord) -> None:
         self.end_chunk()
-        self._summary[opcode].append(record)
-        self._write(_bytes_of(record))
+        data = _bytes_of(record)
+        self._summary[opcode].append(data)
+        self._write(data)
 
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
@@ -230,7 +232,7 @@ class ChunkWriter:
             message_index_length=len(indexes),
             compressed_size=len(compressed),
         )
-        self._summary[Opcode.CHUNK_INDEX].append(index)
+        self._summary[Opcode.CHUNK_INDEX].append(_bytes_of(index))
 
     def _statistics(self) -> Statistics:
         return Statistics(

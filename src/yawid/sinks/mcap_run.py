@@ -44,7 +44,7 @@ _LOG_LEVELS: Final[Mapping[int, LogLevel]] = {
 # What the libraries raise on bytes that are not what they should be.
 _DAMAGE: Final = (
     McapError, DecodeError, struct.error, ValueError, KeyError, TypeError, ZstdError, MemoryError,
-    OverflowError,
+    OverflowError, OSError,  # seeking to where a damaged index points
 )  # fmt: skip
 
 
@@ -194,7 +194,7 @@ def _opened(path: Path) -> BinaryIO:
 def _messages(
     stream: BinaryIO, topics: tuple[str, ...]
 ) -> Iterator[tuple[Schema, Channel, Message]]:
-    reader = make_reader(stream)
+    reader = make_reader(stream, validate_crcs=True)
     for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
         if schema is None:
             raise ValueError(f"{channel.topic} has no schema")

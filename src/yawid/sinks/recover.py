@@ -12,12 +12,14 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
-from zstandard import ZstdError
+from zstandard import ZstdError, frame_content_size
 
 from yawid import __version__
 from yawid.errors import SinkError
 from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
 
+LARGEST_CHUNK: Final = 64 << 20
+"""Unpacked; yawid writes a chunk a second. Zstandard packs gigabytes of zeros into nothing."""
 LIBRARY: Final = f"yawid {__version__} (recovered)"
 # What mcap raises on damaged bytes: its own errors, short structs, bad text or CRC, absurd sizes.
 _DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
@@ -62,6 +64,11 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
 
 def _chunk_records(chunk: Chunk) -> list[McapRecord]:
     try:
+        unpacked = chunk.uncompressed_size
+        if chunk.compression == "zstd":
+            unpacked = max(unpacked, frame_content_size(chunk.data))
+        if unpacked > LARGEST_CHUNK:
+            return []
         return breakup_chunk(chunk, validate_crc=True)
     except _DAMAGE:
         return []

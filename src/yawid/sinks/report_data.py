@@ -155,10 +155,8 @@ class _Gatherer:
         )
 
     def _judged(self, model: Model, boot_s: Floats, residual: Floats) -> Judged:
-        history = self._bank.history()
         forgotten = 1.0 - self._bank.config.forgetting_factor(model.sample_time_s)
-        if forgotten > 0.0:
-            history = history.newest(math.ceil(3.0 / forgotten))
+        history = self._bank.history(*([math.ceil(3.0 / forgotten)] if forgotten > 0.0 else []))
         n = len(history.y)
         bias = self._bank.estimators[self.method].config.bias
         simulated = simulate(model.theta, model.orders, bias, history.u, history.y)
