@@ -27,7 +27,9 @@ from flightlog import FlightLog, fly
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from log_surgery import Encoder, join, rewrite, split
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex, Footer
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -478,13 +480,43 @@ def bomb(megabytes: int) -> bytes:
     channel = writer.register_channel("/x", "json", 0)
     writer.add_message(channel, 0, b"x", 0)
     writer.finish()
-    head = out.getvalue()[: out.getvalue().index(b"\x06")]
+    return out.getvalue()[: out.getvalue().index(b"\x06")] + bomb_chunk(megabytes)
+
+
+def bomb_chunk(megabytes: int) -> bytes:
     compressor = zstandard.ZstdCompressor().compressobj(size=megabytes << 20)
     data = b"".join(compressor.compress(bytes(1 << 20)) for _ in range(megabytes))
     data += compressor.flush()
     body = struct.pack("<QQQI", 0, 0, megabytes << 20, 0)
     body += struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(data)) + data
-    return head + b"\x06" + struct.pack("<Q", len(body)) + body
+    return b"\x06" + struct.pack("<Q", len(body)) + body
+
+
+def with_bomb(good: bytes, megabytes: int) -> bytes:
+    """Return a run's file with one chunk more, of which the index says that it holds log lines."""
+    summary = make_reader(io.BytesIO(good)).get_summary()
+    assert summary is not None
+    line = next(n for n, channel in summary.channels.items() if channel.topic == "/yawid/log")
+    summary_start = struct.unpack("<Q", good[-28:-20])[0]
+    chunk, data = bomb_chunk(megabytes), good[: summary_start - 13]
+    index = RecordBuilder()
+    ChunkIndex(
+        chunk_length=len(chunk),
+        chunk_start_offset=len(data),
+        compression="zstd",
+        compressed_size=len(chunk),
+        message_end_time=2**63,
+        message_index_length=0,
+        message_index_offsets={line: len(data)},
+        message_start_time=0,
+        uncompressed_size=megabytes << 20,
+    ).write(index)
+    tail = RecordBuilder()
+    Footer(len(data) + len(chunk) + 13, 0, 0).write(tail)
+    data_end = b"\x0f" + struct.pack("<QI", 4, 0)
+    offsets = struct.unpack("<Q", good[-20:-12])[0] or len(good) - 37
+    told = data + chunk + data_end + good[summary_start:offsets] + index.end() + tail.end()
+    return told + good[-8:]
 
 
 def test_a_chunk_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path):
@@ -502,6 +534,22 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path):
         700,
         tmp_path / "bomb.mcap",
         tmp_path / "out.mcap",
+    )
+
+
+def test_a_run_with_such_a_chunk_is_neither_reported_nor_shown(good_mcap: bytes, tmp_path: Path):
+    (tmp_path / "bomb.mcap").write_bytes(with_bomb(good_mcap, 1500))
+    (tmp_path / "small.mcap").write_bytes(with_bomb(good_mcap, 1))
+    assert main(["report", str(tmp_path / "small.mcap"), "-o", str(tmp_path / "s.html")]) in (0, 6)
+
+    run_limited(
+        "from yawid.cli import main\n"
+        "assert main(['report', sys.argv[1], '-o', sys.argv[2]]) == 6\n"
+        "assert main(['view', sys.argv[1], '--save', sys.argv[3]]) == 6",
+        700,
+        tmp_path / "bomb.mcap",
+        tmp_path / "r.html",
+        tmp_path / "v.rrd",
     )
 
 

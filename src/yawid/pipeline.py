@@ -20,6 +20,9 @@ from yawid.sinks.base import Sink
 from yawid.sources.link import LinkStats
 from yawid.sources.reading import Reading
 
+BLOCK = 4096
+"""Samples estimated and written at once: the covariance of each row makes blocks heavy."""
+
 
 class Counted(Protocol):
     """What messages come from: a decoder or the reader of a log."""
@@ -81,6 +84,10 @@ class Pipeline:
 
     def estimate(self, samples: SampleBlock) -> None:
         """Take samples of one epoch in, such as a file of results holds; estimate and write."""
+        for first in range(0, len(samples), BLOCK):
+            self._estimate(samples.select(slice(first, first + BLOCK)))
+
+    def _estimate(self, samples: SampleBlock) -> None:
         bank = self.bank or self._open_bank(samples.sample_time_s)
         estimates = bank.run(samples)
         primary = estimates[self.config.method]

@@ -33,18 +33,20 @@ class Record:
         # Copies: a column may be a view that would keep all that it was cut from.
         self.parts.append(tuple(column.copy() for column in columns))
         self.length += len(columns[0])
-        if len(self.parts) > COMPACT or self.length > 2 * self.limit:
+        while self.length - len(self.parts[0][0]) >= self.limit:
+            self.length -= len(self.parts.pop(0)[0])
+        if len(self.parts) > COMPACT:
             self.parts = [self.joined()]
             self.length = len(self.parts[0][0])
 
-    def joined(self, most: int = HISTORY) -> tuple[Floats, ...]:
-        """Return the columns of the newest rows, at most ``most`` of them."""
+    def joined(self) -> tuple[Floats, ...]:
+        """Return the columns of the newest rows, at most ``limit`` of them."""
         kept, rows = len(self.parts), 0
-        while kept and rows < most:
+        while kept and rows < self.limit:
             kept -= 1
             rows += len(self.parts[kept][0])
         columns = zip(*self.parts[kept:], strict=True)
-        return tuple(np.concatenate(column)[-most:] for column in columns)
+        return tuple(np.concatenate(column)[-self.limit :] for column in columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +99,11 @@ class Bank:
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
 
-    def history(self, most: int = HISTORY) -> History:
+    def history(self) -> History:
         """Return the newest samples of the epoch and what each method predicted of them.
 
         As many as the model can be asked about: all of them, or three times its memory.
         """
-        u, y, roll, turn, airspeed, *predictions = self._record.joined(min(most, HISTORY))
+        u, y, roll, turn, airspeed, *predictions = self._record.joined()
         y_hat = dict(zip(self.methods, predictions, strict=True))
         return History(u, y, roll, turn, airspeed, y_hat)

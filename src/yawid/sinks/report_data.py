@@ -6,7 +6,6 @@ the samples gives it, and shows that the file can be replayed from itself.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -155,8 +154,7 @@ class _Gatherer:
         )
 
     def _judged(self, model: Model, boot_s: Floats, residual: Floats) -> Judged:
-        forgotten = 1.0 - self._bank.config.forgetting_factor(model.sample_time_s)
-        history = self._bank.history(*([math.ceil(3.0 / forgotten)] if forgotten > 0.0 else []))
+        history = self._bank.history()
         n = len(history.y)
         bias = self._bank.estimators[self.method].config.bias
         simulated = simulate(model.theta, model.orders, bias, history.u, history.y)
