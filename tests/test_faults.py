@@ -1,8 +1,8 @@
 """Faults in a good log: each oddity of real logs injected, and what must come of it.
 
 The good log is JSBSim's C172P of replay_logs/c172p_3211. Each docstring tells the result expected,
-field by field; ``same`` means the very numbers of the clean run, ``near`` that wn and zeta of ELS and
-RML lie within three sigma of them.
+field by field; ``same`` means the very numbers of the clean run, ``near`` that wn and zeta of ELS
+and RML lie within three sigma of them.
 """
 
 from __future__ import annotations

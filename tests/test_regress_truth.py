@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def test_the_servo_time_of_the_wrap_case_does_wrap():
         for _, frame in split((CASES / "c172p_uint32_wrap" / "log.tlog").read_bytes())
         if message_id(frame) == 36
     ]
-    steps = [b - a for a, b in zip(times, times[1:], strict=False)]
+    steps = [b - a for a, b in pairwise(times)]
 
     assert sum(step < -(2**31) for step in steps) == 1
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import socket
 import struct
 import subprocess
@@ -321,7 +320,7 @@ def test_names_in_a_log_make_no_file_anywhere(hostile_run: Path):
     assert made == {f"{stem}.tlog", "out", f"out/{stem}.mcap"}
     with next((hostile_run / "out").iterdir()).open("rb") as stream:
         names = [a.name for a in make_reader(stream).iter_attachments()]
-    assert {os.path.basename(name) for name in names} == set(names)
+    assert {Path(name).name for name in names} == set(names)
 
 
 def test_names_in_a_log_send_the_terminal_no_commands(hostile_run: Path, tmp_path: Path, capsys):
