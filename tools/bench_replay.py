@@ -58,17 +58,17 @@ def write_log(path: Path, hours: float, others_hz: int, seed: int = 1) -> int:
     return count
 
 
-def bare_pymavlink(path: Path) -> float:
-    """Return the seconds that pymavlink takes to hand over the messages yawid uses."""
-    start = time.perf_counter()
+def bare_pymavlink(path: Path) -> tuple[float, float]:
+    """Return wall and CPU seconds until pymavlink has handed over the messages yawid uses."""
+    start, cpu = time.perf_counter(), time.process_time()
     log = mavutil.mavlink_connection(str(path))
     while log.recv_match(type=WANTED) is not None:
         pass
-    return time.perf_counter() - start
+    return time.perf_counter() - start, time.process_time() - cpu
 
 
-def replay(path: Path, out: Path, rerun: str) -> tuple[float, float]:
-    """Return seconds and peak memory in MB of a replay in a process of its own."""
+def replay(path: Path, out: Path, rerun: str) -> tuple[float, float, float]:
+    """Return wall and CPU seconds and peak memory in MB of a replay in its own process."""
     command = ["replay", str(path), "--out", str(out), "--force", "--json", "--rerun", rerun]
     start = time.perf_counter()
     process = subprocess.Popen([sys.executable, "-m", "yawid", *command], stdout=subprocess.DEVNULL)
@@ -76,7 +76,8 @@ def replay(path: Path, out: Path, rerun: str) -> tuple[float, float]:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode not in (0, 5):
         raise SystemExit(f"the replay ended with {process.returncode}")
-    return time.perf_counter() - start, used.ru_maxrss / 1024.0
+    cpu = used.ru_utime + used.ru_stime
+    return time.perf_counter() - start, cpu, used.ru_maxrss / 1024.0
 
 
 def main(arguments: list[str]) -> None:
@@ -91,16 +92,18 @@ def main(arguments: list[str]) -> None:
         log = Path(folder) / "flight.tlog"
         count = write_log(log, options.hours, options.others)
         print(f"{options.hours:g} h, {count} messages, {log.stat().st_size / 1e6:.1f} MB")
-        bare_s = float("nan")
+        bare = float("nan"), float("nan")
         if not options.no_bare:
-            bare_s = min(bare_pymavlink(log) for _ in range(options.repeat))
-            print(f"bare pymavlink        {bare_s:6.2f} s")
+            bare = min(bare_pymavlink(log) for _ in range(options.repeat))
+            print(f"bare pymavlink         wall {bare[0]:5.2f} s, CPU {bare[1]:5.2f} s")
         for rerun in ("off", "save"):
             runs = [replay(log, Path(folder) / rerun, rerun) for _ in range(options.repeat)]
-            seconds, peak = min(r[0] for r in runs), max(r[1] for r in runs)
+            wall, cpu, _ = min(runs)
             what = "MCAP" if rerun == "off" else "MCAP and .rrd"
+            ratios = f"ratio {wall / bare[0]:.2f} and {cpu / bare[1]:.2f}"
+            peak = max(run[2] for run in runs)
             print(
-                f"replay, {what:13s} {seconds:6.2f} s  {peak:5.0f} MB  ratio {seconds / bare_s:.2f}"
+                f"replay, {what:13s}  wall {wall:5.2f} s, CPU {cpu:5.2f} s, {ratios}, {peak:.0f} MB"
             )
         sizes = {p.suffix: p.stat().st_size / 1e6 for p in (Path(folder) / "save").iterdir()}
         print(", ".join(f"{name} {size:.1f} MB" for name, size in sorted(sizes.items())))

@@ -123,9 +123,9 @@ def test_poles_are_drawn_where_the_roots_of_a_lie_with_the_imaginary_axis_up(
 
 
 def test_the_autocorrelation_of_the_last_minute_is_that_of_the_residuals(tmp_path: Path) -> None:
-    samples, estimates, modes = make_blocks(n=1500)
+    samples, estimates, modes = make_blocks(n=2200)
     columns = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
-    last = int(np.flatnonzero(samples.k % round(10.0 / SAMPLE_TIME_S) == 0)[-1])
+    last = int(np.flatnonzero(samples.k % round(20.0 / SAMPLE_TIME_S) == 0)[-1])
     x = estimates["els"].residual[last + 1 - 1200 : last + 1]
     x = x - x.mean()
     wanted = [np.sum(x[lag:] * x[:-lag]) / np.sum(x * x) for lag in range(1, 21)]

@@ -17,7 +17,7 @@ from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, 
 from yawid.physics.modes import discrete_poles
 
 PLANE_S = 2.0
-WHITENESS_S = 10.0
+WHITENESS_S = 20.0
 WINDOW_S = 60.0
 LAGS = 20
 USED = "used"
@@ -98,7 +98,7 @@ class Marks:
         return Plane(rows, discrete_poles(theta[:, : self._na]), discrete_poles(monic))
 
     def whiteness(self, samples: SampleBlock, estimate: EstimateBlock) -> list[Whiteness]:
-        """Return the autocorrelation of the last minute's residuals every ten seconds."""
+        """Return the autocorrelation of the last minute's residuals every twenty seconds."""
         before = len(self._residuals)
         residuals = np.concatenate([self._residuals, estimate.residual])
         due = np.flatnonzero(samples.k % self._white_step == 0).tolist()

@@ -1,0 +1,160 @@
+"""Every point of the threat model in README, attacked: names from a log, reports, MCAP files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hostile import assert_harmless, bomb, hostile_log, rewritten, run_limited, with_bomb
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from yawid.cli import main
+from yawid.errors import YawidError
+from yawid.sinks.mcap_run import open_run
+from yawid.sinks.recover import recover
+from yawid.sinks.report import write_report
+
+
+@pytest.fixture(scope="module")
+def hostile_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hostile")
+    log = folder / "a <img src=x onerror=alert(1)> & \"b\" 'c'.tlog"
+    log.write_bytes(hostile_log())
+    assert main(["replay", str(log), "--out", str(folder / "out"), "--rate", "10"]) in (0, 5)
+    return folder
+
+
+def test_names_in_a_log_make_no_file_anywhere(hostile_run: Path):
+    stem = "a <img src=x onerror=alert(1)> & \"b\" 'c'"
+
+    made = {path.relative_to(hostile_run).as_posix() for path in hostile_run.rglob("*")}
+    assert made == {f"{stem}.tlog", "out", f"out/{stem}.mcap"}
+    with next((hostile_run / "out").iterdir()).open("rb") as stream:
+        names = [a.name for a in make_reader(stream).iter_attachments()]
+    assert {Path(name).name for name in names} == set(names)
+
+
+def test_names_in_a_log_send_the_terminal_no_commands(hostile_run: Path, tmp_path: Path, capsys):
+    log = next(hostile_run.glob("*.tlog"))
+    for options in ([], ["--json"]):
+        main(
+            [
+                "replay",
+                str(log),
+                "--out",
+                str(tmp_path / str(len(options))),
+                "--rate",
+                "10",
+                *options,
+            ]
+        )
+    main(["inspect", str(log)])
+    said = capsys.readouterr()
+
+    controls = {c for c in said.out + said.err if ord(c) < 32} - {"\n"}
+    assert controls == set()
+
+
+def test_a_report_runs_nothing_that_names_put_into_it(hostile_run: Path, tmp_path: Path):
+    mcap = next((hostile_run / "out").iterdir())
+    page = write_report(mcap, tmp_path / "r.html").read_text(encoding="utf-8")
+
+    assert_harmless(page)
+    assert "&lt;img src=x onerror=alert(1)&gt;" in page
+
+
+@pytest.mark.parametrize("poison_metadata", [False, True])
+def test_a_report_of_a_forged_run_is_harmless_or_refused(
+    hostile_run: Path, tmp_path: Path, poison_metadata: bool
+):
+    mcap = next((hostile_run / "out").iterdir())
+    forged = rewritten(mcap, tmp_path / "forged.mcap", poison_metadata)
+    try:
+        page = write_report(forged, tmp_path / "r.html").read_text(encoding="utf-8")
+    except YawidError as refusal:
+        assert poison_metadata, refusal
+        return
+
+    assert_harmless(page)
+
+
+@pytest.fixture(scope="module")
+def good_mcap(hostile_run: Path) -> bytes:
+    return next((hostile_run / "out").iterdir()).read_bytes()
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_a_damaged_mcap_is_recovered_or_refused_in_one_line(
+    good_mcap: bytes, tmp_path_factory, data: st.DataObject
+):
+    folder = tmp_path_factory.mktemp("damaged")
+    content = bytearray(good_mcap)
+    for _ in range(data.draw(st.integers(0, 8))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        width = data.draw(st.sampled_from([1, 1, 8]))
+        content[at : at + width] = data.draw(st.binary(min_size=width, max_size=width))
+    content = content[: data.draw(st.integers(1, len(content)))]
+    (folder / "in.mcap").write_bytes(content)
+
+    for act in (
+        lambda: recover(folder / "in.mcap", folder / "out.mcap"),
+        lambda: open_run(folder / "in.mcap"),
+        lambda: write_report(folder / "in.mcap", folder / "r.html"),
+    ):
+        try:
+            act()
+        except YawidError as refusal:
+            assert "\n" not in str(refusal)
+    assert not list(folder.glob("*.part"))
+
+
+def test_a_chunk_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path):
+    (tmp_path / "bomb.mcap").write_bytes(bomb(1500))
+    assert (tmp_path / "bomb.mcap").stat().st_size < 1_000_000
+
+    run_limited(
+        "from pathlib import Path\n"
+        "from yawid.errors import SinkError\n"
+        "from yawid.sinks.recover import recover\n"
+        "try:\n"
+        "    recover(Path(sys.argv[1]), Path(sys.argv[2]))\n"
+        "except SinkError as error:\n"
+        "    assert 'nothing recovered' in str(error)",
+        700,
+        tmp_path / "bomb.mcap",
+        tmp_path / "out.mcap",
+    )
+
+
+def test_a_run_with_such_a_chunk_is_neither_reported_nor_shown(good_mcap: bytes, tmp_path: Path):
+    (tmp_path / "bomb.mcap").write_bytes(with_bomb(good_mcap, 1500))
+    run_limited(
+        "from yawid.cli import main\n"
+        "assert main(['report', sys.argv[1], '-o', sys.argv[2]]) == 6\n"
+        "assert main(['view', sys.argv[1], '--save', sys.argv[3]]) == 6",
+        900,
+        tmp_path / "bomb.mcap",
+        tmp_path / "r.html",
+        tmp_path / "v.rrd",
+    )
+
+
+def test_recover_never_writes_where_an_attachments_name_points(tmp_path: Path):
+    with (tmp_path / "in.mcap").open("wb") as target:
+        writer = Writer(target)
+        writer.start(profile="", library="evil")
+        channel = writer.register_channel("/../../x", "json", 0)
+        writer.add_message(channel, 0, b"{}", 0)
+        writer.add_attachment(0, 0, "../../../escaped.txt", "text/plain", b"x")
+        writer.finish()
+
+    recover(tmp_path / "in.mcap", tmp_path / "sub.mcap")
+
+    assert {path.name for path in tmp_path.iterdir()} == {"in.mcap", "sub.mcap"}
+    assert not (tmp_path / ".." / "escaped.txt").exists()
