@@ -52,6 +52,8 @@ def fit_prediction_error(
         u, y = checked_samples(u, y, orders.n_inputs)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+    if np.isinf(u).any() or np.isinf(y).any():
+        raise ConfigError("u and y must not be infinite; a NaN marks a sample to be left out")
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     count = int(good.sum())
     if count <= 3 * (orders.n_theta + int(bias)):
