@@ -63,6 +63,11 @@ class Channels:
 
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
         """Take a block of messages in; return the samples it completes, in order."""
+        # Any bits may stand in a float of the log: what is not sound becomes NaN, and held.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._taken(frames)
+
+    def _taken(self, frames: FrameBlock) -> list[SampleBlock]:
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
             return []

@@ -20,7 +20,8 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
-from mcap.records import Channel, Message, Schema
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader
 from zstandard import ZstdError
 
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
@@ -28,6 +29,7 @@ from yawid.errors import SourceError
 from yawid.run_config import RunConfig, check_settings
 from yawid.sinks.base import LogLevel
 from yawid.sinks.messages import Rows, estimate_from, modes_from, samples_from
+from yawid.sinks.recover import is_bomb
 from yawid.sinks.rows import RowLayout
 from yawid.sinks.schemas import descriptor, message_class, schema_data
 
@@ -159,6 +161,10 @@ def open_run(path: Path) -> McapRun:
             raise SourceError(f"{path} is no MCAP file: yawid replay makes one of a log")
         stream.seek(0)
         with _damage_told(path):
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, Chunk) and is_bomb(record):
+                    raise SourceError(f"{path}: a chunk of it unpacks to too much: not read")
+            stream.seek(0)
             reader = make_reader(stream, validate_crcs=True)
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
             attachments = {record.name: record.data for record in reader.iter_attachments()}

@@ -19,7 +19,10 @@ from yawid.errors import SinkError
 from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
 
 LARGEST_CHUNK: Final = 64 << 20
-"""Unpacked; yawid writes a chunk a second. Zstandard packs gigabytes of zeros into nothing."""
+"""Unpacked; yawid writes a chunk a second."""
+LARGEST_RATIO: Final = 200
+"""Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
+the library reads each nine of them as a record."""
 LIBRARY: Final = f"yawid {__version__} (recovered)"
 # What mcap raises on damaged bytes: its own errors, short structs, bad text or CRC, absurd sizes.
 _DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
@@ -62,14 +65,21 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
         return
 
 
+def is_bomb(chunk: Chunk) -> bool:
+    """Tell whether a chunk unpacks to so much that it is made to choke the reader.
+
+    Raises:
+        ZstdError: its content is no Zstandard frame.
+    """
+    unpacked = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        unpacked = max(unpacked, frame_content_size(chunk.data))
+    return unpacked > min(LARGEST_CHUNK, max(1 << 20, LARGEST_RATIO * len(chunk.data)))
+
+
 def _chunk_records(chunk: Chunk) -> list[McapRecord]:
     try:
-        unpacked = chunk.uncompressed_size
-        if chunk.compression == "zstd":
-            unpacked = max(unpacked, frame_content_size(chunk.data))
-        if unpacked > LARGEST_CHUNK:
-            return []
-        return breakup_chunk(chunk, validate_crc=True)
+        return [] if is_bomb(chunk) else breakup_chunk(chunk, validate_crc=True)
     except _DAMAGE:
         return []
 
