@@ -34,7 +34,7 @@ class AllRows(RowsSink):
 
 def pick(block, i: int):
     values = [getattr(block, name) for name in block.__slots__]
-    return type(block)(*(None if v is None else v[i : i + 1] for v in values))
+    return type(block)(*(v[i : i + 1] if isinstance(v, np.ndarray) else v for v in values))
 
 
 def run(data: bytes, size: int, **settings) -> tuple[np.ndarray, dict]:

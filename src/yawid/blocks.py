@@ -129,23 +129,74 @@ class SampleBlock:
 class EstimateBlock:
     """What one estimator made of a block of samples, a row each.
 
-    ``theta`` and ``theta_std`` (n, p) in the user's units, ``covariance`` (n, p, p) of theta or
-    None where it was not asked for, ``y_hat`` (n,) one-step prediction, ``innovation`` (n,) a
-    priori and ``residual`` (n,) a posteriori error, ``noise_std`` (n,) of the innovation,
-    ``status`` (n,) see :class:`Status`.
+    The fields are columns of ``rows`` (n, 2 p + 5), or (n, 2 p + 5 + p p) with the covariance, as
+    the recursion writes them: a live block is too short to pay for cutting what nobody reads.
     """
 
-    theta: Floats
-    theta_std: Floats
-    covariance: Floats | None
-    y_hat: Floats
-    innovation: Floats
-    residual: Floats
-    noise_std: Floats
-    status: Bytes
+    rows: Floats
+    p: int
+
+    @classmethod
+    def of(
+        cls,
+        theta: Floats,
+        theta_std: Floats,
+        covariance: Floats | None,
+        y_hat: Floats,
+        innovation: Floats,
+        residual: Floats,
+        noise_std: Floats,
+        status: NDArray[Any],
+    ) -> EstimateBlock:
+        """Return the block of these fields, in the order and shapes of the properties."""
+        n, p = theta.shape
+        last = () if covariance is None else (covariance.reshape(n, p * p),)
+        columns = (theta, theta_std, y_hat, innovation, residual, noise_std, status, *last)
+        return cls(np.column_stack(columns).astype(np.float64, copy=False), p)
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n, p) in the user's units."""
+        return self.rows[:, : self.p]
+
+    @property
+    def theta_std(self) -> Floats:
+        """Their standard deviations (n, p)."""
+        return self.rows[:, self.p : 2 * self.p]
+
+    @property
+    def covariance(self) -> Floats | None:
+        """The covariance (n, p, p) of theta, or None where it was not asked for."""
+        rest = self.rows[:, 2 * self.p + 5 :]
+        return rest.reshape(-1, self.p, self.p) if rest.size else None
+
+    @property
+    def y_hat(self) -> Floats:
+        """One-step prediction (n,) of y."""
+        return self.rows[:, 2 * self.p]
+
+    @property
+    def innovation(self) -> Floats:
+        """The error (n,) a priori, y - y_hat."""
+        return self.rows[:, 2 * self.p + 1]
+
+    @property
+    def residual(self) -> Floats:
+        """The error (n,) a posteriori."""
+        return self.rows[:, 2 * self.p + 2]
+
+    @property
+    def noise_std(self) -> Floats:
+        """Standard deviation (n,) of the innovation."""
+        return self.rows[:, 2 * self.p + 3]
+
+    @property
+    def status(self) -> Bytes:
+        """See :class:`Status` (n,)."""
+        return self.rows[:, 2 * self.p + 4].astype(np.uint8)
 
     def __len__(self) -> int:
-        return len(self.y_hat)
+        return len(self.rows)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,14 +37,9 @@ def config(orders: ArmaxOrders | None = None, **options: Any) -> EstimatorConfig
 
 def assert_same_bits(one: Any, other: Any) -> None:
     for name in one.__slots__:
-        left, right = getattr(one, name), getattr(other, name)
-        if left is None:
-            assert right is None
-        else:
-            np.testing.assert_array_equal(left, right, err_msg=name)
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 def joined(blocks: list[Any]) -> Any:
-    kind = type(blocks[0])
-    columns = [[getattr(block, name) for block in blocks] for name in kind.__slots__]
-    return kind(*(None if c[0] is None else np.concatenate(c) for c in columns))
+    rows = np.concatenate([block.rows for block in blocks])
+    return replace(blocks[0], rows=rows)

@@ -34,7 +34,7 @@ def estimates(theta: np.ndarray, covariance: np.ndarray | None = None) -> Estima
     zero = np.zeros(n)
     if covariance is not None:
         covariance = np.broadcast_to(covariance, (n, p, p))
-    return EstimateBlock(theta, theta, covariance, zero, zero, zero, zero, zero.astype(np.uint8))
+    return EstimateBlock.of(theta, theta, covariance, zero, zero, zero, zero, zero.astype(np.uint8))
 
 
 @given(

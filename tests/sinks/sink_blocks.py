@@ -56,7 +56,7 @@ def make_estimate(samples: SampleBlock, p: int, rng: np.random.Generator) -> Est
     n = len(samples)
     status = np.where(samples.held != 0, Status.HELD, Status.TRACKING).astype(np.uint8)
     status[:3] = Status.WARMING_UP
-    return EstimateBlock(
+    return EstimateBlock.of(
         theta=rng.normal(size=(n, p)),
         theta_std=rng.random((n, p)),
         covariance=None,

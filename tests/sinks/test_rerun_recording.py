@@ -110,9 +110,9 @@ def test_poles_are_drawn_where_the_roots_of_a_lie_with_the_imaginary_axis_up(
     samples, estimates, modes = make_blocks(n=100)
     els = estimates["els"]
     z = 0.8 + 0.3j
-    theta = els.theta.copy()
-    theta[:, :2] = -2.0 * z.real, abs(z) ** 2
-    estimates = estimates | {"els": replace(els, theta=theta)}
+    rows = els.rows.copy()
+    rows[:, :2] = -2.0 * z.real, abs(z) ** 2
+    estimates = estimates | {"els": replace(els, rows=rows)}
     columns = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))["/z_plane/poles"]
     every_other = samples.k % round(2.0 / SAMPLE_TIME_S) == 0
     live = els.status != Status.WARMING_UP

@@ -49,8 +49,9 @@ class RecursiveArmax(Readings):
         parts = slots.views(state)
         self._parts = parts
         self._live = len(state) - len(parts[slots.SAMPLES])
-        self._input_at = self._live - config.orders.n_inputs
-        self._one_input = config.orders.n_inputs == 1
+        self._moving = state[: self._live]
+        self._inputs = config.orders.n_inputs
+        self._input_at = self._live - self._inputs
         self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
@@ -59,15 +60,15 @@ class RecursiveArmax(Readings):
         Raises:
             ValueError: u or y is infinite, or u has another number of inputs.
         """
-        if self._one_input and isinstance(u, float):
+        if self._inputs == 1 and isinstance(u, float):
             if came := entry.step(self._state, u, y):
                 if came == entry.INFINITE:
                     raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
                 self._start()
         else:
-            row = checked_u(u, y, self.config.orders.n_inputs)
+            row = checked_u(u, y, self._inputs)
             self.run(row.reshape(1, -1), [y], keep="last")
-        return Estimate(self._state.copy())
+        return Estimate(self._moving.tobytes())
 
     def run(
         self,
@@ -86,19 +87,19 @@ class RecursiveArmax(Readings):
         """
         if keep not in ("all", "last"):
             raise ValueError(f'keep must be "all" or "last", got {keep!r}')
-        u, y = checked_samples(u, y, self.config.orders.n_inputs)
-        if not entry.finite_or_nan(u, y):
-            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
+        u, y = checked_samples(u, y, self._inputs)
         n = self._n
         width = 2 * n + 5 + (n * n if covariance else 0)
         rows = np.empty((len(y) if keep == "all" else 1, width))
         done = entry.run(self._state, u, y, rows, 0)
+        if done < 0:
+            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
         if done < len(y):  # a start fit is due, once in a life
             self._start()
             if keep == "all":
                 entry.read(self._state, rows[done])
             entry.run(self._state, u, y, rows, done + 1)
-        return _block(rows, n, covariance)
+        return EstimateBlock(rows, n)
 
     def _start(self) -> None:
         window, parts = int(self._state[slots.WINDOW]), self._parts
@@ -119,7 +120,7 @@ class RecursiveArmax(Readings):
         """
         scratch = self._state[: self._live].copy()
         if not all(self.config.orders.nk):
-            u = checked_u(u, 0.0, self.config.orders.n_inputs)
+            u = checked_u(u, 0.0, self._inputs)
             scratch[self._input_at :] = u
         return float(entry.predict(scratch))
 
@@ -223,16 +224,3 @@ class RecursiveArmax(Readings):
     def _mean_root(self, slot: int) -> float:
         s1 = self._state[slots.S1]
         return math.sqrt(self._state[slot] / s1) / self._scale if s1 else math.nan
-
-
-def _block(rows: Floats, n: int, covariance: bool) -> EstimateBlock:
-    return EstimateBlock(
-        theta=rows[:, :n],
-        theta_std=rows[:, n : 2 * n],
-        covariance=rows[:, 2 * n + 5 :].reshape(-1, n, n) if covariance else None,
-        y_hat=rows[:, 2 * n],
-        innovation=rows[:, 2 * n + 1],
-        residual=rows[:, 2 * n + 2],
-        noise_std=rows[:, 2 * n + 3],
-        status=rows[:, 2 * n + 4].astype(np.uint8),
-    )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 
-from yawid.estimation.kernel import bare, hot, jit, p_entry
+from yawid.estimation.kernel import hot, jit, p_entry, part
 from yawid.estimation.recursion import expect, take
 from yawid.estimation.state import (
     BIAS,
@@ -44,7 +44,7 @@ from yawid.estimation.state import (
     D,
     M,
     Y,
-    places,
+    parts,
 )
 from yawid.estimation.upkeep import noise_variance
 
@@ -52,13 +52,15 @@ TAKEN, FIT_DUE, INFINITE = 0, 1, 2  # what step returns
 
 
 @jit
-def _scale(s, at):
+def _scale(s):
     """Set the factors from the full window; False where a channel in use moves too little."""
-    samples = s[at[SAMPLES] : at[SAMPLES + 1]]
-    factors = s[at[FACTORS] : at[FACTORS + 1]]
-    heads = s[at[HEADS] : at[HEADS + 1]]
-    units = s[at[UNITS] : at[UNITS + 1]]
-    taps = s[at[TAPS] : at[TAPS + 1]]
+    s = part(s, 0, len(s))
+    at = parts(s)
+    samples = at[SAMPLES]
+    factors = at[FACTORS]
+    heads = at[HEADS]
+    units = at[UNITS]
+    taps = at[TAPS]
     w, width = int(s[WINDOW]), int(s[M]) + 2
     for j in range(int(s[M]) + 1):
         mean, spread = 0.0, 0.0
@@ -84,10 +86,10 @@ def _scale(s, at):
 @jit
 def release(s, frozen):
     """Run through the window's samples, oldest first, and recurse from now on."""
-    s = bare(s)
-    at = places(s)
-    samples = s[at[SAMPLES] : at[SAMPLES + 1]]
-    inputs = s[at[INPUTS] : at[INPUTS + 1]]
+    s = part(s, 0, len(s))
+    at = parts(s)
+    samples = at[SAMPLES]
+    inputs = at[INPUTS]
     w, width = int(s[WINDOW]), int(s[M]) + 2
     s[PHASE] = RUNNING
     for i in range(w):
@@ -105,10 +107,12 @@ def release(s, frozen):
 
 
 @jit
-def _collect(s, at):
+def _collect(s):
     """Keep the sample in the window; when the window is full and moves, scale and release it."""
-    samples = s[at[SAMPLES] : at[SAMPLES + 1]]
-    inputs = s[at[INPUTS] : at[INPUTS + 1]]
+    s = part(s, 0, len(s))
+    at = parts(s)
+    samples = at[SAMPLES]
+    inputs = at[INPUTS]
     w, width, head = int(s[WINDOW]), int(s[M]) + 2, int(s[HEAD])
     if s[COUNT] == s[WINDOW]:
         s[HEAD], s[HELD] = float((head + 1) % w), s[HELD] + 1.0
@@ -121,7 +125,7 @@ def _collect(s, at):
     s[BROKEN] = 0.0
     s[Y_HAT], s[INNOVATION], s[RESIDUAL] = math.nan, math.nan, math.nan
     s[STATUS] = WARMING_UP
-    if s[COUNT] == s[WINDOW] and _scale(s, at):
+    if s[COUNT] == s[WINDOW] and _scale(s):
         if s[START_FIT] > 0.0:
             s[PHASE] = FITTING
         else:
@@ -130,7 +134,7 @@ def _collect(s, at):
 
 @hot
 def _sample(s, at):
-    inputs = s[at[INPUTS] : at[INPUTS + 1]]
+    inputs = at[INPUTS]
     finite = abs(s[Y]) < math.inf
     for j in range(len(inputs)):
         finite = finite and abs(inputs[j]) < math.inf
@@ -141,7 +145,7 @@ def _sample(s, at):
     elif s[PHASE] == RUNNING:
         take(s, at, 0.0)
     else:
-        _collect(s, at)
+        _collect(s)
 
 
 @jit
@@ -149,16 +153,16 @@ def step(s, u, y):
     """Take one sample of one input, or nothing if it is infinite; return what came of it."""
     if abs(u) == math.inf or abs(y) == math.inf:
         return INFINITE
-    s = bare(s)
-    at = places(s)
-    s[at[INPUTS]] = u
+    s = part(s, 0, len(s))
+    at = parts(s)
+    at[INPUTS][0] = u
     s[Y] = y
     _sample(s, at)
     return FIT_DUE if s[PHASE] == FITTING else TAKEN
 
 
-@jit
-def finite_or_nan(u, y):
+@hot
+def _finite_or_nan(u, y):
     """Tell whether nothing in u (samples, M) and y (samples,) is infinite."""
     for k in range(len(y)):
         if abs(y[k]) == math.inf:
@@ -172,20 +176,20 @@ def finite_or_nan(u, y):
 @jit
 def predict(s):
     """Return y_hat for the inputs in their slots; spoils s, so give it a copy."""
-    s = bare(s)
-    at = places(s)
-    factors = s[at[FACTORS] : at[FACTORS + 1]]
+    s = part(s, 0, len(s))
+    at = parts(s)
+    factors = at[FACTORS]
     return expect(s, at) / factors[0] if s[PHASE] == RUNNING else math.nan
 
 
-@jit
+@hot
 def covariance_entry(s, at, i, j):
     """Covariance of theta[i] and theta[j], i <= j, in the user's units."""
-    theta = s[at[THETA] : at[THETA + 1]]
-    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    d = s[at[D] : at[D + 1]]
-    upper = s[at[UPPER] : at[UPPER + 1]]
-    units = s[at[UNITS] : at[UNITS + 1]]
+    theta = at[THETA]
+    covariance = at[COVARIANCE]
+    d = at[D]
+    upper = at[UPPER]
+    units = at[UNITS]
     n = len(theta)
     if s[S1] == 0.0:
         return math.nan
@@ -195,15 +199,15 @@ def covariance_entry(s, at, i, j):
     return noise_variance(s) * p_entry(d, upper, i, j) * s[S2] / s[S1] * units[i] * units[j]
 
 
-@jit
+@hot
 def _read(s, at, row):
     """Fill row with theta, theta_std, y_hat, innovation, residual, noise_std, status.
 
     A long row takes the covariance too.
     """
-    theta = s[at[THETA] : at[THETA + 1]]
-    units = s[at[UNITS] : at[UNITS + 1]]
-    factors = s[at[FACTORS] : at[FACTORS + 1]]
+    theta = at[THETA]
+    units = at[UNITS]
+    factors = at[FACTORS]
     n = len(theta)
     for i in range(n):
         variance = covariance_entry(s, at, i, i)
@@ -224,18 +228,22 @@ def _read(s, at, row):
 @jit
 def read(s, row):
     """Fill row (2 N + 5,) or (2 N + 5 + N N,) with the results of the last sample."""
-    _read(s, places(s), row)
+    s = part(s, 0, len(s))
+    _read(s, parts(s), row)
 
 
 @jit
 def run(s, u, y, out, first):
     """Take samples from the first on into rows of out (or only the last); stop where a fit is due.
 
-    u (samples, M), y (samples,). Returns the number of samples taken.
+    u (samples, M), y (samples,). Returns the number of samples taken; -1, and takes none, where
+    one of them all is infinite.
     """
-    s = bare(s)
-    at = places(s)
-    inputs = s[at[INPUTS] : at[INPUTS + 1]]
+    if first == 0 and not _finite_or_nan(u, y):
+        return -1
+    s = part(s, 0, len(s))
+    at = parts(s)
+    inputs = at[INPUTS]
     for k in range(first, len(y)):
         s[Y] = y[k]
         for j in range(u.shape[1]):

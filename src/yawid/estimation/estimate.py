@@ -12,26 +12,32 @@ from yawid.estimation import state as slots
 class Estimate:
     """A snapshot after one sample; its fields are computed when asked for."""
 
-    __slots__ = ("_state",)
+    __slots__ = ("_saved",)
 
-    def __init__(self, state: Floats) -> None:
-        self._state = state
+    def __init__(self, saved: bytes) -> None:
+        self._saved = saved
+
+    @property
+    def _state(self) -> Floats:
+        return np.frombuffer(self._saved).copy()  # the compiled code reads writable arrays only
 
     def _read(self) -> Floats:
-        row = np.empty(2 * int(self._state[slots.N]) + 5)
-        entry.read(self._state, row)
+        state = self._state
+        row = np.empty(2 * int(state[slots.N]) + 5)
+        entry.read(state, row)
         return row
 
     @property
     def theta(self) -> Floats:
         """Parameters (n,) in the user's units."""
-        return self._read()[: int(self._state[slots.N])]
+        row = self._read()
+        return row[: (len(row) - 5) // 2]
 
     @property
     def theta_std(self) -> Floats:
         """Standard deviation (n,) of theta; NaN before the first update."""
-        n = int(self._state[slots.N])
-        return self._read()[n : 2 * n]
+        row = self._read()
+        return row[(len(row) - 5) // 2 : -5]
 
     @property
     def covariance(self) -> Floats:

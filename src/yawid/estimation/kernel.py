@@ -15,7 +15,9 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import types
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 settings: Any = numba.config  # it makes its attributes as it goes
 COMPILED = ("kernel.py", "state.py", "upkeep.py", "recursion.py", "entry.py")
@@ -61,24 +63,26 @@ def compiled_before() -> bool:
 
 
 @intrinsic
-def _bare(_context, array):
-    """Return the same memory without a reference count; the caller keeps the array alive."""
+def _part(_context, array, start, stop):
+    """Return array[start:stop] unchecked and without a reference count."""
 
     def generate(context, builder, signature, values):
-        view = context.make_array(signature.return_type)(context, builder, values[0])
-        view.meminfo = view.meminfo.type(None)
-        view.parent = view.parent.type(None)
+        whole = context.make_array(array)(context, builder, values[0])
+        view = context.make_array(array)(context, builder)
+        data = builder.gep(whole.data, [values[1]])
+        size = builder.sub(values[2], values[1])
+        populate_array(view, data, [size], [whole.itemsize], whole.itemsize, None)
         return view._getvalue()
 
-    return array(array), generate
+    return array(array, types.intp, types.intp), generate
 
 
-def _same(array):
-    return array
+def _slice(array, start, stop):
+    return array[start:stop]
 
 
-# Slices are free only of memory without a count: counting costs more than the arithmetic.
-bare: Any = _same if settings.DISABLE_JIT else _bare
+# The caller keeps the array alive: a slice's checks and counts cost more than the arithmetic.
+part: Any = _slice if settings.DISABLE_JIT else _part
 
 
 @hot
@@ -89,22 +93,24 @@ def push(register, start, length, x):
 
 
 @hot
-def bierman(d, upper, psi, lam, gain):
+def bierman(d, upper, psi, lam, gain, most):
     """Update P = U D U' by the row psi; return 1 / alpha, alpha = lambda + psi' P psi.
 
-    ``gain`` becomes P psi: the Kalman gain times alpha (Bierman 1977).
+    ``gain`` becomes P psi: the Kalman gain times alpha (Bierman 1977). P then grows by 1 / lambda,
+    its D no further than ``most``.
     """
-    alpha, inverse, column = lam, 1.0 / lam, 0
+    over = 1.0 / lam
+    alpha, inverse, column = lam, over, 0
     for j in range(len(psi)):
         f = psi[j]
         for i in range(j):
             f += upper[column + i] * psi[i]
         v = d[j] * f
         mu = -f * inverse
-        before = alpha
+        grown = d[j] * over * alpha
         alpha += f * v
         inverse = 1.0 / alpha
-        d[j] *= before * inverse
+        d[j] = min(grown * inverse, most)
         gain[j] = v
         for i in range(j):
             old = upper[column + i]

@@ -47,7 +47,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     covariance = n * n + n + 2 * lags + 1 if lags else 0
     length = slots.HEADER + 8 * n + n * (n - 1) // 2 + 2 * size + covariance
     length += max(n, orders.n_inputs + 3) + len(heads) + len(heads) - 1 + n
-    length += 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
+    length += orders.nc + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
     state = np.zeros(length)
     header = {
         slots.N: n, slots.NA: orders.na, slots.NC: orders.nc, slots.M: orders.n_inputs,
@@ -68,8 +68,8 @@ def new_state(config: EstimatorConfig) -> Floats:
     parts[slots.D][:] = config.P0
     if lags:
         parts[slots.COVARIANCE][:: n + 1] = config.P0
-    parts[slots.HEADS][:] = heads
-    parts[slots.TAPS][:] = taps
+    parts[slots.HEADS].view(np.uint64)[:] = heads
+    parts[slots.TAPS].view(np.uint64)[:] = taps
     parts[slots.FACTORS][:] = 1.0
     parts[slots.UNITS][:] = 1.0
     parts[slots.LEAST][:] = config.P0

@@ -6,11 +6,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from yawid.estimation.kernel import bierman, follow_covariance, hot, jit, stable
 from yawid.estimation.state import (
     BIAS,
     BROKEN,
     COVARIANCE,
+    D_MAX,
     DEPTH,
     DIVERGED,
     DIVERGING,
@@ -56,11 +59,14 @@ from yawid.estimation.state import (
     WARM,
     WARMING_UP,
     Y_HAT,
+    C,
     D,
-    N,
     Y,
+    parts,
 )
 from yawid.estimation.upkeep import account, adapt
+
+ONE = np.uint64(1)
 
 
 @hot
@@ -72,7 +78,7 @@ def _shift(register, heads, fresh):
     for i in range(len(register) - 1, 0, -1):
         register[i] = register[i - 1]
     for j in range(len(fresh)):
-        register[int(heads[j])] = fresh[j]
+        register[heads[j]] = fresh[j]
 
 
 @hot
@@ -81,32 +87,37 @@ def _filter(s, at):
 
     While lambda(t) is on its way, C's zeros are drawn in as far: an early C may lie at the edge.
     """
-    filtered = s[at[FILTERED] : at[FILTERED + 1]]
-    heads = s[at[HEADS] : at[HEADS + 1]]
-    fresh = s[at[FRESH] : at[FRESH + 1]]
-    theta = s[at[THETA] : at[THETA + 1]]
-    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
-    nc = int(s[NC])
-    first = int(s[N]) - nc - int(s[BIAS])
+    filtered = at[FILTERED]
+    heads = at[HEADS]
+    fresh = at[FRESH]
+    theta = at[THETA]
+    scratch = at[SCRATCH]
+    c = at[C]
     contraction = 1.0 - (s[LAMBDA_END] - s[LAMBDA])
+    power, first = contraction, len(theta) - len(c) - int(s[BIAS])
+    for i in range(len(c)):
+        c[i] = power * theta[first + i]
+        power *= contraction
     for j in range(len(fresh)):
-        if heads[j + 1] > heads[j]:
-            x, power, start = fresh[j], contraction, int(heads[j])
-            for i in range(nc):
-                x -= power * theta[first + i] * filtered[start + i]
-                power *= contraction
+        at_head = heads[j]
+        if heads[j + 1] > at_head:
+            x = fresh[j]
+            for i in range(len(c)):
+                x -= c[i] * filtered[at_head]
+                at_head += ONE
             scratch[j] = x
     _shift(filtered, heads, scratch[: len(fresh)])
 
 
 @jit
-def _open(s, at):
+def _open(s):
     """Empty the registers: the samples before are not the neighbours of those that follow."""
-    raw = s[at[RAW] : at[RAW + 1]]
-    filtered = s[at[FILTERED] : at[FILTERED + 1]]
-    echo = s[at[ECHO] : at[ECHO + 1]]
-    residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
-    fresh = s[at[FRESH] : at[FRESH + 1]]
+    at = parts(s)
+    raw = at[RAW]
+    filtered = at[FILTERED]
+    echo = at[ECHO]
+    residuals = at[RESIDUALS]
+    fresh = at[FRESH]
     raw[:] = 0.0
     filtered[:] = 0.0
     echo[:] = 0.0
@@ -116,14 +127,15 @@ def _open(s, at):
 
 
 @jit
-def _restart(s, at):
+def _restart(s):
     """Forget theta, P and the statistics after a non-finite result."""
-    theta = s[at[THETA] : at[THETA + 1]]
-    d = s[at[D] : at[D + 1]]
-    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    upper = s[at[UPPER] : at[UPPER + 1]]
-    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
-    least = s[at[LEAST] : at[LEAST + 1]]
+    at = parts(s)
+    theta = at[THETA]
+    d = at[D]
+    covariance = at[COVARIANCE]
+    upper = at[UPPER]
+    products = at[PRODUCTS]
+    least = at[LEAST]
     n = len(theta)
     theta[:] = 0.0
     d[:] = s[P0]
@@ -158,58 +170,63 @@ def _stable_step(s, theta, gain, scratch, step):
 @hot
 def _learn(s, at, y, e):
     """Update theta and P by the innovation and phi, psi; return the residual, NaN for a failure."""
-    theta = s[at[THETA] : at[THETA + 1]]
-    d = s[at[D] : at[D + 1]]
-    phi = s[at[PHI] : at[PHI + 1]]
-    gain = s[at[GAIN] : at[GAIN + 1]]
-    psi = s[at[PSI] : at[PSI + 1]]
-    filtered = s[at[FILTERED] : at[FILTERED + 1]]
-    taps = s[at[TAPS] : at[TAPS + 1]]
-    upper = s[at[UPPER] : at[UPPER + 1]]
-    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
-    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    echo = s[at[ECHO] : at[ECHO + 1]]
+    theta = at[THETA]
+    d = at[D]
+    phi = at[PHI]
+    gain = at[GAIN]
+    psi = at[PSI]
+    filtered = at[FILTERED]
+    taps = at[TAPS]
+    upper = at[UPPER]
+    scratch = at[SCRATCH]
+    covariance = at[COVARIANCE]
+    echo = at[ECHO]
     if s[RML] == 0.0 or s[SINCE] < PSI_FROM:
         psi = phi
     else:
         for i in range(len(psi)):
-            psi[i] = filtered[int(taps[i])]
+            psi[i] = filtered[taps[i]]
     lam = s[LAMBDA]
-    inverse = bierman(d, upper, psi, lam, gain)
-    step = e * inverse
-    if s[RML] > 0.0 and s[NC] > 0.0:
-        possible = _stable_step(s, theta, gain, scratch, step)
-        if possible != step:
-            s[HALVED] += 1.0
-        step = possible
-    along = 0.0
-    for i in range(len(theta)):
-        theta[i] += step * gain[i]
-        along += gain[i] * phi[i]
-    eps = e - step * along
+    inverse = bierman(d, upper, psi, lam, gain, s[D_MAX])
+    step, share = e * inverse, lam * inverse
+    if s[RML] > 0.0:
+        if s[NC] > 0.0:
+            possible = _stable_step(s, theta, gain, scratch, step)
+            if possible != step:
+                s[HALVED] += 1.0
+            step = possible
+        along = 0.0
+        for i in range(len(theta)):
+            theta[i] += step * gain[i]
+            along += gain[i] * phi[i]
+        eps = e - step * along
+    else:
+        for i in range(len(theta)):
+            theta[i] += step * gain[i]
+        eps = e * share  # gain' phi = alpha - lambda where psi = phi
     if not (inverse > 0.0 and e * e + eps * eps < math.inf):
         return math.nan
     if s[LAGS] > 0.0:
         memory = 1.0 - min(1.0, max(1.0 / s[LAGS], FEW / (s[S1] + 1.0)))
         follow_covariance(covariance, echo, psi, gain, scratch, inverse, e, memory)
     adapt(s, at, lam)
-    account(s, at, y, e, eps, lam, lam * inverse)
+    account(s, at, y, e, eps, lam, share)
     return eps
 
 
 @hot
 def expect(s, at):
     """Enter what is known before y and return the scaled y_hat, NaN while the lags are not full."""
-    inputs = s[at[INPUTS] : at[INPUTS + 1]]
-    factors = s[at[FACTORS] : at[FACTORS + 1]]
-    fresh = s[at[FRESH] : at[FRESH + 1]]
-    raw = s[at[RAW] : at[RAW + 1]]
-    heads = s[at[HEADS] : at[HEADS + 1]]
-    taps = s[at[TAPS] : at[TAPS + 1]]
-    phi = s[at[PHI] : at[PHI + 1]]
-    theta = s[at[THETA] : at[THETA + 1]]
+    inputs = at[INPUTS]
+    factors = at[FACTORS]
+    fresh = at[FRESH]
+    raw = at[RAW]
+    heads = at[HEADS]
+    taps = at[TAPS]
+    phi = at[PHI]
+    theta = at[THETA]
     if s[BROKEN] > 0.0:
-        _open(s, at)
+        _open(s)
     for j in range(len(inputs)):
         fresh[1 + j] = inputs[j] * factors[1 + j]
     fresh[len(fresh) - 1] = 1.0
@@ -221,7 +238,7 @@ def expect(s, at):
         return math.nan
     y_hat = 0.0
     for i in range(len(theta)):
-        phi[i] = raw[int(taps[i])]
+        phi[i] = raw[taps[i]]
         y_hat += phi[i] * theta[i]
     return y_hat
 
@@ -229,8 +246,8 @@ def expect(s, at):
 @hot
 def take(s, at, frozen):
     """Take the sample in its slots through the recursion; frozen leaves theta and P as they are."""
-    factors = s[at[FACTORS] : at[FACTORS + 1]]
-    fresh = s[at[FRESH] : at[FRESH + 1]]
+    factors = at[FACTORS]
+    fresh = at[FRESH]
     y = s[Y] * factors[0]
     y_hat = expect(s, at)
     e = y - y_hat
@@ -241,7 +258,7 @@ def take(s, at, frozen):
     elif learning:
         eps = _learn(s, at, y, e)
         if not abs(eps) < math.inf:
-            _restart(s, at)
+            _restart(s)
             learning = False
     if not learning:
         s[HELD] += 1.0

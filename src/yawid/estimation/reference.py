@@ -97,7 +97,7 @@ class ReferenceArmax(ReferenceReadings):
                 made.append(self.estimate())
         made = made if keep == "all" else [self.estimate()]
         n = self.config.n_theta
-        return EstimateBlock(
+        return EstimateBlock.of(
             np.array([e.theta for e in made]).reshape(-1, n),
             np.array([e.theta_std for e in made]).reshape(-1, n),
             np.array([e.covariance for e in made]).reshape(-1, n, n) if covariance else None,

@@ -13,7 +13,7 @@ from yawid.config import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.layout import new_state
 
-VERSION = "yawid-armax-1"
+VERSION = "yawid-armax-2"
 """Changes whenever the meaning or place of anything in the state does."""
 
 

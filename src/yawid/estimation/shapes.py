@@ -28,12 +28,13 @@ def checked_samples(u: ArrayLike, y: ArrayLike, n_inputs: int) -> tuple[Floats, 
     Raises:
         ValueError: wrong shapes.
     """
-    y = np.ascontiguousarray(y, dtype=np.float64)
+    y = np.ascontiguousarray(y, np.float64)
     if y.ndim != 1:
         raise ValueError(f"y must have shape (samples,), got {y.shape}")
-    u = np.ascontiguousarray(u if u is not None else np.empty((len(y), 0)), dtype=np.float64)
+    n = len(y)
+    u = np.ascontiguousarray(u if u is not None else np.empty((n, 0)), np.float64)
     if u.ndim == 1 and n_inputs == 1:
-        u = u.reshape(-1, 1)
-    if u.shape != (len(y), n_inputs):
-        raise ValueError(f"u must have shape ({len(y)}, {n_inputs}), got {u.shape}")
+        u = u[:, np.newaxis]
+    if u.shape != (n, n_inputs):
+        raise ValueError(f"u must have shape ({n}, {n_inputs}), got {u.shape}")
     return u, y

@@ -9,7 +9,6 @@ import math
 from yawid.estimation.kernel import correlate, drift_entry, floor, hot, jit, p_entry
 from yawid.estimation.state import (
     COVARIANCE,
-    D_MAX,
     DIVERGED,
     DRIFT,
     DRIFTS,
@@ -55,8 +54,8 @@ def _keep_information(s, at, d, upper):
     memories, so that neither poverty nor one wild sample sets it. While the signals excite, no row
     is added: rows of a fixed weight outweigh the little that quiet noise says of C.
     """
-    gain = s[at[GAIN] : at[GAIN + 1]]
-    least = s[at[LEAST] : at[LEAST + 1]]
+    gain = at[GAIN]
+    least = at[LEAST]
     k, n = int(s[NEXT]), len(d)
     s[NEXT] = 0.0 if k + 1 == n else k + 1.0
     p = p_entry(d, upper, k, k)
@@ -80,14 +79,12 @@ def noise_variance(s):
 @hot
 def adapt(s, at, lam):
     """Let P grow by forgetting or drift, no further than its cap, and keep information in it."""
-    d = s[at[D] : at[D + 1]]
-    upper = s[at[UPPER] : at[UPPER + 1]]
-    drift = s[at[DRIFT] : at[DRIFT + 1]]
-    scratch = s[at[SCRATCH] : at[SCRATCH + 1]]
-    covariance = s[at[COVARIANCE] : at[COVARIANCE + 1]]
-    n, over = len(d), 1.0 / lam
-    for i in range(n):
-        d[i] = min(d[i] * over, s[D_MAX])
+    d = at[D]
+    upper = at[UPPER]
+    drift = at[DRIFT]
+    scratch = at[SCRATCH]
+    covariance = at[COVARIANCE]
+    n = len(d)
     if s[DRIFTS] > 0.0:
         for i in range(n):
             if drift[i] > 0.0:
@@ -102,8 +99,8 @@ def adapt(s, at, lam):
 @hot
 def account(s, at, y, e, eps, lam, share):
     """Keep the running sums, and test for divergence: y_hat much worse than none at all."""
-    residuals = s[at[RESIDUALS] : at[RESIDUALS + 1]]
-    products = s[at[PRODUCTS] : at[PRODUCTS + 1]]
+    residuals = at[RESIDUALS]
+    products = at[PRODUCTS]
     s[S1] = lam * s[S1] + 1.0
     s[S2] = lam * lam * s[S2] + 1.0
     s[LOSS] = lam * s[LOSS] + e * e * share

@@ -69,7 +69,9 @@ def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
     rows["boot_time"] = samples.boot_us / 1e6
     rows["pole_re"], rows["pole_im"] = modes.poles.real, modes.poles.imag
     for name in repeated[2:]:
-        rows[name] = getattr(modes, name)
+        values = getattr(modes, name)
+        # The sign of a NaN is the processor's affair, and may change with the length of a block.
+        rows[name] = np.where(np.isnan(values), np.nan, values)
     for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
         rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
     return rows
@@ -116,7 +118,7 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
 def estimate_from(rows: Rows) -> EstimateBlock:
     """Return the estimates that :func:`estimate_rows` wrote, without their covariance."""
     names = ("theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status")
-    return EstimateBlock(
+    return EstimateBlock.of(
         covariance=None, **{name: np.ascontiguousarray(rows[name]) for name in names}
     )
 
