@@ -22,15 +22,6 @@ OPTIONS = (
     {"scale_window": 0, "bias": False},
 )
 FIELDS = ("theta", "theta_std", "covariance", "y_hat", "innovation", "residual", "noise_std")
-    "theta",
-    "theta_std",
-    "covariance",
-    "y_hat",
-    "innovation",
-    "residual",
-    "noise_std",
-    "status",
-]
 
 
 def holed(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
