@@ -57,6 +57,22 @@ def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], objec
     return runs
 
 
+def peers(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
+    """Return what to run of the others, where they are installed and run through once."""
+    runs: dict[str, tuple[Callable[[], object], int]] = {}
+    for name, (module, call, samples) in PEERS.items():
+        if not installed(module):
+            continue
+        run = partial(call, u, y, order, samples)
+        try:
+            run()
+        except (ImportError, TypeError, ValueError) as error:  # older than the NumPy it runs on
+            print(f"{name} fails: {error}")
+        else:
+            runs[name] = run, samples
+    return runs
+
+
 def _config(method: str, order: int, forgetting: float, lags: int) -> EstimatorConfig:
     return EstimatorConfig(
         orders=ArmaxOrders(order, order, order, 1), sample_time_s=0.05, method=method, bias=False,
@@ -101,15 +117,12 @@ def main(arguments: list[str]) -> None:
     rounds = parser.parse_args(arguments).rounds
     u, y = PLANTS[0].simulate(SAMPLES, 0)
     for order in (2, 3):
-        runs = ours(u, y, order)
-        for name, (module, call, samples) in PEERS.items():
-            if installed(module):
-                runs[name] = (partial(call, u, y, order, samples), samples)
+        runs = ours(u, y, order) | peers(u, y, order)
         best = measure(runs, rounds)
         numpy_ns, filterpy_ns = best["plain NumPy loop"], best["filterpy KalmanFilter"]
         print(f"{3 * order} parameters{'':27s} ns/update  x NumPy  x filterpy")
         for name, ns in sorted(best.items(), key=lambda item: item[1]):
             print(f"{name:40s} {ns:9.0f} {numpy_ns / ns:8.1f} {filterpy_ns / ns:11.1f}", flush=True)
-    missing = [name for name, (module, *_) in PEERS.items() if not installed(module)]
-    print(f"not installed: {', '.join(missing) or 'none'}")
+    missing = [name for name in PEERS if name not in best]
+    print(f"not installed, or fail: {', '.join(missing) or 'none'}")
     print(f"first result after import, warm cache: {first_result():.2f} s")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from yawid import ArmaxOrders, RecursiveArmax
-from yawid.estimation.state import FAST_FALL, SETTLING, SLACK, SLOW_RISE
+from yawid.estimation.state import FAST_FALL, PSI_FROM, SETTLING, SLACK, SLOW_RISE
 
 ORDERS = st.builds(
     lambda na, inputs, nc: ArmaxOrders(
@@ -167,3 +167,60 @@ def test_with_nk_zero_the_prediction_uses_the_input_of_the_same_instant():
     assert armax.predict(3.0) == pytest.approx(6.0, abs=1e-2)
     with pytest.raises(ValueError, match="infinite"):
         armax.predict(np.inf)
+
+
+def filtered(phi_signals, theta, forgetting, orders, end):
+    """psi(k) (n, p): the signals as they enter phi, each through 1/C of the theta before."""
+    n, signals = phi_signals.shape
+    out, first = np.zeros((n, signals)), orders.na + sum(orders.nb)
+    counts = [(0, orders.na), *zip(orders.nk, orders.nb, strict=True), (0, orders.nc), (0, 1)]
+    psi = np.zeros((n, sum(count for _, count in counts)))
+    for k in range(n):
+        drawn_in = 1.0 - (end - forgetting[k])
+        out[k] = phi_signals[k]
+        for i in range(1, min(orders.nc, k) + 1):
+            out[k] -= drawn_in**i * theta[k, first + i - 1] * out[k - i]
+        lags = [(j, nk + i) for j, (nk, count) in enumerate(counts) for i in range(count)]
+        psi[k] = [out[k - lag, j] if k >= lag else 0.0 for j, lag in lags]
+    return psi
+
+
+@settings(max_examples=40, deadline=None)
+@given(orders=ORDERS, forgetting=st.sampled_from([1.0, 0.99]), seed=st.integers(0, 10_000))
+def test_theta_of_rml_is_weighted_least_squares_over_the_filtered_regressors(
+    orders, forgetting, seed
+):
+    """The rows are psi(k), their targets e(k) + psi(k)' theta(k-1): Ljung and Soderstrom's step."""
+    rng = np.random.default_rng(seed)
+    n = 400
+    u, noise = rng.standard_normal((n, orders.n_inputs)), rng.standard_normal(n)
+    y = lfilter([0.0, 1.0], [1.0, -0.7], u.sum(axis=1)) + lfilter([1.0, 0.4], [1.0], noise)
+    made = config(orders, method="rml", forgetting_factor=forgetting, scale_window=0)
+    armax = RecursiveArmax(made)
+    theta, lam, innovation, residual = [], [], [], []
+    for k in range(n):
+        theta.append(armax.theta.copy())
+        lam.append(armax.forgetting_factor)
+        came = armax.update(u[k], y[k])
+        innovation.append(came.innovation)
+        residual.append(came.residual)
+    assume(armax.halved == 0)
+    depth = max([orders.na, *(nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True))])
+    first = depth + orders.nc
+    residual = np.nan_to_num(residual)
+    entering = [-np.roll(y, 1), *u.T, np.roll(residual, 1), np.ones(n)]
+    entering[0][0] = entering[-2][0] = 0.0
+    phi = regressors(u, y, residual, orders, bias=True)
+    psi = filtered(np.column_stack(entering), np.array(theta), lam, orders, forgetting)
+    R, f = np.eye(made.n_theta) / made.P0, np.zeros(made.n_theta)
+    floor = Floor(made.n_theta, made.P0, 0.1, forgetting)
+    for k in range(first, n):
+        row = phi[k] if k - first < PSI_FROM else psi[k]
+        target = innovation[k] + row @ theta[k]
+        R, f = lam[k] * R + np.outer(row, row), lam[k] * f + row * target
+        if forgetting < 1.0:
+            floor.add(R, f, np.linalg.solve(R, f), k - first)
+    assume(np.linalg.cond(R) < 1e10)
+    miss = armax.theta - np.linalg.solve(R, f)
+    assert np.sqrt(miss @ R @ miss) < 1e-7
+    np.testing.assert_allclose(armax.P, np.linalg.inv(R), rtol=1e-6, atol=1e-12)
