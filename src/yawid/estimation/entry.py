@@ -199,12 +199,14 @@ def covariance_entry(s, at, i, j):
     return noise_variance(s) * p_entry(d, upper, i, j) * s[S2] / s[S1] * units[i] * units[j]
 
 
-@hot
-def _read(s, at, row):
-    """Fill row with theta, theta_std, y_hat, innovation, residual, noise_std, status.
+@jit
+def read(s, row):
+    """Fill row (2 N + 5,) with what came of the last sample, (2 N + 5 + N N,) with covariance.
 
-    A long row takes the covariance too.
+    theta, theta_std, y_hat, innovation, residual, noise_std, status.
     """
+    s = part(s, 0, len(s))
+    at = parts(s)
     theta = at[THETA]
     units = at[UNITS]
     factors = at[FACTORS]
@@ -223,13 +225,6 @@ def _read(s, at, row):
                 entry = covariance_entry(s, at, i, j)
                 row[2 * n + 5 + i * n + j] = entry
                 row[2 * n + 5 + j * n + i] = entry
-
-
-@jit
-def read(s, row):
-    """Fill row (2 N + 5,) or (2 N + 5 + N N,) with the results of the last sample."""
-    s = part(s, 0, len(s))
-    _read(s, parts(s), row)
 
 
 @jit
@@ -252,7 +247,7 @@ def run(s, u, y, out, first):
         if s[PHASE] == FITTING:
             return k
         if len(out) == len(y):
-            _read(s, at, out[k])
+            read(s, out[k])
     if len(out) != len(y):
-        _read(s, at, out[0])
+        read(s, out[0])
     return len(y)
