@@ -13,7 +13,7 @@ import numpy as np
 from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
-from yawid.channels.surface import Surface
+from yawid.channels.surface import STICKS, Surface
 from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import fit_percent, simulate
@@ -246,7 +246,7 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
         if channels.yaw.source == COARSE:
             text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
             reasons.append(Reason("channel_stand_in", text))
-        if surface.message == "RC_CHANNELS":
+        if surface.message in STICKS:
             text = f"{surface.source} is the pilot's stick, not the {name} itself"
             reasons.append(Reason("channel_stand_in", text))
     return reasons

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Held, Ints
 
@@ -23,6 +25,13 @@ SILENCE_US = 10_000_000
 """A channel silent for longer than this, while the clock goes on, ends the segment."""
 OFFSET_WINDOW_US = 5_000_000
 """The offset to Unix time is sought in this much of each segment, then kept."""
+
+
+def boot_us(fields: NDArray[Any]) -> Ints:
+    """Return the boot time a message tells whole: time_boot_ms, or time_usec of 64 bits."""
+    if "time_boot_ms" in (fields.dtype.names or ()):
+        return fields["time_boot_ms"].astype(np.int64) * 1000
+    return fields["time_usec"].astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)

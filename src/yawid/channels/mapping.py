@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.surface import Part, Surface
+from yawid.channels.stand_in import stick, stick_part
+from yawid.channels.surface import STICKS, Part, Surface
 from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, Vehicle
 
 AP_RUDDER, AP_AILERON = 21, 4
@@ -32,7 +33,8 @@ def find_surface(
 
     With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has told no
     SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
-    no output ACTUATOR_CONTROL_TARGET, if it is ``heard``.
+    no output ACTUATOR_CONTROL_TARGET, if it is ``heard``. Of a fixed-wing that sends no output at
+    all the pilot's stick stands in, unless its parameters name other surfaces and not this one.
     """
     kind, _, number = selector.partition(":")
     if kind == "servo":
@@ -43,8 +45,18 @@ def find_surface(
     if kind == "control":
         return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
     if kind == "rc":
-        travel, reverse, _ = table.travel(f"RC{number}")
-        return Surface("RC_CHANNELS", "option", (Part(int(number), travel, reverse),))
+        message = next((name for name in STICKS if name in heard), STICKS[0])
+        return Surface(message, "option", (stick_part(int(number), vehicle.autopilot, table)[0],))
+    named = _named(what, vehicle, table, heard)
+    if vehicle.type == FIXED_WING and (named is not None or not _names_any(vehicle, table)):
+        return stick(what, vehicle.autopilot, table, heard) or named
+    return named
+
+
+def _named(
+    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return the output that parameters or convention name."""
     if vehicle.autopilot == ARDUPILOT:
         return _ardupilot(what, vehicle, table)
     named = _px4(what, table, heard)
@@ -52,6 +64,13 @@ def find_surface(
         part = Part(CONTROL_INDEX[what], None)
         return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
     return named
+
+
+def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
+    """Tell whether the parameters name any surface at all."""
+    if vehicle.autopilot == ARDUPILOT:
+        return bool(table.functions())
+    return any(f"CA_SV_CS{i}_TYPE" in table.values for i in range(8))
 
 
 def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:

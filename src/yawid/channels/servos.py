@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Ints, MessageBlock
-from yawid.channels.clock import Series, unwrap_uint32_us
+from yawid.channels.clock import Series, boot_us, unwrap_uint32_us
 from yawid.channels.surface import Surface
-from yawid.channels.yaw import boot_us
 
 UNIX_US = 10**15
 """MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""

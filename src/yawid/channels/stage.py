@@ -18,24 +18,18 @@ from yawid.channels.context import Context
 from yawid.channels.mapping import find_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.servos import SurfaceReader
+from yawid.channels.stand_in import OUTPUTS, Heard
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
-from yawid.channels.surface import Surface
+from yawid.channels.surface import STICKS, Surface
 from yawid.channels.vehicle import ARDUPILOT, VehicleLock
 from yawid.channels.yaw import SOURCES, YawReader
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
-SURFACE_MESSAGES = frozenset(
-    {
-        "SERVO_OUTPUT_RAW",
-        "ACTUATOR_OUTPUT_STATUS",
-        "ACTUATOR_CONTROL_TARGET",
-        "HIL_ACTUATOR_CONTROLS",
-        "RC_CHANNELS",
-    }
-)
-WANTED = SURFACE_MESSAGES | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
+WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
 """The messages this stage reads."""
+END = np.iinfo(np.int64).max
+"""Beyond every byte of a stream."""
 
 
 class Channels:
@@ -56,7 +50,7 @@ class Channels:
         self.surfaces: tuple[Surface, ...] = ()
         self.surface_rows = 0
         self._used: tuple[Surface, ...] = ()
-        self._heard: set[str] = set()
+        self._heard = Heard()
         self._context = Context()
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
@@ -72,7 +66,6 @@ class Channels:
         if self.lock.vehicle is None:
             return []
         self._context.armed_counts = self.lock.vehicle.autopilot == ARDUPILOT
-        self._heard |= messages.keys() & SURFACE_MESSAGES
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
             samples += self._read(stretch, surfaces)
@@ -87,16 +80,32 @@ class Channels:
     def _stretches(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
-        """Cut the block where a parameter changes the surfaces; yield each stretch with them."""
+        """Cut the block where something told changes the surfaces; yield each stretch with them."""
         self.surfaces = self._find_surfaces()
         low = -1
-        for block in parameters:
-            for order in self.parameters.changes(block):
-                found = self._find_surfaces()
-                if found != self.surfaces:
-                    yield _between(messages, low, order), self.surfaces
-                    low, self.surfaces = order, found
+        for order in self._told(messages, parameters):
+            found = self._find_surfaces()
+            if found != self.surfaces:
+                yield _between(messages, low, order), self.surfaces
+                low, self.surfaces = order, found
         yield _between(messages, low, None), self.surfaces
+
+    def _told(
+        self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
+    ) -> Iterator[int]:
+        """Yield each place at which a parameter or a message first heard may change the surfaces.
+
+        In the stream's own order, so that a decision never knows what comes after it.
+        """
+        low = -1
+        for high, name in [*self._heard.events(messages), (END, None)]:
+            for block in parameters:
+                rows = (block.order >= low) & (block.order < high)
+                yield from self.parameters.changes(block.select(rows))
+            if name is not None:
+                self._heard.count(name)
+                yield high
+            low = high
 
     def _find_surfaces(self) -> tuple[Surface, ...]:
         """Return a surface for every input, or none at all while one is missing."""
@@ -105,7 +114,7 @@ class Channels:
         found = []
         for name in self.config.inputs:
             selector = getattr(self.config, name)
-            surface = find_surface(name, selector, vehicle, self.parameters, frozenset(self._heard))
+            surface = find_surface(name, selector, vehicle, self.parameters, self._heard.names)
             if surface is None:
                 return ()
             found.append(replace(surface, scale=self._scale(name)))

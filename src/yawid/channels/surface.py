@@ -19,6 +19,8 @@ from yawid.blocks import Floats, MessageBlock
 Travel = tuple[float, float, float]
 Bools = NDArray[np.bool_]
 
+STICKS = ("RC_CHANNELS", "RC_CHANNELS_RAW")
+"""The messages that tell the pilot's stick, the better one first."""
 STOPS = 0.995
 """An output this near its stop may have been cut off there."""
 
@@ -93,6 +95,8 @@ class Surface:
         """Return which rows of the message carry this surface at all (port, group)."""
         if self.message == "SERVO_OUTPUT_RAW":
             return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 16)
+        if self.message == "RC_CHANNELS_RAW":
+            return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 8)
         if self.message == "ACTUATOR_CONTROL_TARGET":
             return np.asarray(block.fields["group_mlx"] == 0)
         return np.ones(len(block), bool)
@@ -112,6 +116,8 @@ def _field(message: str, number: int) -> str:
         return f"{name}[{number - first}]"
     if message == "RC_CHANNELS":
         return f"chan{number}_raw"
+    if message == "RC_CHANNELS_RAW":
+        return f"chan{(number - 1) % 8 + 1}_raw"
     return f"servo{(number - 1) % 16 + 1}_raw"
 
 

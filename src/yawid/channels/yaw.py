@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.clock import Series
+from yawid.blocks import Floats, MessageBlock
+from yawid.channels.clock import Series, boot_us
 from yawid.channels.context import LEAST_AIRSPEED, Context
 from yawid.channels.heading import HeadingRate
 
@@ -77,13 +77,6 @@ SOURCES: dict[str, tuple[str, Callable[[Fields], Angles]]] = {
 """Message -> field and reader, best first. RAW_IMU is in mrad/s as ArduPilot sends it; the heading
 of GLOBAL_POSITION_INT is coarse, and VFR_HUD's, without a time of its own, is not used at all."""
 COARSE = "GLOBAL_POSITION_INT"
-
-
-def boot_us(fields: Fields) -> Ints:
-    """Return the boot time a message tells whole: time_boot_ms, or time_usec of 64 bits."""
-    if "time_boot_ms" in (fields.dtype.names or ()):
-        return fields["time_boot_ms"].astype(np.int64) * 1000
-    return fields["time_usec"].astype(np.int64)
 
 
 @dataclass(slots=True)
