@@ -243,7 +243,7 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
                     f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
                 )
             )
-        if channels.yaw.source == COARSE:
+        if channels.yaw.source in COARSE:
             text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
             reasons.append(Reason("channel_stand_in", text))
         if surface.message in STICKS:

@@ -22,11 +22,11 @@ from yawid.channels.stand_in import OUTPUTS, Heard
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.vehicle import ARDUPILOT, VehicleLock
-from yawid.channels.yaw import SOURCES, YawReader
+from yawid.channels.yaw import SOURCES, UNTIMED, YawReader
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
-WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
+WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE"}
 """The messages this stage reads."""
 END = np.iinfo(np.int64).max
 """Beyond every byte of a stream."""
@@ -68,6 +68,9 @@ class Channels:
         self._context.armed_counts = self.lock.vehicle.autopilot == ARDUPILOT
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
+            if self.yaw.source in (None, UNTIMED):
+                self._surface.note_own_clock(stretch, surfaces)
+                self.yaw.wait(self._surface.own_clock)
             samples += self._read(stretch, surfaces)
         return samples
 
@@ -140,16 +143,17 @@ class Channels:
         samples = self._read_rows(_between(messages, -1, order), surfaces)
         if self.yaw.rows:
             self.segmenter.new_meaning()
-        self.yaw.source = name
+        self.yaw.take(name)
         return samples + self._read(_between(messages, order, None), surfaces)
 
     def _read_rows(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
         self._context.note(messages)
-        yaw = self.yaw.read(messages, self._context)
-        self._surface.note_clock(messages.get(self.yaw.source or ""))
-        surface = self._surface.read(messages, surfaces)
+        untimed = self.yaw.source == UNTIMED
+        yaw = self.yaw.read(messages, self._context, self._surface.own_clock)
+        self._surface.note_clock(None if untimed else messages.get(self.yaw.source or ""))
+        surface = self._surface.read(messages, surfaces, own_clock=untimed)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not _same_meaning(self._used, surfaces):
