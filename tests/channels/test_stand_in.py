@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, samples_of
+from flightlog import FlightLog, reason_ids, samples_of, summary_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
-from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
-from yawid.summary import summarise
 
 
 def pulse(t: float, amplitude: float = 200.0) -> int:
@@ -54,17 +52,6 @@ def flight(
     return log.data
 
 
-def judged(data: bytes, config: RunConfig | None = None) -> dict:
-    pipeline = Pipeline(config or RunConfig())
-    pipeline.feed(data)
-    pipeline.finish()
-    return summarise(pipeline, "log", "")[0]
-
-
-def ids(summary: dict) -> set[str]:
-    return {reason["id"] for reason in summary["verdict"]["reasons"]}
-
-
 @pytest.mark.parametrize("name", ["RC_CHANNELS", "RC_CHANNELS_RAW"])
 def test_without_any_output_the_yaw_stick_stands_in_after_five_seconds(name):
     found = samples_of(flight(name=name))
@@ -81,12 +68,12 @@ def test_without_any_output_the_yaw_stick_stands_in_after_five_seconds(name):
 def test_a_stand_in_is_said_and_what_is_assumed_of_it_too():
     told = {"RCMAP_YAW": 4, "RC4_MIN": 1100, "RC4_TRIM": 1500, "RC4_MAX": 1900}
 
-    assumed, known = judged(flight(seconds=40.0)), judged(flight(told, seconds=40.0))
+    assumed, known = summary_of(flight(seconds=40.0)), summary_of(flight(told, seconds=40.0))
 
-    assert {"channel_stand_in", "rudder_assumed"} <= ids(assumed)
+    assert {"channel_stand_in", "rudder_assumed"} <= reason_ids(assumed)
     assert "assumed" in assumed["channels"]["rudder"]["how"]
-    assert "channel_stand_in" in ids(known)
-    assert "rudder_assumed" not in ids(known)
+    assert "channel_stand_in" in reason_ids(known)
+    assert "rudder_assumed" not in reason_ids(known)
     assert known["channels"]["rudder"]["how"] == "stand-in: the pilot's stick by RCMAP_YAW"
 
 
@@ -123,9 +110,9 @@ def test_the_roll_stick_stands_in_for_the_aileron():
     ids=["elevons only", "no stick", "copter", "px4 untold", "px4 without rudder", "too short"],
 )
 def test_no_stick_stands_in_where_something_else_is_said(changes):
-    summary = judged(flight(**changes))
+    summary = summary_of(flight(**changes))
 
-    assert "no_rudder" in ids(summary)
+    assert "no_rudder" in reason_ids(summary)
     assert not summary["verdict"]["usable"]
 
 

@@ -82,12 +82,15 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     servo_of: dict[int, int] = {}
     for servo, function in functions.items():
         servo_of.setdefault(function, servo)
+    single = AP_RUDDER if what == "rudder" else AP_AILERON
+    twins = [n for n, function in functions.items() if function == single][1:]
     parts = _ap_rudder(servo_of, table) if what == "rudder" else _ap_aileron(servo_of, table)
     if not parts:
         return None
     told = all(table.travel(f"SERVO{part.number}")[2] for part in parts)
     how = "parameter" if told else "parameter, travel assumed"
-    return Surface("SERVO_OUTPUT_RAW", how, parts)
+    alike = tuple(_servo(number, table) for number in twins)
+    return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
 
 def _ap_rudder(servo_of: dict[int, int], table: ParameterTable) -> tuple[Part, ...]:
@@ -144,16 +147,26 @@ def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | N
         wanted = [(pair[0], left_weight), (pair[1], right_weight)]
     else:
         return None
-    parts, messages = [], set()
-    for index, weight in wanted:
-        found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
-        if found is None:
-            return None
-        bank, number, shift = found
-        travel, reverse = table.px4_travel(bank, number)
-        parts.append(Part(number + shift, travel, reverse, weight))
-        messages.add(_px4_message(bank, heard))
-    return Surface(messages.pop(), "parameter", tuple(parts)) if len(messages) == 1 else None
+    found = [_px4_output(index, weight, table, heard) for index, weight in wanted]
+    named = [output for output in found if output is not None]
+    if len(named) < len(wanted) or len({message for message, _ in named}) > 1:
+        return None
+    others = [_px4_output(index, 1.0, table, heard) for index in single[1:]]
+    message = named[0][0]
+    twins = tuple(twin for name, twin in filter(None, others) if name == message)
+    return Surface(message, "parameter", tuple(part for _, part in named), twins=twins)
+
+
+def _px4_output(
+    index: int, weight: float, table: ParameterTable, heard: frozenset[str]
+) -> tuple[str, Part] | None:
+    """Return the message and the output that move control surface ``index``."""
+    found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
+    if found is None:
+        return None
+    bank, number, shift = found
+    travel, reverse = table.px4_travel(bank, number)
+    return _px4_message(bank, heard), Part(number + shift, travel, reverse, weight)
 
 
 def _px4_message(bank: str, heard: frozenset[str]) -> str:

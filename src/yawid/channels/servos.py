@@ -10,6 +10,7 @@ import numpy as np
 from yawid.blocks import Ints, MessageBlock
 from yawid.channels.clock import UNIX_US, OwnClock, Series, boot_us, unwrap_uint32_us
 from yawid.channels.surface import Surface
+from yawid.channels.twins import Twins
 
 APART_US = 10_000_000
 _NONE = np.zeros(0, np.int64)
@@ -20,6 +21,7 @@ class SurfaceReader:
     """The servo message to rows of deflections, its time unwrapped beside the last boot time."""
 
     columns: int
+    twins: Twins = field(default_factory=Twins)
     own_clock: OwnClock = field(default_factory=OwnClock)
     _unix_offset: int = 0
     _boot: tuple[Ints, Ints] = (_NONE, _NONE)
@@ -57,6 +59,8 @@ class SurfaceReader:
         block = block.select(surfaces[0].rows(block) & (block.order >= order[0]))
         if len(block) == 0:
             return none
+        for surface in surfaces:
+            self.twins.note(block, surface)
         values = np.stack([surface.deflection(block) for surface in surfaces], axis=1)
         times = self.own_clock.at(block.order) if own_clock else self._times(block)
         return Series(block.order, block.received_us, times, values)

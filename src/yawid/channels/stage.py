@@ -21,6 +21,7 @@ from yawid.channels.servos import SurfaceReader
 from yawid.channels.stand_in import OUTPUTS, Heard
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.surface import STICKS, Surface
+from yawid.channels.twins import Twins
 from yawid.channels.vehicle import ARDUPILOT, VehicleLock
 from yawid.channels.yaw import SOURCES, UNTIMED, YawReader
 from yawid.errors import ConfigError
@@ -54,6 +55,11 @@ class Channels:
         self._context = Context()
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
+
+    @property
+    def twins(self) -> Twins:
+        """How outputs of one function compare so far."""
+        return self._surface.twins
 
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
         """Take a block of messages in; return the samples it completes, in order."""
