@@ -217,7 +217,7 @@ def bank_reasons(
     primary = evidence[config.method]
     return [
         *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, primary.dutch_roll),
-        *input_reasons(config.inputs, history.u, travel_unit),
+        *input_reasons(config.inputs, history.u, travel_unit, bank.sample_time_s),
         *flight_reasons(history, config.turn),
         *estimate_reasons(config.method, primary),
         *agreement_reasons(evidence),

@@ -12,6 +12,7 @@ from scipy.signal import butter, sosfreqz
 
 from yawid.blocks import Held, Noted
 from yawid.channels.conditioning import band_pass
+from yawid.channels.notes import AIRSPEED_SHARE, strokes
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -26,6 +27,7 @@ def flight(
     armed: bool = True,
     gap: tuple[float, float] = (99.0, 99.0),
     mode_at: float = 99.0,
+    gust_at: float = 99.0,
     seconds: float = 30.0,
 ) -> bytes:
     """A weave with bank: r = rudder response + the turn rate of the bank."""
@@ -36,7 +38,8 @@ def flight(
             mode = 10 if t >= mode_at else 5
             log.add(10 + t, mavlink.MAVLink_heartbeat_message(1, 3, 128 * armed, mode, 4, 3))
             if airspeed is not None:
-                log.add(10 + t, vfr_hud(airspeed, groundspeed))
+                faster = 1.2 if t >= gust_at else 1.0
+                log.add(10 + t, vfr_hud(faster * airspeed, groundspeed))
         if gap[0] < t < gap[1]:
             continue
         roll = 0.4 * math.sin(0.8 * t)
@@ -102,6 +105,80 @@ def test_a_rudder_at_its_stop_is_noted_and_still_counts():
     assert not found.held.any()
 
 
+def noted(found, flag: Noted) -> np.ndarray:
+    return (found.noted & flag) != 0
+
+
+def test_another_airspeed_than_the_last_minutes_is_noted_and_still_counts():
+    log = FlightLog()
+    for i in range(50 * 120):
+        t = 0.02 * i
+        if i % 12 == 0:
+            log.heartbeat(10 + t)
+            speed = 20.0 if t < 60.0 else 21.9 if t < 80.0 else 25.0
+            log.add(10 + t, vfr_hud(speed, 20.0))
+        log.attitude(10 + t, 0.1)
+        log.servos(10.003 + t, [1500] * 4)
+    found = samples_of(log.data)
+
+    speed, age = found.airspeed, np.arange(len(found)) * 0.05
+    mean = [
+        np.average(speed[: i + 1], weights=np.exp(-age[i::-1] / 60.0)) for i in range(len(found))
+    ]
+    flagged = noted(found, Noted.AIRSPEED_CHANGED)
+    assert (flagged == (np.abs(speed / np.array(mean) - 1.0) > AIRSPEED_SHARE)).mean() > 0.999
+    first, last = found.boot_us[flagged][[0, -1]] / 1e6 - 10.0
+    assert first == pytest.approx(80.2, abs=0.3)
+    assert 100.0 < last < 115.0  # by then the faster half minute is half of what is remembered
+    assert not found.held.any()
+
+
+def test_a_rudder_at_rest_for_five_seconds_is_noted_not_excited():
+    log = FlightLog()
+    log.heartbeat(10.0)
+    for i in range(50 * 30):
+        t = 0.02 * i
+        log.attitude(10 + t, 0.1)
+        moves = 10.0 <= t < 20.0
+        pulse = 1500 + (round(100 * math.sin(3.0 * t)) if moves else i % 5)
+        log.servos(10.003 + t, [1500, 1500, 1500, pulse])
+    found = samples_of(log.data)
+
+    at_rest = found.boot_us[noted(found, Noted.NOT_EXCITED)] / 1e6 - 10.0
+    assert ((at_rest < 10.1) | (at_rest > 24.9)).all()
+    assert len(at_rest) == pytest.approx(20 * 15, abs=4)
+    assert not found.held.any()
+
+
+def test_the_travel_that_counts_as_rest_does_not_depend_on_the_unit():
+    plain, degrees = (samples_of(flight(), RunConfig(rudder_max_deg=d)) for d in (None, 0.5))
+
+    np.testing.assert_array_equal(plain.noted, degrees.noted)
+    assert noted(plain, Noted.NOT_EXCITED).sum() < 10
+
+
+@given(
+    u=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=60),
+    window=st.integers(2, 12),
+    cut=st.integers(1, 59),
+)
+def test_the_stroke_is_that_of_the_newest_window_wherever_the_stream_is_cut(u, window, cut):
+    values = np.array(u)
+    expected = [np.ptp(values[max(0, i + 1 - window) : i + 1]) for i in range(len(u))]
+
+    np.testing.assert_array_equal(strokes(values, window), expected)
+    if cut < len(u):
+        later = strokes(values[cut:], window, values[:cut])
+        np.testing.assert_array_equal(later, expected[cut:])
+
+
+def test_a_held_sample_is_neither_noted_nor_counted():
+    found = samples_of(flight(airspeed=1.0, groundspeed=1.0))
+
+    assert set(found.held) == {int(Held.ON_GROUND)}
+    assert not found.noted.any()
+
+
 @given(low=st.floats(0.05, 1.0), factor=st.floats(1.5, 8.0), rate=st.sampled_from([10.0, 20.0]))
 def test_the_band_pass_is_scipys_and_halves_power_at_its_edges(low, factor, rate):
     high = low * factor
@@ -134,7 +211,7 @@ def test_inputs_and_output_pass_the_same_filter():
     assert abs(gain[0] / gain[1] - 1.0) < 1e-3
 
 
-EVENTFUL = flight(gap=(12.0, 13.5), mode_at=20.0)
+EVENTFUL = flight(gap=(12.0, 13.5), mode_at=20.0, gust_at=24.0)
 
 
 @settings(max_examples=15, deadline=None)
@@ -146,5 +223,6 @@ def test_conditioned_samples_do_not_depend_on_the_cut(cuts, output):
     config = RunConfig(band=(0.2, 3.0), turn="remove", output=output)
     whole, cut = samples_of(EVENTFUL, config), samples_of(EVENTFUL, config, cuts)
 
+    assert set(whole.noted) >= {0, Noted.MODE_CHANGED, Noted.AIRSPEED_CHANGED, Noted.NOT_EXCITED}
     for name in ("u", "y", "held", "noted", "turn", "airspeed"):
         np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name), err_msg=name)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
+from yawid.channels.notes import Notes
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -50,7 +51,10 @@ class Conditioner:
     _state: Floats | None = field(default=None, init=False)
     _last: tuple[int, float, float] | None = field(default=None, init=False)
 
+    _notes: Notes = field(init=False)
+
     def __post_init__(self) -> None:
+        self._notes = Notes(self.sample_time_s, self._travel)
         if self.config.band is not None:
             self._sections = band_pass(self.config.band, self.sample_time_s)
 
@@ -69,12 +73,16 @@ class Conditioner:
             block = self._filtered(block, self._sections)
         held = block.held != 0
         u = np.where(held[:, None], np.nan, block.u)
-        return replace(block, u=u, y=np.where(held, np.nan, block.y))
+        return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))
+
+    @property
+    def _travel(self) -> float:
+        """Half the rudder's travel in the unit of u."""
+        degrees = self.config.rudder_max_deg
+        return 1.0 if degrees is None else float(np.deg2rad(degrees))
 
     def _note_saturation(self, block: SampleBlock) -> SampleBlock:
-        degrees = self.config.rudder_max_deg
-        travel = 1.0 if degrees is None else float(np.deg2rad(degrees))
-        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * travel
+        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self._travel
         return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 
     def _differenced(self, block: SampleBlock) -> SampleBlock:
