@@ -15,6 +15,7 @@ from yawid.channels.align import Aligner
 from yawid.channels.clock import Piece, Segmenter, Series
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.context import Context
+from yawid.channels.decimate import finer_by
 from yawid.channels.mapping import find_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.servos import SurfaceReader
@@ -181,7 +182,8 @@ class Channels:
             return self._begin(self.startup) if self.startup.feed(piece) else []
         assert self.aligner is not None
         block = self.aligner.feed(piece)
-        return [] if block is None else self._chosen(self.conditioner.feed(block))
+        conditioned = None if block is None else self.conditioner.feed(block)
+        return [] if conditioned is None else self._chosen(conditioned)
 
     def _begin(self, startup: StartUp) -> list[SampleBlock]:
         """Fix the rate and align what was kept until now."""
@@ -189,8 +191,11 @@ class Channels:
         self.intervals_us = startup.intervals_us
         sample_time_s = 1.0 / sample_rate(self.config.rate, startup.intervals_us)
         gaps_us = bridged_gaps_us(sample_time_s, startup.intervals_us)
-        self.startup, self.aligner = None, Aligner(sample_time_s, gaps_us)
-        self.conditioner = Conditioner(self.config, sample_time_s)
+        # The difference quotient of the yaw angle is taken on the grid itself.
+        finer = self.config.band is not None and self.config.output != "yaw"
+        count = finer_by(sample_time_s, min(startup.intervals_us)) if finer else 1
+        self.startup, self.aligner = None, Aligner(sample_time_s / count, gaps_us)
+        self.conditioner = Conditioner(self.config, sample_time_s, count)
         return [block for piece in startup.pieces for block in self._align(piece)]
 
     def _chosen(self, block: SampleBlock) -> list[SampleBlock]:
