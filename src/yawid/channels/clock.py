@@ -122,7 +122,7 @@ class OwnClock:
         if self._shift is None:
             self._shift = -int(raw[0]) if raw[0] >= UNIX_US else 0
         t_us = raw + self._shift
-        if block.name == "SERVO_OUTPUT_RAW":
+        if block.name == "SERVO_OUTPUT_RAW" and block.fields.dtype["time_usec"].itemsize == 4:
             # 32 bits: a fall by more than half of them is a wrap, a smaller one a reboot.
             steps = np.diff(raw, prepend=raw[0] if self._last is None else self._last)
             turns = -np.cumsum(np.rint(steps / 2.0**32).astype(np.int64))
