@@ -15,6 +15,7 @@ import numpy as np
 from yawid.blocks import Floats, Status
 from yawid.channels.notes import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes, window_of
 from yawid.estimation.bank import History
+from yawid.estimation.collinearity import closeness, condition_number
 
 EXIT_CODES = {
     "no_vehicle": 3,
@@ -37,7 +38,8 @@ RATE_SLACK = 0.98
 """Measured rates jitter: 4.95 Hz counts as 5."""
 RATE_CHANGED = 1.5
 COLLINEAR = 0.995
-"""Correlation of two inputs from which their effects cannot be told apart; condition number 20."""
+"""Largest correlation of the lags of two inputs from which their effects cannot be told apart: a
+condition number of 20."""
 TURN_DOMINATED = 0.6
 """Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
 CLOSED_LOOP = 0.8
@@ -183,12 +185,13 @@ def input_reasons(
     for i in range(1, len(inputs)):
         if spread[0] > 0.0 and spread[i] > 0.0:
             r = float(np.corrcoef(rows[:, 0], rows[:, i])[0, 1])
-            if abs(r) > COLLINEAR:
-                condition = math.sqrt((1.0 + abs(r)) / max(1.0 - abs(r), 1e-12))
+            close = closeness(u[:, 0], u[:, i])
+            if close > COLLINEAR:
                 yield Reason(
                     "collinear_inputs",
                     f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
-                    f"number {condition:.3g}): their effects cannot be told apart",
+                    f"number of their lags {condition_number(close):.3g}): their effects cannot "
+                    "be told apart",
                 )
 
 
