@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from scipy.signal import butter, sosfreqz
 
 from yawid.blocks import Held, Noted
 from yawid.channels.conditioning import band_pass
-from yawid.channels.notes import AIRSPEED_SHARE, strokes
+from yawid.channels.notes import AIRSPEED_SHARE, Notes, strokes
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -170,6 +172,25 @@ def test_the_stroke_is_that_of_the_newest_window_wherever_the_stream_is_cut(u, w
     if cut < len(u):
         later = strokes(values[cut:], window, values[:cut])
         np.testing.assert_array_equal(later, expected[cut:])
+
+
+@given(cuts=st.lists(st.integers(1, 399), max_size=6, unique=True), seed=st.integers(0, 50))
+def test_notes_do_not_depend_on_the_cut_and_a_new_meaning_of_the_rudder_is_new_rest(cuts, seed):
+    rng = np.random.default_rng(seed)
+    block = samples_of(flight(seconds=25.0)).blocks[0].select(slice(0, 400))
+    u = 0.1 * np.repeat(rng.choice([0.0, 0.0, 1.0], 8), 50)
+    block = replace(block, u=u[:, None], airspeed=20.0 + 2.0 * rng.standard_normal(400))
+    block = replace(block, held=np.where(rng.random(400) < 0.1, int(Held.GAP), 0))
+    whole, parts = Notes(0.1, 1.0), Notes(0.1, 1.0)
+
+    expected = whole.feed(block)
+    edges = [0, *sorted(cuts), 400]
+    pieces = [parts.feed(block.select(slice(*pair))) for pair in itertools.pairwise(edges)]
+
+    np.testing.assert_array_equal(np.concatenate([p.noted for p in pieces]), expected.noted)
+    renamed = replace(block, u=0.0 * block.u + 0.7, epoch=block.epoch + 1)
+    used = renamed.held == 0
+    assert (whole.feed(renamed).noted[used] & Noted.NOT_EXCITED != 0).all()
 
 
 def test_a_held_sample_is_neither_noted_nor_counted():

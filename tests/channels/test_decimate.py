@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,10 +32,12 @@ def pulse(t: float) -> int:
     return round(1500 + 200 * math.sin(2.5 * t))
 
 
+@pytest.mark.parametrize("servo_s", [0.02, 0.1])
 @pytest.mark.parametrize(("config", "least", "most"), [(BAND, 0.0, 1e-3), (None, 0.03, 0.04)])
-def test_vibration_above_half_the_rate_leaves_no_trace_with_a_band(config, least, most):
+def test_vibration_above_half_the_rate_leaves_no_trace_with_a_band(config, least, most, servo_s):
     config = config or RunConfig(rate=10.0)
-    calm, shaken = (samples_of(fly(y, pulse, 90.0).data, config) for y in (swinging, vibrating))
+    logs = (fly(y, pulse, 90.0, servo_s=servo_s) for y in (swinging, vibrating))
+    calm, shaken = (samples_of(log.data, config) for log in logs)
 
     # The band's lower corner takes three quarters of a minute to forget the first sample.
     difference = np.std((shaken.y - calm.y)[500:])
@@ -114,6 +117,36 @@ def test_u_is_the_mean_and_y_the_value_at_the_instant_of_what_the_low_pass_leave
     assert found.k.tolist() == list(range(2, 81))
     np.testing.assert_allclose(found.u[:, 0], u[3:398].reshape(-1, 5).mean(axis=1), atol=1e-9)
     np.testing.assert_allclose(found.y, y[3:398:5], atol=1e-9)
+    assert found.received_us.tolist() == [20_000 * (5 * k + 4) for k in range(2, 81)]
+
+
+def numbered(k: list[int], held_at: int, why: Held, epoch: int = 0) -> SampleBlock:
+    block = fine_block(len(k), 0.02)
+    held = np.zeros(len(k), np.int64)
+    held[held_at] = int(why)
+    return replace(block, k=np.array(k), held=held, epoch=np.full(len(k), epoch))
+
+
+def test_a_segment_that_begins_anew_within_a_sample_spoils_no_complete_one():
+    fine = numbered([*range(10, 15), 14, *range(15, 20)], held_at=5, why=Held.REBOOT)
+
+    found = Decimator(0.1, 5, 3.0).feed(fine)
+
+    assert found.k.tolist() == [2, 2, 3]
+    assert found.held.tolist() == [0, Held.REBOOT, 0]
+
+
+def test_no_sample_is_made_of_two_meanings_of_the_rudder():
+    decimator = Decimator(0.1, 5, 3.0)
+    before = numbered([10, 11, 12], held_at=0, why=Held.NONE)
+    after = numbered([13, 14, *range(15, 20)], held_at=0, why=Held.RUDDER_CHANGED, epoch=1)
+
+    assert decimator.feed(before) is None
+    found = decimator.feed(after)
+
+    assert found.k.tolist() == [2, 3]
+    assert found.held.tolist() == [Held.RUDDER_CHANGED, 0]
+    assert set(found.epoch) == {1}
 
 
 @pytest.mark.parametrize(

@@ -126,6 +126,15 @@ def test_px4_names_its_stick_by_its_own_parameter():
     np.testing.assert_allclose(found.u[:, 0], -0.4 * np.sin(3.0 * (t + 0.022)), atol=0.03)
 
 
+def test_a_px4_stick_of_unknown_travel_has_px4s_own():
+    known, unknown = {"RC_MAP_YAW": 6, "RC6_MIN": 1000, "RC6_MAX": 2000}, {"RC_MAP_YAW": 6}
+
+    for told in (known, unknown):
+        found = samples_of(flight(told, autopilot=12))
+        np.testing.assert_allclose(found.u[:, 0], 0.2)
+        assert "travel assumed" in found.channels.surfaces[0].how
+
+
 def test_a_servo_named_but_never_sent_is_stood_in_for():
     found = samples_of(flight({"SERVO4_FUNCTION": 21}))
 

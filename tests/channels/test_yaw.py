@@ -144,6 +144,21 @@ def test_a_servo_clock_that_wraps_times_the_hud_all_the_same():
     assert found.boot_us[-1] == pytest.approx(1e6 * (wrap_s + 10.0), abs=2e5)
 
 
+def test_headings_that_come_faster_than_the_servos_clock_are_taken_once_a_tick():
+    log = FlightLog()
+    log.heartbeat(10.0)
+    for i in range(3000):
+        log.add(10.0 + 0.02 * i, message("VFR_HUD", 0.02 * i))
+        if i % 5 == 0:
+            log.servos(10.003 + 0.02 * i, [1500] * 4)
+
+    found = samples_of(log.data)
+
+    assert found.channels.intervals_us[0] == pytest.approx(1e5, rel=0.01)
+    assert not found.held[3:].any()
+    assert found.y[found.boot_us > 25e6].mean() == pytest.approx(RATE, rel=0.02)
+
+
 REBOOTING = flight({"VFR_HUD": 0.0}, 12.0)
 for i in range(600):
     REBOOTING.add(2.0 + 0.02 * i, message("VFR_HUD", 0.02 * i))
