@@ -126,6 +126,16 @@ def test_px4_names_its_stick_by_its_own_parameter():
     np.testing.assert_allclose(found.u[:, 0], -0.4 * np.sin(3.0 * (t + 0.022)), atol=0.03)
 
 
+def test_a_stick_that_is_asked_for_is_read_from_the_older_message_where_only_that_comes():
+    config = RunConfig(rudder="rc:6")
+    raw, full = (samples_of(flight(name=n), config) for n in ("RC_CHANNELS_RAW", "RC_CHANNELS"))
+
+    assert raw.channels.surfaces[0].source == "RC_CHANNELS_RAW.chan6_raw"
+    np.testing.assert_allclose(raw.u[:, 0], 0.25)
+    assert full.channels.surfaces[0].source == "RC_CHANNELS.chan6_raw"
+    assert full.boot_us[0] < 10.2e6  # asked for, it need not wait
+
+
 def test_a_px4_stick_of_unknown_travel_has_px4s_own():
     known, unknown = {"RC_MAP_YAW": 6, "RC6_MIN": 1000, "RC6_MAX": 2000}, {"RC_MAP_YAW": 6}
 
