@@ -13,8 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED, Channels
+from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.sources.frames import Decoder
+from yawid.summary import summarise
 
 START_US = 1_700_000_000_000_000
 
@@ -99,6 +101,19 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
         blocks += channels.feed(frames)
     blocks += channels.finish()
     return Samples(channels, blocks)
+
+
+def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
+    """Replay a log as a whole, verdict included."""
+    pipeline = Pipeline(config or RunConfig())
+    pipeline.feed(data)
+    pipeline.finish()
+    return summarise(pipeline, "log", "")[0]
+
+
+def reason_ids(summary: dict[str, Any]) -> set[str]:
+    """Return the reasons of a summary's verdict."""
+    return {reason["id"] for reason in summary["verdict"]["reasons"]}
 
 
 @dataclass

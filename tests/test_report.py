@@ -13,6 +13,7 @@ from browser import Browser, find_chromium
 from finished_runs import C172P, REPLAY_LOGS, replayed
 from flightlog import FlightLog, fly
 
+from yawid.blocks import Noted
 from yawid.cli import main
 from yawid.config import ArmaxOrders
 from yawid.sinks.mcap_run import open_run
@@ -90,6 +91,13 @@ def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(still: Pat
     assert "Can I use it? No" in text
     assert "not excited" in text
     assert "Fly rudder doublets" in text
+
+
+def test_the_page_counts_the_samples_of_each_note(good: Path) -> None:
+    noted = np.concatenate([samples.noted for samples in open_run(good).samples()])
+    count = int(np.sum(noted & Noted.NOT_EXCITED != 0))
+    assert count > 40
+    assert re.search(rf"not excited\W+{count} samples", Page(report(open_run(good))).text)
 
 
 def test_the_page_stands_alone(good: Path) -> None:

@@ -7,9 +7,12 @@ import math
 import numpy as np
 import pytest
 from flightlog import fly
+from hypothesis import given
+from hypothesis import strategies as st
 
 from yawid.blocks import Status
 from yawid.estimation.bank import History
+from yawid.estimation.collinearity import closeness
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.summary import summarise
@@ -61,6 +64,10 @@ def test_warnings_alone_are_usable():
         (50.0, 4.95, 2.4, {"rate_low"}),
         (50.0, 8.0, 2.4, {"rate_low"}),
         (12.0, 12.0, 22.0, {"rate_too_low"}),
+        (50.0, 50.0, 30.0, {"rate_low"}),  # the grid at 20 Hz is 4.2 times the mode
+        (50.0, 50.0, 12.9, {"rate_low"}),
+        (50.0, 50.0, 12.3, set()),
+        (50.0, 50.0, 32.0, {"rate_too_low"}),
         (50.0, 50.0, math.nan, set()),
     ],
 )
@@ -74,24 +81,93 @@ def test_a_mode_that_is_not_known_condemns_no_rate():
     assert ids(rate_reasons(12.0, 12.0, 12.0, np.array([22.0, 9.0, 0.2, 0.3]))) == set()
 
 
+def test_a_poor_ratio_names_the_rate_that_can_be_had():
+    (reason,) = rate_reasons(50.0, 25.0, 20.0, np.array([15.0, 0.1, 0.2, 0.01]))
+
+    assert "8.4 times" in reason.text
+    assert "--rate 25" in reason.text
+
+
 def test_a_rate_that_changes_after_the_first_seconds_is_said():
     assert ids(changed_rates(1.0, 10.0, 4.0, 10.0)) == {"rate_changed"}
     assert ids(changed_rates(10.0, 10.0, 9.0, 11.0)) == set()
     assert ids(changed_rates(10.0, 10.0, math.nan, math.nan)) == set()
 
 
+def judged_inputs(u: np.ndarray, travel_unit: float = 1.0) -> set[str]:
+    names = ("rudder", "aileron")[: u.shape[1]]
+    return ids(input_reasons(names, u, travel_unit, 0.05))
+
+
 def test_inputs_must_move_and_not_together():
     rng = np.random.default_rng(1)
     u = rng.uniform(-0.3, 0.3, (500, 2))
+    rudder = u[:, :1]
 
-    assert ids(input_reasons(("rudder", "aileron"), u, 1.0)) == set()
-    assert ids(input_reasons(("rudder",), 0.01 * u, 1.0)) == {"not_excited"}
-    assert ids(input_reasons(("rudder",), u, 100.0)) == {"not_excited"}
-    assert ids(input_reasons(("rudder",), np.full((5, 1), np.nan), 1.0)) == {"not_excited"}
+    assert judged_inputs(u) == set()
+    assert judged_inputs(0.01 * rudder) == {"not_excited"}
+    assert judged_inputs(rudder, 100.0) == {"not_excited"}
+    assert judged_inputs(np.full((5, 1), np.nan)) == {"not_excited"}
     together = np.column_stack([u[:, 0], 2.0 * u[:, 0] + 1e-3 * u[:, 1]])
-    assert ids(input_reasons(("rudder", "aileron"), together, 1.0)) == {"collinear_inputs"}
-    at_stops = np.where(u > 0.0, 1.0, u)
-    assert ids(input_reasons(("rudder",), at_stops, 1.0)) == {"saturated"}
+    assert judged_inputs(together) == {"collinear_inputs"}
+    at_stops = np.where(rudder > 0.0, 1.0, rudder)
+    assert judged_inputs(at_stops) == {"saturated"}
+
+
+def test_the_rudder_is_excited_if_it_moved_within_some_five_seconds():
+    drift = np.linspace(-0.3, 0.3, 40 * 60 * 20)[:, None]  # half an hour of trimming
+    doublet = np.zeros((40 * 60 * 20, 1))
+    doublet[1000:1020], doublet[1020:1040] = 0.2, -0.2
+    step_after_a_hole = np.full((400, 1), np.nan)
+    step_after_a_hole[::4] = 0.3 * np.linspace(0.0, 1.0, 100)[:, None]
+
+    assert judged_inputs(drift) == {"not_excited"}
+    assert judged_inputs(doublet) == set()
+    assert judged_inputs(step_after_a_hole) == set()
+
+
+def test_collinear_inputs_come_with_correlation_and_condition_number():
+    rng = np.random.default_rng(1)
+    a, b = rng.standard_normal((2, 5000))
+
+    def found(r: float) -> list[Reason]:
+        u = 0.1 * np.column_stack([a, r * a + math.sqrt(1.0 - r * r) * b])
+        return list(input_reasons(("rudder", "aileron"), u, 1.0, 0.05))
+
+    assert found(0.99) == []
+    (reason,) = found(-0.999)
+    assert "correlation -0.999" in reason.text
+    number = float(reason.text.partition("lags ")[2].partition(")")[0])
+    assert number == pytest.approx(math.sqrt(1.999 / 0.001), rel=0.05)
+    assert found(1.0)[0].id == "collinear_inputs"
+
+
+@pytest.mark.parametrize("delay", [1, 2])
+def test_an_aileron_that_follows_the_rudder_later_is_collinear_all_the_same(delay):
+    rng = np.random.default_rng(7)
+    rudder = 0.2 * np.repeat(rng.choice([-1.0, 0.0, 1.0], 250), 8)
+    copy = np.column_stack([rudder, np.roll(rudder, delay)])
+    own = np.column_stack([rudder, 0.2 * np.repeat(rng.choice([-1.0, 0.0, 1.0], 250), 8)])
+
+    assert abs(np.corrcoef(copy.T)[0, 1]) < 0.95
+    assert judged_inputs(copy) == {"collinear_inputs"}
+    assert judged_inputs(own) == set()
+    assert judged_inputs(np.column_stack([rudder, np.full(2000, 0.1)])) == set()
+
+
+@given(scale=st.floats(1e-3, 1e3), offset=st.floats(-1.0, 1.0), held=st.integers(0, 900))
+def test_closeness_does_not_depend_on_units_trims_or_held_samples(scale, offset, held):
+    rng = np.random.default_rng(8)
+    a, noise = rng.standard_normal((2, 1000))
+    b = 0.7 * a + noise
+    holes = a.copy()
+    holes[held : held + 50] = np.nan
+
+    whole = closeness(a, b)
+    assert 0.4 < whole < 0.8
+    assert closeness(a, offset + scale * b) == pytest.approx(whole, rel=1e-6)
+    assert closeness(b, a) == pytest.approx(whole, rel=1e-9)
+    assert closeness(holes, b) == pytest.approx(whole, abs=0.05)
 
 
 def history(**changes) -> History:

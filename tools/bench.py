@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-BENCHES = ("estimator", "efficiency", "windup", "confidence", "link", "live", "replay")
+BENCHES = ("estimator", "efficiency", "windup", "confidence", "link", "live", "replay", "aliasing")
 
 
 def main() -> int:

@@ -216,8 +216,8 @@ DEFECTS = (
     Defect(
         "inputs that move together are let through",
         "verdict.py",
-        "if abs(r) > COLLINEAR:",
-        "if r > 1.0 + COLLINEAR:",
+        "if close > COLLINEAR:",
+        "if close > 1.0 + COLLINEAR:",
         VERDICT,
     ),
     Defect(

@@ -48,6 +48,7 @@ class Noted(IntFlag):
     SATURATED = 1
     MODE_CHANGED = 2
     AIRSPEED_CHANGED = 4
+    NOT_EXCITED = 8
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ A key that does not apply is absent; no value is ever NaN.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
-from yawid.channels.surface import Surface
+from yawid.channels.surface import STICKS, Surface
+from yawid.channels.twins import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import fit_percent, simulate
@@ -91,14 +93,14 @@ def _channels(channels: Channels) -> dict[str, Any]:
     rates = [] if channels.intervals_us is None else [1e6 / t for t in channels.intervals_us]
     found: dict[str, Any] = {}
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
-        found[name] = _surface(surface) | ({"rate_hz": rates[1]} if rates else {})
+        found[name] = _surface(surface, channels.twins) | ({"rate_hz": rates[1]} if rates else {})
     if channels.yaw.rows:
         found["yaw"] = {"source": channels.yaw.label} | ({"rate_hz": rates[0]} if rates else {})
     return found
 
 
-def _surface(surface: Surface) -> dict[str, Any]:
-    described: dict[str, Any] = {"source": surface.source, "how": surface.how}
+def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
+    described: dict[str, Any] = {"source": surface.source, "how": twins.how(surface)}
     first = surface.parts[0]
     if first.travel_us is not None:
         names = ("min_us", "trim_us", "max_us")
@@ -215,7 +217,7 @@ def bank_reasons(
     primary = evidence[config.method]
     return [
         *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, primary.dutch_roll),
-        *input_reasons(config.inputs, history.u, travel_unit),
+        *input_reasons(config.inputs, history.u, travel_unit, bank.sample_time_s),
         *flight_reasons(history, config.turn),
         *estimate_reasons(config.method, primary),
         *agreement_reasons(evidence),
@@ -232,21 +234,33 @@ def _later_rates(channels: Channels) -> tuple[float, float]:
 
 
 def _surface_reasons(channels: Channels) -> list[Reason]:
-    reasons = []
+    """Return what is said of the channels, all texts of one id in one reason."""
+    texts: dict[str, list[str]] = {}
+    if channels.yaw.source in COARSE:
+        text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
+        texts["channel_stand_in"] = [text]
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
-        if "assumed" in surface.how:
-            low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
-            reasons.append(
-                Reason(
-                    "rudder_assumed",
-                    f"the log does not say which channel moves the {name}, or how far: "
-                    f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
-                )
+        for id_, text in _surface_texts(name, surface, channels.twins):
+            texts.setdefault(id_, []).append(text)
+    return [Reason(id_, "; ".join(found)) for id_, found in texts.items()]
+
+
+def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[tuple[str, str]]:
+    if "assumed" in surface.how:
+        low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
+        yield (
+            "rudder_assumed",
+            f"the log does not say which channel moves the {name}, or how far: "
+            f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
+        )
+    for twin in surface.twins:
+        share = twins.share_apart(surface, twin)
+        if share > LEAST_SHARE:
+            yield (
+                "rudder_assumed",
+                f"{surface.name_of(twin)} is a {name} too and differs from {surface.source} by "
+                f"more than {100 * TOLERANCE:.0f} % of half the travel in {100 * share:.0f} % of "
+                f"the messages: {surface.source} is assumed",
             )
-        if channels.yaw.source == COARSE:
-            text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
-            reasons.append(Reason("channel_stand_in", text))
-        if surface.message == "RC_CHANNELS":
-            text = f"{surface.source} is the pilot's stick, not the {name} itself"
-            reasons.append(Reason("channel_stand_in", text))
-    return reasons
+    if surface.message in STICKS:
+        yield "channel_stand_in", f"{surface.source} is the pilot's stick, not the {name} itself"

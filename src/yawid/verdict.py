@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats, Status
+from yawid.channels.notes import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes, window_of
 from yawid.estimation.bank import History
+from yawid.estimation.collinearity import closeness, condition_number
 
 EXIT_CODES = {
     "no_vehicle": 3,
@@ -30,16 +32,16 @@ EXIT_CODES = {
 
 LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
+REFUSED_RATIO, LOW_RATIO = 4.0, 10.0
+"""Samples per Dutch-roll period below which there is no answer, and below which it is poor."""
 RATE_SLACK = 0.98
 """Measured rates jitter: 4.95 Hz counts as 5."""
 RATE_CHANGED = 1.5
-LEAST_TRAVEL = 0.02
-"""A rudder whose middle 98 % stays within this part of half its travel has not been moved."""
 COLLINEAR = 0.995
-"""Correlation of two inputs from which their effects cannot be told apart."""
+"""Largest correlation of the lags of two inputs from which their effects cannot be told apart: a
+condition number of 20."""
 TURN_DOMINATED = 0.6
 """Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
-AIRSPEED_SHARE = 0.1
 CLOSED_LOOP = 0.8
 UNCERTAIN = 0.25
 """A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
@@ -126,13 +128,24 @@ def rate_reasons(
     elif slowest < LOW_RATE_HZ * RATE_SLACK:
         yield Reason("rate_low", f"{said}: below {LOW_RATE_HZ:g} Hz the damping is uncertain")
     if known:
-        needed = 4.0 * wn_rad_s / (2.0 * math.pi)
-        have = min(slowest, rate_hz)
-        if have < needed:
-            yield Reason(
-                "rate_too_low",
-                f"{have:.3g} Hz is below 4 times the natural frequency found ({needed:.3g} Hz)",
-            )
+        yield from _against_the_mode(min(slowest, rate_hz), slowest, wn_rad_s / (2.0 * math.pi))
+
+
+def _against_the_mode(have_hz: float, own_hz: float, found_hz: float) -> Iterator[Reason]:
+    """Judge the grid against the natural frequency found."""
+    if have_hz < REFUSED_RATIO * found_hz:
+        yield Reason(
+            "rate_too_low",
+            f"{have_hz:.3g} Hz is below {REFUSED_RATIO:g} times the natural frequency found "
+            f"({REFUSED_RATIO * found_hz:.3g} Hz)",
+        )
+    elif have_hz < LOW_RATIO * found_hz:
+        better = f", --rate {own_hz:.3g} can be had" if own_hz > 1.05 * have_hz else ""
+        yield Reason(
+            "rate_low",
+            f"{have_hz:.3g} Hz is only {have_hz / found_hz:.1f} times the natural frequency "
+            f"found: {LOW_RATIO:g} times is better{better}",
+        )
 
 
 def changed_rates(
@@ -147,18 +160,22 @@ def changed_rates(
             return
 
 
-def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Iterator[Reason]:
+def input_reasons(
+    inputs: tuple[str, ...], u: Floats, travel_unit: float, sample_time_s: float
+) -> Iterator[Reason]:
     """Judge the inputs (n, inputs): moved, kept apart from each other, not at their stops.
 
-    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``.
+    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``. It has moved if
+    it did in any five seconds: what an hour of trim drift covers is nothing to learn from, and ten
+    doublets in an hour are.
     """
     rows = u[np.isfinite(u).all(axis=1)]
     if len(rows) < 2:
         yield Reason("not_excited", "there is no stretch with both rudder and yaw rate")
         return
-    low, high = np.percentile(rows[:, 0], [1.0, 99.0]) / travel_unit
-    if high - low < LEAST_TRAVEL:
-        moved = f"{100 * (high - low):.1f} % of half its travel"
+    stroke = float(strokes(rows[:, 0], window_of(sample_time_s)).max()) / travel_unit
+    if stroke < LEAST_TRAVEL:
+        moved = f"{100 * stroke:.1f} % of half its travel in any {WINDOW_S:g} s"
         yield Reason("not_excited", f"the rudder moved over {moved}: nothing to learn from")
     stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * travel_unit))
     if stops > SATURATED_SHARE:
@@ -168,11 +185,13 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Ite
     for i in range(1, len(inputs)):
         if spread[0] > 0.0 and spread[i] > 0.0:
             r = float(np.corrcoef(rows[:, 0], rows[:, i])[0, 1])
-            if abs(r) > COLLINEAR:
+            close = closeness(u[:, 0], u[:, i])
+            if close > COLLINEAR:
                 yield Reason(
                     "collinear_inputs",
-                    f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}): "
-                    "their effects cannot be told apart",
+                    f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
+                    f"number of their lags {condition_number(close):.3g}): their effects cannot "
+                    "be told apart",
                 )
 
 

@@ -46,7 +46,7 @@ def make_samples(n: int, n_inputs: int, rng: np.random.Generator) -> SampleBlock
         roll=rng.normal(size=n),
         turn=rng.normal(size=n),
         airspeed=rng.uniform(10.0, 30.0, n),
-        noted=rng.integers(0, 8, n),
+        noted=rng.integers(0, 16, n),
         held=held,
         epoch=np.arange(n) // 50,
     )

@@ -89,6 +89,7 @@ def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Pa
     held[10:13] = Held.GAP | Held.ON_GROUND
     noted = np.zeros(30, np.int64)
     noted[[5, 20]] = Noted.MODE_CHANGED
+    noted[24:26], noted[26:28] = Noted.NOT_EXCITED, Noted.NOT_EXCITED | Noted.AIRSPEED_CHANGED
     samples = replace(samples, held=held, noted=noted)
     entities = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
 
@@ -99,7 +100,14 @@ def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Pa
         found = sorted(zip(times, states, strict=True))
         return [(samples.boot_us.tolist().index(t), state) for t, state in found]
 
-    assert lane("samples") == [(0, "used"), (10, "held: gap, on ground"), (13, "used")]
+    assert lane("samples") == [
+        (0, "used"),
+        (10, "held: gap, on ground"),
+        (13, "used"),
+        (24, "used, not excited"),
+        (26, "used, airspeed changed, not excited"),
+        (28, "used"),
+    ]
     assert lane("flight_mode") == [(0, "mode 1"), (5, "mode 2"), (20, "mode 3")]
     assert lane("estimator")[0] == (0, "warming up")
 

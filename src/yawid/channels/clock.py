@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Held, Ints
+from yawid.blocks import Floats, Held, Ints, MessageBlock
 
 BACK_STEP_US = 1_000_000
 """A channel's time may fall back less than this (a repeated or reordered message) without a new
@@ -21,8 +23,17 @@ REBOOT_US = 5_000_000
 """A step back by more than this is called a reboot, by less a clock step."""
 SILENCE_US = 10_000_000
 """A channel silent for longer than this, while the clock goes on, ends the segment."""
+UNIX_US = 10**15
+"""MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
 OFFSET_WINDOW_US = 5_000_000
 """The offset to Unix time is sought in this much of each segment, then kept."""
+
+
+def boot_us(fields: NDArray[Any]) -> Ints:
+    """Return the boot time a message tells whole: time_boot_ms, or time_usec of 64 bits."""
+    if "time_boot_ms" in (fields.dtype.names or ()):
+        return fields["time_boot_ms"].astype(np.int64) * 1000
+    return fields["time_usec"].astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +98,44 @@ def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) ->
     turns = np.rint((boot_us[last] - raw) / 2.0**32).astype(np.int64)
     unwrapped: Ints = raw + turns * 2**32
     return unwrapped
+
+
+@dataclass(slots=True)
+class OwnClock:
+    """The clock of one message alone, where no other tells a full time: its newest readings.
+
+    ``t_us`` (n,) is the time at ``order`` (n,) in microseconds: since boot where the message tells
+    that, and since its first reading where it tells Unix time.
+    """
+
+    order: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    t_us: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    _shift: int | None = None
+    _last: int | None = None
+
+    def note(self, block: MessageBlock | None) -> None:
+        """Take a block in; of what came before only the newest reading is still needed."""
+        if block is None or len(block) == 0:
+            self.order, self.t_us = self.order[-1:], self.t_us[-1:]
+            return
+        raw = boot_us(block.fields)
+        if self._shift is None:
+            self._shift = -int(raw[0]) if raw[0] >= UNIX_US else 0
+        t_us = raw + self._shift
+        if block.name == "SERVO_OUTPUT_RAW" and block.fields.dtype["time_usec"].itemsize == 4:
+            # 32 bits: a fall by more than half of them is a wrap, a smaller one a reboot.
+            steps = np.diff(raw, prepend=raw[0] if self._last is None else self._last)
+            turns = -np.cumsum(np.rint(steps / 2.0**32).astype(np.int64))
+            self._last, self._shift = int(raw[-1]), self._shift + int(turns[-1]) * 2**32
+            t_us = t_us + turns * 2**32
+        self.order = np.concatenate([self.order[-1:], block.order])
+        self.t_us = np.concatenate([self.t_us[-1:], t_us])
+
+    def at(self, order: Ints) -> Ints:
+        """Return the newest reading at or before each place (n,), at least one being known."""
+        rows = np.maximum(np.searchsorted(self.order, order, side="right") - 1, 0)
+        newest: Ints = self.t_us[rows]
+        return newest
 
 
 @dataclass(slots=True)

@@ -1,7 +1,8 @@
 """Conditioning on the grid: choice of the output, turns removed, one filter for all channels.
 
 The filter works on the samples of the grid, the same on every input and on the output, so that it
-leaves the relation between them alone: with y = G u also F y = G F u, exactly.
+leaves the relation between them alone: with y = G u also F y = G F u, exactly. Before it comes a
+low-pass at the band's upper corner on a finer grid, lest vibration folds into the samples.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
+from yawid.channels.decimate import Decimator, GridFilter
+from yawid.channels.notes import Notes
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
@@ -38,7 +41,9 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
 
 @dataclass(slots=True)
 class Conditioner:
-    """Turns aligned samples into what the estimators see; carries the filter's state.
+    """Turns aligned samples into what the estimators see; carries the filters' state.
+
+    With a band each sample comes in ``count`` finer ones (:mod:`yawid.channels.decimate`).
 
     Raises:
         ConfigError: the band does not fit the rate.
@@ -46,16 +51,26 @@ class Conditioner:
 
     config: RunConfig
     sample_time_s: float
-    _sections: Floats | None = field(default=None, init=False)
-    _state: Floats | None = field(default=None, init=False)
+    count: int = 1
+    _filter: GridFilter | None = field(default=None, init=False)
+    _decimator: Decimator | None = field(default=None, init=False)
     _last: tuple[int, float, float] | None = field(default=None, init=False)
 
-    def __post_init__(self) -> None:
-        if self.config.band is not None:
-            self._sections = band_pass(self.config.band, self.sample_time_s)
+    _notes: Notes = field(init=False)
 
-    def feed(self, block: SampleBlock) -> SampleBlock:
-        """Return the block conditioned; samples that thereby miss something become held."""
+    def __post_init__(self) -> None:
+        self._notes = Notes(self.sample_time_s, self._travel)
+        if self.config.band is None:
+            return
+        self._filter = GridFilter(band_pass(self.config.band, self.sample_time_s))
+        if self.count > 1:
+            self._decimator = Decimator(self.sample_time_s, self.count, self.config.band[1])
+
+    def feed(self, block: SampleBlock) -> SampleBlock | None:
+        """Return the block conditioned, None where it completes no sample of the grid.
+
+        Samples that thereby miss something become held.
+        """
         block = self._note_saturation(block)
         if self.config.output == "yaw":
             block = self._differenced(block)
@@ -65,16 +80,26 @@ class Conditioner:
             block = replace(
                 block, y=block.y - turn, held=block.held + int(Held.NO_AIRSPEED) * unknown
             )
-        if self._sections is not None:
-            block = self._filtered(block, self._sections)
+        if self._decimator is not None:
+            thinned = self._decimator.feed(block)
+            if thinned is None:
+                return None
+            block = thinned
+        if self._filter is not None:
+            u, y = self._filter.feed(block)
+            block = replace(block, u=u, y=y)
         held = block.held != 0
         u = np.where(held[:, None], np.nan, block.u)
-        return replace(block, u=u, y=np.where(held, np.nan, block.y))
+        return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))
+
+    @property
+    def _travel(self) -> float:
+        """Half the rudder's travel in the unit of u."""
+        degrees = self.config.rudder_max_deg
+        return 1.0 if degrees is None else float(np.deg2rad(degrees))
 
     def _note_saturation(self, block: SampleBlock) -> SampleBlock:
-        degrees = self.config.rudder_max_deg
-        travel = 1.0 if degrees is None else float(np.deg2rad(degrees))
-        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * travel
+        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self._travel
         return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 
     def _differenced(self, block: SampleBlock) -> SampleBlock:
@@ -99,18 +124,3 @@ class Conditioner:
         mean_turn[good] = 0.5 * (turn + turn_before)
         held[good] = np.where(adjacent & np.isfinite(y[good]), 0, int(Held.GAP))
         return replace(block, y=y, turn=mean_turn, held=held)
-
-    def _filtered(self, block: SampleBlock, sections: Floats) -> SampleBlock:
-        """Band-pass inputs and output; after a held sample the filter starts anew, at rest."""
-        signals = np.column_stack([block.u, block.y])
-        good = block.held == 0
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-        for start, stop in edges.reshape(-1, 2):
-            if start > 0 or self._state is None:
-                self._state = sosfilt_zi(sections)[:, :, None] * signals[start]
-            signals[start:stop], self._state = sosfilt(
-                sections, signals[start:stop], axis=0, zi=self._state
-            )
-        if not good[-1]:
-            self._state = None
-        return replace(block, u=signals[:, :-1], y=signals[:, -1])

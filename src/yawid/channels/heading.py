@@ -12,9 +12,10 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints
 
-HEADING_STD = np.deg2rad(0.3)
-"""Headings come rounded to 0.01 degrees by a filter that is itself good to a fraction of a
-degree."""
+FINE_STD = float(np.deg2rad(0.3))
+"""Headings rounded to 0.01 degrees come of a filter that is itself good to a fraction of one."""
+WHOLE_DEGREES_STD = float(np.hypot(FINE_STD, np.deg2rad(1.0) / np.sqrt(12.0)))
+"""Rounding to whole degrees adds the sigma of a uniform error."""
 ACCELERATION_PSD = 1.0
 """Spectral density of the angular acceleration, rad^2/s^3: a small aircraft in manoeuvres."""
 LONGEST_S = 2.0
@@ -23,8 +24,9 @@ LONGEST_S = 2.0
 
 @dataclass(slots=True)
 class HeadingRate:
-    """Carries the filter from block to block."""
+    """Carries the filter from block to block; ``heading_std`` in rad is that of a heading."""
 
+    heading_std: float = FINE_STD
     _filter: Any = None
     _last_us: int = 0
 
@@ -36,7 +38,7 @@ class HeadingRate:
                 continue
             dt = (t - self._last_us) / 1e6
             if self._filter is None or not 0.0 < dt < LONGEST_S:
-                self._filter = _new_filter(angle)
+                self._filter = _new_filter(angle, self.heading_std)
             else:
                 self._step(dt, angle)
                 rate[i] = self._filter.x[1, 0]
@@ -51,12 +53,12 @@ class HeadingRate:
         kalman.update(angle)
 
 
-def _new_filter(angle: float) -> Any:
+def _new_filter(angle: float, heading_std: float) -> Any:
     from filterpy.kalman import KalmanFilter
 
     kalman = KalmanFilter(dim_x=2, dim_z=1)
     kalman.x = np.array([[angle], [0.0]])
-    kalman.P = np.diag([HEADING_STD**2, 1.0])
+    kalman.P = np.diag([heading_std**2, 1.0])
     kalman.H = np.array([[1.0, 0.0]])
-    kalman.R = np.array([[HEADING_STD**2]])
+    kalman.R = np.array([[heading_std**2]])
     return kalman

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.surface import Part, Surface
+from yawid.channels.stand_in import stick, stick_part
+from yawid.channels.surface import STICKS, Part, Surface
 from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, Vehicle
 
 AP_RUDDER, AP_AILERON = 21, 4
@@ -32,7 +33,8 @@ def find_surface(
 
     With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has told no
     SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
-    no output ACTUATOR_CONTROL_TARGET, if it is ``heard``.
+    no output ACTUATOR_CONTROL_TARGET, if it is ``heard``. Of a fixed-wing that sends no output at
+    all the pilot's stick stands in, unless its parameters name other surfaces and not this one.
     """
     kind, _, number = selector.partition(":")
     if kind == "servo":
@@ -43,8 +45,18 @@ def find_surface(
     if kind == "control":
         return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
     if kind == "rc":
-        travel, reverse, _ = table.travel(f"RC{number}")
-        return Surface("RC_CHANNELS", "option", (Part(int(number), travel, reverse),))
+        message = next((name for name in STICKS if name in heard), STICKS[0])
+        return Surface(message, "option", (stick_part(int(number), vehicle.autopilot, table)[0],))
+    named = _named(what, vehicle, table, heard)
+    if vehicle.type == FIXED_WING and (named is not None or not _names_any(vehicle, table)):
+        return stick(what, vehicle.autopilot, table, heard) or named
+    return named
+
+
+def _named(
+    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return the output that parameters or convention name."""
     if vehicle.autopilot == ARDUPILOT:
         return _ardupilot(what, vehicle, table)
     named = _px4(what, table, heard)
@@ -52,6 +64,13 @@ def find_surface(
         part = Part(CONTROL_INDEX[what], None)
         return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
     return named
+
+
+def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
+    """Tell whether the parameters name any surface at all."""
+    if vehicle.autopilot == ARDUPILOT:
+        return bool(table.functions())
+    return any(f"CA_SV_CS{i}_TYPE" in table.values for i in range(8))
 
 
 def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:
@@ -63,12 +82,15 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     servo_of: dict[int, int] = {}
     for servo, function in functions.items():
         servo_of.setdefault(function, servo)
+    single = AP_RUDDER if what == "rudder" else AP_AILERON
+    twins = [n for n, function in functions.items() if function == single][1:]
     parts = _ap_rudder(servo_of, table) if what == "rudder" else _ap_aileron(servo_of, table)
     if not parts:
         return None
     told = all(table.travel(f"SERVO{part.number}")[2] for part in parts)
     how = "parameter" if told else "parameter, travel assumed"
-    return Surface("SERVO_OUTPUT_RAW", how, parts)
+    alike = tuple(_servo(number, table) for number in twins)
+    return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
 
 def _ap_rudder(servo_of: dict[int, int], table: ParameterTable) -> tuple[Part, ...]:
@@ -125,16 +147,26 @@ def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | N
         wanted = [(pair[0], left_weight), (pair[1], right_weight)]
     else:
         return None
-    parts, messages = [], set()
-    for index, weight in wanted:
-        found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
-        if found is None:
-            return None
-        bank, number, shift = found
-        travel, reverse = table.px4_travel(bank, number)
-        parts.append(Part(number + shift, travel, reverse, weight))
-        messages.add(_px4_message(bank, heard))
-    return Surface(messages.pop(), "parameter", tuple(parts)) if len(messages) == 1 else None
+    found = [_px4_output(index, weight, table, heard) for index, weight in wanted]
+    named = [output for output in found if output is not None]
+    if len(named) < len(wanted) or len({message for message, _ in named}) > 1:
+        return None
+    others = [_px4_output(index, 1.0, table, heard) for index in single[1:]]
+    message = named[0][0]
+    twins = tuple(twin for name, twin in filter(None, others) if name == message)
+    return Surface(message, "parameter", tuple(part for _, part in named), twins=twins)
+
+
+def _px4_output(
+    index: int, weight: float, table: ParameterTable, heard: frozenset[str]
+) -> tuple[str, Part] | None:
+    """Return the message and the output that move control surface ``index``."""
+    found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
+    if found is None:
+        return None
+    bank, number, shift = found
+    travel, reverse = table.px4_travel(bank, number)
+    return _px4_message(bank, heard), Part(number + shift, travel, reverse, weight)
 
 
 def _px4_message(bank: str, heard: frozenset[str]) -> str:

@@ -18,8 +18,8 @@ STOCK_TRAVEL_US: Travel = (1100.0, 1500.0, 1900.0)
 PX4_TRAVEL_US: Travel = (1000.0, 1500.0, 2000.0)
 """PX4's defaults of PWM_MAIN_MINn and PWM_MAIN_MAXn, and their middle."""
 _RELEVANT = re.compile(
-    r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)|RC[1-9]\d?_(MIN|TRIM|MAX|REVERSED)"
-    r"|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
+    r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)|RC[1-9]\d?_(MIN|TRIM|MAX|REV|REVERSED)"
+    r"|RC_?MAP_(YAW|ROLL)|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
 )
 _FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION")
 
@@ -73,14 +73,18 @@ class ParameterTable:
                 found[int(match[1])] = int(value)
         return dict(sorted(found.items()))
 
-    def travel(self, prefix: str) -> tuple[Travel, bool, bool]:
-        """Return (min, trim, max), reversed, and whether all three were told and make sense."""
+    def travel(self, prefix: str, stock: Travel = STOCK_TRAVEL_US) -> tuple[Travel, bool, bool]:
+        """Return (min, trim, max), reversed, and whether all three were told and make sense.
+
+        What was not told is as in ``stock``. PX4 and old ArduPilots write a reversed stick as
+        RCn_REV = -1.
+        """
         names = [f"{prefix}_{end}" for end in ("MIN", "TRIM", "MAX")]
-        low, trim, high = (self.get(n, s) for n, s in zip(names, STOCK_TRAVEL_US, strict=True))
+        low, trim, high = (self.get(n, s) for n, s in zip(names, stock, strict=True))
         sound = 0.0 < low < trim < high < 65535.0
-        reverse = self.get(f"{prefix}_REVERSED", 0.0) == 1.0
+        reverse = self.get(f"{prefix}_REVERSED", 0.0) == 1.0 or self.get(f"{prefix}_REV", 1.0) < 0.0
         told = sound and all(name in self.values for name in names)
-        return (low, trim, high) if sound else STOCK_TRAVEL_US, reverse, told
+        return (low, trim, high) if sound else stock, reverse, told
 
     def px4_travel(self, bank: str, number: int) -> tuple[Travel | None, bool]:
         """Return (min, centre, max) of a PX4 output, None where it is -1..1, and reversed."""

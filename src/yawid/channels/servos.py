@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from yawid.blocks import Ints, MessageBlock
-from yawid.channels.clock import Series, unwrap_uint32_us
+from yawid.channels.clock import UNIX_US, OwnClock, Series, boot_us, unwrap_uint32_us
 from yawid.channels.surface import Surface
-from yawid.channels.yaw import boot_us
+from yawid.channels.twins import Twins
 
-UNIX_US = 10**15
-"""MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
 APART_US = 10_000_000
 _NONE = np.zeros(0, np.int64)
 
@@ -23,6 +21,8 @@ class SurfaceReader:
     """The servo message to rows of deflections, its time unwrapped beside the last boot time."""
 
     columns: int
+    twins: Twins = field(default_factory=Twins)
+    own_clock: OwnClock = field(default_factory=OwnClock)
     _unix_offset: int = 0
     _boot: tuple[Ints, Ints] = (_NONE, _NONE)
 
@@ -34,17 +34,36 @@ class SurfaceReader:
         order = np.concatenate([self._boot[0][-1:], clock.order])
         self._boot = (order, np.concatenate([self._boot[1][-1:], boot_us(clock.fields)]))
 
-    def read(self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]) -> Series:
-        """Return one row per message with the deflection of every surface, (n, columns)."""
+    def note_own_clock(
+        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
+    ) -> None:
+        """Remember the servo message's own times, for a yaw source that has none."""
+        block = messages.get(surfaces[0].message) if surfaces else None
+        self.own_clock.note(None if block is None else block.select(surfaces[0].rows(block)))
+
+    def read(
+        self,
+        messages: Mapping[str, MessageBlock],
+        surfaces: tuple[Surface, ...],
+        own_clock: bool = False,
+    ) -> Series:
+        """Return one row per message with the deflection of every surface, (n, columns).
+
+        Its time is the boot time of the yaw source's clock, or by its ``own_clock``.
+        """
         none = Series.empty(self.columns)
-        if not surfaces or surfaces[0].message not in messages or len(self._boot[0]) == 0:
+        order = self.own_clock.order if own_clock else self._boot[0]
+        if not surfaces or surfaces[0].message not in messages or len(order) == 0:
             return none
         block = messages[surfaces[0].message]
-        block = block.select(surfaces[0].rows(block) & (block.order >= self._boot[0][0]))
+        block = block.select(surfaces[0].rows(block) & (block.order >= order[0]))
         if len(block) == 0:
             return none
+        for surface in surfaces:
+            self.twins.note(block, surface)
         values = np.stack([surface.deflection(block) for surface in surfaces], axis=1)
-        return Series(block.order, block.received_us, self._times(block), values)
+        times = self.own_clock.at(block.order) if own_clock else self._times(block)
+        return Series(block.order, block.received_us, times, values)
 
     def _times(self, block: MessageBlock) -> Ints:
         order, boot = self._boot

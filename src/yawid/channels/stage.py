@@ -15,27 +15,23 @@ from yawid.channels.align import Aligner
 from yawid.channels.clock import Piece, Segmenter, Series
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.context import Context
+from yawid.channels.decimate import finer_by
 from yawid.channels.mapping import find_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.servos import SurfaceReader
+from yawid.channels.stand_in import OUTPUTS, Heard
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
-from yawid.channels.surface import Surface
+from yawid.channels.surface import STICKS, Surface
+from yawid.channels.twins import Twins
 from yawid.channels.vehicle import ARDUPILOT, VehicleLock
-from yawid.channels.yaw import SOURCES, YawReader
+from yawid.channels.yaw import SOURCES, UNTIMED, YawReader
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
-SURFACE_MESSAGES = frozenset(
-    {
-        "SERVO_OUTPUT_RAW",
-        "ACTUATOR_OUTPUT_STATUS",
-        "ACTUATOR_CONTROL_TARGET",
-        "HIL_ACTUATOR_CONTROLS",
-        "RC_CHANNELS",
-    }
-)
-WANTED = SURFACE_MESSAGES | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
+WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE"}
 """The messages this stage reads."""
+END = np.iinfo(np.int64).max
+"""Beyond every byte of a stream."""
 
 
 class Channels:
@@ -56,10 +52,15 @@ class Channels:
         self.surfaces: tuple[Surface, ...] = ()
         self.surface_rows = 0
         self._used: tuple[Surface, ...] = ()
-        self._heard: set[str] = set()
+        self._heard = Heard()
         self._context = Context()
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
+
+    @property
+    def twins(self) -> Twins:
+        """How outputs of one function compare so far."""
+        return self._surface.twins
 
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
         """Take a block of messages in; return the samples it completes, in order."""
@@ -72,9 +73,11 @@ class Channels:
         if self.lock.vehicle is None:
             return []
         self._context.armed_counts = self.lock.vehicle.autopilot == ARDUPILOT
-        self._heard |= messages.keys() & SURFACE_MESSAGES
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
+            if self.yaw.source in (None, UNTIMED):
+                self._surface.note_own_clock(stretch, surfaces)
+                self.yaw.wait(self._surface.own_clock)
             samples += self._read(stretch, surfaces)
         return samples
 
@@ -87,16 +90,32 @@ class Channels:
     def _stretches(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
-        """Cut the block where a parameter changes the surfaces; yield each stretch with them."""
+        """Cut the block where something told changes the surfaces; yield each stretch with them."""
         self.surfaces = self._find_surfaces()
         low = -1
-        for block in parameters:
-            for order in self.parameters.changes(block):
-                found = self._find_surfaces()
-                if found != self.surfaces:
-                    yield _between(messages, low, order), self.surfaces
-                    low, self.surfaces = order, found
+        for order in self._told(messages, parameters):
+            found = self._find_surfaces()
+            if found != self.surfaces:
+                yield _between(messages, low, order), self.surfaces
+                low, self.surfaces = order, found
         yield _between(messages, low, None), self.surfaces
+
+    def _told(
+        self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
+    ) -> Iterator[int]:
+        """Yield each place at which a parameter or a message first heard may change the surfaces.
+
+        In the stream's own order, so that a decision never knows what comes after it.
+        """
+        low = -1
+        for high, name in [*self._heard.events(messages), (END, None)]:
+            for block in parameters:
+                rows = (block.order >= low) & (block.order < high)
+                yield from self.parameters.changes(block.select(rows))
+            if name is not None:
+                self._heard.count(name)
+                yield high
+            low = high
 
     def _find_surfaces(self) -> tuple[Surface, ...]:
         """Return a surface for every input, or none at all while one is missing."""
@@ -105,7 +124,7 @@ class Channels:
         found = []
         for name in self.config.inputs:
             selector = getattr(self.config, name)
-            surface = find_surface(name, selector, vehicle, self.parameters, frozenset(self._heard))
+            surface = find_surface(name, selector, vehicle, self.parameters, self._heard.names)
             if surface is None:
                 return ()
             found.append(replace(surface, scale=self._scale(name)))
@@ -131,16 +150,17 @@ class Channels:
         samples = self._read_rows(_between(messages, -1, order), surfaces)
         if self.yaw.rows:
             self.segmenter.new_meaning()
-        self.yaw.source = name
+        self.yaw.take(name)
         return samples + self._read(_between(messages, order, None), surfaces)
 
     def _read_rows(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
         self._context.note(messages)
-        yaw = self.yaw.read(messages, self._context)
-        self._surface.note_clock(messages.get(self.yaw.source or ""))
-        surface = self._surface.read(messages, surfaces)
+        untimed = self.yaw.source == UNTIMED
+        yaw = self.yaw.read(messages, self._context, self._surface.own_clock)
+        self._surface.note_clock(None if untimed else messages.get(self.yaw.source or ""))
+        surface = self._surface.read(messages, surfaces, own_clock=untimed)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not _same_meaning(self._used, surfaces):
@@ -162,7 +182,8 @@ class Channels:
             return self._begin(self.startup) if self.startup.feed(piece) else []
         assert self.aligner is not None
         block = self.aligner.feed(piece)
-        return [] if block is None else self._chosen(self.conditioner.feed(block))
+        conditioned = None if block is None else self.conditioner.feed(block)
+        return [] if conditioned is None else self._chosen(conditioned)
 
     def _begin(self, startup: StartUp) -> list[SampleBlock]:
         """Fix the rate and align what was kept until now."""
@@ -170,8 +191,11 @@ class Channels:
         self.intervals_us = startup.intervals_us
         sample_time_s = 1.0 / sample_rate(self.config.rate, startup.intervals_us)
         gaps_us = bridged_gaps_us(sample_time_s, startup.intervals_us)
-        self.startup, self.aligner = None, Aligner(sample_time_s, gaps_us)
-        self.conditioner = Conditioner(self.config, sample_time_s)
+        # The difference quotient of the yaw angle is taken on the grid itself.
+        finer = self.config.band is not None and self.config.output != "yaw"
+        count = finer_by(sample_time_s, min(startup.intervals_us)) if finer else 1
+        self.startup, self.aligner = None, Aligner(sample_time_s / count, gaps_us)
+        self.conditioner = Conditioner(self.config, sample_time_s, count)
         return [block for piece in startup.pieces for block in self._align(piece)]
 
     def _chosen(self, block: SampleBlock) -> list[SampleBlock]:

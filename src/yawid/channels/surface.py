@@ -19,6 +19,8 @@ from yawid.blocks import Floats, MessageBlock
 Travel = tuple[float, float, float]
 Bools = NDArray[np.bool_]
 
+STICKS = ("RC_CHANNELS", "RC_CHANNELS_RAW")
+"""The messages that tell the pilot's stick, the better one first."""
 STOPS = 0.995
 """An output this near its stop may have been cut off there."""
 
@@ -52,24 +54,30 @@ class Surface:
     """A surface as the weighted sum of its parts, usually one; V-tails and elevons have two.
 
     ``how`` says how it was found (parameter, option, assumed, ...); ``scale`` turns half the travel
-    into the unit wanted, sign included.
+    into the unit wanted, sign included. ``twins`` are further outputs of the same function, which
+    are not read but should move alike.
     """
 
     message: str
     how: str
     parts: tuple[Part, ...]
     scale: float = 1.0
+    twins: tuple[Part, ...] = ()
 
     @property
     def source(self) -> str:
         """The message fields, as a person would write them."""
-        return " and ".join(f"{self.message}.{_field(self.message, p.number)}" for p in self.parts)
+        return " and ".join(self.name_of(part) for part in self.parts)
+
+    def name_of(self, part: Part) -> str:
+        """Return the message field of one output."""
+        return f"{self.message}.{_field(self.message, part.number)}"
 
     def same_meaning(self, other: Surface) -> bool:
         """Tell whether one unit still means the same, but for trims and stops told meanwhile."""
         measured = self.how == other.how == "parameter"
         mine, theirs = (
-            replace(s, how="", parts=tuple(replace(p, travel_us=None) for p in s.parts))
+            replace(s, how="", twins=(), parts=tuple(replace(p, travel_us=None) for p in s.parts))
             for s in (self, other)
         )
         travels = [p.travel_us for p in self.parts] == [p.travel_us for p in other.parts]
@@ -82,17 +90,23 @@ class Surface:
         """
         total = np.zeros(len(block))
         for part in self.parts:
-            value = part.normalised(_raw(self.message, part.number, block.fields))
+            value = self.normalised(part, block)
             if len(self.parts) > 1:
                 value = np.where(np.abs(value) < STOPS, value, np.nan)
             total = total + part.weight * value
         deflection: Floats = self.scale * total
         return deflection
 
+    def normalised(self, part: Part, block: MessageBlock) -> Floats:
+        """Return one output (n,) on -1..1, NaN where it is off or absent."""
+        return part.normalised(_raw(self.message, part.number, block.fields))
+
     def rows(self, block: MessageBlock) -> Bools:
         """Return which rows of the message carry this surface at all (port, group)."""
         if self.message == "SERVO_OUTPUT_RAW":
             return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 16)
+        if self.message == "RC_CHANNELS_RAW":
+            return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 8)
         if self.message == "ACTUATOR_CONTROL_TARGET":
             return np.asarray(block.fields["group_mlx"] == 0)
         return np.ones(len(block), bool)
@@ -112,6 +126,8 @@ def _field(message: str, number: int) -> str:
         return f"{name}[{number - first}]"
     if message == "RC_CHANNELS":
         return f"chan{number}_raw"
+    if message == "RC_CHANNELS_RAW":
+        return f"chan{(number - 1) % 8 + 1}_raw"
     return f"servo{(number - 1) % 16 + 1}_raw"
 
 

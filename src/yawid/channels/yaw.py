@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.clock import Series
+from yawid.channels.clock import OwnClock, Series, boot_us
 from yawid.channels.context import LEAST_AIRSPEED, Context
-from yawid.channels.heading import HeadingRate
+from yawid.channels.heading import FINE_STD, WHOLE_DEGREES_STD, HeadingRate
+from yawid.channels.stand_in import Wait
 
 GRAVITY = 9.80665
 ABSURD_RAD_S = 50.0
@@ -51,9 +52,16 @@ def _milli_gyro(f: Fields) -> Angles:
 
 
 def _heading(f: Fields) -> Angles:
-    unknown = np.full(len(f), np.nan)
-    degrees = np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0)
-    yaw = np.deg2rad((degrees + 180.0) % 360.0 - 180.0)
+    return _from_degrees(np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0))
+
+
+def _whole_heading(f: Fields) -> Angles:
+    return _from_degrees(np.asarray(f["heading"], float))
+
+
+def _from_degrees(heading: Floats) -> Angles:
+    unknown = np.full(len(heading), np.nan)
+    yaw = np.deg2rad((heading + 180.0) % 360.0 - 180.0)
     return _columns(unknown, unknown, yaw, unknown, unknown)
 
 
@@ -73,17 +81,13 @@ SOURCES: dict[str, tuple[str, Callable[[Fields], Angles]]] = {
     "SCALED_IMU": ("zgyro", _milli_gyro),
     "RAW_IMU": ("zgyro", _milli_gyro),
     "GLOBAL_POSITION_INT": ("hdg", _heading),
+    "VFR_HUD": ("heading", _whole_heading),
 }
-"""Message -> field and reader, best first. RAW_IMU is in mrad/s as ArduPilot sends it; the heading
-of GLOBAL_POSITION_INT is coarse, and VFR_HUD's, without a time of its own, is not used at all."""
-COARSE = "GLOBAL_POSITION_INT"
-
-
-def boot_us(fields: Fields) -> Ints:
-    """Return the boot time a message tells whole: time_boot_ms, or time_usec of 64 bits."""
-    if "time_boot_ms" in (fields.dtype.names or ()):
-        return fields["time_boot_ms"].astype(np.int64) * 1000
-    return fields["time_usec"].astype(np.int64)
+"""Message -> field and reader, best first. RAW_IMU is in mrad/s as ArduPilot sends it; the headings
+are coarse. VFR_HUD's comes in whole degrees and without a time of its own, the last resort."""
+COARSE = {"GLOBAL_POSITION_INT": FINE_STD, "VFR_HUD": WHOLE_DEGREES_STD}
+"""The sources that tell a heading alone, and its sigma in rad."""
+UNTIMED = "VFR_HUD"
 
 
 @dataclass(slots=True)
@@ -95,34 +99,67 @@ class YawReader:
     rows: int = 0
     _turns: int = 0
     _last_yaw: float | None = None
-    _slope: HeadingRate = field(default_factory=HeadingRate)
+    _slope: HeadingRate | None = None
+    _wait: Wait = field(default_factory=Wait)
+    _last_us: int | None = None
 
     @property
     def label(self) -> str:
         """The message field read."""
         return f"{self.source}.{SOURCES[self.source][0]}" if self.source else ""
 
+    def wait(self, clock: OwnClock) -> None:
+        """Wait for a better source than VFR_HUD while another message's clock goes on."""
+        self._wait.note(clock.order, clock.t_us)
+
     def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
         """Return the first better source among these messages and where it starts."""
         ranks = list(SOURCES)
         worst = len(ranks) if self.source is None else ranks.index(self.source)
-        found = [(int(messages[n].order[0]), n) for n in ranks[:worst] if n in messages]
+        places = {n: self._telling(messages[n]) for n in ranks[:worst] if n in messages}
+        found = [(int(order[0]), name) for name, order in places.items() if len(order)]
         if not found:
             return None
         order, name = min(found)
         return name, order
 
-    def read(self, messages: Mapping[str, MessageBlock], context: Context) -> Series:
-        """Return the rows of the source's messages, NaN where a value is not finite or absurd."""
+    def _telling(self, block: MessageBlock) -> Ints:
+        """Return where the rows stand that make this message a source at all."""
+        rows = np.ones(len(block), bool)
+        if block.name == "GLOBAL_POSITION_INT":
+            rows = block.fields["hdg"] != 65535
+        elif block.name == UNTIMED:
+            over = self._wait.over_at
+            told = over is not None and "heading" in (block.fields.dtype.names or ())
+            rows = (block.order >= (over or 0)) & told
+        places: Ints = block.order[rows]
+        return places
+
+    def take(self, source: str) -> None:
+        """Read another source from now on."""
+        self.source = source
+        self._slope = HeadingRate(COARSE[source]) if source in COARSE else None
+
+    def read(
+        self, messages: Mapping[str, MessageBlock], context: Context, clock: OwnClock
+    ) -> Series:
+        """Return the rows of the source's messages, NaN where a value is not finite or absurd.
+
+        A source that tells no time has that of the ``clock`` beside it.
+        """
         if self.source is None or self.source not in messages:
             return Series.empty(MODE + 1)
         block = messages[self.source]
+        if self.source == UNTIMED:
+            block, t_us = self._timed_beside(block, clock)
+        else:
+            t_us = boot_us(block.fields)
         with np.errstate(over="ignore", invalid="ignore"):
             # Any bits may stand in a float: what is not sound becomes NaN, and held.
             roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
-        t_us, unwrapped = boot_us(block.fields), self._unwrap(yaw)
-        rate = self._slope.of(t_us, unwrapped) if self.source == COARSE else r
-        if self.heading_rate and self.source != COARSE:
+        unwrapped = self._unwrap(yaw)
+        rate = r if self._slope is None else self._slope.of(t_us, unwrapped)
+        if self.heading_rate and self._slope is None:
             upright = np.where(np.abs(pitch) < STEEPEST, np.cos(pitch), np.nan)
             rate = (q * np.sin(roll) + r * np.cos(roll)) / upright
         held = context.at(block.order)
@@ -131,6 +168,17 @@ class YawReader:
         self.rows += len(block)
         values = np.column_stack([rate, unwrapped, roll, turn, held])
         return Series(block.order, block.received_us, t_us, values)
+
+    def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
+        """Return the rows for which the clock has moved on since the row before, and its time.
+
+        Receive stamps would not do: messages come in bursts.
+        """
+        t_us = clock.at(block.order)
+        before = np.append(t_us[:1] - 1 if self._last_us is None else self._last_us, t_us)[:-1]
+        self._last_us = int(t_us[-1])
+        moved = t_us != before
+        return block.select(moved), t_us[moved]
 
     def _unwrap(self, yaw: Floats) -> Floats:
         """Add whole turns, counted in integers so that the cut of the stream leaves no rounding."""

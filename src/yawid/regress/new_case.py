@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import FrameBlock, Ints
+from yawid.channels.clock import boot_us
 from yawid.channels.stage import WANTED
-from yawid.channels.yaw import SOURCES, boot_us
+from yawid.channels.yaw import SOURCES, UNTIMED
 from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.regress.case import Case
 from yawid.run_config import RunConfig, check_settings
@@ -119,7 +120,7 @@ class _Heard:
         """Join the blocks of a decoder; a record without a time has that of the one before it."""
         order, boot, fact = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros(0, bool)]
         for name, block in ((n, b) for found in blocks for n, b in found.messages.items()):
-            timed = name in SOURCES
+            timed = name in SOURCES and name != UNTIMED
             order.append(block.order)
             boot.append(boot_us(block.fields) / 1e6 if timed else np.full(len(block), np.nan))
             fact.append(np.full(len(block), name in FACTS))

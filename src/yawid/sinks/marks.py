@@ -25,6 +25,7 @@ _STATUS = {status: status.name.lower().replace("_", " ") for status in Status}
 _NOTED = {
     Noted.SATURATED: "rudder at its stop",
     Noted.AIRSPEED_CHANGED: "airspeed changed",
+    Noted.NOT_EXCITED: "not excited",
 }
 
 

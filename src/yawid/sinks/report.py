@@ -164,8 +164,9 @@ def _link(summary: Mapping[str, Any], data: ReportData | None) -> Iterator[str]:
         yield table(name, {key: _text(value) for key, value in channel.items()})
     yield table("link", {k.replace("_", " "): _text(v) for k, v in summary["link"].items()})
     if data is not None:
-        held = {name: f"{count} samples" for name, count in data.events.counts.items()}
-        yield table("held", held or {"samples": "none held"})
+        for title, counts in (("held", data.events.counts), ("noted", data.events.notes)):
+            said = {name: f"{count} samples" for name, count in counts.items()}
+            yield table(title, said or {"samples": f"none {title}"})
 
 
 def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntFlag
 from itertools import pairwise
 from typing import Any
 
@@ -73,11 +74,15 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Events:
-    """What happened to the samples: spans (n, 2) and instants (n,) in s since boot, and counts."""
+    """What happened to the samples: spans (n, 2) and instants (n,) in s since boot.
+
+    ``counts`` are the samples held for each reason, ``notes`` those with each note.
+    """
 
     held: Floats
     mode_changes: Floats
     counts: dict[str, int]
+    notes: dict[str, int]
     delay_t: Floats
     delay_s: Floats
 
@@ -177,18 +182,23 @@ def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: 
     first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     changed = noted & Noted.MODE_CHANGED.value != 0
     changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
-    counts = {
-        str(flag.name).lower().replace("_", " "): int(np.sum(held & flag.value != 0))
-        for flag in Held
-        if np.any(held & flag.value != 0)
-    }
     stride = -(-len(t) // TRACK_POINTS)
     # The slowest of each stretch: a stall must not fall between the points that are drawn.
     starts = np.arange(0, len(t), stride)
     return Events(
         np.column_stack([t[first], t[last] + sample_time_s]),
         changes,
-        counts,
+        _counts(held, Held),
+        _counts(noted, Noted),
         t[starts],
         np.maximum.reduceat(delay_s, starts),
     )
+
+
+def _counts(codes: Ints, flags: type[IntFlag]) -> dict[str, int]:
+    """Return how many samples bear each flag, in words, those of none left out."""
+    return {
+        str(flag.name).lower().replace("_", " "): int(np.sum(codes & flag.value != 0))
+        for flag in flags
+        if np.any(codes & flag.value != 0)
+    }

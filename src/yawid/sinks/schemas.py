@@ -14,7 +14,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 from google.protobuf.descriptor import Descriptor
 from google.protobuf.message import Message
 
-from yawid.blocks import Held, Status
+from yawid.blocks import Held, Noted, Status
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
 _SCALARS: Final = {
@@ -25,6 +25,8 @@ _SCALARS: Final = {
     "string": _FieldProto.TYPE_STRING,
 }
 _PACKAGE = "yawid"
+
+_NOTED = ", ".join(f"{flag.value} {str(flag.name).lower().replace('_', ' ')}" for flag in Noted)
 
 # message -> (field, type, unit); [] is repeated; a type with a dot is a message, Status the enum.
 TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
@@ -44,7 +46,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("roll", "double", "rad"),
         ("turn_rate", "double", "rad/s, as bank and airspeed imply; NaN without airspeed"),
         ("airspeed", "double", "m/s; NaN where unknown"),
-        ("noted", "fixed32", "bits: 1 saturated, 2 mode changed, 4 airspeed changed"),
+        ("noted", "fixed32", f"bits: {_NOTED}"),
     ),
     "Estimate": (
         ("boot_time", "double", "s, clock of the vehicle"),

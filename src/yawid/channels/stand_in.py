@@ -1,0 +1,111 @@
+"""What stands in for a rudder nobody tells: the pilot's stick, and only after a wait.
+
+A stick equals the rudder in MANUAL alone, so it is taken only where no output of the vehicle has
+been heard while the stick has flowed for five seconds of the vehicle's clock, and is left at the
+first output heard. Live and replay take the same decision at the same message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from yawid.blocks import Ints, MessageBlock
+from yawid.channels.clock import boot_us
+from yawid.channels.parameters import PX4_TRAVEL_US, STOCK_TRAVEL_US, ParameterTable
+from yawid.channels.surface import STICKS, Part, Surface
+from yawid.channels.vehicle import ARDUPILOT, PX4
+
+WAIT_US = 5_000_000
+"""How long what is stood in for has to show up, on the vehicle's clock."""
+OUTPUTS = frozenset(
+    {
+        "SERVO_OUTPUT_RAW",
+        "ACTUATOR_OUTPUT_STATUS",
+        "ACTUATOR_CONTROL_TARGET",
+        "HIL_ACTUATOR_CONTROLS",
+    }
+)
+_MAPS = {
+    ARDUPILOT: {"rudder": ("RCMAP_YAW", 4), "aileron": ("RCMAP_ROLL", 1)},
+    PX4: {"rudder": ("RC_MAP_YAW", 0), "aileron": ("RC_MAP_ROLL", 0)},
+}
+"""By autopilot, the parameter that names the stick's channel and its default, 0 being none."""
+
+
+@dataclass(slots=True)
+class Wait:
+    """Finds the place in the stream at which a message has flowed for five seconds."""
+
+    over_at: int | None = None
+    _began_us: int | None = None
+
+    def note(self, order: Ints, t_us: Ints) -> None:
+        """Take in where (n,) and when (n,) it came; a clock that starts anew begins anew."""
+        if self.over_at is not None or len(order) == 0:
+            return
+        first = int(t_us[0]) if self._began_us is None else self._began_us
+        began = np.minimum.accumulate(np.append(first, t_us))[1:]
+        over = t_us - began >= WAIT_US
+        self._began_us = int(began[-1])
+        if over.any():
+            self.over_at = int(order[np.argmax(over)])
+
+
+@dataclass(slots=True)
+class Heard:
+    """Which messages a surface could be read from have been heard: sticks after their wait only."""
+
+    names: frozenset[str] = frozenset()
+    _sticks: dict[str, int] = field(default_factory=dict)
+    _wait: Wait = field(default_factory=Wait)
+
+    def events(self, messages: Mapping[str, MessageBlock]) -> list[tuple[int, str]]:
+        """Return where in this block a further message counts as heard, and its name, in order."""
+        found = [(int(messages[n].order[0]), n) for n in (OUTPUTS & messages.keys()) - self.names]
+        sticks = [messages[name] for name in STICKS if name in messages]
+        for block in sticks:
+            self._sticks.setdefault(block.name, int(block.order[0]))
+        if sticks and self._wait.over_at is None:
+            order = np.concatenate([block.order for block in sticks])
+            t_us = np.concatenate([boot_us(block.fields) for block in sticks])
+            by_order = np.argsort(order)
+            self._wait.note(order[by_order], t_us[by_order])
+        if self._wait.over_at is not None:
+            over = self._wait.over_at
+            new = self._sticks.keys() - self.names
+            found += [(max(over, self._sticks[name]), name) for name in new]
+        return sorted(found)
+
+    def count(self, name: str) -> None:
+        """Count a message as heard from now on."""
+        self.names |= {name}
+
+
+def stick(
+    what: str, autopilot: int, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return the pilot's stick in place of ``rudder`` or ``aileron``; None where it must not be.
+
+    Never beside an output that is heard, and never where nothing says which stick it is.
+    """
+    sticks = [name for name in STICKS if name in heard]
+    if heard & OUTPUTS or not sticks or autopilot not in _MAPS:
+        return None
+    name, default = _MAPS[autopilot][what]
+    number = int(table.get(name, default))
+    if not 1 <= number <= 18:
+        return None
+    part, told = stick_part(number, autopilot, table)
+    by = name if name in table.values else f"{name} assumed"
+    how = f"stand-in: the pilot's stick by {by}"
+    return Surface(sticks[0], how if told else f"{how}, travel assumed", (part,))
+
+
+def stick_part(number: int, autopilot: int, table: ParameterTable) -> tuple[Part, bool]:
+    """Return a stick's channel with its travel, and whether that was told."""
+    stock = PX4_TRAVEL_US if autopilot == PX4 else STOCK_TRAVEL_US
+    travel, reverse, told = table.travel(f"RC{number}", stock)
+    return Part(number, travel, reverse), told

@@ -1,0 +1,122 @@
+"""Vibration and noise above half the grid's rate: the error without a filter, and with ``--band``.
+
+A plant of eq. 23 with wn * Ts = 0.25, its rudder switching anywhere, is told at 50 or 200 Hz and
+sampled at 10 or 20 Hz: as it is, through a band-pass on the grid alone, and through the low-pass
+before it as well, as ``--band`` does. Printed is the mean error of wn in per cent and of zeta, and
+in brackets the scatter between runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from bench_plants import Floats
+from scipy.signal import cont2discrete, lfilter
+
+from yawid.blocks import Held, SampleBlock
+from yawid.channels.align import Aligner
+from yawid.channels.clock import Piece, Series
+from yawid.channels.conditioning import Conditioner
+from yawid.channels.decimate import finer_by
+from yawid.channels.yaw import MODE, RATE
+from yawid.estimation.bank import Bank
+from yawid.physics.modes import modes
+from yawid.run_config import RunConfig
+
+SECONDS, STEP_S = 120.0, 1e-3
+OMEGA_TS, ZETA, LEAD_S = 0.25, 0.2, 0.8
+SHARE = 0.1
+"""Of what is added to the yaw rate, root mean square over root mean square."""
+BAND = (0.004, 0.25)
+"""Corners over the rate of the grid: a tenth and six times the natural frequency."""
+WAYS = ("none", "grid", "band")
+TONE = 0.83
+"""Frequency of the vibration over the rate of the grid."""
+DISTURBANCES = ("nothing", "tone", "white noise")
+
+
+def flight(wn: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Return rudder and yaw rate each millisecond: steps a quarter period apart on average."""
+    n = round(SECONDS / STEP_S)
+    waits = rng.uniform(0.2, 1.8, n // 50) * (0.5 * np.pi / wn)
+    at = np.searchsorted(np.cumsum(waits), np.arange(n) * STEP_S)
+    u = rng.choice([-0.3, 0.0, 0.3], len(waits) + 1)[at]
+    numerator, denominator, _ = cont2discrete(
+        ([LEAD_S * wn**2, wn**2], [1.0, 2.0 * ZETA * wn, wn**2]), STEP_S
+    )
+    y: Floats = lfilter(np.ravel(numerator), denominator, u)
+    return u, y
+
+
+def disturbed(y: Floats, t: Floats, kind: str, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """Return the raw yaw rate with vibration between half the grid's rate and it, or noise."""
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    added: dict[str, Floats] = {
+        "nothing": np.zeros(len(y)),
+        "tone": np.sqrt(2.0) * np.sin(2.0 * np.pi * TONE * rate_hz * t + phase),
+        "white noise": rng.standard_normal(len(y)),
+    }
+    return y + SHARE * float(y.std()) * added[kind]
+
+
+def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> SampleBlock:
+    """Return the samples of raw rudder (n,), 3 ms late, and yaw rate (n,) on the grid."""
+    n, sample_time_s = len(y), 1.0 / rate_hz
+    t_us = np.rint(np.arange(n) * 1e6 / raw_hz).astype(np.int64)
+    columns = np.full((n, MODE + 1), np.nan)
+    columns[:, RATE] = y
+    order, none = np.arange(n), np.zeros(1, np.int64)
+    yaw = Series(2 * order, t_us, t_us, columns)
+    surface = Series(2 * order + 1, t_us, t_us + 3000, u[:, None])
+    count = finer_by(sample_time_s, 1e6 / raw_hz) if way == "band" else 1
+    aligner = Aligner(sample_time_s / count, (10e6 / rate_hz, 10e6 / rate_hz))
+    band = None if way == "none" else (BAND[0] * rate_hz, BAND[1] * rate_hz)
+    block = aligner.feed(Piece(True, Held.NONE, 0, yaw, surface, none, none))
+    assert block is not None
+    found = Conditioner(RunConfig(band=band), sample_time_s, count).feed(block)
+    assert found is not None
+    return found
+
+
+def errors(raw_hz: float, rate_hz: float, kind: str, way: str, seed: int) -> list[list[float]]:
+    """Return the errors (wn in per cent, zeta) of els and rml in one run."""
+    rng, wn = np.random.default_rng(seed), OMEGA_TS * rate_hz
+    u, y = flight(wn, rng)
+    step = round(1.0 / raw_hz / STEP_S)
+    raw_u, raw_y = u[3::step], y[::step][: len(u[3::step])]
+    raw_y = disturbed(raw_y, np.arange(len(raw_y)) / raw_hz, kind, rate_hz, rng)
+    config = RunConfig(forgetting=1.0)
+    bank = Bank(config, 1.0 / rate_hz)
+    bank.run(samples(raw_u, raw_y, raw_hz, rate_hz, way))
+    found = []
+    for method in ("els", "rml"):
+        mode = modes(bank.last[method], config.armax_orders(), 1.0 / rate_hz).dutch_roll[-1]
+        found.append([100.0 * (float(mode[0]) / wn - 1.0), float(mode[2]) - ZETA])
+    return found
+
+
+def row(found: Floats) -> str:
+    """Return the cells of errors (runs, methods, 2)."""
+    mean, spread = np.nanmean(found, axis=0), np.nanstd(found, axis=0)
+    lost = int(np.isnan(found).any(axis=(1, 2)).sum())
+    cells = (
+        f"{m[0]:+.2f} ({s[0]:.2f}), {m[1]:+.3f} ({s[1]:.3f})"
+        for m, s in zip(mean, spread, strict=True)
+    )
+    return " | ".join(cells) + (f" | {lost} runs without an oscillation" if lost else "")
+
+
+def main(arguments: list[str]) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="bench.py aliasing", description=__doc__)
+    parser.add_argument("--runs", type=int, default=20)
+    runs = parser.parse_args(arguments).runs
+    print("messages -> grid, added, filter | els: wn %, zeta | rml: wn %, zeta")
+    for raw_hz in (50.0, 200.0):
+        for rate_hz in (10.0, 20.0):
+            for kind in DISTURBANCES:
+                for way in WAYS:
+                    found = [errors(raw_hz, rate_hz, kind, way, seed) for seed in range(runs)]
+                    head = f"{raw_hz:g} -> {rate_hz:g} Hz, {kind}, {way}"
+                    print(f"{head} | {row(np.array(found))}", flush=True)
