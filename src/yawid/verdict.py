@@ -41,6 +41,7 @@ TURN_DOMINATED = 0.6
 """Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
 AIRSPEED_SHARE = 0.1
 CLOSED_LOOP = 0.8
+ROUNDING = 1e-9
 UNCERTAIN = 0.25
 """A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
 LEAST_SIMULATION_PCT = 10.0
@@ -224,10 +225,10 @@ def _correlation(a: Floats, b: Floats) -> float:
 
 
 def _explained(target: Floats, causes: Floats) -> float:
-    """Return R^2 of a linear regression with intercept."""
+    """Return R^2 of a linear regression with intercept, 0 of what moves by rounding alone."""
     good = np.isfinite(causes).all(axis=1) & np.isfinite(target)
     target, causes = target[good], causes[good]
-    if len(target) < 10 or target.std() == 0.0:
+    if len(target) < 10 or target.std() <= ROUNDING * np.abs(target).max():
         return 0.0
     columns = np.column_stack([causes, np.ones(len(target))])
     coefficients = np.linalg.lstsq(columns, target, rcond=None)[0]
