@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import signal
 import subprocess
@@ -187,6 +188,21 @@ def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
         flipped = bytearray(data[:stop])
         flipped[at] ^= 1 << at % 8
         assert not false_messages(tmp_path, bytes(flipped), rows), at
+
+
+def test_a_torn_file_of_another_version_gives_nothing_and_says_why(tmp_path: Path) -> None:
+    data = write_file(tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "old.mcap").write_bytes(data[:-100].replace(b"boot_time", b"long_time"))
+    with pytest.raises(SinkError, match=r"x unknown .* x message of no known .*nothing recovered"):
+        recover(tmp_path / "old.mcap", tmp_path / "out.mcap")
+
+
+def test_what_cannot_be_read_twice_is_refused(tmp_path: Path) -> None:
+    read, write = os.pipe()
+    os.close(write)
+    with pytest.raises(SinkError, match="must be a file"):
+        recover(Path(f"/dev/fd/{read}"), tmp_path / "out.mcap")
+    os.close(read)
 
 
 def test_an_attachment_is_kept_only_as_it_was(tmp_path: Path) -> None:

@@ -64,6 +64,8 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
     except OSError as error:
         raise SinkError(f"cannot read {path_in}: {error.strerror}") from error
     with stream:
+        if not stream.seekable():
+            raise SinkError(f"cannot read {path_in}: it is read twice and must be a file")
         # Not ".part": that may well be the name of the file to be recovered.
         part, out = open_part(path_out, force=force, suffix=".recovered.part")
         try:
@@ -71,7 +73,10 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
                 recovered = _Copy(out, known(stream)).run(stream)
                 sync(out)
             if not recovered.counts:
-                raise SinkError(f"{path_in} holds no complete chunk of messages: nothing recovered")
+                told = f" ({recovered.left_out})" if recovered.left_out else ""
+                raise SinkError(
+                    f"{path_in} holds no message to be trusted{told}: nothing recovered"
+                )
             with os_errors_as_sink_error(path_out):
                 part.replace(path_out)
         finally:
