@@ -31,7 +31,12 @@ STAGES = [
 ONLY_IN = {
     "pyulog": {"sources/ulog_file.py"},
     "pymavlink": {"sources"},
-    "mcap": {"sinks/mcap_chunks.py", "sinks/mcap_run.py", "sinks/recover.py"},
+    "mcap": {
+        "sinks/mcap_chunks.py",
+        "sinks/mcap_run.py",
+        "sinks/mcap_known.py",
+        "sinks/recover.py",
+    },
     "rerun": {"sinks/rerun_view.py", "sinks/rerun_blueprint.py"},
     "filterpy": {"estimation/reference.py", "channels/heading.py"},
     "numba": {"estimation/kernel.py"},

@@ -83,6 +83,16 @@ def test_logs_of_the_same_name_do_not_write_over_each_other(tmp_path: Path):
     assert names == ["c172p_3211-log.mcap", "c172p_gcs_rates-log.mcap"]
 
 
+def test_a_recording_in_the_way_leaves_no_half_written_mcap(tmp_path: Path):
+    (tmp_path / "log.rrd").write_bytes(b"precious")
+
+    done = yawid("replay", C172P, "--rerun", "save", "--out", tmp_path)
+
+    assert done.returncode == 6
+    assert "--force" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["log.rrd"]
+
+
 def test_an_existing_file_is_kept_unless_force_is_given(tmp_path: Path):
     (tmp_path / "log.mcap").write_text("mine")
 

@@ -149,12 +149,15 @@ def test_recover_never_writes_where_an_attachments_name_points(tmp_path: Path):
     with (tmp_path / "in.mcap").open("wb") as target:
         writer = Writer(target)
         writer.start(profile="", library="evil")
-        channel = writer.register_channel("/../../x", "json", 0)
-        writer.add_message(channel, 0, b"{}", 0)
+        schema = writer.register_schema("yawid.Verdict", "protobuf", b"")
+        for topic in ("/yawid/verdict", "/../../x"):
+            channel = writer.register_channel(topic, "protobuf", schema)
+            writer.add_message(channel, 0, b"{}", 0)
         writer.add_attachment(0, 0, "../../../escaped.txt", "text/plain", b"x")
         writer.finish()
 
-    recover(tmp_path / "in.mcap", tmp_path / "sub.mcap")
+    found = recover(tmp_path / "in.mcap", tmp_path / "sub.mcap")
 
+    assert set(found.counts) == {"/yawid/verdict"}  # topics are printed: only our own
     assert {path.name for path in tmp_path.iterdir()} == {"in.mcap", "sub.mcap"}
     assert not (tmp_path / ".." / "escaped.txt").exists()

@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from finished_runs import REPLAY_LOGS
 from flightlog import fly
 from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.blocks import Status
+from yawid.collect import run_through
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness
 from yawid.pipeline import Pipeline
@@ -23,6 +25,7 @@ from yawid.verdict import (
     agreement_reasons,
     changed_rates,
     estimate_reasons,
+    feedback_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
@@ -194,9 +197,38 @@ def test_flying_that_hides_the_rudder_is_said():
     assert ids(flight_reasons(history(turn=-turns.turn), "keep")) == set()
     faster = history(airspeed=np.linspace(15.0, 25.0, 1000))
     assert ids(flight_reasons(faster, "keep")) == {"airspeed_changed"}
-    damper = history(u=(-0.5 * base.y + 0.2 * base.roll)[:, None])
-    assert ids(flight_reasons(damper, "keep")) == {"closed_loop"}
     assert ids(flight_reasons(history(turn=np.full(1000, np.nan)), "keep")) == set()
+
+
+def test_an_input_that_only_reacts_is_named():
+    inputs, base = ("rudder", "aileron"), history()
+    free = np.random.default_rng(3).standard_normal(1000)
+    damper = -0.5 * base.y + 0.2 * base.roll
+    hold = -base.roll - 3.0 * np.diff(base.roll, prepend=np.nan)  # roll and roll rate
+
+    def said(rudder, aileron):
+        made = history(u=np.column_stack([rudder, aileron]))
+        return [reason.text.split(":")[0] for reason in feedback_reasons(inputs, made)]
+
+    assert said(free, free[::-1]) == []
+    assert said(free, np.full(1000, 0.3)) == []
+    assert said(0.3 - 1e-16 * np.round(base.y), free) == []  # at trim: nothing but rounding
+    assert said(damper, free) == ["yaw rate and roll explain 100 % of the rudder"]
+    assert said(free, hold) == ["yaw rate and roll explain 100 % of the aileron"]
+    both = "yaw rate and roll explain 100 % of the rudder and 100 % of the aileron"
+    assert said(damper, hold) == [both]
+
+
+def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():
+    def closed_loop(case):
+        config = RunConfig(rate=10.0, forgetting=1.0, inputs=("rudder", "aileron"))
+        pipeline, _ = run_through(REPLAY_LOGS / case / "log.tlog", config)
+        reasons = summarise(pipeline, "", "")[1].reasons
+        return [reason.text for reason in reasons if reason.id == "closed_loop"]
+
+    [text] = closed_loop("c172p_3211")
+    assert text.startswith("yaw rate and roll explain 99 % of the aileron")
+    assert closed_loop("c172p_aileron") == []
 
 
 @pytest.mark.parametrize(

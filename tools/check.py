@@ -2,8 +2,8 @@
 
     python tools/check.py [--fast]
 
-``--fast`` leaves out what is marked slow. All of them run; the exit code is that of the first that
-fails.
+``--fast`` leaves out what is marked slow or mutation. All of them run; the exit code is that of the
+first that fails.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def commands(fast: bool) -> list[list[str]]:
     python = sys.executable
     tests = [python, "-m", "pytest", "-n", "2"]
     return [
-        [*tests, "-m", "not slow"] if fast else tests,
+        [*tests, "-m", "not slow and not mutation"] if fast else tests,
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],
         [python, "-m", "mypy", "--strict", *TYPED],

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-ESTIMATION = ("tests/estimation",)
-CHANNELS = ("tests/channels", "tests/test_truth.py", "tests/test_regress_truth.py")
-PHYSICS = ("tests/physics",)
-VERDICT = ("tests/test_verdict.py",)
-SOURCES = ("tests/sources",)
-GOLDEN = ("tests/test_regress_command.py",)
+ALGEBRA = "tests/estimation/test_armax_algebra.py::"
+LEAST_SQUARES = ALGEBRA + "test_theta_is_weighted_least_squares_over_the_regressors_seen"
+CONTRACT = "tests/estimation/test_armax_contract.py::"
+SURFACE = "tests/channels/test_mapping.py::"
+ALIGN = "tests/channels/test_align.py::"
+YAW = "tests/channels/test_yaw.py::"
 
 
 @dataclass(frozen=True, slots=True)
 class Defect:
-    """``old``, once in ``file`` (below src/yawid), becomes ``new``; ``tests`` should then fail."""
+    """``old``, once in ``file`` (below src/yawid), becomes ``new``; then ``test`` must fail."""
 
     what: str
     file: str
     old: str
     new: str
-    tests: tuple[str, ...]
+    test: str
 
 
 DEFECTS = (
@@ -29,209 +29,209 @@ DEFECTS = (
         "estimation/recursion.py",
         "fresh[0] = -y\n",
         "fresh[0] = y\n",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "a priori innovation for a posteriori residual in phi",
         "estimation/recursion.py",
         "fresh[len(fresh) - 2] = eps if",
         "fresh[len(fresh) - 2] = e if",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "input one sample too new (nk - 1)",
         "estimation/layout.py",
         "rows += [(nk, nb) for",
         "rows += [(nk - 1, nb) for",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "lambda left out of the gain",
         "estimation/kernel.py",
-        "alpha, inverse, column = lam, 1.0 / lam, 0",
+        "alpha, inverse, column = lam, over, 0",
         "alpha, inverse, column = 1.0, 1.0, 0",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "lambda left out of the growth of P",
-        "estimation/upkeep.py",
-        "n, over = len(d), 1.0 / lam",
-        "n, over = len(d), 1.0",
-        ESTIMATION,
+        "estimation/kernel.py",
+        "over = 1.0 / lam",
+        "over = 1.0",
+        LEAST_SQUARES,
     ),
     Defect(
         "forgetting that stays at its start",
         "estimation/upkeep.py",
         "(1.0 - s[LAMBDA_RATE]) * s[LAMBDA_END]",
         "(1.0 - s[LAMBDA_RATE]) * lam",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "RML filters by C(q) with the sign of 1/C(q) turned",
         "estimation/recursion.py",
-        "x -= power * theta[first + i]",
-        "x += power * theta[first + i]",
-        ESTIMATION,
+        "x -= c[i] * filtered[head]",
+        "x += c[i] * filtered[head]",
+        "tests/estimation/test_armax_reference.py::test_two_inputs_agree_and_so_do_predictions",
     ),
     Defect(
         "half of Jury's test left out",
         "estimation/kernel.py",
         "return abs(a[1]) < 1.0 and abs(a[0]) < 1.0 + a[1]",
         "return abs(a[1]) < 1.0",
-        ESTIMATION,
+        "tests/estimation/test_armax_endurance.py::test_c_stays_stable_at_every_step",
     ),
     Defect(
         "updates before the lags are full",
         "estimation/recursion.py",
         "learning = s[FILL] > s[DEPTH] + s[NC]",
         "learning = s[FILL] > s[DEPTH]",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "lags kept across a gap",
         "estimation/recursion.py",
-        "if s[BROKEN] > 0.0:\n        _open(s, at)",
-        "if s[BROKEN] > 1.0:\n        _open(s, at)",
-        ESTIMATION,
+        "if s[BROKEN] > 0.0:\n        _open(s)",
+        "if s[BROKEN] > 1.0:\n        _open(s)",
+        CONTRACT + "test_what_lies_before_a_gap_is_no_neighbour_of_what_follows",
     ),
     Defect(
         "no floor under the information",
         "estimation/upkeep.py",
         "if p > limit:",
         "if p > 1e300 * limit:",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "weights' squares summed without the square",
         "estimation/upkeep.py",
         "s[S2] = lam * lam * s[S2] + 1.0",
         "s[S2] = lam * s[S2] + 1.0",
-        ESTIMATION,
+        "tests/estimation/test_armax_reference.py::test_filterpy_agrees_to_1e_9",
     ),
     Defect(
         "units of b turned upside down",
         "estimation/entry.py",
         "units[i] = factors[j] / factors[0]",
         "units[i] = factors[0] / factors[j]",
-        ESTIMATION,
+        LEAST_SQUARES,
     ),
     Defect(
         "parameters not taken off in the noise variance",
         "estimation/upkeep.py",
         "s[LOSS] / max(s[S1] - s[N] * s[S2] / s[S1], 1.0)",
         "s[LOSS] / s[S1]",
-        ESTIMATION,
+        ALGEBRA + "test_with_nothing_added_it_is_batch_arx",
     ),
     Defect(
         "yaw not unwrapped",
         "channels/yaw.py",
         "unwrapped[rows] = known + 2.0 * np.pi * turns",
         "unwrapped[rows] = known + 0.0 * turns",
-        CHANNELS,
+        YAW + "test_a_heading_alone_gives_a_coarse_rate",
     ),
     Defect(
         "32-bit servo time not unwrapped",
         "channels/clock.py",
         "unwrapped: Ints = raw + turns * 2**32",
         "unwrapped: Ints = raw + 0 * turns",
-        CHANNELS,
+        "tests/channels/test_clock.py::test_unwrapping_beside_the_full_clock_inverts_the_wrap",
     ),
     Defect(
         "trim ignored: the middle of the travel for it",
         "channels/surface.py",
         "value = (pwm - trim) /",
         "value = (pwm - 0.5 * (low + high)) /",
-        CHANNELS,
+        SURFACE + "test_the_deflection_is_what_ardupilot_turned_into_the_pulse",
     ),
     Defect(
         "reversed servo not turned",
         "channels/surface.py",
         "return -value if self.reversed else value",
         "return value",
-        CHANNELS,
+        SURFACE + "test_the_deflection_is_what_ardupilot_turned_into_the_pulse",
     ),
     Defect(
         "V-tail's elevator taken for its rudder",
         "channels/mapping.py",
         "return _servo(left, table, weight), _servo(right, table, -weight)",
         "return _servo(left, table, weight), _servo(right, table, weight)",
-        CHANNELS,
+        SURFACE + "test_a_v_tail_is_unmixed_as_ardupilot_mixed_it",
     ),
     Defect(
         "rudder at the instant for its mean over the interval",
         "channels/align.py",
         "mean = np.add.reduceat(area, starts, axis=0) / self._ts_us",
         "mean = self._surface.values[holds[starts]]",
-        CHANNELS,
+        ALIGN + "test_the_rudder_is_the_mean_of_the_held_value_over_the_interval_that_follows",
     ),
     Defect(
         "yaw rate of the message before for the interpolated",
         "channels/align.py",
         "between = low + weight[:, None] * (high - low)",
         "between = low + 0.0 * weight[:, None] * (high - low)",
-        CHANNELS,
+        ALIGN + "test_yaw_rate_is_interpolated_to_the_instant",
     ),
     Defect(
         "gaps bridged a hundred times longer",
         "channels/startup.py",
         "BRIDGED = 3.0",
         "BRIDGED = 300.0",
-        (*CHANNELS, "tests/test_faults.py"),
+        ALIGN + "test_a_gap_is_a_break_and_never_filled",
     ),
     Defect(
         "turn rate added for subtracted",
         "channels/conditioning.py",
         "y=block.y - turn",
         "y=block.y + turn",
-        CHANNELS,
+        "tests/channels/test_conditioning.py::test_removing_the_turn_leaves_what_the_bank_did_not_make",
     ),
     Defect(
         "heading rate by Euler with a wrong sign",
         "channels/yaw.py",
         "(q * np.sin(roll) + r * np.cos(roll))",
         "(r * np.cos(roll) - q * np.sin(roll))",
-        CHANNELS,
+        YAW + "test_the_heading_rate_is_eulers",
     ),
     Defect(
         "zero-order hold not undone in the residues",
         "physics/modes.py",
         "residues = discrete * s / (z - 1.0)",
         "residues = discrete / sample_time_s",
-        PHYSICS,
+        "tests/physics/test_derivatives.py::test_the_four_numbers_come_back_from_theta",
     ),
     Defect(
         "sigma of zeta by the wrong slope",
         "physics/modes.py",
         "dzeta = -ds.real / wn + s.real",
         "dzeta = -ds.real / wn - s.real",
-        PHYSICS,
+        "tests/physics/test_modes.py::test_sigma_by_the_delta_method_is_the_scatter_of_the_poles",
     ),
     Defect(
         "eq. 22: yaw damping with the side force added",
         "physics/derivatives.py",
         "a_omega = 2.0 * xi * omega - a_z",
         "a_omega = 2.0 * xi * omega + a_z",
-        PHYSICS,
+        "tests/physics/test_derivatives.py::test_the_derivatives_are_those_of_eq_22",
     ),
     Defect(
         "inputs that move together are let through",
         "verdict.py",
         "if close > COLLINEAR:",
         "if close > 1.0 + COLLINEAR:",
-        VERDICT,
+        "tests/test_verdict.py::test_inputs_must_move_and_not_together",
     ),
     Defect(
         "a replayed signature accepted once more",
         "sources/signing.py",
         "if stamp <= self._streams.get(",
         "if stamp < self._streams.get(",
-        SOURCES,
+        "tests/sources/test_signing.py::test_replayed_frames_are_rejected_and_counted",
     ),
     Defect(
         "a golden comparison that lets a million tolerances pass",
         "golden.py",
         "(np.abs(actual - expected) <= allowed)",
         "(np.abs(actual - expected) <= 1e6 * allowed)",
-        GOLDEN,
+        "tests/test_regress_command.py::test_a_mismatch_is_exit_1_and_leaves_rows_and_picture_and_the_way_to_update",
     ),
 )

@@ -20,7 +20,7 @@ import numpy as np
 from yawid.blocks import SampleBlock
 from yawid.errors import ConfigError, NotIdentifiable, SinkError
 from yawid.offline.orders import candidates, compare_orders, recommended
-from yawid.outputs import Outputs, open_sinks
+from yawid.outputs import Outputs, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
@@ -74,7 +74,7 @@ def replay_run(
         config = _with_orders(run, config)
     pipeline = Pipeline(config)
     pipeline.sinks = open_sinks(config, outputs)
-    try:
+    with whole_or_none(pipeline.sinks, outputs):
         size = mcap.stat().st_size
         with progress(sys.stderr, mcap.name, size) as advance:
             for samples in _samples(run, config):
@@ -84,12 +84,6 @@ def replay_run(
                     break
         summary, verdict = _summary(run, pipeline)
         _finish(run, pipeline, summary, outputs)
-    except BaseException:
-        for sink in pipeline.sinks:
-            sink.abort()
-        for suffix in (".mcap", ".rrd"):
-            outputs.path(suffix + ".part").unlink(missing_ok=True)
-        raise
     return summary, verdict
 
 

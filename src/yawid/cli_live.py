@@ -87,7 +87,9 @@ def run_recover(arguments: argparse.Namespace) -> int:
     """Recover a torn MCAP and say what it holds."""
     from yawid.sinks.recover import recover
 
-    counts = recover(arguments.broken, arguments.out, force=arguments.force)
-    topics = ", ".join(f"{topic} {count}" for topic, count in sorted(counts.items()))
+    found = recover(arguments.broken, arguments.out, force=arguments.force)
+    topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
+    if found.left_out:
+        sys.stderr.write(f"yawid: not to be trusted and left out: {found.left_out}\n")
     sys.stdout.write(f"{arguments.out}: {topics}\n")
     return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from yawid.errors import NotIdentifiable
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
+from yawid.sinks.base import Sink
 from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
 
@@ -36,14 +38,14 @@ def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> lis
     return blocks + channels.finish()
 
 
-def run_through(log: Path, config: RunConfig) -> tuple[Pipeline, str]:
-    """Replay a log without outputs; return the finished pipeline and the log's sha256.
+def run_through(log: Path, config: RunConfig, sinks: Sequence[Sink] = ()) -> tuple[Pipeline, str]:
+    """Replay a log without files; return the pipeline, its sinks still open, and the log's sha256.
 
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    digest, pipeline = hashlib.sha256(), Pipeline(config)
+    digest, pipeline = hashlib.sha256(), Pipeline(config, sinks)
     pipeline.source = reader = open_log(log, pipeline.decoder)
     for _, frames in reader.read(digest):
         pipeline.take(frames)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -59,7 +60,23 @@ def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
     Raises:
         SinkError: the folder or a file cannot be written.
     """
-    return [open_mcap(config, outputs), *open_rerun(outputs)]
+    sinks: list[Sink] = [open_mcap(config, outputs)]
+    with whole_or_none(sinks, outputs):
+        sinks += open_rerun(outputs)
+    return sinks
+
+
+@contextmanager
+def whole_or_none(sinks: Sequence[Sink], outputs: Outputs) -> Iterator[None]:
+    """Drop what was written of a run that fails: its source is still there, half is of no use."""
+    try:
+        yield
+    except BaseException:
+        for sink in sinks:
+            sink.abort()
+        for path in outputs.files().values():
+            Path(f"{path}.part").unlink(missing_ok=True)
+        raise
 
 
 def open_mcap(config: RunConfig, outputs: Outputs) -> McapSink:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from yawid.outputs import Outputs, finish, open_sinks
+from yawid.outputs import Outputs, finish, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.sinks.terminal import progress
@@ -62,7 +62,7 @@ def replay(
     reader = open_log(log, pipeline.decoder, reading.form)
     pipeline.source = reader
     pipeline.sinks = open_sinks(config, outputs)
-    try:
+    with whole_or_none(pipeline.sinks, outputs):
         with progress(sys.stderr, log.name, log.stat().st_size) as advance:
             for size, frames in reader.read(digest):
                 pipeline.take(frames)
@@ -72,11 +72,4 @@ def replay(
         pipeline.finish()
         summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())
         finish(pipeline, summary, outputs.files())
-    except BaseException:
-        # The log is still there: half an output of it is of no use to anybody.
-        for sink in pipeline.sinks:
-            sink.abort()
-        for suffix in (".mcap", ".rrd"):
-            outputs.path(suffix + ".part").unlink(missing_ok=True)
-        raise
     return summary, verdict

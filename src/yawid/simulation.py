@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from yawid.errors import ConfigError, SinkError
-from yawid.outputs import Outputs, finish, open_mcap
+from yawid.outputs import Outputs, finish, open_mcap, whole_or_none
 from yawid.pipeline import Pipeline
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
@@ -90,13 +90,8 @@ def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> Non
     pipeline = Pipeline(config)
     outputs = Outputs(out.parent, out.stem, force=force)
     pipeline.sinks = [open_mcap(config, outputs)]
-    try:
+    with whole_or_none(pipeline.sinks, outputs):
         pipeline.feed(_tlog(simulation))
         pipeline.finish()
         summary, _ = summarise(pipeline, str(out), "")
         finish(pipeline, summary, outputs.files())
-    except BaseException:
-        for sink in pipeline.sinks:
-            sink.abort()
-        out.with_name(out.name + ".part").unlink(missing_ok=True)
-        raise

@@ -32,6 +32,7 @@ from yawid.verdict import (
     agreement_reasons,
     changed_rates,
     estimate_reasons,
+    feedback_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
@@ -219,6 +220,7 @@ def bank_reasons(
         *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, primary.dutch_roll),
         *input_reasons(config.inputs, history.u, travel_unit, bank.sample_time_s),
         *flight_reasons(history, config.turn),
+        *feedback_reasons(config.inputs, history),
         *estimate_reasons(config.method, primary),
         *agreement_reasons(evidence),
     ]

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from sinks.sink_blocks import (
 from yawid import __version__
 from yawid.blocks import Held, Status
 from yawid.sinks.mcap_file import McapSink
+from yawid.sinks.messages import modes_rows
 
 
 def assert_held(messages: list[Any], held: Any) -> None:
@@ -234,3 +236,10 @@ def test_rerun_converts_the_file_and_finds_every_message(tmp_path: Path) -> None
     assert [rows[topic] for topic in topics] == [100] * 4
     assert "yawid.Sample:message" in columns["/yawid/sample"]
     assert "TextLog:text" in columns["/yawid/log"]
+
+
+def test_every_nan_is_the_same_in_the_file_whatever_its_sign():
+    samples, _, modes = make_blocks(n=5)
+    signs = [replace(modes, wn=np.full_like(modes.wn, nan)) for nan in (np.nan, -np.nan)]
+    assert signs[0].wn.tobytes() != signs[1].wn.tobytes()
+    assert len({modes_rows(samples, block).tobytes() for block in signs}) == 1

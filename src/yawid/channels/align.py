@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
-from yawid.channels.clock import Piece, Series
+from yawid.channels.clock import Piece, Series, flow_together
 from yawid.channels.yaw import AIRSPEED, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
 
 Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
@@ -87,12 +87,10 @@ class Aligner:
 
     def _start(self) -> list[Rows]:
         """Begin the grid once both channels flow, with one held sample where a segment ended."""
-        if len(self._yaw) == 0 or len(self._surface) == 0:
+        together = flow_together(self._yaw, self._surface)
+        if together is None:
             return []
-        both = max(self._yaw.order[0], self._surface.order[0])
-        begin = max(
-            int(series.t_us[series.order <= both].max()) for series in (self._yaw, self._surface)
-        )
+        both, begin = together
         self._next_k = math.ceil(begin / self._ts_us)
         if self._why == Held.NONE:
             return []

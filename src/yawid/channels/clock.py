@@ -88,6 +88,17 @@ class Piece:
     offset_us: Ints
 
 
+def flow_together(yaw: Series, surface: Series) -> tuple[int, int] | None:
+    """Return the message with which both channels flow, and the vehicle time in us from then on.
+
+    None where one of them is empty.
+    """
+    if len(yaw) == 0 or len(surface) == 0:
+        return None
+    both = int(max(yaw.order[0], surface.order[0]))
+    return both, max(int(series.t_us[series.order <= both].max()) for series in (yaw, surface))
+
+
 def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) -> Ints:
     """Unwrap 32-bit microseconds beside the last full boot time heard before each of them.
 

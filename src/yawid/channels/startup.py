@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.channels.clock import Piece, Series
+from yawid.channels.clock import Piece, Series, flow_together
 from yawid.errors import ConfigError
 from yawid.run_config import DEFAULT_RATE_HZ
 
@@ -35,11 +35,11 @@ class StartUp:
             self._first = len(self.pieces)
         self.pieces.append(piece)
         yaw, surface = self._segment()
-        if len(yaw) == 0 or len(surface) == 0:
+        together = flow_together(yaw, surface)
+        if together is None:
             self._forget(yaw, surface)
             return False
-        both = max(yaw.order[0], surface.order[0])
-        begin = max(int(s.t_us[s.order <= both].max()) for s in (yaw, surface))
+        _, begin = together
         ends = [s.order[s.t_us >= begin + WINDOW_US] for s in (yaw, surface)]
         if not any(len(end) for end in ends):
             return False

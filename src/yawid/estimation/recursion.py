@@ -99,12 +99,12 @@ def _filter(s, at):
         c[i] = power * theta[first + i]
         power *= contraction
     for j in range(len(fresh)):
-        at_head = heads[j]
-        if heads[j + 1] > at_head:
+        head = heads[j]
+        if heads[j + 1] > head:
             x = fresh[j]
             for i in range(len(c)):
-                x -= c[i] * filtered[at_head]
-                at_head += ONE
+                x -= c[i] * filtered[head]
+                head += ONE
             scratch[j] = x
     _shift(filtered, heads, scratch[: len(fresh)])
 

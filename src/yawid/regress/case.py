@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -10,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from yawid.collect import run_through
 from yawid.errors import ConfigError
 from yawid.golden import NOT_COMPARED, RowsSink
-from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig, check_settings
-from yawid.sources.tlog import read_tlog
+from yawid.sources.logs import SUFFIXES
 from yawid.summary import summarise
 
 _KEYS = {
@@ -45,8 +44,9 @@ class Case:
 
     @property
     def log(self) -> Path:
-        """The log replayed."""
-        return self.folder / "log.tlog"
+        """The log replayed: log.tlog, log.bin or log.ulg."""
+        found = (self.folder / f"log{suffix}" for suffix in SUFFIXES)
+        return next((log for log in found if log.is_file()), self.folder / "log.tlog")
 
     @staticmethod
     def read(folder: Path) -> Case:
@@ -80,12 +80,8 @@ class Case:
             ConfigError: the options do not fit the log.
         """
         rows = RowsSink()
-        pipeline = Pipeline(self.config, [rows])
-        digest = hashlib.sha256()
-        for chunk in read_tlog(self.log, digest=digest):
-            pipeline.feed(chunk)
-        pipeline.finish()
-        summary, _ = summarise(pipeline, self.log.name, digest.hexdigest())
+        pipeline, sha256 = run_through(self.log, self.config, [rows])
+        summary, _ = summarise(pipeline, self.log.name, sha256)
         rows.finish(summary, {})
         kept = {key: value for key, value in summary.items() if key not in NOT_COMPARED}
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))

@@ -16,11 +16,12 @@ from yawid.blocks import FrameBlock, Ints
 from yawid.channels.clock import boot_us
 from yawid.channels.stage import WANTED
 from yawid.channels.yaw import SOURCES, UNTIMED
-from yawid.errors import ConfigError, SinkError, YawidError
+from yawid.errors import ConfigError, SinkError, SourceError, YawidError
 from yawid.regress.case import Case
 from yawid.run_config import RunConfig, check_settings
 from yawid.sources.frames import Decoder
 from yawid.sources.framing import STAMP_SIZE, frame_size
+from yawid.sources.logs import SUFFIXES, log_suffix
 from yawid.sources.tlog import read_tlog
 
 MOST_BYTES = 1_000_000
@@ -33,10 +34,10 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> Case:
-    """Make ``folder/name`` with log.tlog and case.toml; its references come by ``update``.
+    """Make ``folder/name`` with its log and case.toml; its references come by ``update``.
 
-    A log of less than 1 MB without --from and --to is taken as it is; else only the messages that
-    yawid reads are kept, of the stretch asked for.
+    An on-board log, or a telemetry log of less than 1 MB without --from and --to, is taken as it
+    is; else only the messages that yawid reads are kept, of the stretch asked for.
 
     Raises:
         ConfigError: the name is none, the case exists, the options do not fit the log, or what is
@@ -50,9 +51,11 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
     if place.exists():
         raise ConfigError(f"{place} exists: choose another --name")
     config = RunConfig(**check_settings(dict(options), "the command line"))
-    data = b"".join(read_tlog(log))
+    suffix = log_suffix(log)
+    data = b"".join(read_tlog(log)) if suffix == SUFFIXES[0] else _on_board(log)
     kept = data
-    if len(data) >= MOST_BYTES or config.from_s is not None or config.to_s is not None:
+    whole = len(data) < MOST_BYTES and config.from_s is None and config.to_s is None
+    if suffix == SUFFIXES[0] and not whole:
         kept = _trimmed(data, config)
     if len(kept) >= MOST_BYTES:
         raise ConfigError(
@@ -61,10 +64,21 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
         )
     origin = f"{log.name}, sha256 {hashlib.sha256(data).hexdigest()}"
     origin += "" if kept is data else ", trimmed by yawid regress --new"
-    return _written(place, kept, origin, options)
+    return _written(place, f"log{suffix}", kept, origin, options)
 
 
-def _written(place: Path, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
+def _on_board(log: Path) -> bytes:
+    """Return a dataflash log or ULog, which is not cut."""
+    try:
+        size = log.stat().st_size
+        if size >= MOST_BYTES:
+            raise ConfigError(f"{log}: {size} bytes, a case has less than {MOST_BYTES}")
+        return log.read_bytes()
+    except OSError as error:
+        raise SourceError(f"cannot read {log}: {error.strerror}") from error
+
+
+def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
     """Write the case, replay it once for its floor, and leave nothing where that fails."""
     head = (
         f"origin = {json.dumps(origin)}\n"
@@ -72,7 +86,7 @@ def _written(place: Path, log: bytes, origin: str, options: Mapping[str, Any]) -
         f'sha256 = "{hashlib.sha256(log).hexdigest()}"\n'
     )
     told = "".join(f"{key} = {json.dumps(value)}\n" for key, value in options.items())
-    files = {"log.tlog": log, "case.toml": f"{head}floor = 0\n\n[options]\n{told}".encode()}
+    files = {name: log, "case.toml": f"{head}floor = 0\n\n[options]\n{told}".encode()}
     try:
         place.mkdir(parents=True)
         for file, content in files.items():

@@ -22,7 +22,7 @@ from yawid.sinks.messages import (
     sample_rows,
     verdict_message,
 )
-from yawid.sinks.schemas import schema_data, units
+from yawid.sinks.schemas import TOPICS, schema_data, units
 
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
@@ -96,15 +96,13 @@ class McapSink:
         parameters = {"parameters": " ".join(parameter_names)}
         with os_errors_as_sink_error(self._part):
             self._add_record("grid", names | parameters | {"methods": " ".join(methods)})
-            self._sample_channel = self._channel("/yawid/sample", "yawid.Sample", names)
+            self._sample_channel = self._channel("/yawid/sample", names)
             for method in methods:
                 topic = "/yawid/estimate" + ("" if method == methods[0] else f"/{method}")
                 self._estimate_channels[method] = self._channel(
-                    topic, "yawid.Estimate", {"method": method} | parameters
+                    topic, {"method": method} | parameters
                 )
-            self._modes_channel = self._channel(
-                "/yawid/modes", "yawid.Modes", {"method": methods[0]}
-            )
+            self._modes_channel = self._channel("/yawid/modes", {"method": methods[0]})
             self._stream.flush()
 
     def write(
@@ -172,11 +170,12 @@ class McapSink:
             for name, value in metadata.items():
                 self._add_record(name, value)
             self._add_record("units", units())
-            self._log_channel = self._channel("/yawid/log", "foxglove.Log")
-            self._verdict_channel = self._channel("/yawid/verdict", "yawid.Verdict")
+            self._log_channel = self._channel("/yawid/log")
+            self._verdict_channel = self._channel("/yawid/verdict")
             self._stream.flush()
 
-    def _channel(self, topic: str, schema: str, metadata: Mapping[str, str] | None = None) -> int:
+    def _channel(self, topic: str, metadata: Mapping[str, str] | None = None) -> int:
+        schema = TOPICS[topic]
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(
                 schema, "protobuf", schema_data(schema)

@@ -28,6 +28,15 @@ def _fill_held(rows: Rows, held: Ints) -> None:
         rows["held_reasons"][str(flag.name).lower()] = held & flag.value != 0
 
 
+def _one_nan(rows: Rows) -> Rows:
+    """Make every NaN the same: a processor's sign of it depends on where the blocks were cut."""
+    for name in rows.dtype.names or ():
+        column = rows[name]
+        if column.dtype.kind == "f":
+            column[np.isnan(column)] = np.nan
+    return rows
+
+
 def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     """Return ``yawid.Sample`` messages (n,); ``inputs`` names the columns of u."""
     rows = _layout("yawid.Sample", u=samples.u.shape[1]).rows(len(samples))
@@ -39,7 +48,7 @@ def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     rows["yaw_rate"], rows["turn_rate"] = samples.y, samples.turn
     for name in ("rudder", "aileron"):
         rows[name] = samples.u[:, inputs.index(name)] if name in inputs else np.nan
-    return rows
+    return _one_nan(rows)
 
 
 def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
@@ -58,7 +67,7 @@ def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
         "status",
     ):
         rows[name] = getattr(estimate, name)
-    return rows
+    return _one_nan(rows)
 
 
 def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
@@ -69,12 +78,10 @@ def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
     rows["boot_time"] = samples.boot_us / 1e6
     rows["pole_re"], rows["pole_im"] = modes.poles.real, modes.poles.imag
     for name in repeated[2:]:
-        values = getattr(modes, name)
-        # The sign of a NaN is the processor's affair, and may change with the length of a block.
-        rows[name] = np.where(np.isnan(values), np.nan, values)
+        rows[name] = getattr(modes, name)
     for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
         rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
-    return rows
+    return _one_nan(rows)
 
 
 def log_message(unix_ns: int, level: LogLevel, text: str) -> bytes:

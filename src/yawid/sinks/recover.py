@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
-from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from mcap.exceptions import McapError
+from mcap.data_stream import RecordBuilder
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
-from zstandard import ZstdError, frame_content_size
+from zstandard import frame_content_size
 
 from yawid import __version__
 from yawid.errors import SinkError
 from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
+from yawid.sinks.mcap_known import DAMAGE, Known, known, records
 
 LARGEST_CHUNK: Final = 64 << 20
 """Unpacked; yawid writes a chunk a second."""
@@ -24,15 +24,37 @@ LARGEST_RATIO: Final = 200
 """Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
 the library reads each nine of them as a record."""
 LIBRARY: Final = f"yawid {__version__} (recovered)"
-# What mcap raises on damaged bytes: its own errors, short structs, bad text or CRC, absurd sizes.
-_DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
 
 
-def recover(path_in: Path, path_out: Path, *, force: bool = False) -> dict[str, int]:
-    """Copy every complete chunk of ``path_in`` to ``path_out`` and return the messages per topic.
+@dataclass(slots=True)
+class Recovered:
+    """Messages copied per topic, and what could not be vouched for and was left out."""
 
-    A chunk whose content is damaged is left out; what follows a damaged record length cannot be
-    found again. Metadata and attachments that were written are kept.
+    counts: Counter[str] = field(default_factory=Counter)
+    channels: int = 0
+    messages: int = 0
+    chunks: int = 0
+    attachments: int = 0
+
+    @property
+    def left_out(self) -> str:
+        """What was left out, in words; "" where nothing was."""
+        kinds = {
+            "damaged chunk": self.chunks,
+            "unknown or damaged channel or schema record": self.channels,
+            "message of no known channel": self.messages,
+            "damaged attachment": self.attachments,
+        }
+        return ", ".join(f"{count} x {kind}" for kind, count in kinds.items() if count)
+
+
+def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
+    """Copy every complete chunk of ``path_in`` to ``path_out`` and return what was copied.
+
+    Only what can be vouched for is copied: chunks and attachments whose checksum holds, and of
+    them the messages of channels that yawid writes (:func:`yawid.sinks.mcap_known.known`). What
+    follows a damaged record length cannot be found again. Metadata have no checksum and are copied
+    as found.
 
     Raises:
         SinkError: nothing can be had from ``path_in``, or a file cannot be read or written.
@@ -42,27 +64,24 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> dict[str, 
     except OSError as error:
         raise SinkError(f"cannot read {path_in}: {error.strerror}") from error
     with stream:
+        if not stream.seekable():
+            raise SinkError(f"cannot read {path_in}: it is read twice and must be a file")
         # Not ".part": that may well be the name of the file to be recovered.
         part, out = open_part(path_out, force=force, suffix=".recovered.part")
         try:
             with out, os_errors_as_sink_error(part):
-                counts = _Copy(out).run(stream)
+                recovered = _Copy(out, known(stream)).run(stream)
                 sync(out)
-            if not counts:
-                raise SinkError(f"{path_in} holds no complete chunk of messages: nothing recovered")
+            if not recovered.counts:
+                told = f" ({recovered.left_out})" if recovered.left_out else ""
+                raise SinkError(
+                    f"{path_in} holds no message to be trusted{told}: nothing recovered"
+                )
             with os_errors_as_sink_error(path_out):
                 part.replace(path_out)
         finally:
             part.unlink(missing_ok=True)
-    return counts
-
-
-def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """Yield the records outside chunks and the chunks themselves, up to the first tear."""
-    try:
-        yield from StreamReader(stream, emit_chunks=True).records
-    except _DAMAGE:
-        return
+    return recovered
 
 
 def is_bomb(chunk: Chunk) -> bool:
@@ -77,63 +96,94 @@ def is_bomb(chunk: Chunk) -> bool:
     return unpacked > min(LARGEST_CHUNK, max(1 << 20, LARGEST_RATIO * len(chunk.data)))
 
 
-def _chunk_records(chunk: Chunk) -> list[McapRecord]:
+def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
+    """Return what is in a chunk, None where it is damaged or a bomb."""
     try:
-        return [] if is_bomb(chunk) else breakup_chunk(chunk, validate_crc=True)
-    except _DAMAGE:
-        return []
+        return None if is_bomb(chunk) else breakup_chunk(chunk, validate_crc=True)
+    except DAMAGE:
+        return None
 
 
 class _Copy:
     """One run from a stream of records to a new file; schema and channel numbers are given anew."""
 
-    def __init__(self, out: BinaryIO) -> None:
+    def __init__(self, out: BinaryIO, trusted: Known) -> None:
         self._writer = Writer(out, compression=CompressionType.ZSTD)
-        self._schemas: dict[int, int] = {0: 0}  # 0 is the channel without a schema
-        self._channels: dict[int, tuple[int, str]] = {}
-        self._counts: Counter[str] = Counter()
+        self._known = trusted
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._result = Recovered()
 
-    def run(self, stream: BinaryIO) -> dict[str, int]:
+    def run(self, stream: BinaryIO) -> Recovered:
         self._writer.start(profile="", library=LIBRARY)
-        for record in _records(stream):
-            if isinstance(record, Chunk):
-                for inner in _chunk_records(record):
-                    self._copy(inner)
-                self._writer.flush()  # chunks stay as long as they were
-            else:
-                self._copy(record)
+        for _, channel in sorted(self._known.channels.items()):
+            self._channel(channel)
+        stream.seek(0)
+        for record in records(stream):
+            match record:
+                case Chunk():
+                    self._copy_chunk(record)
+                case Metadata():
+                    self._writer.add_metadata(record.name, record.metadata)
+                case Attachment():
+                    self._copy_attachment(record, stream)
+                case _:  # schemas and channels are known; indexes and statistics are made anew
+                    pass
         self._writer.finish()
-        return dict(self._counts)
+        self._result.channels = self._known.refused
+        return self._result
 
-    def _copy(self, record: McapRecord) -> None:
-        match record:
-            case Schema() if record.id not in self._schemas:
-                self._schemas[record.id] = self._writer.register_schema(
-                    record.name, record.encoding, record.data
+    def _copy_chunk(self, chunk: Chunk) -> None:
+        inside = _chunk_records(chunk)
+        self._result.chunks += inside is None
+        for record in inside or ():
+            if isinstance(record, Schema | Channel):
+                self._known.add(record)
+            elif isinstance(record, Message):
+                self._copy_message(record)
+        self._writer.flush()  # chunks stay as long as they were
+
+    def _copy_message(self, message: Message) -> None:
+        channel = self._known.channels.get(message.channel_id)
+        if channel is None:
+            self._result.messages += 1
+            return
+        self._writer.add_message(
+            self._channel(channel),
+            message.log_time,
+            message.data,
+            message.publish_time,
+            message.sequence,
+        )
+        self._result.counts[channel.topic] += 1
+
+    def _copy_attachment(self, attachment: Attachment, stream: BinaryIO) -> None:
+        builder = RecordBuilder()
+        attachment.write(builder)
+        stream.seek(-4, 1)  # its checksum, which the library skips
+        if stream.read(4) != bytes(builder.end())[-4:]:
+            self._result.attachments += 1
+            return
+        self._writer.add_attachment(
+            attachment.create_time,
+            attachment.log_time,
+            attachment.name,
+            attachment.media_type,
+            attachment.data,
+        )
+
+    def _channel(self, channel: Channel) -> int:
+        """Return the number of a channel in the new file."""
+        if channel.topic not in self._channels:
+            schema = self._known.schemas[channel.schema_id]
+            if schema.name not in self._schemas:
+                self._schemas[schema.name] = self._writer.register_schema(
+                    schema.name, schema.encoding, schema.data
                 )
-            case Channel() if record.id not in self._channels and record.schema_id in self._schemas:
-                channel = self._writer.register_channel(
-                    record.topic,
-                    record.message_encoding,
-                    self._schemas[record.schema_id],
-                    record.metadata,
-                )
-                self._channels[record.id] = channel, record.topic
-            case Message() if record.channel_id in self._channels:
-                channel, topic = self._channels[record.channel_id]
-                self._writer.add_message(
-                    channel, record.log_time, record.data, record.publish_time, record.sequence
-                )
-                self._counts[topic] += 1
-            case Metadata():
-                self._writer.add_metadata(record.name, record.metadata)
-            case Attachment():
-                self._writer.add_attachment(
-                    record.create_time,
-                    record.log_time,
-                    record.name,
-                    record.media_type,
-                    record.data,
-                )
-            case _:  # indexes and statistics are made anew
-                pass
+            self._channels[channel.topic] = self._writer.register_channel(
+                channel.topic,
+                channel.message_encoding,
+                self._schemas[schema.name],
+                channel.metadata,
+            )
+        return self._channels[channel.topic]

@@ -21,7 +21,7 @@ WHAT_TO_DO: Final[Mapping[str, str]] = {
     "rudder_assumed": "Record the parameters too, or name the channel by --rudder.",
     "els_rml_disagree": "Take RML's numbers, and compare structures: yawid orders.",
     "airspeed_changed": "Estimate each speed by itself: --from, --to.",
-    "closed_loop": "Move the rudder by hand, or in a mode that does not damp yaw by itself.",
+    "closed_loop": "Move by hand what reacts, or leave out an aileron that only levels.",
     "wrong_sign": "Try --rudder-sign nose-left.",
 }
 

@@ -15,6 +15,7 @@ from google.protobuf.descriptor import Descriptor
 from google.protobuf.message import Message
 
 from yawid.blocks import Held, Noted, Status
+from yawid.config import METHODS
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
 _SCALARS: Final = {
@@ -80,6 +81,16 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "Verdict": (("usable", "bool", ""), ("reasons", ".yawid.Reason[]", "")),
 }
+
+TOPICS: Final[Mapping[str, str]] = {
+    "/yawid/sample": "yawid.Sample",
+    "/yawid/estimate": "yawid.Estimate",
+    **{f"/yawid/estimate/{method}": "yawid.Estimate" for method in METHODS},
+    "/yawid/modes": "yawid.Modes",
+    "/yawid/verdict": "yawid.Verdict",
+    "/yawid/log": "foxglove.Log",
+}
+"""Every topic of our files and the message on it."""
 
 
 def units() -> dict[str, str]:

@@ -18,6 +18,9 @@ from yawid.sources.tlog import Digest, Form, check_readable, read_tlog
 from yawid.sources.ulog import MAGIC as ULOG
 from yawid.sources.ulog import UlogReader
 
+SUFFIXES = (".tlog", ".bin", ".ulg")
+"""What logs are called, by their kind: telemetry, dataflash, ULog."""
+
 
 class LogReader(Protocol):
     """A log opened for reading."""
@@ -68,6 +71,12 @@ def open_log(path: Path, decoder: Decoder, form: Form = "auto") -> LogReader:
     if head.startswith(ULOG):
         return UlogReader(path)
     return TlogReader(path, decoder, form)
+
+
+def log_suffix(path: Path) -> str:
+    """Return the one of ``SUFFIXES`` that names the kind of a log."""
+    head = _head(path)
+    return SUFFIXES[1 if head.startswith(DATAFLASH) else 2 if head.startswith(ULOG) else 0]
 
 
 def _head(path: Path) -> bytes:
