@@ -115,7 +115,7 @@ def test_a_day_of_nothing_new_leaves_it_bounded_and_ready(day: Day, method: str,
         last = armax.run(*day(first, rng), keep="last")
         assert last.status[-1] in (Status.TRACKING, Status.HELD)
         assert_bounded(armax, largest)
-        assert not usual or error(armax) < 0.05
+        assert error(armax) < (0.05 if usual else 0.6)  # of b, which nothing tells
     armax.run(*excited(300, rng), keep="last")
 
     assert_bounded(armax, largest)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from yawid import ArmaxOrders, RecursiveArmax
-from yawid.estimation.state import FAST_FALL, PSI_FROM, SETTLING, SLACK, SLOW_RISE
+from yawid.estimation.state import FAST_FALL, MOST_RISE, PSI_FROM, SETTLING, SLACK, SLOW_RISE
 
 ORDERS = st.builds(
     lambda na, inputs, nc: ArmaxOrders(
@@ -39,7 +39,8 @@ class Floor:
     """The rows that keep information, found from R = P^-1 alone."""
 
     def __init__(self, n, P0, weight, forgetting):
-        self.least, self.next, self.weight = np.full(n, P0), 0, weight
+        self.least, self.best = np.full(n, P0), np.full(n, P0)
+        self.next, self.weight = 0, weight
         self.rise = 1.0 + SLOW_RISE * n * (1.0 - forgetting)
 
     def add(self, R, f, theta, updates):
@@ -47,9 +48,10 @@ class Floor:
         self.next = (k + 1) % len(theta)
         p = np.linalg.inv(R)[k, k]
         if p >= self.least[k]:
-            self.least[k] *= self.rise
+            self.least[k] = min(self.least[k] * self.rise, MOST_RISE * self.best[k])
         else:
             self.least[k] = p if updates < SETTLING else max(p, FAST_FALL * self.least[k])
+            self.best[k] = min(self.best[k], self.least[k])
         limit = self.least[k] * (1.0 + SLACK / self.weight)
         if p > limit:
             R[k, k] += 1.0 / limit - 1.0 / p

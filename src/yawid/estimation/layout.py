@@ -45,7 +45,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     heads, taps = registers(config)
     size = heads[-1] + max(1, orders.nc)  # a spare for signals without a register
     covariance = n * n + n + 2 * lags + 1 if lags else 0
-    length = slots.HEADER + 8 * n + n * (n - 1) // 2 + 2 * size + covariance
+    length = slots.HEADER + 9 * n + n * (n - 1) // 2 + 2 * size + covariance
     length += max(n, orders.n_inputs + 3) + len(heads) + len(heads) - 1 + n
     length += orders.nc + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
     state = np.zeros(length)
@@ -73,5 +73,6 @@ def new_state(config: EstimatorConfig) -> Floats:
     parts[slots.FACTORS][:] = 1.0
     parts[slots.UNITS][:] = 1.0
     parts[slots.LEAST][:] = config.P0
+    parts[slots.BEST][:] = config.P0
     parts[slots.DRIFT][:] = np.multiply(config.drift, config.sample_time_s)
     return state

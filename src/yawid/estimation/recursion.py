@@ -10,6 +10,7 @@ import numpy as np
 
 from yawid.estimation.kernel import bierman, follow_covariance, hot, jit, stable
 from yawid.estimation.state import (
+    BEST,
     BIAS,
     BROKEN,
     COVARIANCE,
@@ -136,11 +137,13 @@ def _restart(s):
     upper = at[UPPER]
     products = at[PRODUCTS]
     least = at[LEAST]
+    best = at[BEST]
     n = len(theta)
     theta[:] = 0.0
     d[:] = s[P0]
     upper[:] = 0.0
     least[:] = s[P0]
+    best[:] = s[P0]
     covariance[:] = 0.0
     for i in range(n if s[LAGS] > 0.0 else 0):
         covariance[i * n + i] = s[P0]

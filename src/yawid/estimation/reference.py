@@ -54,7 +54,7 @@ class ReferenceArmax(ReferenceReadings):
         self._filter = KalmanFilter(dim_x=n, dim_z=1)
         self._filter.P *= config.P0
         self._filter.Q = np.zeros((n, n))
-        self._least = np.full(n, config.P0)
+        self._least, self._best = np.full(n, config.P0), np.full(n, config.P0)
         self._drift = np.diag(np.full(n, 1.0) * config.drift * config.sample_time_s)
         self._sums = Sums(config.residual_lags)
         self._spread = Spread(np.eye(n) * config.P0, config.residual_lags)
@@ -251,11 +251,13 @@ class ReferenceArmax(ReferenceReadings):
         n, p = config.n_theta, float(kalman.P[k, k])
         self._next = (k + 1) % n
         if p >= self._least[k]:
-            self._least[k] *= 1.0 + slots.SLOW_RISE * n * (1.0 - config.forgetting_factor)
+            rise = 1.0 + slots.SLOW_RISE * n * (1.0 - config.forgetting_factor)
+            self._least[k] = min(self._least[k] * rise, slots.MOST_RISE * self._best[k])
         elif self._since < slots.SETTLING:
             self._least[k] = p
         else:
             self._least[k] = max(p, slots.FAST_FALL * self._least[k])
+        self._best[k] = min(self._best[k], self._least[k])
         limit = self._least[k] * (1.0 + slots.SLACK / config.information_floor)
         if p > limit:
             here = np.eye(n)[[k]]

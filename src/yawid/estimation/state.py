@@ -27,7 +27,7 @@ DIVERGED, HALVED, RESTARTS, HEADER = 44, 45, 46, 47
 # The parts, as views() returns them.
 THETA, D, UPPER, PHI, PSI, GAIN, RAW, FILTERED, SCRATCH = range(9)
 COVARIANCE, ECHO, RESIDUALS, PRODUCTS, HEADS, FRESH, TAPS = range(9, 16)
-FACTORS, UNITS, DRIFT, LEAST, C, INPUTS, SAMPLES = range(16, 23)
+FACTORS, UNITS, DRIFT, LEAST, BEST, C, INPUTS, SAMPLES = range(16, 24)
 
 GATHERING, FITTING, RUNNING = 0.0, 1.0, 2.0  # PHASE: fill the window, await the start fit, recurse
 WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # STATUS, as blocks.Status
@@ -38,20 +38,22 @@ FEW = 25.0  # samples it takes to follow the residual's correlation over one lag
 SLACK = 0.03  # the share by which P[k, k] may exceed its usual least, times the floor
 SETTLING = 1000  # updates during which the least of P[k, k] is simply the least
 FAST_FALL = 0.98  # later, how fast that least may fall at a visit
-SLOW_RISE = 1e-3  # and how fast it rises, per memory
+SLOW_RISE = 1e-3  # how fast it rises, per memory
+MOST_RISE = 10.0  # and how far, over the least of all time
 
 
 @hot
 def places(s):
-    """Return where each part of the state begins, and where the last one ends (24 ints).
+    """Return where each part of the state begins, and where the last one ends (25 ints).
 
     On scaled signals: theta, D (N,), U (N(N-1)/2,) the columns above the diagonal, phi, psi, gain
     (N,), raw and filtered registers (R,), scratch. Where LAGS > 0: covariance (N N,) of theta, echo
     (N,) of past innovations in it, residuals (LAGS,), products (LAGS + 1,) of them. heads (M + 4,):
     where the registers of y, inputs, residual and 1 begin, and the end; fresh (M + 3,) what enters
     them next, taps (N,) where phi finds its entries. factors (M + 1,) scale y and u, units (N,)
-    take theta to the user's units, drift (N,) is added to P, least (N,) is that of P[k, k], c (NC,)
-    filters psi. inputs (M,). samples: WINDOW rows of break flag, y, u.
+    take theta to the user's units, drift (N,) is added to P, least (N,) is the usual least of
+    P[k, k], best (N,) that of all time, c (NC,) filters psi. inputs (M,). samples: WINDOW rows of
+    break flag, y, u.
     """
     n, m, r, lags = int(s[N]), int(s[M]), int(s[R]), int(s[LAGS])
     theta = HEADER
@@ -68,12 +70,12 @@ def places(s):
     taps = fresh + m + 3
     factors = taps + n
     units = factors + m + 1
-    c = units + 3 * n
+    c = units + 4 * n
     inputs = c + int(s[NC])
     return (
         theta, theta + n, upper, phi, phi + n, phi + 2 * n, raw, raw + r, scratch, covariance,
         echo, residuals, products, heads, fresh, taps, factors, units, units + n,
-        units + 2 * n, c, inputs, inputs + m, len(s),
+        units + 2 * n, units + 3 * n, c, inputs, inputs + m, len(s),
     )  # fmt: skip
 
 
@@ -100,5 +102,5 @@ def parts(s):
         part(s, at[14], at[15]), part(s, at[15], at[16]).view(np.uint64),
         part(s, at[16], at[17]), part(s, at[17], at[18]), part(s, at[18], at[19]),
         part(s, at[19], at[20]), part(s, at[20], at[21]), part(s, at[21], at[22]),
-        part(s, at[22], at[23]),
+        part(s, at[22], at[23]), part(s, at[23], at[24]),
     )  # fmt: skip

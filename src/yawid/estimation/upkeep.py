@@ -8,6 +8,7 @@ import math
 
 from yawid.estimation.kernel import correlate, drift_entry, floor, hot, jit, p_entry
 from yawid.estimation.state import (
+    BEST,
     COVARIANCE,
     DIVERGED,
     DRIFT,
@@ -26,6 +27,7 @@ from yawid.estimation.state import (
     LAMBDA_RATE,
     LEAST,
     LOSS,
+    MOST_RISE,
     NEXT,
     PRODUCTS,
     RESIDUALS,
@@ -51,18 +53,22 @@ def _keep_information(s, at, d, upper):
 
     P[k, k] may exceed its usual least by the share SLACK / FLOOR; beyond, a row "theta[k] is what
     it is", just heavy enough, brings it back. The usual least falls fast and rises over many
-    memories, so that neither poverty nor one wild sample sets it. While the signals excite, no row
+    memories, no further than to MOST_RISE times the best there was, so that neither poverty, be it
+    days of it, nor one wild sample sets it. While the signals excite, no row
     is added: rows of a fixed weight outweigh the little that quiet noise says of C.
     """
     gain = at[GAIN]
     least = at[LEAST]
+    best = at[BEST]
     k, n = int(s[NEXT]), len(d)
     s[NEXT] = 0.0 if k + 1 == n else k + 1.0
     p = p_entry(d, upper, k, k)
     if p >= least[k]:
-        least[k] *= 1.0 + SLOW_RISE * n * (1.0 - s[LAMBDA_END])
+        rise = 1.0 + SLOW_RISE * n * (1.0 - s[LAMBDA_END])
+        least[k] = min(least[k] * rise, MOST_RISE * best[k])
     else:
         least[k] = p if s[SINCE] < SETTLING else max(p, FAST_FALL * least[k])
+        best[k] = min(best[k], least[k])
     limit = least[k] * (1.0 + SLACK / s[FLOOR])
     if p > limit:
         floor(d, upper, k, 1.0 / limit - 1.0 / p, gain)
