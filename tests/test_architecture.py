@@ -19,7 +19,7 @@ STAGES = [
     ("verdict",),
     ("sinks",),
     ("pipeline",),
-    ("summary",),
+    ("summary", "model_summary"),
     ("outputs", "golden", "collect"),
     ("session", "regress", "inspect"),
     ("again",),

@@ -19,6 +19,7 @@ import numpy as np
 
 from yawid.blocks import SampleBlock
 from yawid.errors import ConfigError, NotIdentifiable, SinkError
+from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
 from yawid.outputs import Outputs, open_sinks
 from yawid.pipeline import Pipeline
@@ -26,7 +27,7 @@ from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.terminal import progress
-from yawid.summary import bank_reasons, method_summary
+from yawid.summary import bank_reasons
 from yawid.verdict import Evidence, Reason, Verdict
 
 CHANGEABLE = (

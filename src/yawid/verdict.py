@@ -49,6 +49,8 @@ SATURATED_SHARE = 0.05
 WHITE_P = 0.01
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
+MOVING_SHARE = 0.08
+"""Part of itself by which an estimate may still move at the end, if its sigma allows no more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +103,8 @@ class Evidence:
 
     ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
     mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
-    much of the yaw rate the model tells from the inputs alone.
+    much of the yaw rate the model tells from the inputs alone; ``before`` is (wn, zeta) as they
+    stood a third of the memory ago.
     """
 
     status: int
@@ -110,6 +113,7 @@ class Evidence:
     whiteness_p: float
     early_response: float
     simulation_pct: float
+    before: Floats
 
 
 def rate_reasons(
@@ -239,6 +243,8 @@ def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
             f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
             f"zeta {zeta:.3g} ± {zeta_std:.2g}",
         )
+    else:
+        yield from _still_moving(evidence)
     if not evidence.simulation_pct >= LEAST_SIMULATION_PCT:
         yield Reason(
             "not_excited",
@@ -256,6 +262,21 @@ def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
             "wrong_sign",
             "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
         )
+
+
+def _still_moving(evidence: Evidence) -> Iterator[Reason]:
+    """Judge whether the estimate came to rest: its sigma tells nothing while it moves."""
+    for name, i in (("wn", 0), ("zeta", 2)):
+        now, sigma = float(evidence.dutch_roll[i]), float(evidence.dutch_roll[i + 1])
+        before = float(evidence.before[i // 2])
+        moved = abs(now - before)
+        if moved > DISAGREE_SIGMAS * sigma and moved > MOVING_SHARE * abs(now):
+            yield Reason(
+                "not_converged",
+                f"{name} still moves: {before:.3g} a third of the memory ago, now {now:.3g} ± "
+                f"{sigma:.2g}; another way of flying, such as a turn? Choose --from and --to",
+            )
+            return
 
 
 def agreement_reasons(evidence: Mapping[str, Evidence]) -> Iterator[Reason]:

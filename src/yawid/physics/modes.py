@@ -79,6 +79,18 @@ def modes(
     return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll)
 
 
+def dutch_roll_of(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
+) -> Floats:
+    """Return wn in rad/s and zeta (2,) of the Dutch roll of one theta (p,); NaN without one."""
+    _, s, residues = poles_and_residues(theta[None], orders, sample_time_s, mean_output=mean_output)
+    best = int(dutch_roll_index(s, residues, sample_time_s)[0])
+    if best < 0:
+        return np.full(2, np.nan)
+    pole = s[0, best]
+    return np.array([abs(pole), -pole.real / abs(pole)])
+
+
 def poles_and_residues(
     theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
 ) -> tuple[Complexes, Complexes, Complexes]:
