@@ -37,6 +37,7 @@ CHANGEABLE = (
     "engine",
     "memory",
     "forgetting",
+    "servo_tau",
     "inputs",
     "from_s",
     "to_s",

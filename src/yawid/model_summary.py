@@ -34,8 +34,9 @@ def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
     described |= _dutch_roll(found.dutch_roll[-1])
     theta = last.theta[-1]
     physics = summary_of(
-        theta, estimator.covariance, orders, sample_time_s, mean_output=mean_output
-    )
+        theta, estimator.covariance, orders, sample_time_s,
+        mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
+    )  # fmt: skip
     if physics:
         described["physics"] = physics
     history = bank.history()

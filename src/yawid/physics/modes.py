@@ -56,6 +56,7 @@ def modes(
 ) -> ModesBlock:
     """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each.
 
+    The yaw channel is left empty, see :mod:`yawid.physics.rows`.
     A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
     poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`poles_and_residues`.
     """
@@ -76,7 +77,8 @@ def modes(
     if na:
         picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
         dutch_roll = np.where(best[:, None] >= 0, np.concatenate(picked, axis=1), np.nan)
-    return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll)
+    nothing = np.empty((n, 0))
+    return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll, nothing, nothing)
 
 
 def dutch_roll_of(
