@@ -25,7 +25,8 @@ from yawid.verdict import (
     rate_reasons,
 )
 
-GOOD = Evidence(Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0)
+BEFORE = np.array([2.38, 0.21])
+GOOD = Evidence(Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0, BEFORE)
 
 
 def ids(reasons) -> set[str]:
@@ -136,6 +137,10 @@ def test_flying_that_hides_the_rudder_is_said():
         ({"early_response": -0.3}, {"wrong_sign"}),
         ({"simulation_pct": -20.0}, {"not_excited"}),
         ({"simulation_pct": math.nan}, {"not_excited"}),
+        ({"before": np.array([1.9, 0.21])}, {"not_converged"}),
+        ({"before": np.array([2.27, 0.21])}, set()),  # within 3 sigma
+        ({"before": np.array([2.4, 0.3])}, {"not_converged"}),
+        ({"before": np.full(2, math.nan)}, set()),
     ],
 )
 def test_the_estimate_itself_is_judged(changes, expected):

@@ -27,7 +27,7 @@ from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.terminal import progress
-from yawid.summary import bank_reasons
+from yawid.summary import as_summary, bank_reasons
 from yawid.verdict import Evidence, Reason, Verdict
 
 CHANGEABLE = (
@@ -172,10 +172,7 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         text = "no sample lies within --from and --to"
         reasons = [*(r for r in reasons if r.id not in JUDGED_AGAIN), Reason("not_excited", text)]
     verdict = Verdict.of(reasons)
-    summary["verdict"] = {
-        "usable": verdict.usable,
-        "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
-    }
+    summary["verdict"] = as_summary(verdict)
     return summary, verdict
 
 

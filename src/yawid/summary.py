@@ -54,11 +54,16 @@ def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any]
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
     verdict = Verdict.of(_reasons(pipeline, evidence))
-    summary["verdict"] = {
+    summary["verdict"] = as_summary(verdict)
+    return summary, verdict
+
+
+def as_summary(verdict: Verdict) -> dict[str, Any]:
+    """Return the verdict as ``--json`` prints it."""
+    return {
         "usable": verdict.usable,
         "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
     }
-    return summary, verdict
 
 
 def _link(pipeline: Pipeline) -> dict[str, int]:
