@@ -20,6 +20,7 @@ from yawid.physics.derivatives import (
     with_sigma,
     yaw_channel,
 )
+from yawid.physics.modes import poles_and_residues
 
 TWO = ArmaxOrders(na=2, nb=2, nc=0, nk=1)
 THREE = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
@@ -219,10 +220,20 @@ def test_what_is_no_yaw_channel_is_left_out(theta):
     assert summary_of(np.zeros(6), np.eye(6), THREE, 0.1) == {}
 
 
-def test_rows_of_a_block_are_those_of_single_calls():
-    rng = np.random.default_rng(9)
-    thetas = 0.4 * rng.standard_normal((50, 6))
-    whole, _ = yaw_channel(thetas, THREE, 0.1)
+@pytest.mark.parametrize("na", [2, 3, 4, 6])
+def test_rows_of_a_block_are_those_of_single_calls_to_the_bit(na):
+    """Of a block so long that NumPy works in place on its temporaries."""
+    rng, orders = np.random.default_rng(9), ArmaxOrders(na=na, nb=na, nc=0, nk=1)
+    thetas = 0.4 * rng.standard_normal((3000, 2 * na))
+    covariance = np.broadcast_to(1e-6 * np.eye(2 * na), (3000, 2 * na, 2 * na))
+    poles = poles_and_residues(thetas, orders, 0.1)
+    whole = with_sigma(thetas, covariance, orders, 0.1)
 
-    for theta, row in zip(thetas, whole, strict=True):
-        np.testing.assert_array_equal(yaw_channel(theta[None], THREE, 0.1)[0][0], row)
+    for row in range(0, 3000, 30):
+        one = slice(row, row + 1)
+        for found, joined in (
+            (poles_and_residues(thetas[one], orders, 0.1), poles),
+            (with_sigma(thetas[one], covariance[one], orders, 0.1), whole),
+        ):
+            for column, columns in zip(found, joined, strict=True):
+                np.testing.assert_array_equal(column[0], columns[row])

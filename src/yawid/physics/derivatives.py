@@ -27,7 +27,12 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.config import ArmaxOrders
-from yawid.physics.modes import Complexes, dutch_roll_index, poles_and_residues
+from yawid.physics.modes import (
+    Complexes,
+    dutch_roll_index,
+    poles_and_residues,
+    rows_at_once,
+)
 
 NAMES = (
     "K",
@@ -68,6 +73,23 @@ def yaw_channel(
     n = len(theta)
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
         return np.full((n, len(NAMES)), np.nan), np.full(n, np.nan)
+    at_once = rows_at_once(orders, len(_BAND))
+    pieces = [
+        _yaw_channel(piece, orders, sample_time_s, mean_output, servo_tau_s)
+        for piece in np.split(theta, range(at_once, n, at_once))
+    ]
+    values, errors = zip(*pieces, strict=True)
+    return np.concatenate(values), np.concatenate(errors)
+
+
+def _yaw_channel(
+    theta: Floats,
+    orders: ArmaxOrders,
+    sample_time_s: float,
+    mean_output: bool,
+    servo_tau_s: float | None,
+) -> tuple[Floats, Floats]:
+    n = len(theta)
     z, p, residues = poles_and_residues(theta, orders, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)

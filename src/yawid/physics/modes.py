@@ -21,6 +21,8 @@ Complexes = NDArray[np.complex128]
 
 LOWEST_DUTCH_ROLL_HZ = 0.05
 HIGHEST_DUTCH_ROLL_OF_RATE = 0.4
+_IN_PLACE_BYTES = 2**18
+"""From this size on NumPy reuses temporaries and may then swap the factors of a product."""
 
 
 def discrete_poles(a: Floats) -> Complexes:
@@ -103,6 +105,14 @@ def poles_and_residues(
     (``mean_output``), the residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are undone here,
     exactly.
     """
+    at_once = rows_at_once(orders)
+    if len(theta) > at_once:
+        pieces = [
+            poles_and_residues(piece, orders, sample_time_s, mean_output=mean_output)
+            for piece in np.split(theta, range(at_once, len(theta), at_once))
+        ]
+        z, s, residues = (np.concatenate(columns) for columns in zip(*pieces, strict=True))
+        return z, s, residues
     na = orders.na
     z = discrete_poles(theta[:, :na])
     nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
@@ -118,6 +128,16 @@ def poles_and_residues(
         if mean_output:
             residues = residues * s * sample_time_s * z / (z - 1.0)
     return z, s, residues
+
+
+def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
+    """Return how many rows may be computed at once, so that their bits do not depend on it.
+
+    The product of two complex numbers in other order differs in its last bits, and large arrays
+    may be multiplied in other order. ``columns`` a row has at least.
+    """
+    widest = orders.na * max(orders.na, *orders.nb, 1)
+    return max(1, (_IN_PLACE_BYTES - 1) // (16 * max(widest, columns)))
 
 
 def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) -> Ints:
