@@ -74,7 +74,10 @@ def modes(
             covariance = estimates.covariance[:, :na, :na]
             wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
     best = dutch_roll_index(s, residues, sample_time_s)
-    columns = (wn, wn_std, zeta, zeta_std)
+    # Always the same NaN, whose sign NumPy leaves to chance: files are compared to the bit.
+    wn, wn_std, zeta, zeta_std = columns = [
+        np.where(np.isnan(column), np.nan, column) for column in (wn, wn_std, zeta, zeta_std)
+    ]
     dutch_roll = np.full((n, 4), np.nan)
     if na:
         picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
