@@ -38,6 +38,17 @@ def test_sitl_fbwa_has_its_dutch_roll(capsys, tmp_path):
     assert found["wn_rad_s"] == pytest.approx(10.54, rel=0.05)
     assert found["zeta"] == pytest.approx(0.624, abs=0.05)
     assert "rudder_assumed" in reasons(summary)
+    servo = summary["estimates"]["rml"]["physics"]["servo_tau_s"]
+    assert servo["value"] == pytest.approx(0.14, abs=0.03)
+
+
+def test_a_sigma_that_does_not_cover_the_truth_is_said_with_its_reason(capsys, tmp_path):
+    """The truth holds with wings level; the roll that the rudder makes is in the flight."""
+    _, summary = replay(capsys, tmp_path, "sitl_fbwa_50hz", *EXCITED, "--method", "rml")
+
+    found = summary["estimates"]["rml"]["dutch_roll"]
+    assert abs(found["wn_rad_s"] - 10.54) > 3.0 * found["wn_std"]
+    assert "follow the roll" in reasons(summary)["coloured_residuals"]
 
 
 @pytest.mark.parametrize("name", ["sitl_fbwa_50hz", "sitl_fbwa_stock_33hz"])

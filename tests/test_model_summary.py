@@ -16,7 +16,7 @@ from yawid.estimation.bank import REMEMBERED, Bank
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.model_summary import method_summary
 from yawid.run_config import RunConfig
-from yawid.verdict import estimate_reasons
+from yawid.verdict_estimate import estimate_reasons
 
 TS = 0.1
 KEEPS_ALL = RunConfig(forgetting=1.0)

@@ -14,19 +14,19 @@ from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.summary import summarise
 from yawid.verdict import (
-    Evidence,
     Reason,
     Verdict,
-    agreement_reasons,
     changed_rates,
-    estimate_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
 )
+from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
 
 BEFORE = np.array([2.38, 0.21])
-GOOD = Evidence(Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0, BEFORE)
+GOOD = Evidence(
+    Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0, BEFORE, np.zeros(2)
+)
 
 
 def ids(reasons) -> set[str]:
@@ -141,6 +141,8 @@ def test_flying_that_hides_the_rudder_is_said():
         ({"before": np.array([2.27, 0.21])}, set()),  # within 3 sigma
         ({"before": np.array([2.4, 0.3])}, {"not_converged"}),
         ({"before": np.full(2, math.nan)}, set()),
+        ({"roll_p": 1e-5}, {"coloured_residuals"}),
+        ({"roll_p": math.nan}, set()),
     ],
 )
 def test_the_estimate_itself_is_judged(changes, expected):

@@ -28,7 +28,8 @@ from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.terminal import progress
 from yawid.summary import as_summary, bank_reasons
-from yawid.verdict import Evidence, Reason, Verdict
+from yawid.verdict import Reason, Verdict
+from yawid.verdict_estimate import Evidence
 
 CHANGEABLE = (
     "orders",

@@ -13,9 +13,10 @@ from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import parameter_names
 from yawid.physics.derivatives import summary_of
 from yawid.physics.handling import dutch_roll_level
+from yawid.physics.left_out import roll_p
 from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
 from yawid.physics.response import early_response
-from yawid.verdict import Evidence
+from yawid.verdict_estimate import Evidence
 
 TRAINING = 2.0 / 3.0
 """The model as it stood after this part of the usable samples is tried on the rest."""
@@ -55,6 +56,8 @@ def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
         early_response(theta, orders, sample_time_s, wn),
         described["fit"].get("simulation_pct", math.nan),
         before,
+        # With a band the roll is another signal: it has not passed the filter.
+        math.nan if bank.config.band is not None else roll_p(theta, estimator.config, history),
     )
     return described, evidence
 

@@ -17,16 +17,14 @@ from yawid.estimation.bank import Bank
 from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
 from yawid.verdict import (
-    Evidence,
     Reason,
     Verdict,
-    agreement_reasons,
     changed_rates,
-    estimate_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
 )
+from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
 
 
 def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:

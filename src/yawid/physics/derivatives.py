@@ -257,10 +257,7 @@ def summary_of(
     mean_output: bool = False,
     servo_tau_s: float | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Return {name: {value, std}} of theta (p,) for the JSON summary, with the reduction's error.
-
-    Empty where eq. 23 does not hold.
-    """
+    """Return {name: {value, std}} of theta (p,) for the JSON summary, empty where eq. 23 is out."""
     values, std, error = with_sigma(
         theta[None], covariance[None], orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=servo_tau_s,
@@ -272,4 +269,6 @@ def summary_of(
         for name, value, sigma in zip(NAMES, values[0], std[0], strict=True)
         if np.isfinite(value) and np.isfinite(sigma)
     }
-    return found | {"reduction_error": {"value": float(error[0])}}
+    if orders.na > 2:  # it has no sigma
+        found["reduction_error"] = {"value": float(error[0]), "std": 0.0}
+    return found
