@@ -24,9 +24,7 @@ from yawid.verdict import (
 from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
 
 BEFORE = np.array([2.38, 0.21])
-GOOD = Evidence(
-    Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0, BEFORE, np.zeros(2)
-)
+GOOD = Evidence(Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0, BEFORE, 0.5)
 
 
 def ids(reasons) -> set[str]:

@@ -74,7 +74,7 @@ def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
         yield Reason(
             "coloured_residuals",
             f"the residuals follow the roll (p = {evidence.roll_p:.1e}), which the model leaves "
-            "out: sigma does not cover what that does to wn and zeta",
+            "out: sigma may not cover what that does to wn and zeta",
         )
     if evidence.early_response < 0.0:
         yield Reason(
