@@ -16,8 +16,8 @@ from yawid.blocks import Floats
 from yawid.config import EstimatorConfig
 from yawid.estimation.bank import History
 
-NEWEST = 2**16
-"""Rows of the history looked at: an hour at 18 Hz."""
+NEWEST = 2**14
+"""Rows of the history looked at, 14 minutes at 20 Hz: more would cost memory and tell no more."""
 ROLL_LAGS = 3
 SETTLED = 20
 """Rows of a stretch left out, in which the residuals forget how it began."""
