@@ -2,7 +2,7 @@
 
 The yaw channel of eq. 22-23 costs some fifteen times what the modes do, nearly all of it for the
 sigma of its numbers. It is worked out at the samples whose index on the grid of vehicle time is a
-whole number of seconds and stands until the next: a thousandth of the memory by default.
+whole number of seconds and stands until the next: a sixtieth of the memory by default.
 """
 
 from __future__ import annotations
