@@ -19,19 +19,18 @@ from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.summary import summarise
 from yawid.verdict import (
-    Evidence,
     Reason,
     Verdict,
-    agreement_reasons,
     changed_rates,
-    estimate_reasons,
     feedback_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
 )
+from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
 
-GOOD = Evidence(Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0)
+BEFORE = np.array([2.38, 0.21])
+GOOD = Evidence(Status.TRACKING, 500, np.array([2.4, 0.05, 0.2, 0.02]), 0.5, 0.3, 80.0, BEFORE, 0.5)
 
 
 def ids(reasons) -> set[str]:
@@ -244,6 +243,12 @@ def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():
         ({"early_response": -0.3}, {"wrong_sign"}),
         ({"simulation_pct": -20.0}, {"not_excited"}),
         ({"simulation_pct": math.nan}, {"not_excited"}),
+        ({"before": np.array([1.9, 0.21])}, {"not_converged"}),
+        ({"before": np.array([2.27, 0.21])}, set()),  # within 3 sigma
+        ({"before": np.array([2.4, 0.3])}, {"not_converged"}),
+        ({"before": np.full(2, math.nan)}, set()),
+        ({"roll_p": 1e-5}, {"coloured_residuals"}),
+        ({"roll_p": math.nan}, set()),
     ],
 )
 def test_the_estimate_itself_is_judged(changes, expected):

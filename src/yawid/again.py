@@ -19,6 +19,7 @@ import numpy as np
 
 from yawid.blocks import SampleBlock
 from yawid.errors import ConfigError, NotIdentifiable, SinkError
+from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
 from yawid.outputs import Outputs, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
@@ -26,8 +27,9 @@ from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.terminal import progress
-from yawid.summary import bank_reasons, method_summary
-from yawid.verdict import Evidence, Reason, Verdict
+from yawid.summary import as_summary, bank_reasons
+from yawid.verdict import Reason, Verdict
+from yawid.verdict_estimate import Evidence
 
 CHANGEABLE = (
     "orders",
@@ -36,6 +38,7 @@ CHANGEABLE = (
     "engine",
     "memory",
     "forgetting",
+    "servo_tau",
     "inputs",
     "from_s",
     "to_s",
@@ -164,10 +167,7 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         text = "no sample lies within --from and --to"
         reasons = [*(r for r in reasons if r.id not in JUDGED_AGAIN), Reason("not_excited", text)]
     verdict = Verdict.of(reasons)
-    summary["verdict"] = {
-        "usable": verdict.usable,
-        "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
-    }
+    summary["verdict"] = as_summary(verdict)
     return summary, verdict
 
 

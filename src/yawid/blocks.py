@@ -206,7 +206,9 @@ class ModesBlock:
 
     ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``,
     ``zeta_std`` (n, na) of each pole; ``dutch_roll`` (n, 4) holds wn, wn_std, zeta, zeta_std of the
-    Dutch roll.
+    Dutch roll. ``yaw`` and ``yaw_std`` (n, 9) are the numbers of paper eq. 22-23 and the servo's
+    lag, in the order of :data:`yawid.physics.derivatives.NAMES`; both empty (n, 0) where nobody
+    worked them out.
     """
 
     poles: NDArray[np.complex128]
@@ -215,6 +217,8 @@ class ModesBlock:
     zeta: Floats
     zeta_std: Floats
     dutch_roll: Floats
+    yaw: Floats
+    yaw_std: Floats
 
     def __len__(self) -> int:
         return len(self.wn)

@@ -37,6 +37,7 @@ ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
     ("--aileron", str, "CHANNEL", "the same for the aileron (auto)"),
     ("--rudder-sign", str, "nose-right|nose-left", "where positive rudder turns the nose"),
     ("--rudder-max-deg", float, "DEG", "rudder at full travel, to have gains per radian"),
+    ("--servo-tau", float, "SECONDS", "the servo's lag, to know its pole (the fastest real one)"),
     ("--from", float, "S", "first second since boot to estimate from"),
     ("--to", float, "S", "last second since boot to estimate from"),
     ("--sysid", _sysid, "N", "system id of the vehicle, where several are heard (live: or all)"),

@@ -6,6 +6,7 @@ own.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from yawid.blocks import Floats, SampleBlock
 from yawid.collect import collect, run_through
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.summary import as_summary, summarise
 from yawid.verdict import Verdict
 
 WINDOW_S = 5.0
@@ -51,6 +52,8 @@ class Activity:
 def inspect(log: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
+    The verdict is that of the stretch recommended where that is usable, else of the whole log.
+
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
@@ -60,19 +63,23 @@ def inspect(log: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
     excited = []
     if pipeline.bank is not None and pipeline.channels.surfaces:
         excited = stretches(activity(log, config))
-    kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict")
+    kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels")
     report = {key: summary[key] for key in kept if key in summary}
     report["senders"] = {f"{s}/{c}": n for (s, c), n in pipeline.link.senders.items()}
     report["excited"] = [{"from": a, "to": b} for a, b in excited]
-    fatal = [r["id"] for r in summary["verdict"]["reasons"] if r["weight"] == "fatal"]
-    unanswerable = [reason for reason in fatal if reason in _UNANSWERABLE]
+    unanswerable = [r.id for r in verdict.reasons if r.id in _UNANSWERABLE]
     if unanswerable or not excited:
         reasons = unanswerable or ["not_excited"]
         report["recommend"] = {"record": [_ADVICE[reason] for reason in reasons]}
     else:
-        turning = {"turn": "remove", "band": "0.15,3"} if "turn_dominated" in fatal else {}
         longest = max(excited, key=lambda stretch: stretch[1] - stretch[0])
-        report["recommend"] = recommend(log, config, longest) | turning
+        options, tried = recommend(log, config, longest)
+        if tried.usable:  # a flight that ends in a turn is no worse for it
+            verdict = tried
+        turns = any(reason.id == "turn_dominated" for reason in verdict.reasons)
+        turning = {"turn": "remove", "band": "0.15,3"} if turns else {}
+        report["recommend"] = options | turning
+    report["verdict"] = as_summary(verdict)
     return report, verdict
 
 
@@ -126,8 +133,10 @@ def stretches(windows: list[Activity]) -> list[tuple[float, float]]:
     return [(round(a, 1), round(b, 1)) for a, b in found]
 
 
-def recommend(log: Path, config: RunConfig, stretch: tuple[float, float]) -> dict[str, Any]:
-    """Return the options to replay an excited stretch with, tried out on it.
+def recommend(
+    log: Path, config: RunConfig, stretch: tuple[float, float]
+) -> tuple[dict[str, Any], Verdict]:
+    """Return the options to replay an excited stretch with, and the verdict of trying it.
 
     The rate gives about sixteen samples per Dutch-roll period; the aileron is an input where it
     tells the yaw rate noticeably better than the rudder alone.
@@ -136,20 +145,24 @@ def recommend(log: Path, config: RunConfig, stretch: tuple[float, float]) -> dic
     kept = replace(
         config, method="rml", also="none", memory=None, forgetting=1.0, from_s=low, to_s=high
     )
-    alone, both = (_trial(log, replace(kept, inputs=i)) for i in (("rudder",), BOTH))
-    with_aileron = _fit(both) > _fit(alone) + WORTH_PCT
-    rate = _rate(both if with_aileron else alone)
+    alone = _trial(log, replace(kept, inputs=("rudder",)))
+    both = alone
+    with suppress(ConfigError):  # no aileron, or in another message
+        both = _trial(log, replace(kept, inputs=BOTH))
+    with_aileron = _fit(both[0]) > _fit(alone[0]) + WORTH_PCT
+    summary, verdict = both if with_aileron else alone
     inputs = ",".join(BOTH if with_aileron else ("rudder",))
-    chosen = {"from": low, "to": high, "rate": rate, "orders": "3,3,2,1"}
-    return chosen | {"inputs": inputs, "forgetting": 1.0}
+    chosen = {"from": low, "to": high, "rate": _rate(summary), "orders": "3,3,2,1"}
+    return chosen | {"inputs": inputs, "forgetting": 1.0}, verdict
 
 
-def _trial(log: Path, config: RunConfig) -> dict[str, Any]:
-    """Return the summary of a replay without outputs; empty where the channels do not fit."""
-    try:
-        return summarise(run_through(log, config)[0], "", "")[0]
-    except ConfigError:
-        return {}
+def _trial(log: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
+    """Return the summary and verdict of a replay without outputs.
+
+    Raises:
+        ConfigError: the channels do not fit.
+    """
+    return summarise(run_through(log, config)[0], "", "")
 
 
 def _fit(summary: dict[str, Any]) -> float:

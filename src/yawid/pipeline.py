@@ -14,7 +14,7 @@ from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.physics.modes import modes
+from yawid.physics.rows import PhysicsRows
 from yawid.run_config import RunConfig
 from yawid.sinks.base import Sink
 from yawid.sources.link import LinkStats
@@ -90,19 +90,19 @@ class Pipeline:
     def _estimate(self, samples: SampleBlock) -> None:
         bank = self.bank or self._open_bank(samples.sample_time_s)
         estimates = bank.run(samples)
-        primary = estimates[self.config.method]
-        self.modes = modes(
-            primary,
-            self.config.armax_orders(),
-            samples.sample_time_s,
-            mean_output=self.config.output == "yaw",
-        )
+        self.modes = self._physics.of(samples.k, estimates[self.config.method])
         self.newest, self.samples = samples, self.samples + len(samples)
         for sink in self.sinks:
             sink.write(samples, estimates, self.modes)
 
     def _open_bank(self, sample_time_s: float) -> Bank:
         self.bank = self._make_bank(self.config, sample_time_s)
+        self._physics = PhysicsRows(
+            self.config.armax_orders(),
+            sample_time_s,
+            mean_output=self.config.output == "yaw",
+            servo_tau_s=self.config.servo_tau,
+        )
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         for sink in self.sinks:
             sink.start(names, self.config.inputs, self.bank.methods, sample_time_s)

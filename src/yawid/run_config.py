@@ -23,6 +23,7 @@ SELECTORS = {
 }
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
+_FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +33,7 @@ class RunConfig:
     ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
     ``rate`` in Hz (None: 20, or the rate of the slower channel), ``band`` in Hz (None: no filter),
     ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
-    (None: one unit is half the travel).
+    (None: one unit is half the travel), ``servo_tau`` the servo's lag in seconds (None: unknown).
 
     Raises:
         ConfigError: a value outside its limits.
@@ -53,6 +54,7 @@ class RunConfig:
     aileron: str = "auto"
     rudder_sign: str = "nose-right"
     rudder_max_deg: float | None = None
+    servo_tau: float | None = None
     from_s: float | None = None
     to_s: float | None = None
     sysid: int | None = None
@@ -96,7 +98,7 @@ class RunConfig:
             raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
 
     def _check_numbers(self) -> None:
-        for name in ("memory", "rate", "rudder_max_deg"):
+        for name in ("memory", "rate", "rudder_max_deg", "servo_tau"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 option = name.replace("_", "-")
@@ -194,7 +196,7 @@ def _typed(name: str, value: Any, where: str) -> Any:
             return tuple(kind(part) for part in parts)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"{where}: {name} must be a list, got {value!r}") from error
-    numeric = name in ("memory", "forgetting", "rate", "rudder_max_deg", "from_s", "to_s")
+    numeric = name in _FLOATS
     wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name == "sysid" else (str,)
     if not isinstance(value, wanted) or isinstance(value, bool):
         raise ConfigError(f"{where}: {name} must be {wanted[-1].__name__}, got {value!r}")

@@ -9,8 +9,6 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
@@ -18,25 +16,18 @@ from yawid.channels.surface import STICKS, Surface
 from yawid.channels.twins import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank
-from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.polynomials import parameter_names
-from yawid.physics.derivatives import summary_of
-from yawid.physics.handling import dutch_roll_level
-from yawid.physics.modes import finite, mode_list, modes
-from yawid.physics.response import early_response
+from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
 from yawid.verdict import (
-    Evidence,
     Reason,
     Verdict,
-    agreement_reasons,
     changed_rates,
-    estimate_reasons,
     feedback_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
 )
+from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
 
 
 def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
@@ -64,11 +55,16 @@ def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any]
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
     verdict = Verdict.of(_reasons(pipeline, evidence))
-    summary["verdict"] = {
+    summary["verdict"] = as_summary(verdict)
+    return summary, verdict
+
+
+def as_summary(verdict: Verdict) -> dict[str, Any]:
+    """Return the verdict as ``--json`` prints it."""
+    return {
         "usable": verdict.usable,
         "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
     }
-    return summary, verdict
 
 
 def _link(pipeline: Pipeline) -> dict[str, int]:
@@ -108,71 +104,6 @@ def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
         described |= dict(zip(names, first.travel_us, strict=True))
         described["reversed"] = first.reversed
     return described
-
-
-def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
-    """Return the summary of one method, and what the verdict needs of it."""
-    estimator, last = bank.estimators[method], bank.last[method]
-    config = estimator.config
-    orders = config.orders
-    names = parameter_names(orders, bank.config.inputs, bias=config.bias)
-    mean_output = bank.config.output == "yaw"
-    found = modes(last, orders, bank.sample_time_s, mean_output=mean_output)
-    wn, wn_std, zeta, zeta_std = (float(v) for v in found.dutch_roll[-1])
-    theta, theta_std = last.theta[-1], last.theta_std[-1]
-    described: dict[str, Any] = {
-        "method": method,
-        "orders": {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]},
-        "sample_time_s": bank.sample_time_s,
-        "forgetting_factor": config.forgetting_factor,
-        "updates": estimator.updates,
-        "held": estimator.held,
-        "theta": finite(dict(zip(names, theta, strict=True))),
-        "theta_std": finite(dict(zip(names, theta_std, strict=True))),
-        "modes": mode_list(found),
-    }
-    if np.isfinite(wn):
-        described["dutch_roll"] = finite(
-            {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
-        )
-        level = dutch_roll_level(wn, zeta)
-        if level is not None:
-            described["dutch_roll"]["level"] = level
-    physics = summary_of(
-        theta, estimator.covariance, orders, bank.sample_time_s, mean_output=mean_output
-    )
-    if physics:
-        described["physics"] = physics
-    described["fit"] = _fit(bank, method)
-    simulation_pct = described["fit"].get("simulation_pct", float("nan"))
-    early = early_response(theta, orders, bank.sample_time_s, wn)
-    evidence = Evidence(
-        int(last.status[-1]),
-        estimator.updates,
-        found.dutch_roll[-1],
-        estimator.whiteness_p,
-        early,
-        simulation_pct,
-    )
-    return described, evidence
-
-
-def _fit(bank: Bank, method: str) -> dict[str, float]:
-    estimator = bank.estimators[method]
-    theta, config = bank.last[method].theta[-1], estimator.config
-    history = bank.history()
-    y, y_hat = history.y, history.y_hat[method]
-    simulated = simulate(theta, config.orders, config.bias, history.u, y)
-    return finite(
-        {
-            "one_step_pct": fit_percent(y, y_hat),
-            "simulation_pct": fit_percent(y, simulated),
-            "innovation_std": estimator.innovation_std,
-            "residual_std": estimator.residual_std,
-            "whiteness_p": estimator.whiteness_p,
-            "spr_margin": estimator.spr_margin,
-        }
-    )
 
 
 def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:

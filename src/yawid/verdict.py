@@ -7,12 +7,12 @@ against the estimate is said, and what speaks loudly enough makes it unusable.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import Floats, Status
+from yawid.blocks import Floats
 from yawid.channels.notes import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes, window_of
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness, condition_number
@@ -46,12 +46,7 @@ CLOSED_LOOP = 0.8
 ROUNDING = 1e-9
 UNCERTAIN = 0.25
 """A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
-LEAST_SIMULATION_PCT = 10.0
-"""A free-running model that tells less of the yaw rate than this has learned something else."""
 SATURATED_SHARE = 0.05
-WHITE_P = 0.01
-DISAGREE_SIGMAS = 3.0
-DISAGREE_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,23 +91,6 @@ class Verdict:
     def exit_code(self) -> int:
         """The code of the first fatal reason, or 0."""
         return next((EXIT_CODES[r.id] for r in self.reasons if r.id in EXIT_CODES), 0)
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What one estimator leaves for judgement.
-
-    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
-    mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
-    much of the yaw rate the model tells from the inputs alone.
-    """
-
-    status: int
-    updates: int
-    dutch_roll: Floats
-    whiteness_p: float
-    early_response: float
-    simulation_pct: float
 
 
 def rate_reasons(
@@ -252,55 +230,3 @@ def _explained(target: Floats, causes: Floats) -> float:
     columns = np.column_stack([causes, np.ones(len(target))])
     coefficients = np.linalg.lstsq(columns, target, rcond=None)[0]
     return 1.0 - float(np.var(target - columns @ coefficients) / np.var(target))
-
-
-def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
-    """Judge the primary estimate itself."""
-    if evidence.status == Status.DIVERGED:
-        yield Reason("diverged", f"{method} did not stay finite")
-        return
-    if evidence.updates == 0:
-        yield Reason("not_excited", "the channels never moved enough to begin")
-        return
-    wn, wn_std, zeta, zeta_std = (float(value) for value in evidence.dutch_roll)
-    if not math.isfinite(wn):
-        yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
-    elif not (wn_std < UNCERTAIN * wn and zeta_std < UNCERTAIN):
-        yield Reason(
-            "not_converged",
-            f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
-            f"zeta {zeta:.3g} ± {zeta_std:.2g}",
-        )
-    if not evidence.simulation_pct >= LEAST_SIMULATION_PCT:
-        yield Reason(
-            "not_excited",
-            f"the inputs explain {max(evidence.simulation_pct, 0.0):.0f} % of the yaw rate "
-            "(free run): turns or gusts hide the rudder's effect",
-        )
-    if evidence.whiteness_p < WHITE_P:
-        yield Reason(
-            "coloured_residuals",
-            f"the residuals are not white (p = {evidence.whiteness_p:.1e}): "
-            "the model leaves something out",
-        )
-    if evidence.early_response < 0.0:
-        yield Reason(
-            "wrong_sign",
-            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
-        )
-
-
-def agreement_reasons(evidence: Mapping[str, Evidence]) -> Iterator[Reason]:
-    """Compare the Dutch rolls of ELS and RML."""
-    if not {"els", "rml"} <= evidence.keys():
-        return
-    els, rml = evidence["els"].dutch_roll, evidence["rml"].dutch_roll
-    for name, i in (("wn", 0), ("zeta", 2)):
-        difference = abs(float(els[i] - rml[i]))
-        sigma = math.hypot(float(els[i + 1]), float(rml[i + 1]))
-        if difference > DISAGREE_SIGMAS * sigma and difference > DISAGREE_SHARE * abs(els[i]):
-            yield Reason(
-                "els_rml_disagree",
-                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML: the noise model matters",
-            )
-            return

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
+from yawid.physics.derivatives import NAMES
 
 PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")
 METHODS = ("els", "rml")
@@ -78,6 +79,8 @@ def make_modes(n: int, na: int, rng: np.random.Generator) -> ModesBlock:
         zeta=rng.normal(size=(n, na)),
         zeta_std=rng.random((n, na)),
         dutch_roll=dutch_roll,
+        yaw=rng.normal(size=(n, len(NAMES))),
+        yaw_std=rng.random((n, len(NAMES))),
     )
 
 

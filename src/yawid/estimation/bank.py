@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats, SampleBlock
+from yawid.blocks import EstimateBlock, Floats, Ints, SampleBlock
 from yawid.estimation.reference import make_estimator
 from yawid.run_config import RunConfig
 
@@ -16,6 +16,8 @@ HISTORY = 2**19
 """Samples kept at most: seven hours at 20 Hz; a longer run is judged by its end."""
 MEMORIES = 3.0
 """A model that forgets is asked about three times its memory, what it still knows something of."""
+REMEMBERED = 16
+"""Every so many samples the model is kept as it stood, to be asked about what came after."""
 COMPACT = 512
 """Parts are joined when there are this many: a live part holds one sample."""
 
@@ -39,6 +41,9 @@ class Record:
             self.parts = [self.joined()]
             self.length = len(self.parts[0][0])
 
+    def __len__(self) -> int:
+        return min(self.length, self.limit)
+
     def joined(self) -> tuple[Floats, ...]:
         """Return the columns of the newest rows, at most ``limit`` of them."""
         kept, rows = len(self.parts), 0
@@ -59,6 +64,19 @@ class History:
     turn: Floats
     airspeed: Floats
     y_hat: Mapping[str, Floats]
+
+    @property
+    def good(self) -> Ints:
+        """The rows that the estimators could use."""
+        return np.flatnonzero(np.isfinite(self.y) & np.isfinite(self.u).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """The models as they stood before row ``first`` of the history: theta (n,) of each method."""
+
+    first: int
+    theta: Mapping[str, Floats]
 
 
 class Bank:
@@ -82,6 +100,8 @@ class Bank:
         forgotten = 1.0 - self.config.forgetting_factor(self.sample_time_s)
         kept = math.ceil(MEMORIES / forgotten) if forgotten > 0.0 else HISTORY
         self._record = Record(min(kept, HISTORY))
+        self._thetas = Record(min(kept, HISTORY) // REMEMBERED + 1)
+        self._seen = 0
         self.last: dict[str, EstimateBlock] = {}
 
     def run(self, samples: SampleBlock) -> dict[str, EstimateBlock]:
@@ -97,7 +117,16 @@ class Bank:
         predictions = [block.y_hat for block in self.last.values()]
         context = [samples.roll, samples.turn, samples.airspeed]
         self._record.add(samples.u, samples.y, *context, *predictions)
+        self._remember(len(samples))
         return self.last
+
+    def _remember(self, count: int) -> None:
+        """Keep theta after every 16th sample of the epoch, however the blocks were cut."""
+        rows = slice(-(self._seen + 1) % REMEMBERED, None, REMEMBERED)
+        seen = np.arange(self._seen + 1.0, self._seen + count + 1.0)[rows]
+        if len(seen):
+            self._thetas.add(seen, *(block.theta[rows] for block in self.last.values()))
+        self._seen += count
 
     def history(self) -> History:
         """Return the newest samples of the epoch and what each method predicted of them.
@@ -107,3 +136,14 @@ class Bank:
         u, y, roll, turn, airspeed, *predictions = self._record.joined()
         y_hat = dict(zip(self.methods, predictions, strict=True))
         return History(u, y, roll, turn, airspeed, y_hat)
+
+    def earlier(self, row: int) -> Earlier | None:
+        """Return the newest models kept that had not seen ``row`` of the history, if there are."""
+        seen, *thetas = self._thetas.joined() or (np.empty(0),)
+        firsts = seen - (self._seen - len(self._record))
+        known = np.flatnonzero((firsts > 0) & (firsts <= row))
+        if len(known) == 0:
+            return None
+        newest = known[-1]
+        models = {name: theta[newest] for name, theta in zip(self.methods, thetas, strict=True)}
+        return Earlier(int(firsts[newest]), models)

@@ -22,7 +22,8 @@ from yawid.sinks.base import Pace, sync
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0
-_NOT_THE_MODEL = ("sysid", "from_s", "to_s")  # which samples, not what is made of them
+# Which samples and what is read off the model, not what is made of them.
+_NOT_THE_MODEL = ("sysid", "from_s", "to_s", "servo_tau")
 
 
 class StateFile:

@@ -9,21 +9,30 @@ With r the yaw rate and u the rudder (positive nose right, the paper's -delta_H)
     omega^2,
 
 four numbers one way and four the other. theta gives the poles p_i and residues R_i of r/u exactly,
-the zero-order hold undone; for na = 2 that is the model above. With more poles, the Dutch roll
-stays and the others are lags in series: they are divided out with their DC gain of one, and the
-numerator that is left is fitted by K omega^2 (T s + 1) over 0.3 to 3 omega; how badly it fits is
-the reduction's error.
+the zero-order hold undone; for na = 2 that is the model above. With more poles, the yaw mode stays
+and the others are lags in series, of DC gain one: r/u times (1 - s/p) for each of them and times
+the yaw mode's polynomial is a polynomial in s, and K omega^2 (T s + 1) is fitted to it over 0.3 to
+3 omega; how badly it fits is the reduction's error.
+
+The yaw mode is the Dutch roll or, where no pole oscillates, the two slowest real poles that the
+servo leaves. The servo's pole is the real one nearest to 1/tau where its lag tau is known.
+Otherwise it is the one whose removal costs least: without a lag at p the response is another by
+|s/p|, least for the fastest pole.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import NDArray
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, Ints
 from yawid.config import ArmaxOrders
-from yawid.physics.modes import Complexes, dutch_roll_index, poles_and_residues
+from yawid.physics.modes import (
+    Complexes,
+    dutch_roll_index,
+    poles_and_residues,
+    rows_at_once,
+)
 
 NAMES = (
     "K",
@@ -34,36 +43,67 @@ NAMES = (
     "a_my_omega_y",
     "a_my_beta",
     "a_my_delta_h",
+    "servo_tau_s",
 )
+SERVO = NAMES.index("servo_tau_s")
 LARGEST_ERROR = 0.3
 """Relative misfit over 0.3 to 3 omega above which the model is no yaw channel of eq. 23."""
 _BAND = np.geomspace(0.3, 3.0, 15)
 _STEP = 1e-6
 _FAR = 1e9
 """Where in rad/s a pole is put that must not be felt."""
+_NEAR = 2.0
+"""A real pole this many times off the servo's, as it was named, is not the servo's."""
 
 
 def yaw_channel(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
+    theta: Floats,
+    orders: ArmaxOrders,
+    sample_time_s: float,
+    *,
+    mean_output: bool = False,
+    servo_tau_s: float | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the numbers (n, 8), in the order of NAMES, and the reduction's error (n,).
+    """Return the numbers (n, 9), in the order of NAMES, and the reduction's error (n,).
 
     ``mean_output``: the output is the mean rate over the interval before, as with the yaw angle.
-    NaN where there is no mode or, for na < 2, no such model.
+    ``servo_tau_s`` names the servo's lag, for na > 2. NaN where there is no mode or no servo of
+    that lag or, for na < 2, no such model; the servo's lag alone is NaN where no pole is left.
     """
     n = len(theta)
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
         return np.full((n, len(NAMES)), np.nan), np.full(n, np.nan)
+    at_once = rows_at_once(orders, len(_BAND))
+    pieces = [
+        _yaw_channel(piece, orders, sample_time_s, mean_output, servo_tau_s)
+        for piece in np.split(theta, range(at_once, n, at_once))
+    ]
+    values, errors = zip(*pieces, strict=True)
+    return np.concatenate(values), np.concatenate(errors)
+
+
+def _yaw_channel(
+    theta: Floats,
+    orders: ArmaxOrders,
+    sample_time_s: float,
+    mean_output: bool,
+    servo_tau_s: float | None,
+) -> tuple[Floats, Floats]:
+    n = len(theta)
     z, p, residues = poles_and_residues(theta, orders, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
         if orders.na > 2:
             p, residues = _without_alternating(z, p, residues)
-        pair = _pair(p, residues, sample_time_s)
-        a, b = (np.take_along_axis(p, i[:, None], axis=1)[:, 0] for i in pair)
-        omega = np.sqrt((a * b).real)
-        xi = -(a + b).real / (2.0 * omega)
-        n1, n0, error = _numerator(p, residues, pair, omega)
+            yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
+        mode = np.take_along_axis(p, yaw, axis=1)
+        omega = np.sqrt(mode.prod(axis=1).real)
+        xi = -mode.sum(axis=1).real / (2.0 * omega)
+        n1, n0, error = _numerator(p, residues, yaw, omega)
         values = _derivatives(n0 / omega**2, n1 / n0, omega, xi)
+        values = np.column_stack([values, -1.0 / servo])
+        if servo_tau_s is not None and orders.na > 2:
+            values[np.isnan(servo)] = np.nan
     return values, error
 
 
@@ -90,42 +130,77 @@ def _without_alternating(
     return np.where(alternating, -_FAR, p), np.where(alternating, 0.0, residues)
 
 
-def _pair(p: Complexes, residues: Complexes, sample_time_s: float) -> tuple[Any, Any]:
-    """Return the columns of the two poles of the yaw mode: both for na = 2, else the Dutch roll."""
-    n, na = p.shape
-    if na == 2:
-        return np.zeros(n, int), np.ones(n, int)
+def _yaw_and_servo(
+    p: Complexes, residues: Complexes, sample_time_s: float, servo_tau_s: float | None
+) -> tuple[Ints, Floats]:
+    """Return the columns (n, 2) of the yaw mode's poles and the servo's pole (n,), NaN for none."""
+    rows = np.arange(len(p))
     first = dutch_roll_index(p, residues, sample_time_s)
-    rows = np.arange(n)
     mirrored = np.abs(p - np.conj(p[rows, np.maximum(first, 0)])[:, None])
-    second = np.argmin(np.nan_to_num(mirrored, nan=np.inf), axis=1)
-    return np.where(first < 0, 0, first), np.where(first < 0, 0, second)
+    oscillating = np.stack([first, np.argmin(np.nan_to_num(mirrored, nan=np.inf), axis=1)], axis=1)
+
+    real = np.where((p.imag == 0.0) & (np.abs(p) < _FAR), p.real, np.nan)
+    lag = np.where(real < 0.0, real, np.nan)
+    off = -np.abs(lag) if servo_tau_s is None else np.abs(np.log(-lag * servo_tau_s))
+    nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=1)
+    servo = lag[rows, nearest]
+    if servo_tau_s is None:
+        # Two real poles are the yaw mode's, there is no third for the servo.
+        servo[(first < 0) & (np.isfinite(real).sum(axis=1) < 3)] = np.nan
+    else:
+        servo[~(off[rows, nearest] <= np.log(_NEAR))] = np.nan
+    speed = np.nan_to_num(np.abs(real), nan=np.inf)
+    speed[rows, nearest] = np.where(np.isnan(servo), speed[rows, nearest], np.inf)
+    slowest = np.argsort(speed, axis=1, kind="stable")[:, :2]
+    yaw = np.where(first[:, None] >= 0, oscillating, slowest)
+    overdamped = np.isfinite(np.take_along_axis(speed, slowest, axis=1)).all(axis=1)
+    p[(first < 0) & ~overdamped] = np.nan
+    return yaw, servo
 
 
 def _numerator(
-    p: Complexes, residues: Complexes, pair: tuple[Any, Any], omega: Floats
+    p: Complexes, residues: Complexes, yaw: Ints, omega: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return n1, n0 of n1 s + n0 over the pair's polynomial, and the relative misfit."""
-    rows = np.arange(len(p))
-    a, b = p[rows, pair[0]], p[rows, pair[1]]
+    """Return n1, n0 of n1 s + n0 over the yaw mode's polynomial, and the relative misfit."""
     if p.shape[1] == 2:
         n1 = residues.sum(axis=1).real
         n0 = -(residues[:, 0] * p[:, 1] + residues[:, 1] * p[:, 0]).real
         return n1, n0, np.zeros(len(p))
-    s = 1j * omega[:, None] * _BAND
-    response = (residues[:, None, :] / (s[:, :, None] - p[:, None, :])).sum(axis=2)
-    others = np.ones_like(s)
-    for i in range(p.shape[1]):
-        lag = 1.0 - s / p[:, i, None]
-        own = (pair[0] == i) | (pair[1] == i)
-        others = others * np.where(own[:, None], 1.0, lag)
-    wanted = response * others * (s - a[:, None]) * (s - b[:, None])
-    # Relative weights; n0 meets the real part and n1 omega the imaginary one, so both are apart.
-    weight = 1.0 / np.abs(wanted) ** 2
-    n0 = (weight * wanted.real).sum(axis=1) / weight.sum(axis=1)
-    n1 = (weight * wanted.imag * s.imag).sum(axis=1) / (weight * s.imag**2).sum(axis=1)
-    misfit = np.abs(n0[:, None] + n1[:, None] * s - wanted) ** 2 * weight
+    lags = p.copy()
+    np.put_along_axis(lags, yaw, -1.0, axis=1)
+    wanted = _numerator_polynomial(p, residues) * np.prod(-1.0 / lags, axis=1).real[:, None]
+    w = omega[:, None] * _BAND
+    # At s = iw the even powers make the real part, the odd ones w times the imaginary one.
+    even, odd = _polyval(wanted[:, ::2], -(w**2)), _polyval(wanted[:, 1::2], -(w**2))
+    # Relative weights; n0 meets the real part and n1 the imaginary one, so both are apart.
+    weight = 1.0 / (even**2 + (odd * w) ** 2)
+    n0 = (weight * even).sum(axis=1) / weight.sum(axis=1)
+    n1 = (weight * odd * w**2).sum(axis=1) / (weight * w**2).sum(axis=1)
+    misfit = ((even - n0[:, None]) ** 2 + ((odd - n1[:, None]) * w) ** 2) * weight
     return n1, n0, np.sqrt(misfit.mean(axis=1))
+
+
+def _numerator_polynomial(p: Complexes, residues: Complexes) -> Floats:
+    """Return the coefficients (n, na), lowest first, of sum_i R_i prod_(j != i) (s - p_j)."""
+    n, na = p.shape
+    total = np.zeros((n, na), complex)
+    for i in range(na):
+        term = np.zeros((n, na), complex)
+        term[:, 0] = residues[:, i]
+        for j in range(na):
+            if j != i:
+                shifted = np.roll(term, 1, axis=1)
+                term = shifted - p[:, j, None] * term
+        total += term
+    return total.real
+
+
+def _polyval(coefficients: Floats, x: Floats) -> Floats:
+    """Return the polynomials (n, m), lowest coefficient first, at x (n, points)."""
+    value = np.zeros_like(x)
+    for i in range(coefficients.shape[1] - 1, -1, -1):
+        value = value * x + coefficients[:, i, None]
+    return value
 
 
 def with_sigma(
@@ -135,23 +210,42 @@ def with_sigma(
     sample_time_s: float,
     *,
     mean_output: bool = False,
-) -> tuple[Floats, Floats, float]:
-    """Return values (8,), their sigma (8,) by the delta method and the error, for one theta (p,).
+    servo_tau_s: float | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """Return values (n, 9), their sigma (n, 9) by the delta method and the error (n,).
 
-    ``covariance`` (p, p). The Jacobian is taken by central differences, each step in proportion to
-    the parameter's sigma.
+    ``theta`` (n, p), ``covariance`` (n, p, p). The Jacobian is taken by central differences, each
+    step in proportion to the parameter's sigma.
     """
-    count = orders.na + (orders.nb[0] if orders.nb else 0)
-    steps = _STEP + 1e-3 * np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
-    shifts = np.zeros((2 * count, len(theta)))
-    shifts[:count, :count] = np.diag(steps)
-    shifts[count:] = -shifts[:count]
-    stack = np.concatenate([theta[None], theta[None] + shifts])
-    values, error = yaw_channel(stack, orders, sample_time_s, mean_output=mean_output)
-    jacobian = (values[1 : count + 1] - values[count + 1 :]).T / (2.0 * steps)
+    n, count = len(theta), orders.na + (orders.nb[0] if orders.nb else 0)
+    variances = np.diagonal(covariance, axis1=1, axis2=2)[:, :count]
+    steps = _STEP + 1e-3 * np.sqrt(np.maximum(variances, 0.0))
+    shifts = np.zeros((count, n, theta.shape[1]))
+    shifts[np.arange(count), :, np.arange(count)] = steps.T
+    stack = np.concatenate([theta[None], theta + shifts, theta - shifts])
+    values, error = yaw_channel(
+        stack.reshape(-1, theta.shape[1]), orders, sample_time_s,
+        mean_output=mean_output, servo_tau_s=servo_tau_s,
+    )  # fmt: skip
+    values = values.reshape(2 * count + 1, n, len(NAMES))
+    jacobian = (values[1 : count + 1] - values[count + 1 :]) / (2.0 * steps.T[:, :, None])
+    jacobian = np.ascontiguousarray(jacobian.transpose(1, 2, 0))
     with np.errstate(invalid="ignore"):
-        variance = np.einsum("ki,ij,kj->k", jacobian, covariance[:count, :count], jacobian)
-        return values[0], np.sqrt(np.maximum(variance, 0.0)), float(error[0])
+        # Per-row matrix products: the bits of a row must not depend on the block's length.
+        product = np.matmul(jacobian, covariance[:, :count, :count])
+        std = np.sqrt(np.maximum((product * jacobian).sum(axis=2), 0.0))
+    return values[0], std, error[:n]
+
+
+def known_rows(values: Floats, std: Floats, error: Floats) -> NDArray[np.bool_]:
+    """Tell (n,) where eq. 23 holds: all of it known, with sigma, and the reduction's error small.
+
+    A servo may be missing, nothing else.
+    """
+    rest = np.arange(len(NAMES)) != SERVO
+    finite = np.isfinite(values[:, rest]) & np.isfinite(std[:, rest])
+    known: NDArray[np.bool_] = finite.all(axis=1) & (error <= LARGEST_ERROR)
+    return known
 
 
 def summary_of(
@@ -161,14 +255,20 @@ def summary_of(
     sample_time_s: float,
     *,
     mean_output: bool = False,
+    servo_tau_s: float | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Return {name: {value, std}} for the JSON summary, empty where eq. 23 does not hold."""
+    """Return {name: {value, std}} of theta (p,) for the JSON summary, empty where eq. 23 is out."""
     values, std, error = with_sigma(
-        theta, covariance, orders, sample_time_s, mean_output=mean_output
-    )
-    if not (np.isfinite(values).all() and np.isfinite(std).all() and error <= LARGEST_ERROR):
+        theta[None], covariance[None], orders, sample_time_s,
+        mean_output=mean_output, servo_tau_s=servo_tau_s,
+    )  # fmt: skip
+    if not known_rows(values, std, error)[0]:
         return {}
-    return {
+    found = {
         name: {"value": float(value), "std": float(sigma)}
-        for name, value, sigma in zip(NAMES, values, std, strict=True)
+        for name, value, sigma in zip(NAMES, values[0], std[0], strict=True)
+        if np.isfinite(value) and np.isfinite(sigma)
     }
+    if orders.na > 2:  # it has no sigma
+        found["reduction_error"] = {"value": float(error[0]), "std": 0.0}
+    return found

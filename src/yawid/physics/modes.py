@@ -21,6 +21,8 @@ Complexes = NDArray[np.complex128]
 
 LOWEST_DUTCH_ROLL_HZ = 0.05
 HIGHEST_DUTCH_ROLL_OF_RATE = 0.4
+_IN_PLACE_BYTES = 2**18
+"""From this size on NumPy reuses temporaries and may then swap the factors of a product."""
 
 
 def discrete_poles(a: Floats) -> Complexes:
@@ -56,6 +58,7 @@ def modes(
 ) -> ModesBlock:
     """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each.
 
+    The yaw channel is left empty, see :mod:`yawid.physics.rows`.
     A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
     poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`poles_and_residues`.
     """
@@ -71,12 +74,28 @@ def modes(
             covariance = estimates.covariance[:, :na, :na]
             wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
     best = dutch_roll_index(s, residues, sample_time_s)
-    columns = (wn, wn_std, zeta, zeta_std)
+    # Always the same NaN, whose sign NumPy leaves to chance: files are compared to the bit.
+    wn, wn_std, zeta, zeta_std = columns = [
+        np.where(np.isnan(column), np.nan, column) for column in (wn, wn_std, zeta, zeta_std)
+    ]
     dutch_roll = np.full((n, 4), np.nan)
     if na:
         picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
         dutch_roll = np.where(best[:, None] >= 0, np.concatenate(picked, axis=1), np.nan)
-    return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll)
+    nothing = np.empty((n, 0))
+    return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll, nothing, nothing)
+
+
+def dutch_roll_of(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
+) -> Floats:
+    """Return wn in rad/s and zeta (2,) of the Dutch roll of one theta (p,); NaN without one."""
+    _, s, residues = poles_and_residues(theta[None], orders, sample_time_s, mean_output=mean_output)
+    best = int(dutch_roll_index(s, residues, sample_time_s)[0])
+    if best < 0:
+        return np.full(2, np.nan)
+    pole = s[0, best]
+    return np.array([abs(pole), -pole.real / abs(pole)])
 
 
 def poles_and_residues(
@@ -89,6 +108,14 @@ def poles_and_residues(
     (``mean_output``), the residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are undone here,
     exactly.
     """
+    at_once = rows_at_once(orders)
+    if len(theta) > at_once:
+        pieces = [
+            poles_and_residues(piece, orders, sample_time_s, mean_output=mean_output)
+            for piece in np.split(theta, range(at_once, len(theta), at_once))
+        ]
+        z, s, residues = (np.concatenate(columns) for columns in zip(*pieces, strict=True))
+        return z, s, residues
     na = orders.na
     z = discrete_poles(theta[:, :na])
     nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
@@ -104,6 +131,16 @@ def poles_and_residues(
         if mean_output:
             residues = residues * s * sample_time_s * z / (z - 1.0)
     return z, s, residues
+
+
+def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
+    """Return how many rows may be computed at once, so that their bits do not depend on it.
+
+    The product of two complex numbers in other order differs in its last bits, and large arrays
+    may be multiplied in other order. ``columns`` a row has at least.
+    """
+    widest = orders.na * max(orders.na, *orders.nb, 1)
+    return max(1, (_IN_PLACE_BYTES - 1) // (16 * max(widest, columns)))
 
 
 def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) -> Ints:

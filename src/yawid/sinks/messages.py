@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Held, Ints, ModesBlock, SampleBlock
+from yawid.physics.derivatives import NAMES
 from yawid.sinks.base import LogLevel
 from yawid.sinks.rows import RowLayout
 from yawid.sinks.schemas import LogLevelNumber, descriptor, message_class
@@ -81,6 +82,8 @@ def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
         rows[name] = getattr(modes, name)
     for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
         rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
+    for column, name in enumerate(NAMES):
+        rows[name], rows[f"{name}_std"] = modes.yaw[:, column], modes.yaw_std[:, column]
     return _one_nan(rows)
 
 
@@ -136,5 +139,7 @@ def modes_from(rows: Rows) -> ModesBlock:
     return ModesBlock(
         poles=rows["pole_re"] + 1j * rows["pole_im"],
         dutch_roll=np.column_stack(dutch_roll),
+        yaw=np.column_stack([rows[name] for name in NAMES]),
+        yaw_std=np.column_stack([rows[f"{name}_std"] for name in NAMES]),
         **{name: np.ascontiguousarray(rows[name]) for name in ("wn", "wn_std", "zeta", "zeta_std")},
     )

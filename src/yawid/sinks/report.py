@@ -24,6 +24,8 @@ PHYSICS_UNITS = {
     "a_my_omega_y": "yaw damping, 1/s",
     "a_my_beta": "weathercock stability, 1/s²",
     "a_my_delta_h": "rudder effectiveness, 1/s² per unit",
+    "servo_tau_s": "lag of the servo, s",
+    "reduction_error": "misfit, 0.3 to 3 ωn",
 }
 
 
@@ -120,6 +122,7 @@ def _numbers(summary: Mapping[str, Any], parameters: tuple[str, ...]) -> Iterato
     yield grid("Parameters, ± σ", ("", *methods), rows)
     fits = (
         ("fit one step ahead, %", "one_step_pct"), ("fit simulated, %", "simulation_pct"),
+        ("fit on held-back data, %", "simulation_held_back_pct"),
         ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
         ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
     )  # fmt: skip

@@ -16,6 +16,7 @@ from google.protobuf.message import Message
 
 from yawid.blocks import Held, Noted, Status
 from yawid.config import METHODS
+from yawid.physics.derivatives import NAMES
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
 _SCALARS: Final = {
@@ -26,6 +27,21 @@ _SCALARS: Final = {
     "string": _FieldProto.TYPE_STRING,
 }
 _PACKAGE = "yawid"
+_YAW_UNITS: Final = {
+    "K": "rad/s per half of the travel, of the last whole second; NaN where eq. 23 does not hold",
+    "T_theta_s": "s",
+    "omega_beta": "rad/s",
+    "xi_beta": "1",
+    "a_z_beta": "1/s",
+    "a_my_omega_y": "1/s",
+    "a_my_beta": "1/s^2",
+    "a_my_delta_h": "1/s^2 per half of the travel",
+    "servo_tau_s": "s; NaN where no real pole is the servo's",
+}
+YAW_CHANNEL: Final = tuple(
+    (name + suffix, "double", _YAW_UNITS[name]) for name in NAMES for suffix in ("", "_std")
+)
+"""Value and sigma of paper eq. 22-23's numbers, in the order of the physics."""
 
 _NOTED = ", ".join(f"{flag.value} {str(flag.name).lower().replace('_', ' ')}" for flag in Noted)
 
@@ -73,6 +89,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("dutch_roll_wn_std", "double", "rad/s"),
         ("dutch_roll_zeta", "double", "1"),
         ("dutch_roll_zeta_std", "double", "1"),
+        *YAW_CHANNEL,
     ),
     "Reason": (
         ("id", "string", ""),

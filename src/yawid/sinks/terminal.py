@@ -77,6 +77,7 @@ def _estimate_rows(estimate: Mapping[str, Any]) -> dict[str, str]:
         "Dutch roll zeta": _with_sigma(mode, "zeta", "zeta_std"),
         "fit one step, %": _number(fit, "one_step_pct", ".1f"),
         "fit simulated, %": _number(fit, "simulation_pct", ".1f"),
+        "fit on held-back data, %": _number(fit, "simulation_held_back_pct", ".1f"),
         "updates / held": f"{estimate['updates']} / {estimate['held']}",
         "na,nb,nc,nk at rate": ",".join(str(orders[o]) for o in ("na", "nb", "nc", "nk"))
         + f" at {1.0 / estimate['sample_time_s']:.3g} Hz",

@@ -1,0 +1,87 @@
+"""Whether the residuals follow the roll, which the model leaves out.
+
+Eq. 22 is eq. 21 with the bank angle gamma = 0. Where the aircraft banks as it yaws, by itself or
+because somebody holds its wings level, the roll is a further cause of the yaw rate, and one that
+follows the rudder. Poles and zeros bend to take it in, so that the residuals may well be white
+while wn and zeta are off by more than their sigma.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.special import fdtrc
+
+from yawid.blocks import Floats
+from yawid.config import EstimatorConfig
+from yawid.estimation.bank import History
+
+NEWEST = 2**14
+"""Rows of the history looked at, 14 minutes at 20 Hz: more would cost memory and tell no more."""
+ROLL_LAGS = 3
+SETTLED = 20
+"""Rows of a stretch left out, in which the residuals forget how it began."""
+
+
+def roll_p(theta: Floats, config: EstimatorConfig, history: History) -> float:
+    """Return the p-value that the roll at k-1 to k-3 has no part in the residuals of theta (p,).
+
+    An F-test of the least squares that one Gauss-Newton step is, with and without the roll, each
+    sample weighted as the model remembers it. NaN where there are too few samples.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        e, psi, weight = _residuals_and_slopes(theta, config, history)
+    e, psi = e * weight, psi * weight[:, None]
+    remembered, columns = float(np.sum(weight**2)), psi.shape[1]
+    if remembered <= 10 * columns or not (np.isfinite(psi).all() and np.isfinite(e).all()):
+        return float("nan")
+    scale = np.linalg.norm(psi, axis=0)
+    psi = psi / np.where(scale > 0.0, scale, 1.0)
+    without, with_roll = (_rest(psi[:, :n], e) for n in (columns - ROLL_LAGS, columns))
+    if not with_roll > 0.0:
+        return float("nan")
+    free = remembered - columns
+    return float(fdtrc(ROLL_LAGS, free, (without / with_roll - 1.0) * free / ROLL_LAGS))
+
+
+def _rest(psi: Floats, e: Floats) -> float:
+    """Return the sum of squares that least squares leaves."""
+    rest = e - psi @ np.linalg.lstsq(psi, e)[0]
+    return float(rest @ rest)
+
+
+def _residuals_and_slopes(
+    theta: Floats, config: EstimatorConfig, history: History
+) -> tuple[Floats, Floats, Floats]:
+    """Return eps (n,) of eq. 33, its slopes (n, p + 3) with the roll's, and the weights' roots."""
+    orders = config.orders
+    u, y, roll = (column[-NEWEST:] for column in (history.u, history.y, history.roll))
+    known = [-_lag(y, i + 1) for i in range(orders.na)]
+    for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
+        known += [_lag(u[:, j], nk + i) for i in range(nb)]
+    first = len(known)
+    c = np.concatenate([[1.0], theta[first : first + orders.nc]])
+    constant = [np.ones(len(y))] if config.bias else []
+    rolls = [_lag(roll, i + 1) for i in range(ROLL_LAGS)]
+    plain = np.column_stack([*known, *constant])
+    error = y - plain @ np.delete(theta, slice(first, first + orders.nc))
+    phi = np.column_stack([*known, *[np.zeros(len(y))] * orders.nc, *constant, *rolls])
+    rows = np.isfinite(phi).all(axis=1) & np.isfinite(error)
+    used = np.zeros(len(y), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
+    for start, stop in edges.reshape(-1, 2):
+        stretch = slice(start, stop)
+        error[stretch] = lfilter([1.0], c, error[stretch])
+        for i in range(orders.nc):
+            phi[start + i + 1 : stop, first + i] = error[start : max(stop - i - 1, start)]
+        phi[stretch] = lfilter([1.0], c, phi[stretch], axis=0)
+        used[start + SETTLED : stop] = True
+    age = len(y) - 1.0 - np.flatnonzero(used)
+    weight: Floats = np.power(config.forgetting_factor, 0.5 * age)
+    return error[used], phi[used], weight
+
+
+def _lag(x: Floats, count: int) -> Floats:
+    lagged = np.full(len(x), np.nan)
+    lagged[count:] = x[: len(x) - count]
+    return lagged

@@ -1,0 +1,114 @@
+"""What the estimates themselves say for or against them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from yawid.blocks import Floats, Status
+from yawid.verdict import UNCERTAIN, Reason
+
+LEAST_SIMULATION_PCT = 10.0
+"""A free-running model that tells less of the yaw rate than this has learned something else."""
+WHITE_P = 0.01
+DISAGREE_SIGMAS = 3.0
+DISAGREE_SHARE = 0.05
+MOVING_SHARE = 0.08
+"""Part of itself by which an estimate may still move at the end, if its sigma allows no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one estimator leaves for judgement.
+
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
+    mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
+    much of the yaw rate the model tells from the inputs alone; ``before`` is (wn, zeta) as they
+    stood a third of the memory ago; ``roll_p`` the p-value that the residuals know nothing of the
+    roll.
+    """
+
+    status: int
+    updates: int
+    dutch_roll: Floats
+    whiteness_p: float
+    early_response: float
+    simulation_pct: float
+    before: Floats
+    roll_p: float
+
+
+def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
+    """Judge the primary estimate itself."""
+    if evidence.status == Status.DIVERGED:
+        yield Reason("diverged", f"{method} did not stay finite")
+        return
+    if evidence.updates == 0:
+        yield Reason("not_excited", "the channels never moved enough to begin")
+        return
+    wn, wn_std, zeta, zeta_std = (float(value) for value in evidence.dutch_roll)
+    if not math.isfinite(wn):
+        yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
+    elif not (wn_std < UNCERTAIN * wn and zeta_std < UNCERTAIN):
+        yield Reason(
+            "not_converged",
+            f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
+            f"zeta {zeta:.3g} ± {zeta_std:.2g}",
+        )
+    else:
+        yield from _still_moving(evidence)
+    if not evidence.simulation_pct >= LEAST_SIMULATION_PCT:
+        yield Reason(
+            "not_excited",
+            f"the inputs explain {max(evidence.simulation_pct, 0.0):.0f} % of the yaw rate "
+            "(free run): turns or gusts hide the rudder's effect",
+        )
+    if evidence.whiteness_p < WHITE_P:
+        yield Reason(
+            "coloured_residuals",
+            f"the residuals are not white (p = {evidence.whiteness_p:.1e}): "
+            "the model leaves something out",
+        )
+    elif evidence.roll_p < WHITE_P:
+        yield Reason(
+            "coloured_residuals",
+            f"the residuals follow the roll (p = {evidence.roll_p:.1e}), which the model leaves "
+            "out: sigma may not cover what that does to wn and zeta",
+        )
+    if evidence.early_response < 0.0:
+        yield Reason(
+            "wrong_sign",
+            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
+        )
+
+
+def _still_moving(evidence: Evidence) -> Iterator[Reason]:
+    """Judge whether the estimate came to rest: its sigma tells nothing while it moves."""
+    for name, i in (("wn", 0), ("zeta", 2)):
+        now, sigma = float(evidence.dutch_roll[i]), float(evidence.dutch_roll[i + 1])
+        before = float(evidence.before[i // 2])
+        moved = abs(now - before)
+        if moved > DISAGREE_SIGMAS * sigma and moved > MOVING_SHARE * abs(now):
+            yield Reason(
+                "not_converged",
+                f"{name} still moves: {before:.3g} a third of the memory ago, now {now:.3g} ± "
+                f"{sigma:.2g}; another way of flying, such as a turn? Choose --from and --to",
+            )
+            return
+
+
+def agreement_reasons(evidence: Mapping[str, Evidence]) -> Iterator[Reason]:
+    """Compare the Dutch rolls of ELS and RML."""
+    if not {"els", "rml"} <= evidence.keys():
+        return
+    els, rml = evidence["els"].dutch_roll, evidence["rml"].dutch_roll
+    for name, i in (("wn", 0), ("zeta", 2)):
+        difference = abs(float(els[i] - rml[i]))
+        sigma = math.hypot(float(els[i + 1]), float(rml[i + 1]))
+        if difference > DISAGREE_SIGMAS * sigma and difference > DISAGREE_SHARE * abs(els[i]):
+            yield Reason(
+                "els_rml_disagree",
+                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML: the noise model matters",
+            )
+            return

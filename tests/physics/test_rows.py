@@ -1,0 +1,91 @@
+"""Modes and yaw channel of a stream of estimates."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import cont2discrete
+
+from yawid.blocks import EstimateBlock, Status
+from yawid.config import ArmaxOrders
+from yawid.physics.derivatives import NAMES, with_sigma
+from yawid.physics.rows import PhysicsRows
+
+ORDERS = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
+TS, N = 0.25, 41
+K = np.arange(6, 6 + N)
+"""Whole seconds are the samples 8, 12, 16 and so on."""
+
+
+def drifting(warming_up: int = 3) -> EstimateBlock:
+    """Estimates of a yaw channel with servo whose frequency grows sample by sample."""
+    thetas = []
+    for wn in np.linspace(2.0, 3.0, N):
+        pole = np.polymul([1.0, 0.6 * wn, wn**2], [0.2, 1.0])
+        b, a, _ = cont2discrete((wn**2 * np.array([0.8, 1.0]), pole), TS)
+        thetas.append(np.concatenate([a[1:], np.ravel(b)[1:]]))
+    theta = np.array(thetas)
+    theta[:warming_up] = 0.0
+    covariance = np.broadcast_to(1e-8 * np.eye(6), (N, 6, 6))
+    status = np.where(np.arange(N) < warming_up, Status.WARMING_UP, Status.TRACKING)
+    zero = np.zeros(N)
+    return EstimateBlock.of(
+        theta, theta, covariance, zero, zero, zero, zero, status.astype(np.uint8)
+    )
+
+
+def part(block: EstimateBlock, rows: slice) -> EstimateBlock:
+    return EstimateBlock(block.rows[rows], block.p)
+
+
+def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
+    estimates = drifting()
+
+    found = PhysicsRows(ORDERS, TS).of(K, estimates)
+
+    for row in range(N):
+        second = row - (K[row] % 4)  # the row of the last whole second
+        if second < 3:  # before the run, or warming up
+            assert np.isnan(found.yaw[row]).all()
+            continue
+        rows = slice(second, second + 1)
+        values, std, _ = with_sigma(estimates.theta[rows], estimates.covariance[rows], ORDERS, TS)
+        np.testing.assert_array_equal(found.yaw[row], values[0])
+        np.testing.assert_array_equal(found.yaw_std[row], std[0])
+    assert found.yaw[-1, NAMES.index("omega_beta")] > found.yaw[10, NAMES.index("omega_beta")]
+    assert (found.yaw_std[-1] > 0.0).all()
+
+
+def test_an_estimator_that_starts_anew_has_no_yaw_channel_left_over():
+    estimates = drifting()
+    estimates.status[20:] = Status.WARMING_UP
+
+    found = PhysicsRows(ORDERS, TS).of(K, estimates)
+
+    assert np.isfinite(found.yaw[19]).all()
+    assert np.isnan(found.yaw[20:]).all()
+
+
+@given(cuts=st.lists(st.integers(1, N - 1), max_size=6, unique=True))
+@settings(deadline=None)
+def test_rows_do_not_depend_on_how_the_stream_was_cut(cuts):
+    estimates = drifting()
+    whole, rows = PhysicsRows(ORDERS, TS).of(K, estimates), PhysicsRows(ORDERS, TS)
+
+    edges = [0, *sorted(cuts), N]
+    slices = [slice(first, last) for first, last in pairwise(edges)]
+    parts = [rows.of(K[s], part(estimates, s)) for s in slices]
+
+    for name in whole.__slots__:
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+
+
+def test_where_eq_23_does_not_hold_there_are_no_numbers():
+    estimates = drifting()
+    estimates.theta[:, 3:] = [0.1, -0.3, 0.5]  # zeros that no yaw channel has
+
+    assert np.isnan(PhysicsRows(ORDERS, TS).of(K, estimates).yaw).all()
