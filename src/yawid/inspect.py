@@ -12,12 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from yawid.advice import what_to_record
 from yawid.blocks import Floats, SampleBlock
+from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
+from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
 from yawid.collect import collect, run_through
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
+from yawid.sources.flight_modes import mode_name
+from yawid.sources.reading import Reading
 from yawid.summary import summarise
-from yawid.verdict import Verdict
+from yawid.verdict import LEAST_RATE_HZ, RATE_SLACK, Verdict
 
 WINDOW_S = 5.0
 LEAST_STROKE = 0.1
@@ -30,6 +35,14 @@ SAMPLES_PER_PERIOD = 16.0
 WORTH_PCT = 2.0
 """How many points of the simulated fit a further input must bring."""
 BOTH = ("rudder", "aileron")
+NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
+UNANSWERABLE = NOBODY | {"rate_too_low"}
+"""Reasons that no other option of a replay can mend."""
+WORTH_SAYING = frozenset({"collinear_inputs", "rudder_assumed"})
+"""Other reasons that the next recording can do away with."""
+LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
+"""Messages per period of the Dutch roll: fewer than the first are no answer, the second is well."""
+STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
 NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 
 
@@ -48,39 +61,89 @@ class Activity:
         return self.stroke >= LEAST_STROKE and abs(self.correlation) < MIXED
 
 
-def inspect(log: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
+def inspect(
+    log: Path, config: RunConfig, reading: Reading | None = None
+) -> tuple[dict[str, Any], Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    pipeline, sha256 = run_through(log, config)
+    reading, survey = reading or Reading(), Survey()
+    pipeline, sha256 = run_through(log, config, reading, survey.note)
     summary, verdict = summarise(pipeline, str(log.absolute()), sha256)
     excited = []
     if pipeline.bank is not None and pipeline.channels.surfaces:
-        excited = stretches(activity(log, config))
+        excited = stretches(activity(log, config, reading))
     kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict")
     report = {key: summary[key] for key in kept if key in summary}
     report["senders"] = {f"{s}/{c}": n for (s, c), n in pipeline.link.senders.items()}
+    report |= flown(survey, pipeline.channels.lock.vehicle)
     report["excited"] = [{"from": a, "to": b} for a, b in excited]
-    fatal = [r["id"] for r in summary["verdict"]["reasons"] if r["weight"] == "fatal"]
-    unanswerable = [reason for reason in fatal if reason in _UNANSWERABLE]
-    if unanswerable or not excited:
-        reasons = unanswerable or ["not_excited"]
-        report["recommend"] = {"record": [_ADVICE[reason] for reason in reasons]}
-    else:
-        turning = {"turn": "remove", "band": "0.15,3"} if "turn_dominated" in fatal else {}
+    ids = [reason.id for reason in verdict.reasons]
+    is_answerable = bool(excited) and not UNANSWERABLE.intersection(ids)
+    advised = [i for i in ids if i in UNANSWERABLE or i in WORTH_SAYING]
+    if not excited and not NOBODY.intersection(ids):
+        advised.append("not_excited")
+    report["recommend"] = {}
+    if is_answerable:
+        turning = {"turn": "remove", "band": "0.15,3"} if "turn_dominated" in ids else {}
         longest = max(excited, key=lambda stretch: stretch[1] - stretch[0])
-        report["recommend"] = recommend(log, config, longest) | turning
+        later_hz = min(each["rate_hz"] for each in report["rates"].values())
+        report["recommend"] = recommend(log, config, reading, longest, later_hz) | turning
+    if record := what_to_record(advised, pipeline.channels):
+        report["recommend"]["record"] = record
     return report, verdict
 
 
-def activity(log: Path, config: RunConfig) -> list[Activity]:
+def flown(survey: Survey, vehicle: Vehicle | None) -> dict[str, Any]:
+    """Return message rates with their jitter, what they can answer, and the phases of the flight.
+
+    Intervals and rates are on the vehicle's clock; ``from`` and ``to`` in seconds since boot.
+    """
+    named = zip(("yaw", "rudder"), survey.intervals(), strict=True)
+    rates = {name: _rate_and_jitter(found) for name, found in named if found is not None}
+    told: dict[str, Any] = {"rates": rates}
+    slowest_hz = min((each["rate_hz"] for each in rates.values()), default=0.0)
+    if len(rates) == 2 and slowest_hz >= LEAST_RATE_HZ * RATE_SLACK:
+        told["answerable"] = {
+            "wn_max_rad_s": 2.0 * np.pi * slowest_hz / LEAST_PER_PERIOD,
+            "wn_well_rad_s": 2.0 * np.pi * slowest_hz / GOOD_PER_PERIOD,
+        }
+    if vehicle is not None:
+        told["phases"] = [_phase(phase, vehicle) for phase in survey.phases]
+    return told
+
+
+def _rate_and_jitter(found: Intervals) -> dict[str, float]:
+    names = ("median_s", "p5_s", "p95_s")
+    intervals = {f"interval_{name}": float(getattr(found, name)) for name in names}
+    return {"messages": found.messages, "rate_hz": found.rate_hz} | intervals
+
+
+def _phase(phase: Phase, vehicle: Vehicle) -> dict[str, Any]:
+    """Describe a phase; what hovers may be slow without standing on the ground."""
+    told: dict[str, Any] = {
+        "boot": phase.boot,
+        "from": phase.from_us / 1e6,
+        "to": phase.to_us / 1e6,
+    }
+    mode = ""
+    if phase.mode >= 0:
+        told["mode"] = mode = mode_name(vehicle.autopilot, vehicle.type, phase.mode)
+    state = STATES.get(phase.state)
+    hovers = vehicle.type not in (GENERIC, FIXED_WING) or mode.startswith("Q")
+    if state is not None:
+        told["state"] = "slow" if hovers and phase.state == GROUNDED else state
+    return told
+
+
+def activity(log: Path, config: RunConfig, reading: Reading) -> list[Activity]:
     """Return the windows of a log in which it flew, with the aileron beside the rudder if known."""
-    blocks = _samples(log, replace(config, inputs=BOTH))
+    blocks = _samples(log, replace(config, inputs=BOTH), reading)
     if not blocks:
-        blocks = _samples(log, replace(config, inputs=("rudder",)))
+        blocks = _samples(log, replace(config, inputs=("rudder",)), reading)
     if not blocks:
         return []
     t = np.concatenate([block.boot_us for block in blocks]) / 1e6
@@ -96,9 +159,9 @@ def activity(log: Path, config: RunConfig) -> list[Activity]:
     ]
 
 
-def _samples(log: Path, config: RunConfig) -> list[SampleBlock]:
+def _samples(log: Path, config: RunConfig, reading: Reading) -> list[SampleBlock]:
     try:
-        return collect(log, config)
+        return collect(log, config, reading)
     except ConfigError:
         # Rudder and aileron from different messages: then the rudder is looked at alone.
         return []
@@ -126,28 +189,31 @@ def stretches(windows: list[Activity]) -> list[tuple[float, float]]:
     return [(round(a, 1), round(b, 1)) for a, b in found]
 
 
-def recommend(log: Path, config: RunConfig, stretch: tuple[float, float]) -> dict[str, Any]:
+def recommend(
+    log: Path, config: RunConfig, reading: Reading, stretch: tuple[float, float], later_hz: float
+) -> dict[str, Any]:
     """Return the options to replay an excited stretch with, tried out on it.
 
-    The rate gives about sixteen samples per Dutch-roll period; the aileron is an input where it
-    tells the yaw rate noticeably better than the rudder alone.
+    The rate gives about sixteen samples per Dutch-roll period, and no more than ``later_hz``, what
+    the slower message has over the whole log; the aileron is an input where it tells the yaw rate
+    noticeably better than the rudder alone.
     """
     low, high = stretch
     kept = replace(
         config, method="rml", also="none", memory=None, forgetting=1.0, from_s=low, to_s=high
     )
-    alone, both = (_trial(log, replace(kept, inputs=i)) for i in (("rudder",), BOTH))
+    alone, both = (_trial(log, replace(kept, inputs=i), reading) for i in (("rudder",), BOTH))
     with_aileron = _fit(both) > _fit(alone) + WORTH_PCT
-    rate = _rate(both if with_aileron else alone)
+    rate = _rate(both if with_aileron else alone, later_hz)
     inputs = ",".join(BOTH if with_aileron else ("rudder",))
     chosen = {"from": low, "to": high, "rate": rate, "orders": "3,3,2,1"}
     return chosen | {"inputs": inputs, "forgetting": 1.0}
 
 
-def _trial(log: Path, config: RunConfig) -> dict[str, Any]:
+def _trial(log: Path, config: RunConfig, reading: Reading) -> dict[str, Any]:
     """Return the summary of a replay without outputs; empty where the channels do not fit."""
     try:
-        return summarise(run_through(log, config)[0], "", "")[0]
+        return summarise(run_through(log, config, reading)[0], "", "")[0]
     except ConfigError:
         return {}
 
@@ -157,33 +223,13 @@ def _fit(summary: dict[str, Any]) -> float:
     return float(fit.get("simulation_pct", -np.inf))
 
 
-def _rate(summary: dict[str, Any]) -> float:
+def _rate(summary: dict[str, Any], later_hz: float) -> float:
     """Return the nice rate nearest to sixteen samples per period, no more than the log has."""
     channels = summary["channels"]
-    own = min(channels[name]["rate_hz"] for name in channels)
+    own = min(later_hz, *(channels[name]["rate_hz"] for name in channels))
     wn = summary["estimates"]["rml"].get("dutch_roll", {}).get("wn_rad_s", 0.0)
     target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
     allowed = [rate for rate in NICE_RATES_HZ if rate <= own * 1.02]
     if not allowed:
         return float(f"{own:.3g}")
     return min(allowed, key=lambda rate: abs(rate - target))
-
-
-_UNANSWERABLE = ("no_vehicle", "no_rudder", "no_yaw", "rate_too_low")
-_ADVICE = {
-    "no_vehicle": "record the vehicle's own HEARTBEAT: log on the link to the aircraft itself",
-    "no_rudder": (
-        "record SERVO_OUTPUT_RAW and download the parameters on the same link; if the rudder is "
-        "known, name it: --rudder servo:N"
-    ),
-    "no_yaw": "ask for ATTITUDE (id 30) at 25 Hz or more",
-    "rate_too_low": (
-        "ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at 25 Hz or more: on ArduPilot "
-        "SRn_EXTRA1 = 25 and SRn_RC_CHAN = 25, or MAV_CMD_SET_MESSAGE_INTERVAL with 40000 us "
-        "(the loop rate caps it at 0.8 of itself); on PX4 mavlink stream -r 50"
-    ),
-    "not_excited": (
-        "fly wings level at a steady airspeed with the rudder doubled left and right: a 3-2-1-1 "
-        "whose 2 lasts half a Dutch-roll period, or doublets, ten of them, 10 to 30 % of travel"
-    ),
-}
