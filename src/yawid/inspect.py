@@ -6,7 +6,7 @@ own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 from yawid.sources.flight_modes import mode_name
 from yawid.sources.reading import Reading
+from yawid.sources.senders import SenderStats
 from yawid.summary import summarise
 from yawid.verdict import LEAST_RATE_HZ, RATE_SLACK, Verdict
 
@@ -78,7 +79,16 @@ def inspect(
         excited = stretches(activity(log, config, reading))
     kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict")
     report = {key: summary[key] for key in kept if key in summary}
-    report["senders"] = {f"{s}/{c}": n for (s, c), n in pipeline.link.senders.items()}
+    link = pipeline.link
+    report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}
+    counted = {key: SenderStats(frames) for key, frames in link.senders.items()} | dict(
+        link.by_sender
+    )
+    report["by_sender"] = {f"{s}/{c}": asdict(n) for (s, c), n in counted.items()}
+    if link.signed:
+        report["link"]["signed"] = link.signed
+    if (said := reading.unchecked(link)) is not None:
+        report["unchecked"] = said
     report |= flown(survey, pipeline.channels.lock.vehicle)
     report["excited"] = [{"from": a, "to": b} for a, b in excited]
     ids = [reason.id for reason in verdict.reasons]

@@ -40,8 +40,10 @@ def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
 def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if "vehicle" in report:
         yield "vehicle", _vehicle(report["vehicle"], report["duration_s"])
-    senders = sorted(report["senders"].items(), key=lambda each: -each[1])
-    yield "senders", _first([f"{name} ({n})" for name, n in senders], MOST_SENDERS)
+    senders = sorted(report["by_sender"].items(), key=lambda each: -each[1]["frames"])
+    yield "senders", _first([_sender(*each) for each in senders], MOST_SENDERS)
+    if "unchecked" in report:
+        yield "signing", report["unchecked"]
     if report["rates"]:
         told = ", ".join(f"{name} {_interval(each)}" for name, each in report["rates"].items())
         yield "interval", told.replace("(", "(5-95 %: ", 1)
@@ -59,7 +61,7 @@ def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _hanging(name: str, text: str, width: int) -> str:
     """Return one row: its name, and its text beside that however many lines it has."""
     begin, indent = f"{name:>{_NAME - 1}}  ", " " * (_NAME + 1)
-    return fill(text, width, initial_indent=begin, subsequent_indent=indent)
+    return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def _vehicle(vehicle: Mapping[str, int], seconds: float) -> str:
@@ -67,6 +69,12 @@ def _vehicle(vehicle: Mapping[str, int], seconds: float) -> str:
     autopilot = AUTOPILOT_NAMES.get(vehicle["autopilot"], f"autopilot {vehicle['autopilot']}")
     address = f"{vehicle['sysid']}/{vehicle['compid']}"
     return f"{kind} (type {vehicle['type']}) on {autopilot}, {address}, log of {seconds:.0f} s"
+
+
+def _sender(name: str, counts: Mapping[str, int]) -> str:
+    """Describe one sender: its frames, and what of the rest is not zero."""
+    others = [f"{n} {key.replace('_', ' ')}" for key, n in counts.items() if n and key != "frames"]
+    return f"{name} ({', '.join([str(counts['frames']), *others])})"
 
 
 def _interval(rate: Mapping[str, float]) -> str:
