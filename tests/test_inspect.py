@@ -276,7 +276,11 @@ def test_a_rudder_that_only_follows_the_aileron_is_told_how_to_part_them(tmp_pat
         log.attitude(t, 0.3 * np.sin(1.3 * t - 0.5))
         log.servos(t, [1500 + stick, 1500, 1500, 1500 + stick // 2])
 
+    code, report = inspected(log.data, tmp_path, capsys, "--inputs", "rudder,aileron")
     told = advice_for(log, tmp_path, capsys, "--inputs", "rudder,aileron")
+
+    assert code == 5
+    assert report["verdict"]["reasons"][0]["id"] == "collinear_inputs"
 
     assert "KFF_RDDRMIX = 0" in told  # parameter
     assert "3-2-1-1" in told  # manoeuvre
