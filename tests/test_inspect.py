@@ -328,3 +328,14 @@ def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys)
     assert report["link"]["unsigned_rejected"] == len(records)
     assert report["rates"]["yaw"]["messages"] == 200
     assert PASSPHRASE not in json.dumps(report)
+
+
+def test_orders_reads_frames_without_stamps_too(tmp_path: Path, capsys):
+    (tmp_path / "noname").write_bytes(bare(C172P.read_bytes()))
+
+    assert main(["orders", str(tmp_path / "noname"), "--json"]) == 6
+    capsys.readouterr()
+    assert main(["orders", str(tmp_path / "noname"), "--json", "--format", "raw"]) == 0
+    of_frames = json.loads(capsys.readouterr().out)
+    assert main(["orders", str(C172P), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recommended"] == of_frames["recommended"]
