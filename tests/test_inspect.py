@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.test_bare_frames import bare
@@ -136,6 +136,7 @@ STEPS = st.tuples(
 )
 
 
+@settings(deadline=None)
 @given(st.lists(STEPS, min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=6))
 def test_phases_and_intervals_do_not_depend_on_the_cut(
     steps: list[tuple[int, int, int]], cuts: list[int]

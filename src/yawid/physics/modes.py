@@ -72,11 +72,19 @@ def modes(
             wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
     best = dutch_roll_index(s, residues, sample_time_s)
     columns = (wn, wn_std, zeta, zeta_std)
+    for column in (s, *columns):
+        _leave_one_nan(column)
     dutch_roll = np.full((n, 4), np.nan)
     if na:
         picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
         dutch_roll = np.where(best[:, None] >= 0, np.concatenate(picked, axis=1), np.nan)
     return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll)
+
+
+def _leave_one_nan(values: Complexes | Floats) -> None:
+    """Have all NaNs the same bits: their sign depends on how long a block the processor took."""
+    parts = values.view(np.float64)
+    parts[np.isnan(parts)] = np.nan
 
 
 def poles_and_residues(
