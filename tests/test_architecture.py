@@ -20,7 +20,7 @@ STAGES = [
     ("sinks",),
     ("pipeline",),
     ("summary", "model_summary"),
-    ("outputs", "golden", "collect"),
+    ("outputs", "golden", "collect", "advice"),
     ("session", "regress", "inspect"),
     ("again",),
     ("live", "simulation"),

@@ -94,8 +94,71 @@ def test_alfas_rudder_and_aileron_cannot_be_separated(capsys, tmp_path):
     options = ("--rudder", "servo:4", "--aileron", "servo:5", "--inputs", "rudder,aileron")
     code, summary = replay(capsys, tmp_path, "alfa_carbonz_engine_failure", *options)
 
-    assert code == 4  # three messages a second come first in the contract's order
+    # Less than three messages a second on the vehicle's own clock come first in the contract's
+    # order; its twin at 20 Hz is in tests/test_inspect.py.
+    assert code == 4
+    assert list(reasons(summary))[:2] == ["rate_too_low", "collinear_inputs"]
     assert "0.9999" in reasons(summary)["collinear_inputs"]
+
+
+STOCK = {"min_us": 1100, "trim_us": 1500, "max_us": 1900, "reversed": False, "how": "assumed"}
+
+
+@pytest.mark.parametrize(
+    "name", ["sitl_fbwa_50hz", "sitl_fbwa_stock_33hz", "sitl_fbwa_gcs_4hz", "sitl_auto_25hz"]
+)
+def test_without_functions_the_stock_channels_are_assumed(name: str, capsys, tmp_path):
+    _, summary = replay(capsys, tmp_path, name, "--inputs", "rudder,aileron")
+
+    for surface, servo in (("rudder", 4), ("aileron", 1)):
+        found = summary["channels"][surface]
+        assert found["source"] == f"SERVO_OUTPUT_RAW.servo{servo}_raw"
+        assert STOCK.items() <= found.items()
+    assert "rudder_assumed" in reasons(summary)
+
+
+# On the vehicle's clock: yaw Hz, rudder Hz, seconds; the longest phase and its seconds.
+AT_A_GLANCE = {
+    "alfa_carbonz_engine_failure": (2.5, 2.9, 132, "GUIDED", "airborne", 132),
+    "copter_sik_radio": (2.9, None, 2444, "STABILIZE", "slow", 515),
+    "sitl_auto_25hz": (25.0, 25.0, 495, "AUTO", "airborne", 441),
+    "sitl_auto_mavproxy_4hz": (3.9, 3.8, 495, "AUTO", "airborne", 441),
+    "sitl_fbwa_50hz": (50.0, 50.0, 270, "FBWA", "airborne", 213),
+    "sitl_fbwa_gcs_4hz": (4.0, 2.0, 270, "FBWA", "airborne", 213),
+    "sitl_fbwa_stock_33hz": (25.6, 25.0, 270, "FBWA", "airborne", 213),
+    "skywalker_manual_a": (10.2, 10.0, 89, "MANUAL", "on ground", 50),
+    "vtol_quadplane": (4.2, None, 208, "QLAND", "slow", 71),
+}
+
+
+@pytest.mark.parametrize("name", AT_A_GLANCE)
+def test_a_flight_is_known_at_a_glance(name: str, capsys):
+    log = str(FLIGHTS / f"{name}.tlog")
+    yaw_hz, rudder_hz, seconds, *longest = AT_A_GLANCE[name]
+
+    code = main(["inspect", log, "--json"])
+    report = json.loads(capsys.readouterr().out)
+    assert main(["inspect", log]) == code
+    page = capsys.readouterr().out.splitlines()
+
+    found = max(report["phases"], key=lambda phase: phase["to"] - phase["from"])
+    assert report["rates"]["yaw"]["rate_hz"] == pytest.approx(yaw_hz, rel=0.03)
+    if rudder_hz is not None:
+        assert report["rates"]["rudder"]["rate_hz"] == pytest.approx(rudder_hz, rel=0.03)
+    assert report["duration_s"] == pytest.approx(seconds, abs=1.0)
+    assert [found["mode"], found["state"]] == longest[:2]
+    assert found["to"] - found["from"] == pytest.approx(longest[2], abs=1.5)
+    assert len(page) <= 30
+    assert all(len(line) <= 80 for line in page[1:] if "yawid replay" not in line)
+
+
+def test_skywalker_flies_for_39_seconds(capsys):
+    main(["inspect", str(FLIGHTS / "skywalker_manual_a.tlog"), "--json"])
+    report = json.loads(capsys.readouterr().out)
+
+    seconds = [p["to"] - p["from"] for p in report["phases"] if p["state"] == "airborne"]
+    assert sum(seconds) == pytest.approx(39.0, abs=1.0)
+    assert report["recommend"]["turn"] == "remove"
 
 
 def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):

@@ -23,10 +23,13 @@ from hypothesis import strategies as st
 from log_surgery import Encoder, join, rewrite, split
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.channels.stage import WANTED, Channels
+from yawid.channels.startup import MOST_SEGMENTS
 from yawid.cli import main
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.sources.endpoints import Endpoint
+from yawid.sources.frames import Decoder
 from yawid.sources.reading import Reading
 from yawid.sources.signing import SigningKey
 from yawid.sources.udp import UdpTap
@@ -202,6 +205,28 @@ def test_a_clock_that_leaps_from_frame_to_frame_takes_no_memory(tmp_path: Path):
         tmp_path / "leaps.tlog",
         tmp_path / "out",
     )
+
+
+def test_a_clock_that_starts_anew_with_every_message_takes_little_memory_and_time() -> None:
+    """Segments too short to tell a rate are kept for later, but not all that anybody can make."""
+    rng, log, encoder, records = np.random.default_rng(1), FlightLog(), Encoder(), []
+    log.heartbeat(0.0)
+    records = split(log.data)
+    for t in rng.integers(0, 4_000_000, 6000).tolist():
+        angles = mavlink.MAVLink_attitude_message(1000 * t, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1)
+        servos = mavlink.MAVLink_servo_output_raw_message(10**6 * t % 2**32, 0, *[1500] * 8)
+        stamp = records[-1][0] + 1000
+        records += [(stamp, encoder.frame(message)) for message in (angles, servos)]
+    decoder, channels = Decoder(WANTED), Channels(RunConfig())
+    frames = decoder.feed(join(records))
+    assert frames is not None
+
+    channels.feed(frames)
+
+    assert channels.startup is not None
+    assert MOST_SEGMENTS <= len(channels.startup.pieces) <= 3 * MOST_SEGMENTS
+    assert channels.segmenter.reboots > 2000
+    assert channels.finish() == []
 
 
 def test_ten_thousand_senders_and_parameters_take_little_memory(tmp_path: Path):

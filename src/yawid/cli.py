@@ -14,13 +14,15 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from yawid import __version__
 from yawid.cli_live import add_live, add_recover, run_live, run_recover
 from yawid.cli_options import (
     add_estimator_options,
+    add_format,
     add_outputs,
+    add_signing,
     auto_orders,
     config_of,
     given_options,
@@ -64,9 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     replay = commands.add_parser("replay", help="estimate from recorded tlogs")
     replay.add_argument("logs", nargs="+", metavar="LOG", type=Path)
-    replay.add_argument(
-        "--format", default="auto", metavar="auto|tlog|raw", help="raw: frames without stamps"
-    )
+    add_format(replay)
     add_outputs(replay)
     replay.set_defaults(run=_replay)
     add_live(commands, add_outputs).set_defaults(run=_live)
@@ -74,11 +74,15 @@ def _parser() -> argparse.ArgumentParser:
     inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
     inspect.add_argument("log", metavar="LOG", type=Path)
     inspect.add_argument("--json", action="store_true", help="print one JSON object")
+    add_format(inspect)
+    add_signing(inspect)
     add_estimator_options(inspect)
     inspect.set_defaults(run=_inspect)
     orders = commands.add_parser("orders", help="compare orders and delays on a log")
     orders.add_argument("log", metavar="LOG", type=Path)
     orders.add_argument("--json", action="store_true", help="print one JSON object")
+    add_format(orders)
+    add_signing(orders)
     add_estimator_options(orders)
     orders.set_defaults(run=_orders)
     add_commands(commands)
@@ -92,6 +96,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     from yawid.outputs import output_names
     from yawid.session import StopFlag
     from yawid.sinks.mcap_run import is_mcap
+    from yawid.sinks.terminal import print_summary
 
     automatic, config = auto_orders(arguments), config_of(arguments)
     _warn_of_compiling()
@@ -105,7 +110,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
             if is_mcap(log):
                 run = partial(replay_run, log, settings_of(arguments), outputs, stop, automatic)
-            codes.append(_told(run, arguments.json, "print_summary"))
+            codes.append(_told(run, arguments.json, print_summary))
     return max(codes, default=0)
 
 
@@ -137,7 +142,7 @@ def _orders(arguments: argparse.Namespace) -> int:
     from yawid.collect import orders_report
     from yawid.sinks.terminal import print_orders
 
-    report = orders_report(arguments.log, config_of(arguments))
+    report = orders_report(arguments.log, config_of(arguments), reading_of(arguments))
     if arguments.json:
         print(json.dumps(report), flush=True)
     else:
@@ -158,9 +163,10 @@ def _live(arguments: argparse.Namespace) -> int:
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.inspect import inspect
+    from yawid.sinks.inspection import print_inspection
 
-    run = partial(inspect, arguments.log, config_of(arguments))
-    return _told(run, arguments.json, "print_inspection")
+    run = partial(inspect, arguments.log, config_of(arguments), reading_of(arguments))
+    return _told(run, arguments.json, print_inspection)
 
 
 def _regress(arguments: argparse.Namespace) -> int:
@@ -170,8 +176,12 @@ def _regress(arguments: argparse.Namespace) -> int:
     return run_regress(arguments, settings | given_options(arguments), partial(print, flush=True))
 
 
-def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool, printer: str) -> int:
-    """Do one run and print what came of it, by a function of the terminal; return its code."""
+def _told(
+    run: Callable[[], tuple[dict[str, Any], Any]],
+    as_json: bool,
+    show: Callable[[dict[str, Any], TextIO], None],
+) -> int:
+    """Do one run and print what came of it, for people by ``show``; return its code."""
     try:
         summary, verdict = run()
     except YawidError as error:
@@ -179,9 +189,7 @@ def _told(run: Callable[[], tuple[dict[str, Any], Any]], as_json: bool, printer:
     if as_json:
         print(json.dumps(summary), flush=True)
     else:
-        from yawid.sinks import terminal
-
-        getattr(terminal, printer)(summary, sys.stdout)
+        show(summary, sys.stdout)
     code: int = verdict.exit_code
     return code
 

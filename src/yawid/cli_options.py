@@ -52,10 +52,22 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rerun", default="off", metavar="off|save|spawn|URL", help="a Rerun recording or viewer"
     )
+    add_signing(parser)
+    add_estimator_options(parser)
+
+
+def add_signing(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a command that may read signed frames only."""
     parser.add_argument(
         "--signing-key-file", type=Path, metavar="FILE", help="read only frames signed by this key"
     )
-    add_estimator_options(parser)
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says what kind of file a log is."""
+    parser.add_argument(
+        "--format", default="auto", metavar="auto|tlog|raw", help="raw: frames without stamps"
+    )
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:

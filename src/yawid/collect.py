@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import SampleBlock
+from yawid.channels.clock import Series
 from yawid.channels.stage import WANTED, Channels
 from yawid.errors import NotIdentifiable
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
@@ -38,15 +39,26 @@ def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> lis
     return blocks + channels.finish()
 
 
-def run_through(log: Path, config: RunConfig, sinks: Sequence[Sink] = ()) -> tuple[Pipeline, str]:
+def run_through(
+    log: Path,
+    config: RunConfig,
+    sinks: Sequence[Sink] = (),
+    *,
+    reading: Reading | None = None,
+    watch: Callable[[Series, Series], None] | None = None,
+) -> tuple[Pipeline, str]:
     """Replay a log without files; return the pipeline, its sinks still open, and the log's sha256.
+
+    ``watch`` is shown the rows of yaw and surfaces as they are read.
 
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    digest, pipeline = hashlib.sha256(), Pipeline(config, sinks)
-    pipeline.source = reader = open_log(log, pipeline.decoder)
+    reading = reading or Reading()
+    digest, pipeline = hashlib.sha256(), Pipeline(config, sinks, reading=reading)
+    pipeline.channels.watch = watch
+    pipeline.source = reader = open_log(log, pipeline.decoder, reading.form)
     for _, frames in reader.read(digest):
         pipeline.take(frames)
     pipeline.finish()
@@ -80,9 +92,9 @@ def with_orders(log: Path, config: RunConfig, reading: Reading | None = None) ->
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
 
 
-def orders_report(log: Path, config: RunConfig) -> dict[str, Any]:
+def orders_report(log: Path, config: RunConfig, reading: Reading | None = None) -> dict[str, Any]:
     """Return what ``yawid orders --json`` prints."""
-    found, chosen = try_orders(log, config)
+    found, chosen = try_orders(log, config, reading)
     return {
         "log": str(log.absolute()),
         "recommended": _orders(chosen),

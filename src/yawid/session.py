@@ -70,6 +70,8 @@ def replay(
                 if stop.is_set:
                     break
         pipeline.finish()
+        if (said := reading.unchecked(pipeline.link)) is not None:
+            sys.stderr.write(f"yawid: {said}\n")
         summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())
         finish(pipeline, summary, outputs.files())
     return summary, verdict

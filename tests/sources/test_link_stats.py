@@ -80,6 +80,27 @@ def test_stamps_of_the_first_and_last_record_are_kept() -> None:
     assert (link.first_us, link.last_us) == (START_US, START_US + 2)
 
 
+def test_damaged_and_unknown_frames_count_for_the_sender_they_name_if_it_was_ever_heard() -> None:
+    def damaged(frame: bytes) -> bytes:
+        return frame[:-1] + bytes([frame[-1] ^ 1])
+
+    def unknown(frame: bytes) -> bytes:
+        return frame[:7] + b"\xff\xff\xff" + frame[10:]
+
+    vehicle, radio = beats([0, 1, 2, 3]), beats([0, 1], sysid=51, compid=68, kind=0)
+    old = [pack(heartbeat(1), sender(7, 2), seq=i, v1=True) for i in range(3)]
+    noise = unknown(beats([0], sysid=99, compid=9)[0])
+    passed = [damaged(vehicle[1]), damaged(vehicle[2]), unknown(radio[1]), damaged(old[1]), noise]
+    intact = [vehicle[0], radio[0], old[0], vehicle[3], old[2], vehicle[3]]
+    frames = [f for pair in zip(intact[:5], passed, strict=True) for f in pair] + intact[5:]
+
+    link = stats(frames)
+
+    counted = {key: (s.frames, s.bad_crc, s.unknown) for key, s in link.by_sender.items()}
+    assert counted == {(1, 1): (3, 2, 0), (51, 68): (1, 0, 1), (7, 2): (2, 1, 0)}
+    assert (link.bad_crc, link.unknown, link.skipped_bytes) == (3, 2, 0)
+
+
 def test_every_byte_is_counted_once() -> None:
     good = [record(START_US + i, frame) for i, frame in enumerate(beats([0, 1, 2, 3]))]
     drifted = bytearray(good[1])

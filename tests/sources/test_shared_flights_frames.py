@@ -15,6 +15,9 @@ pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded fligh
 FRAMES = {
     "alfa_carbonz_engine_failure": 26183,
     "copter_sik_radio": 163851,
+    "sitl_auto_25hz": 89989,
+    "sitl_fbwa_50hz": 82131,
+    "sitl_fbwa_stock_33hz": 68800,
     "sitl_auto_mavproxy_4hz": 61949,
     "sitl_fbwa_gcs_4hz": 20062,
     "skywalker_manual_a": 2560,
@@ -57,7 +60,8 @@ def test_every_frame_of_a_flight_is_counted(name: str) -> None:
     _, decoder = run((FLIGHTS / f"{name}.tlog").read_bytes())
     link = decoder.link
     assert link.frames == sum(link.senders.values()) == FRAMES[name]
-    assert (link.bad_crc, link.unknown) == (0, 0)
+    assert (link.bad_crc, link.unknown, link.duplicates, link.signed) == (0, 0, 0, 0)
+    assert all(s.bad_crc == s.unknown == 0 for s in link.by_sender.values())
 
 
 def test_the_copter_has_its_torn_frame_its_radio_and_its_losses() -> None:
@@ -65,4 +69,5 @@ def test_the_copter_has_its_torn_frame_its_radio_and_its_losses() -> None:
     link = decoder.link
     assert link.skipped_bytes == 31
     assert link.senders[51, 68] > 0
-    assert 2856 <= link.lost < 3000
+    assert link.by_sender[1, 1].lost == 2856
+    assert link.lost == 2856 + link.by_sender[51, 68].lost < 3000

@@ -53,9 +53,9 @@ def signed(record: bytes, link: Any) -> bytes:
     return record[:8] + frame
 
 
-def signer() -> Any:
+def signer(key: bytes = KEY) -> Any:
     link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    link.signing.secret_key, link.signing.timestamp = KEY, 5
+    link.signing.secret_key, link.signing.timestamp = key, 5
     link.signing.sign_outgoing = True
     return link
 
@@ -129,6 +129,52 @@ def test_with_a_key_forged_frames_change_nothing_and_the_key_is_in_no_output(
             assert secret not in content
 
 
+def test_without_a_key_signed_frames_are_read_and_that_nobody_checked_them_is_said(
+    signed_records: list[bytes],
+    records: list[bytes],
+    key_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    log = tmp_path / "log.tlog"
+    arguments = [str(log), "--out", str(tmp_path / "out"), "--force", "--json"]
+    said = {}
+    for name, recs, options in (
+        ("signed", signed_records, []),
+        ("checked", signed_records, ["--signing-key-file", str(key_file)]),
+        ("plain", records, []),
+    ):
+        log.write_bytes(b"".join(recs))
+        main(["replay", *arguments, *options])
+        heard = capsys.readouterr()
+        assert summary_of(heard.out)["estimates"]["els"]["updates"] > 100
+        said[name] = heard.err
+
+    assert "signed frames are read without a look at their signatures" in said["signed"]
+    assert said["signed"].count("\n") == 1
+    assert "signed" not in said["checked"] + said["plain"]
+
+    log.write_bytes(b"".join(signed_records))
+    main(["inspect", str(log), "--json"])
+    report = summary_of(capsys.readouterr().out)
+    assert report["link"]["signed"] == len(signed_records)
+    main(["inspect", str(log)])
+    assert "without a look at their signatures" in capsys.readouterr().out
+
+
+def test_a_live_session_without_a_key_says_one_time_that_frames_are_signed(
+    signed_records: list[bytes], tmp_path: Path
+) -> None:
+    frames = [rec[8:] for rec in signed_records[:100]]
+    size = sum(8 + len(frame) for frame in frames)
+
+    said = heard_live(frames, ["--json", "--out", str(tmp_path)], tmp_path, size)
+
+    events = [e for e in summary_of(said)["live"]["events"] if "signatures" in e]
+    assert len(events) == 1
+    assert "--signing-key-file" in events[0]
+
+
 def test_the_wrong_key_leaves_no_vehicle_and_counts_every_frame(
     signed_records: list[bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -191,8 +237,12 @@ def test_a_live_session_with_a_key_replays_to_the_same_bits(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     frames = [rec[8:] for rec in signed_records[:500]]
-    forged = [rec[8:] for rec in intruders(signed_records)[:20]]
-    mixed = [f + forged[i // 25] if i % 25 == 0 else f for i, f in enumerate(frames)]
+    plain = [rec[8:] for rec in intruders(signed_records)[:7]]
+    stranger = signer(bytes(32))
+    wrong = [signed(rec, stranger)[8:] for rec in intruders(signed_records)[7:14]]
+    replayed = frames[:6]
+    forged = [*replayed, *plain, *wrong]
+    mixed = [f + forged[i // 25] if i % 25 == 24 else f for i, f in enumerate(frames)]
     size = sum(8 + len(frame) for frame in frames + forged)
     arguments = ["--rate", "10", "--json", "--signing-key-file", str(key_file)]
 

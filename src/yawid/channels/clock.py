@@ -25,6 +25,9 @@ SILENCE_US = 10_000_000
 """A channel silent for longer than this, while the clock goes on, ends the segment."""
 UNIX_US = 10**15
 """MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
+FIRST_WINDOW = 64
+"""Rows looked at for a break at once, doubled while there is none: a clock that breaks with every
+message must not cost all that follows each time."""
 OFFSET_WINDOW_US = 5_000_000
 """The offset to Unix time is sought in this much of each segment, then kept."""
 
@@ -172,10 +175,11 @@ class Segmenter:
         by_order = np.argsort(merged.order, kind="stable")
         merged, kind = merged.select(by_order), kind[by_order]
         row = np.where(by_order < len(yaw), by_order, by_order - len(yaw))
-        start = 0
+        start, window = 0, FIRST_WINDOW
         while start < len(kind):
             opens = self.newest == [None, None]
-            stop, good = self._until_break(merged.t_us[start:], kind[start:])
+            near = slice(start, start + window)
+            stop, good = self._until_break(merged.t_us[near], kind[near])
             rows, kinds = row[start : start + stop], kind[start : start + stop]
             offset_order, offset_us = self._offsets(merged.select(slice(start, start + stop)))
             yield Piece(
@@ -188,8 +192,10 @@ class Segmenter:
                 offset_us,
             )
             start += stop
-            if start < len(kind):
+            is_whole, window = stop == window, 2 * window
+            if start < len(kind) and not is_whole:
                 self._break(int(merged.t_us[start]), int(kind[start]))
+                window = FIRST_WINDOW
 
     def _until_break(
         self, t: Ints, kind: Ints

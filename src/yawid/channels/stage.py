@@ -5,7 +5,7 @@ lock the vehicle -> name its surfaces -> rows on the vehicle's clock -> segments
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -37,12 +37,15 @@ END = np.iinfo(np.int64).max
 class Channels:
     """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
 
+    ``watch`` is shown the rows of yaw and surfaces in the order heard, and changes nothing.
+
     Raises:
         ConfigError: the rate asked for is above the log's own.
     """
 
     def __init__(self, config: RunConfig) -> None:
         self.config = config
+        self.watch: Callable[[Series, Series], None] | None = None
         self.lock = VehicleLock(config.sysid)
         self.parameters = ParameterTable()
         self.segmenter = Segmenter()
@@ -174,6 +177,8 @@ class Channels:
         return samples + self._segments(yaw, surface)
 
     def _segments(self, yaw: Series, surface: Series) -> list[SampleBlock]:
+        if self.watch is not None:
+            self.watch(yaw, surface)
         pieces = self.segmenter.feed(yaw, surface)
         return [block for piece in pieces for block in self._align(piece)]
 

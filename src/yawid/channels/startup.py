@@ -17,6 +17,9 @@ from yawid.run_config import DEFAULT_RATE_HZ
 WINDOW_US = 5_000_000
 BRIDGED = 3.0
 JITTER_US = 5_000.0
+MOST_SEGMENTS = 1000
+"""So many segments too short to tell a rate are kept: a clock that leaps with every message must
+not take memory without end."""
 RATE_TOLERANCE = 1.05
 """An explicit rate may exceed the measured one by this factor: message intervals jitter."""
 
@@ -28,10 +31,13 @@ class StartUp:
     pieces: list[Piece] = field(default_factory=list)
     intervals_us: tuple[float, float] | None = None
     _first: int = 0
+    _opened: list[int] = field(default_factory=list)
 
     def feed(self, piece: Piece) -> bool:
         """Take a piece; return whether the window is complete."""
         if piece.opens:
+            self._opened.append(len(self.pieces))
+            self._drop_the_oldest()
             self._first = len(self.pieces)
         self.pieces.append(piece)
         yaw, surface = self._segment()
@@ -59,6 +65,12 @@ class StartUp:
             offset_us=newest.offset_us[last],
         )
         self.pieces[self._first :] = [kept]
+
+    def _drop_the_oldest(self) -> None:
+        if len(self._opened) > MOST_SEGMENTS:
+            cut = self._opened[1]
+            del self.pieces[:cut]
+            self._opened = [place - cut for place in self._opened[1:]]
 
     def give_up(self) -> bool:
         """Take what there is at the end of the stream; return whether it gives a rate at all."""

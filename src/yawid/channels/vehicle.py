@@ -16,6 +16,7 @@ from yawid.blocks import FrameBlock, MessageBlock
 AUTOPILOT_INVALID = 8
 ARDUPILOT = 3
 PX4 = 12
+GENERIC = 0
 FIXED_WING = 1
 TYPE_NAMES = {
     0: "generic",

@@ -76,6 +76,7 @@ class LiveSession:
         self._opened = False
         self._heard = 0
         self._others: set[int] = set()
+        self._signing_said = setting.reading.key is not None
         self._rate_from = time.monotonic(), 0
 
     @property
@@ -114,6 +115,8 @@ class LiveSession:
             self._state.tick(self.pipeline)
         if self._setting.config.sysid is None:
             self._look_for_others()
+        if not self._signing_said:
+            self._look_for_signatures()
 
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
@@ -138,6 +141,8 @@ class LiveSession:
     def finish(self, live: dict[str, Any]) -> Ended:
         """Finish every file; ``live`` is what the tap has to add to the summary."""
         self.pipeline.finish()
+        if not self._signing_said:
+            self._look_for_signatures()
         if self._state is not None:
             self._state.save(self.pipeline)
         tlog = None if self._tlog is None else self._tlog.finish()
@@ -185,6 +190,13 @@ class LiveSession:
                 f"system {sysid} is heard too, estimated is {lock.vehicle.sysid}: "
                 "--sysid N takes another, --sysid all takes each"
             )
+
+    def _look_for_signatures(self) -> None:
+        """Say, one time, that frames are signed and nobody checks them."""
+        said = self._setting.reading.unchecked(self.pipeline.link)
+        if said is not None:
+            self._signing_said = True
+            self.tell(said)
 
     def _guard(self, name: str, make: Callable[[], Sink]) -> None:
         part = self._setting.outputs.path(f".{name}.part")

@@ -74,10 +74,9 @@ def modes(
             covariance = estimates.covariance[:, :na, :na]
             wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
     best = dutch_roll_index(s, residues, sample_time_s)
-    # Always the same NaN, whose sign NumPy leaves to chance: files are compared to the bit.
-    wn, wn_std, zeta, zeta_std = columns = [
-        np.where(np.isnan(column), np.nan, column) for column in (wn, wn_std, zeta, zeta_std)
-    ]
+    columns = (wn, wn_std, zeta, zeta_std)
+    for column in (s, *columns):
+        _leave_one_nan(column)
     dutch_roll = np.full((n, 4), np.nan)
     if na:
         picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
@@ -96,6 +95,12 @@ def dutch_roll_of(
         return np.full(2, np.nan)
     pole = s[0, best]
     return np.array([abs(pole), -pole.real / abs(pole)])
+
+
+def _leave_one_nan(values: Complexes | Floats) -> None:
+    """Have all NaNs the same bits: their sign depends on how long a block the processor took."""
+    parts = values.view(np.float64)
+    parts[np.isnan(parts)] = np.nan
 
 
 def poles_and_residues(

@@ -36,17 +36,18 @@ def print_summary(summary: Mapping[str, Any], stream: TextIO) -> None:
     """Print the summary of one run: the verdict first, then how sure, then where it comes from."""
     console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
     console.print(Text(str(summary["log"]), style="bold"))
-    _print_verdict(console, summary["verdict"])
+    print_verdict(console, summary["verdict"])
     if summary.get("estimates"):
         console.print(_estimates_table(summary["estimates"]))
-    for line in _origin(summary):
+    for line in origin(summary):
         console.print(Text(line))
     for kind, path in summary.get("files", {}).items():
         # A path is for copying: it must not be wrapped.
         console.print(Text(f"{kind:>8}  {path}"), soft_wrap=True)
 
 
-def _print_verdict(console: Console, verdict: Mapping[str, Any]) -> None:
+def print_verdict(console: Console, verdict: Mapping[str, Any]) -> None:
+    """Print whether the answer is usable, and every reason."""
     word = Text("usable", "bold green") if verdict["usable"] else Text("NOT USABLE", "bold red")
     console.print(Text("verdict  ") + word)
     for reason in verdict["reasons"]:
@@ -95,7 +96,8 @@ def _number(values: Mapping[str, float], name: str, spec: str) -> str:
     return format(values[name], spec) if name in values else "-"
 
 
-def _origin(summary: Mapping[str, Any]) -> Iterator[str]:
+def origin(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line for each channel, where it comes from, and one for the link."""
     for name, channel in summary["channels"].items():
         rate = f" at {channel['rate_hz']:.3g} Hz" if "rate_hz" in channel else ""
         how = f" ({channel['how']})" if "how" in channel else ""
@@ -103,25 +105,6 @@ def _origin(summary: Mapping[str, Any]) -> Iterator[str]:
     link = summary["link"]
     counts = ", ".join(f"{link[n]} {n.replace('_', ' ')}" for n in link if link[n] or n == "frames")
     yield f"    link  {counts}"
-
-
-def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
-    """Print what a log can answer: verdict, channels, where it is excited, what to do."""
-    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
-    console.print(Text(str(report["log"]), style="bold"))
-    _print_verdict(console, report["verdict"])
-    for line in _origin(report):
-        console.print(Text(line))
-    senders = ", ".join(f"{name} ({count})" for name, count in report["senders"].items())
-    console.print(Text(f" senders  {senders}"))
-    windows = ", ".join(f"{w['from']:g} to {w['to']:g} s" for w in report["excited"])
-    console.print(Text(f" excited  {windows or 'nowhere'}"))
-    advice = dict(report["recommend"])
-    for line in advice.pop("record", []):
-        console.print(Text(f"  record  {line}"))
-    if advice:
-        options = " ".join(f"--{name} {value}" for name, value in advice.items())
-        console.print(Text(f"     try  yawid replay {options}"), soft_wrap=True)
 
 
 def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> None:

@@ -17,6 +17,7 @@ before has none: it hides what is inside it and is no record.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,13 +96,14 @@ def stamps_of(data: Bytes, begin: Ints) -> Ints:
 class Chain:
     """The walk along one stream.
 
-    ``bad_crc`` and ``unknown`` count the records passed over whole, ``passed_bytes`` their size,
-    and ``unstamped`` the intact frames that have no stamp.
+    ``bad_crc`` and ``unknown`` count the records passed over whole, by the sender that their header
+    names (256 * sysid + compid), ``passed_bytes`` is their size, and ``unstamped`` counts the
+    intact frames that have no stamp.
     """
 
     def __init__(self, known: Definitions) -> None:
-        self.bad_crc = 0
-        self.unknown = 0
+        self.bad_crc: Counter[int] = Counter()
+        self.unknown: Counter[int] = Counter()
         self.passed_bytes = 0
         self.unstamped = 0
         self._known = known
@@ -161,8 +163,8 @@ class Chain:
         inside = stretch.end[stretch.first_at(begin + 1) : stretch.first_at(after)]
         if after in inside or (len(inside) and not header.may_be):
             return None
-        self.unknown += header.row == UNKNOWN
-        self.bad_crc += header.row != UNKNOWN
+        count = self.unknown if header.row == UNKNOWN else self.bad_crc
+        count[header.sender] += 1
         self.passed_bytes += after - at
         return after
 

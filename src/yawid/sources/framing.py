@@ -53,13 +53,14 @@ class Frames:
 class Header(NamedTuple):
     """What one header says.
 
-    The ``size`` in bytes of the whole frame, the ``row`` of its message or ``UNKNOWN``, and whether
-    that message ``may_be`` so long.
+    The ``size`` in bytes of the whole frame, the ``row`` of its message or ``UNKNOWN``, whether
+    that message ``may_be`` so long, and the ``sender`` (256 * sysid + compid).
     """
 
     size: int
     row: int
     may_be: bool
+    sender: int
 
 
 def frame_size(head: bytes) -> int | None:
@@ -83,7 +84,8 @@ def read_header(data: bytes, begin: int, known: Definitions) -> Header | None:
     message_id = head[5] if is_v1 else int.from_bytes(head[7:10], "little")
     row = int(known.row_of[message_id]) if message_id < len(known.row_of) else UNKNOWN
     fits = known.fits_v1[row, head[1]] if is_v1 else head[1] <= known.size[row]
-    return Header(size, row, row == UNKNOWN or bool(fits))
+    sender = int.from_bytes(head[3:5] if is_v1 else head[5:7], "big")
+    return Header(size, row, row == UNKNOWN or bool(fits), sender)
 
 
 def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple[Frames, int]:

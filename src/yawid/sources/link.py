@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -148,18 +148,30 @@ class Tally:
         is_ground = buffer[frames.payload[rows] + _TYPE_OFFSET] == _MAV_TYPE_GCS
         self._ground.update(records.sender[rows[is_ground]].tolist())
 
-    def stats(self, decided_bytes: int, passed_bytes: int, bad_crc: int, unknown: int) -> LinkStats:
-        """Return the counts; ``passed_bytes`` of the ``decided_bytes`` were passed over whole."""
+    def stats(
+        self,
+        decided_bytes: int,
+        passed_bytes: int,
+        bad_crc: Mapping[int, int],
+        unknown: Mapping[int, int],
+    ) -> LinkStats:
+        """Return the counts; ``passed_bytes`` of the ``decided_bytes`` were passed over whole.
+
+        Those are ``bad_crc`` and ``unknown`` records, by the sender their headers name; that of
+        noise is nobody's and counts in the sums only.
+        """
         by_sender = {}
         for key, sender in sorted(self._senders.items()):
             is_ground = key >> 8 == GCS_SYSID or key in self._ground
-            by_sender[divmod(key, 256)] = sender.stats(is_ground=is_ground)
+            passed = {"bad_crc": bad_crc.get(key, 0), "unknown": unknown.get(key, 0)}
+            found = sender.stats(is_ground=is_ground)
+            by_sender[divmod(key, 256)] = replace(found, **passed)
         counts = by_sender.values()
         return LinkStats(
             frames=sum(count.frames for count in counts),
             skipped_bytes=decided_bytes - passed_bytes - self.record_bytes,
-            bad_crc=bad_crc,
-            unknown=unknown,
+            bad_crc=sum(bad_crc.values()),
+            unknown=sum(unknown.values()),
             lost=sum(count.lost for count in counts),
             signed=self._signed,
             first_us=self._first,

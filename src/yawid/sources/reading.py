@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from yawid.sources.frames import Decoder
+from yawid.sources.link import LinkStats
 from yawid.sources.signing import Signing, SigningKey
 from yawid.sources.tlog import Form
 
@@ -23,3 +24,9 @@ class Reading:
     def decoder(self, wanted: Iterable[str]) -> Decoder:
         """Return a decoder for one stream."""
         return Decoder(wanted, None if self.key is None else Signing(self.key))
+
+    def unchecked(self, link: LinkStats) -> str | None:
+        """Return what is to be said of signed frames whose signatures nobody looked at, if any."""
+        if self.key is not None or not link.signed:
+            return None
+        return "signed frames are read without a look at their signatures: --signing-key-file FILE"
