@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import butter, sosfreqz
 
-from yawid.blocks import Held, Noted
+from yawid.blocks import Held, Noted, SampleBlock
 from yawid.channels.conditioning import band_pass
 from yawid.channels.notes import AIRSPEED_SHARE, Notes, strokes
 from yawid.errors import ConfigError
@@ -177,7 +177,9 @@ def test_the_stroke_is_that_of_the_newest_window_wherever_the_stream_is_cut(u, w
 @given(cuts=st.lists(st.integers(1, 399), max_size=6, unique=True), seed=st.integers(0, 50))
 def test_notes_do_not_depend_on_the_cut_and_a_new_meaning_of_the_rudder_is_new_rest(cuts, seed):
     rng = np.random.default_rng(seed)
-    block = samples_of(flight(seconds=25.0)).blocks[0].select(slice(0, 400))
+    flown = samples_of(flight(seconds=25.0))
+    columns = [getattr(flown, name)[:400] for name in SampleBlock.__slots__[1:]]
+    block = SampleBlock(flown.blocks[0].sample_time_s, *columns)
     u = 0.1 * np.repeat(rng.choice([0.0, 0.0, 1.0], 8), 50)
     block = replace(block, u=u[:, None], airspeed=20.0 + 2.0 * rng.standard_normal(400))
     block = replace(block, held=np.where(rng.random(400) < 0.1, int(Held.GAP), 0))

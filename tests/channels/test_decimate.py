@@ -33,7 +33,7 @@ def pulse(t: float) -> int:
 
 
 @pytest.mark.parametrize("servo_s", [0.02, 0.1])
-@pytest.mark.parametrize(("config", "least", "most"), [(BAND, 0.0, 1e-3), (None, 0.03, 0.04)])
+@pytest.mark.parametrize(("config", "least", "most"), [(BAND, 0.0, 4e-3), (None, 0.03, 0.04)])
 def test_vibration_above_half_the_rate_leaves_no_trace_with_a_band(config, least, most, servo_s):
     config = config or RunConfig(rate=10.0)
     logs = (fly(y, pulse, 90.0, servo_s=servo_s) for y in (swinging, vibrating))
@@ -108,7 +108,7 @@ def test_u_is_the_mean_and_y_the_value_at_the_instant_of_what_the_low_pass_leave
 
     found = Decimator(0.1, 5, 3.0).feed(fine)
 
-    sections = butter(4, 3.0, fs=50.0, output="sos")
+    sections = butter(2, 3.0, fs=50.0, output="sos")
     start = [np.ones(1000) * signal[0] for signal in (fine.u[:, 0], fine.y)]
     u, y = (
         sosfilt(sections, np.concatenate([rest, signal]))[1000:]

@@ -61,7 +61,7 @@ def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
 
 def test_an_estimator_that_starts_anew_has_no_yaw_channel_left_over():
     estimates = drifting()
-    estimates.status[20:] = Status.WARMING_UP
+    estimates.rows[20:, 2 * estimates.p + 4] = Status.WARMING_UP
 
     found = PhysicsRows(ORDERS, TS).of(K, estimates)
 

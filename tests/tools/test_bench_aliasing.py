@@ -16,7 +16,7 @@ def test_vibration_falsifies_the_mode_unless_a_band_keeps_it_out(raw_hz):
         assert all(abs(wn_pct) > 10.0 for wn_pct, _ in wrong)
     for wn_pct, zeta in band:
         assert abs(wn_pct) < 1.0
-        assert abs(zeta) < 0.01
+        assert abs(zeta) < 0.015
 
 
 def test_a_band_costs_next_to_nothing_where_nothing_vibrates():

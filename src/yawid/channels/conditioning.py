@@ -1,8 +1,8 @@
 """Conditioning on the grid: choice of the output, turns removed, one filter for all channels.
 
 The filter works on the samples of the grid, the same on every input and on the output, so that it
-leaves the relation between them alone: with y = G u also F y = G F u, exactly. Before it comes a
-low-pass at the band's upper corner on a finer grid, lest vibration folds into the samples.
+leaves the relation between them alone: with y = G u also F y = G F u, exactly. Where messages come
+faster than the grid, its upper corner acts on a finer one, lest vibration folds into the samples.
 """
 
 from __future__ import annotations
@@ -13,13 +13,11 @@ import numpy as np
 from scipy.signal import butter
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
-from yawid.channels.decimate import Decimator, GridFilter
+from yawid.channels.decimate import BAND_ORDER, Decimator, GridFilter
 from yawid.channels.notes import Notes
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
-BAND_ORDER = 2
-"""Order of the Butterworth prototype; the band-pass has twice as many poles."""
 FULL_TRAVEL = 0.99
 
 
@@ -62,9 +60,12 @@ class Conditioner:
         self._notes = Notes(self.sample_time_s, self._travel)
         if self.config.band is None:
             return
-        self._filter = GridFilter(band_pass(self.config.band, self.sample_time_s))
-        if self.count > 1:
-            self._decimator = Decimator(self.sample_time_s, self.count, self.config.band[1])
+        sections = band_pass(self.config.band, self.sample_time_s)
+        if self.count > 1:  # the upper corner acts before the samples are thinned, and only there
+            low_hz, high_hz = self.config.band
+            self._decimator = Decimator(self.sample_time_s, self.count, high_hz)
+            sections = butter(BAND_ORDER, low_hz, "high", fs=1.0 / self.sample_time_s, output="sos")
+        self._filter = GridFilter(sections)
 
     def feed(self, block: SampleBlock) -> SampleBlock | None:
         """Return the block conditioned, None where it completes no sample of the grid.

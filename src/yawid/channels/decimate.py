@@ -16,7 +16,8 @@ from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from yawid.blocks import Floats, Ints, SampleBlock
 
-LOW_PASS_ORDER = 4
+BAND_ORDER = 2
+"""Order of the Butterworth at either end of the band."""
 SLACK = 0.98
 """Measured message rates jitter: 4.95 Hz counts as 5."""
 
@@ -65,7 +66,7 @@ class Decimator:
 
     def __post_init__(self) -> None:
         rate_hz = self.count / self.sample_time_s
-        self._filter = GridFilter(butter(LOW_PASS_ORDER, self.corner_hz, fs=rate_hz, output="sos"))
+        self._filter = GridFilter(butter(BAND_ORDER, self.corner_hz, fs=rate_hz, output="sos"))
 
     def feed(self, block: SampleBlock) -> SampleBlock | None:
         """Take fine samples in; return those of the grid that are complete."""
