@@ -75,7 +75,7 @@ class McapSink:
         self._inputs: tuple[str, ...] = ()
         self._estimate_channels: dict[str, int] = {}
         self._sample_ns = self._log_ns = self._rows = 0
-        self._writer = ChunkWriter(self._stream, CHUNK_NS)
+        self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
         try:
             self._open(metadata)
         except SinkError:
@@ -154,6 +154,7 @@ class McapSink:
                 media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
                 self._writer.add_attachment(last_ns, name, media_type, data)
             self._writer.finish()
+            self._writer.close()
             sync(self._stream)
             self._stream.close()
             self._part.replace(self._path)
@@ -163,8 +164,9 @@ class McapSink:
         with contextlib.suppress(OSError):  # the error that led here has been told already
             if not self._stream.closed:
                 self._writer.finish()
-        with contextlib.suppress(OSError):
-            self._stream.close()
+        for closed in (self._writer, self._stream):
+            with contextlib.suppress(OSError):
+                closed.close()
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):
