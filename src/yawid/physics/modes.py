@@ -72,6 +72,9 @@ def modes(
             wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
     best = dutch_roll_index(s, residues, sample_time_s)
     columns = (wn, wn_std, zeta, zeta_std)
+    for column in columns:
+        # The sign of a NaN is an accident of the block's length, and would stand in the files.
+        column[np.isnan(column)] = np.nan
     dutch_roll = np.full((n, 4), np.nan)
     if na:
         picked = [np.take_along_axis(c, np.maximum(best, 0)[:, None], axis=1) for c in columns]
