@@ -108,6 +108,15 @@ class Chain:
         self._in_step = True
         self._last_stamp = NO_STAMP
 
+    def follow(self, last_us: int) -> None:
+        """Take note of records that were read elsewhere, in step, up to one of this stamp."""
+        self._last_stamp = last_us
+
+    @property
+    def is_in_step(self) -> bool:
+        """Whether the record before has just ended here."""
+        return self._in_step
+
     def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
         """Return the rows of the frames that are records, and where the undecided bytes begin."""
         begin, end = stretch.begin, stretch.end
