@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -272,6 +273,45 @@ def test_stamps_go_on_evenly_when_the_clock_is_set_and_the_jump_is_said_once() -
     steady[0] += 1_000_000_000
     wall[0] += 3_601_000_000_000
     assert (stamps.now(), stamps.jump()) == (5_003_000_000, 3600.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
+def test_a_stamp_is_when_the_datagram_arrived_though_it_gathers_with_others(
+    tap: UdpTap, vehicle: socket.socket
+) -> None:
+    sent = []
+    for frame in FRAMES[:8]:
+        before_us = tap.stamps.now()
+        vehicle.sendto(frame, tap.address)
+        sent.append((before_us, tap.stamps.now()))
+        time.sleep(0.005)
+    stamps = [row[2] for row in rows(run(heard(tap, 8))[0])]
+    clock_us = 200  # two clocks are read one after the other
+    assert all(
+        first - clock_us <= stamp <= last + clock_us
+        for stamp, (first, last) in zip(stamps, sent, strict=True)
+    )
+
+
+@pytest.mark.parametrize("jump_s", [-3600, 3600])
+def test_a_clock_set_while_datagrams_gather_moves_no_stamp(
+    jump_s: int, vehicle: socket.socket
+) -> None:
+    ahead_ns = [0]
+    stamps = Stamps(lambda: time.time_ns() + ahead_ns[0])
+    with UdpTap(ANY_PORT, stamps=stamps) as tap:
+        begun_us = stamps.now()
+        vehicle.sendto(FRAMES[0], tap.address)
+        data = heard(tap, 1)
+        # The system's stamps are as ever; for us its clock has jumped.
+        ahead_ns[0] = jump_s * 1_000_000_000
+        for frame in FRAMES[1:4]:
+            vehicle.sendto(frame, tap.address)
+        data += heard(tap, 4)
+        ended_us = stamps.now()
+    got = [row[2] for row in rows(run(data)[0])]
+    assert got == sorted(got)
+    assert begun_us - 200 <= got[0] <= got[-1] <= ended_us
 
 
 def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:
