@@ -148,3 +148,22 @@ def test_a_model_without_a_has_no_modes():
 
     assert np.isnan(found.dutch_roll).all()
     assert mode_list(found) == []
+
+
+@given(n=st.integers(1, 9), estimated=st.integers(0, 8))
+def test_a_row_is_the_same_to_the_bit_in_a_block_of_any_length(n: int, estimated: int) -> None:
+    """Not yet estimated rows too: what stands there is one NaN and not several."""
+    theta = np.zeros((n, 6))
+    theta[estimated:] = sampled(*yaw_with_servo(2.0, 0.3, 1.5, 0.5, 0.05), 0.05)
+    p = np.tile(1e-4 * np.eye(6), (n, 1, 1))
+    none, status = np.zeros(n), np.ones(n, np.uint8)
+    block = EstimateBlock(theta, theta, p, none, none, none, none, status)
+    whole = modes(block, ORDERS, 0.05)
+    for row in range(n):
+        one = slice(row, row + 1)
+        alone = EstimateBlock(
+            theta[one], theta[one], p[one], none[one], none[one], none[one], none[one], status[one]
+        )
+        for name in ("poles", "wn", "wn_std", "zeta", "zeta_std", "dutch_roll"):
+            ours, single = getattr(whole, name)[row], getattr(modes(alone, ORDERS, 0.05), name)[0]
+            assert ours.tobytes() == single.tobytes(), name
