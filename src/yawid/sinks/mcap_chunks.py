@@ -62,8 +62,7 @@ class ChunkWriter:
     """Writes one file: ``start``, what there is in any order, ``end_chunk`` at will, ``finish``.
 
     The index of the chunks, which stands at the end of the file and grows with every one of them,
-    waits in a nameless file in ``folder``: a day's would take 20 MB of memory. ``close`` removes
-    it, also where there was no ``finish``.
+    waits in a nameless file in ``folder``: a day's would take 20 MB. ``close`` lets go of it.
     """
 
     def __init__(self, stream: BinaryIO, folder: Path, chunk_ns: int) -> None:
@@ -137,6 +136,10 @@ class ChunkWriter:
                 self._start_ns, row = start_ns, stop
             if row < len(log_ns):
                 self.end_chunk()
+
+    def would_end(self, first_ns: int, last_ns: int) -> bool:
+        """Whether rows from one time to the other would end the chunk."""
+        return last_ns - (self._start_ns or first_ns) >= self._chunk_ns
 
     def end_chunk(self) -> None:
         """Write the chunk, if there is anything in it, and what indexes it."""
