@@ -54,6 +54,24 @@ def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
     assert summary["live"]["dropped"]["queue"] == 0
 
 
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo terminals here")
+def test_a_serial_line_is_recorded_and_estimated_as_a_socket_is(tmp_path: Path):
+    vehicle, line = os.openpty()
+    sent = frames(20.0)
+    with listening(tmp_path, endpoint=f"{os.ttyname(line)},57600") as session:
+        for frame in sent:
+            os.write(vehicle, frame)
+        wait_for_size(session.part("tlog"), tlog_size(sent))
+    for descriptor in (vehicle, line):
+        os.close(descriptor)
+    summary = session.ended[0].summary
+    again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+
+    assert summary["link"]["frames"] == len(sent)
+    assert summary["estimates"]["els"]["updates"] > 100
+    assert again["estimates"] == summary["estimates"]
+
+
 def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         with listening(tmp_path) as session:

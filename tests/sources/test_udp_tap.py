@@ -185,6 +185,12 @@ def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(t
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("text", ["/dev/ttyUSB0,0", "/dev/ttyUSB0,99999999999"])
+def test_a_baud_rate_no_port_has_is_refused_with_the_usual_one(text: str) -> None:
+    with pytest.raises(ConfigError, match="no baud rate, write /dev/ttyUSB0,57600"):
+        parse_endpoint(text)
+
+
 @pytest.mark.parametrize("text", ["tcpin:0.0.0.0:5760", "ws:127.0.0.1:1", "unix:/tmp/x"])
 def test_other_kinds_of_endpoint_are_refused_in_one_line(text: str) -> None:
     with pytest.raises(ConfigError, match=r"not supported, write udpin:127\.0\.0\.1"):

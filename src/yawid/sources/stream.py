@@ -94,7 +94,7 @@ def connect(endpoint: Endpoint) -> Any:
         try:
             return mavutil.mavserial(endpoint.host, baud=endpoint.port)
         except ImportError as error:
-            text = f"{endpoint} needs pyserial: pip install pyserial"
+            text = f"{endpoint}: serial ports need pyserial (pip install 'yawid[serial]')"
             raise SourceError(text) from error
 
 
