@@ -16,6 +16,7 @@ import pytest
 from jsbsim_flight import FlightPlan
 from live_link import CONFIG, Screen, frames, free_port, listening, send, tlog_size, wait_for_size
 from mcap.reader import make_reader
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import Link
 
 from yawid.cli import main
@@ -82,6 +83,29 @@ def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
         with pytest.raises(BlockingIOError):
             vehicle.recv(1)
     assert session.ended[0].summary["estimates"]
+
+
+def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("yawid.sources.rates.WINDOW_S", 0.5)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        listening(tmp_path, request_hz=50.0) as session,
+    ):
+        vehicle.settimeout(30.0)
+        send(frames(1.0), session.port, vehicle)
+        asked = mavlink.MAVLink(None).decode(bytearray(vehicle.recv(300)))
+        ack = mavlink.MAVLink_command_ack_message(511, 0)
+        own = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        vehicle.sendto(bytes(ack.pack(own)), ("127.0.0.1", session.port))
+        send(frames(5.0, first_s=101.0), session.port, vehicle)
+        session.screen.wait_for("Hz of the 50 asked for")
+    rates = session.ended[0].summary["live"]["rates"]
+    assert (asked.get_type(), asked.target_system, asked.command) == ("COMMAND_LONG", 1, 511)
+    assert {entry["asked_hz"] for entry in rates.values()} == {50.0}
+    assert rates["ATTITUDE"]["answer"] == "accepted"
+    assert all(entry["achieved_hz"] >= 0.0 for entry in rates.values())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
