@@ -100,6 +100,20 @@ def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_
     assert [e.summary["vehicle"]["sysid"] for e in session.ended] == [1]
 
 
+def test_a_vehicle_whose_saved_state_is_no_state_does_not_stop_the_others(tmp_path: Path):
+    (tmp_path / "state-2").write_text("hello")
+    sent = mixed(frames(20.0, sysid=1), frames(20.0, sysid=2))
+    with listening(tmp_path, every_vehicle=True, state=tmp_path / "state") as session:
+        send(sent, session.port)
+        session.screen.wait_for("system 2: ")
+        session.screen.wait_for("tracking")
+
+    [ended] = session.ended
+    assert ended.summary["vehicle"]["sysid"] == 1
+    assert session.screen.getvalue().count("is no saved state") == 1
+    assert (tmp_path / "state-2").read_text() == "hello"
+
+
 def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Path):
     sent = frames(10.0)
     with (

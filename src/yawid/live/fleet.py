@@ -65,12 +65,14 @@ class Fleet:
 
     def feed(self, data: bytes) -> None:
         """See :class:`Sessions`."""
-        parts: dict[int, list[bytes]] = {sysid: [] for sysid in self._sessions}
+        parts: dict[int, list[bytes]] = {
+            sysid: [] for sysid in self._sessions.keys() | self._refused
+        }
         for record in records(data):
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
             if sysid not in parts and is_vehicle(record[STAMP_SIZE:]):
                 parts[sysid] = [r for of, r in self._early if of == sysid or of not in parts]
-                self._sessions[sysid] = for_vehicle(self._setting, sysid)
+                self._open(sysid)
             if sysid in parts:
                 parts[sysid].append(record)
             else:
@@ -89,6 +91,14 @@ class Fleet:
         """See :class:`Sessions`; where no vehicle was heard, one summary says so."""
         running = self.running() or [LiveSession(self._setting)]
         return [session.finish(live) for session in running]
+
+    def _open(self, sysid: int) -> None:
+        """Open a session; a vehicle whose saved state is of no use must not stop others."""
+        try:
+            self._sessions[sysid] = for_vehicle(self._setting, sysid)
+        except ConfigError as error:
+            self._refused.add(sysid)
+            self._setting.say(f"system {sysid}: {error}: neither recorded nor estimated")
 
     def _feed_one(self, sysid: int, data: bytes) -> None:
         """Feed one vehicle; one whose link does not fit what was asked for must not stop others."""
