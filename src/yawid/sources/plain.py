@@ -10,16 +10,16 @@ from __future__ import annotations
 
 from binascii import crc_hqx
 from collections.abc import Sequence
+from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from yawid.blocks import MessageBlock
-from yawid.sources.chain import stamps_agree
+from yawid.sources.chain import LATEST_US, STAMP_TOLERANCE_US
 from yawid.sources.crc import REVERSED, START
 from yawid.sources.framing import (
     CRC_SIZE,
-    LONGEST_HEADER,
     MAGIC_V1,
     MAGIC_V2,
     SIGNATURE_SIZE,
@@ -27,6 +27,8 @@ from yawid.sources.framing import (
     STAMP_SIZE,
 )
 from yawid.sources.messages import UNKNOWN, Definitions
+
+_HEAD = Struct(">Q10B")  # a stamp and the longest header
 
 
 class PlainRecord(NamedTuple):
@@ -50,16 +52,18 @@ class PlainReader:
 
     def __init__(self, known: Definitions) -> None:
         self._known = known
+        rows = enumerate(known.row_of.tolist())
+        self._row_of = {number: row for number, row in rows if row != UNKNOWN}
         self._extra = [bytes([byte]).translate(REVERSED) for byte in known.crc_extra.tolist()]
 
     def read(self, data: bytes, last_us: int) -> list[PlainRecord] | None:
         """Return the records, None where anything is odd; ``last_us`` is the stamp before them."""
         mirrored = data.translate(REVERSED)
         found = []
-        at = 0
-        while at < len(data):
-            record = self._parse(data, at)
-            if record is None or record.end > len(data) or not stamps_agree(record.stamp, last_us):
+        at, stop = 0, len(data)
+        while at < stop:
+            record = self._parse(data, at) if at + _HEAD.size <= stop else None
+            if record is None or record.end > stop or not _is_near(record.stamp, last_us):
                 return None
             crc_at = record.payload + record.length
             crc = crc_hqx(mirrored[record.begin + 1 : crc_at], START)
@@ -73,26 +77,27 @@ class PlainReader:
 
     def _parse(self, data: bytes, at: int) -> PlainRecord | None:
         """Return the record at a position as its header has it, None if it is none we know."""
+        stamp, magic, length, b2, b3, b4, b5, b6, b7, b8, b9 = _HEAD.unpack_from(data, at)
         begin = at + STAMP_SIZE
-        head = data[begin : begin + LONGEST_HEADER]
-        if len(head) < LONGEST_HEADER:
-            return None
-        stamp, length = int.from_bytes(data[at:begin], "big"), head[1]
-        if head[0] == MAGIC_V2 and head[2] <= SIGNED and not head[9]:
-            row = self._known.row_of.item(head[7] | head[8] << 8)
-            payload, sequence, sender = begin + 10, head[4], head[5] << 8 | head[6]
-            end = payload + length + CRC_SIZE + SIGNATURE_SIZE * head[2]
-        elif head[0] == MAGIC_V1:
-            row = self._known.row_of.item(head[5])
-            payload, sequence, sender = begin + 6, head[2], head[3] << 8 | head[4]
+        if magic == MAGIC_V2 and b2 <= SIGNED and not b9:
+            row, sequence, sender = self._row_of.get(b7 | b8 << 8), b4, b5 << 8 | b6
+            payload = begin + 10
+            end = payload + length + CRC_SIZE + SIGNATURE_SIZE * b2
+        elif magic == MAGIC_V1:
+            row, sequence, sender = self._row_of.get(b5), b2, b3 << 8 | b4
+            payload = begin + 6
             end = payload + length + CRC_SIZE
-            if not self._known.fits_v1[row, length]:
+            if row is not None and not self._known.fits_v1[row, length]:
                 return None
         else:
             return None
-        if row == UNKNOWN:
+        if row is None:
             return None
         return PlainRecord(begin, payload, end, length, row, stamp, sequence, sender)
+
+
+def _is_near(stamp: int, last_us: int) -> bool:
+    return stamp <= LATEST_US and abs(stamp - last_us) <= STAMP_TOLERANCE_US
 
 
 def plain_message(

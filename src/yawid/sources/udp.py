@@ -18,6 +18,7 @@ from yawid.sources.tap import Tap
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.025
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
+_GATHERED = 128  # no more than about so many: they are to be taken while the caches hold them
 _DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
 _MOST_AT_ONCE = 4096
 _MAX_DATAGRAM = 65535
@@ -46,6 +47,7 @@ class UdpTap(Tap):
                 self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMP, 1)
         self.receive_buffer: int = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._dropped_at_close: int | None = None
+        self._one = self._socket.recvmsg if _CAN_GATHER else self._recvfrom
 
     @property
     def socket_dropped(self) -> int | None:
@@ -55,35 +57,35 @@ class UdpTap(Tap):
     def _receive(self) -> None:
         """Take datagrams until closed: wait for one, let others gather behind it, take them all."""
         # Even a flood must find room while nobody looks.
-        gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
+        longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
         while not self._closing.is_set():
             try:
-                heard = [self._one(0)]
+                heard = [self._one(_MAX_DATAGRAM, _ANCILLARY, 0)]
             except (BlockingIOError, TimeoutError, ConnectionRefusedError):
                 continue  # silence, or the other end of udpout is not there yet
             if _CAN_GATHER:
                 time.sleep(gather_s)
-            self._take(heard)
+            gather_s = min(longest_s, gather_s * _GATHERED / self._take(heard))
         self._take([])
 
-    def _take(self, heard: list[Arrived]) -> None:
-        """Stamp and queue what was ``heard`` and all that is there."""
-        is_more = _CAN_GATHER
+    def _take(self, heard: list[Arrived]) -> int:
+        """Stamp and queue what was ``heard`` and all that is there; return how many there were."""
+        is_more, count, one = _CAN_GATHER, 0, self._one
         while is_more or heard:
             try:
                 while is_more and len(heard) < _MOST_AT_ONCE:
-                    heard.append(self._one(_DONT_WAIT))
+                    heard.append(one(_MAX_DATAGRAM, _ANCILLARY, _DONT_WAIT))
             except (BlockingIOError, ConnectionRefusedError):
                 is_more = False
             if heard:
                 self._inbox.put(self._stamped(heard))
+            count += len(heard)
             heard = []
+        return count
 
-    def _one(self, flags: int) -> Arrived:
-        """Take one datagram."""
-        if _CAN_GATHER:
-            return self._socket.recvmsg(_MAX_DATAGRAM, _ANCILLARY, flags)
-        data, address = self._socket.recvfrom(_MAX_DATAGRAM)
+    def _recvfrom(self, size: int, _: int, flags: int) -> Arrived:
+        """Take one datagram where the system has no recvmsg."""
+        data, address = self._socket.recvfrom(size, flags)
         return data, [], 0, address
 
     def _stamped(self, heard: list[Arrived]) -> list[Heard]:
@@ -99,7 +101,10 @@ class UdpTap(Tap):
             if told and len(told[0][2]) == _TIMEVAL.size:
                 seconds, us = _TIMEVAL.unpack(told[0][2])
                 arrived_us = seconds * 1_000_000 + us - ahead_us
-            last_us = max(last_us, min(arrived_us, now_us))
+                if arrived_us > now_us:
+                    arrived_us = now_us
+            if arrived_us > last_us:
+                last_us = arrived_us
             stamped.append((last_us, data, address))
         return stamped
 
