@@ -63,7 +63,7 @@ class Header(NamedTuple):
 
 
 def frame_size(head: bytes) -> int | None:
-    """Return the size of the frame that begins with these three bytes, None if none does."""
+    """Return the size of the frame that begins with these bytes, None if none does."""
     if len(head) < 3:
         return None
     if head[0] == MAGIC_V1:

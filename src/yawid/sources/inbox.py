@@ -11,7 +11,7 @@ Address = tuple[str, int]
 Heard = tuple[int, bytes, Address]
 QUEUE = 200_000  # datagrams: a minute and more of a busy link
 JUMP_S = 1.0
-_MOST_AT_ONCE = 8192  # so that a backlog does not keep the files from growing
+_MOST_AT_ONCE = 2048  # so that a backlog neither keeps the files from growing nor fills the memory
 
 
 def _steady_ns() -> int:

@@ -111,12 +111,11 @@ def plain_message(
     payloads = bytearray().join(
         [data[r.payload : r.payload + min(r.length, size)].ljust(size, b"\0") for r in records]
     )
-    sender = np.array([r.sender for r in records])
     return MessageBlock(
         name,
         np.array([first + r.begin - STAMP_SIZE for r in records]),
         np.array([r.stamp for r in records]),
-        (sender >> 8).astype(np.uint8),
-        sender.astype(np.uint8),
+        np.frombuffer(bytearray([r.sender >> 8 for r in records]), np.uint8),
+        np.frombuffer(bytearray([r.sender & 0xFF for r in records]), np.uint8),
         np.frombuffer(payloads, dtype),
     )

@@ -115,10 +115,10 @@ class Tap(ABC):
             self._next_read_s = time.monotonic() + BATCH_S
         parts: list[bytes] = []
         pairs: set[tuple[int, Address]] = set()
-        stamp = 0
+        stamp, pack = 0, _STAMP.pack
         for stamp, datagram, address in self._inbox.take():
-            prefix = _STAMP.pack(stamp)
-            if frame_size(datagram[:3]) == len(datagram):
+            prefix = pack(stamp)
+            if frame_size(datagram) == len(datagram):
                 parts += (prefix, datagram)
                 pairs.add((sysid_of(datagram), address))
                 continue

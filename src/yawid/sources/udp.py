@@ -55,17 +55,20 @@ class UdpTap(Tap):
         return self._dropped_at_close if self._closing.is_set() else dropped_by(self._socket)
 
     def _receive(self) -> None:
-        """Take datagrams until closed: wait for one, let others gather behind it, take them all."""
+        """Take datagrams until closed: they gather, then all are taken; wait where none come."""
         # Even a flood must find room while nobody looks.
         longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
+        count = 0
         while not self._closing.is_set():
-            try:
-                heard = [self._one(_MAX_DATAGRAM, _ANCILLARY, 0)]
-            except (BlockingIOError, TimeoutError, ConnectionRefusedError):
-                continue  # silence, or the other end of udpout is not there yet
-            if _CAN_GATHER:
+            heard: list[Arrived] = []
+            if not count:
+                # Silence, or the other end of udpout is not there yet.
+                with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
+                    heard.append(self._one(_MAX_DATAGRAM, _ANCILLARY, 0))
+            if _CAN_GATHER and (heard or count):
                 time.sleep(gather_s)
-            gather_s = min(longest_s, gather_s * _GATHERED / self._take(heard))
+            count = self._take(heard)
+            gather_s = min(longest_s, gather_s * _GATHERED / max(count, 1))
         self._take([])
 
     def _take(self, heard: list[Arrived]) -> int:
