@@ -18,9 +18,8 @@ from yawid.sources.tap import Tap
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.025
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
-_GATHERED = 128  # no more than about so many: they are to be taken while the caches hold them
+_GATHERED = 128  # about so many at a time: they are to be taken while the caches hold them
 _DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
-_MOST_AT_ONCE = 4096
 _MAX_DATAGRAM = 65535
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
 _CAN_GATHER = _DONT_WAIT != 0 and hasattr(socket.socket, "recvmsg")  # elsewhere than on Windows
@@ -76,7 +75,7 @@ class UdpTap(Tap):
         is_more, count, one = _CAN_GATHER, 0, self._one
         while is_more or heard:
             try:
-                while is_more and len(heard) < _MOST_AT_ONCE:
+                while is_more and len(heard) < _GATHERED:
                     heard.append(one(_MAX_DATAGRAM, _ANCILLARY, _DONT_WAIT))
             except (BlockingIOError, ConnectionRefusedError):
                 is_more = False
