@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
-from yawid.errors import ConfigError, SourceError
+from yawid.errors import SourceError
 from yawid.sources.addresses import Addresses
-from yawid.sources.endpoints import Endpoint, parse_endpoint
+from yawid.sources.endpoints import Endpoint
 from yawid.sources.frames import Decoder
 from yawid.sources.inbox import Stamps
 from yawid.sources.tap import split_datagram
@@ -147,54 +147,6 @@ def test_the_buffer_is_asked_for_and_its_size_reported(tap: UdpTap) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
         usual = plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     assert tap.receive_buffer >= usual
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560", "udpout:10.0.0.1:14550",
-     "udpbcast:192.168.1.255:14550", "tcp:127.0.0.1:5760", "mcast:239.1.2.3:14551",
-     "/dev/ttyUSB0,921600", "COM3,57600"],
-)  # fmt: skip
-def test_an_endpoint_that_leaves_nothing_open_is_taken(text: str) -> None:
-    assert str(parse_endpoint(text)) == text
-
-
-@pytest.mark.parametrize(
-    ("text", "meant"),
-    [
-        ("mcast:", "mcast:239.255.145.50:14550"),
-        ("mcast:14551", "mcast:239.255.145.50:14551"),
-        ("/dev/ttyACM0", "/dev/ttyACM0,57600"),
-    ],
-)
-def test_what_an_endpoint_leaves_out_is_pymavlink_s_default(text: str, meant: str) -> None:
-    assert str(parse_endpoint(text)) == meant
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["udp:", "udp:127.0.0.1:14550", "udpin:14550", "udpin:", "udpin::14550", "14550", "",
-     "127.0.0.1:14550", "udpin:127.0.0.1:", "udpin:127.0.0.1:port", "udpin:127.0.0.1:70000"],
-)  # fmt: skip
-def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(text: str) -> None:
-    port = "14550" if "14550" in text else "14560"
-    with pytest.raises(ConfigError) as caught:
-        parse_endpoint(text)
-    assert f"udpin:127.0.0.1:{port}" in str(caught.value)
-    assert f"udpin:0.0.0.0:{port}" in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["/dev/ttyUSB0,0", "/dev/ttyUSB0,99999999999"])
-def test_a_baud_rate_no_port_has_is_refused_with_the_usual_one(text: str) -> None:
-    with pytest.raises(ConfigError, match="no baud rate, write /dev/ttyUSB0,57600"):
-        parse_endpoint(text)
-
-
-@pytest.mark.parametrize("text", ["tcpin:0.0.0.0:5760", "ws:127.0.0.1:1", "unix:/tmp/x"])
-def test_other_kinds_of_endpoint_are_refused_in_one_line(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"not supported, write udpin:127\.0\.0\.1"):
-        parse_endpoint(text)
 
 
 def test_a_frame_cut_off_by_the_end_of_a_datagram_is_no_frame() -> None:
