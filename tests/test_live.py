@@ -16,6 +16,7 @@ import pytest
 from jsbsim_flight import FlightPlan
 from live_link import CONFIG, Screen, frames, free_port, listening, send, tlog_size, wait_for_size
 from mcap.reader import make_reader
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import Link
 
 from yawid.cli import main
@@ -54,6 +55,24 @@ def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
     assert summary["live"]["dropped"]["queue"] == 0
 
 
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo terminals here")
+def test_a_serial_line_is_recorded_and_estimated_as_a_socket_is(tmp_path: Path):
+    vehicle, line = os.openpty()
+    sent = frames(20.0)
+    with listening(tmp_path, endpoint=f"{os.ttyname(line)},57600") as session:
+        for frame in sent:
+            os.write(vehicle, frame)
+        wait_for_size(session.part("tlog"), tlog_size(sent))
+    for descriptor in (vehicle, line):
+        os.close(descriptor)
+    summary = session.ended[0].summary
+    again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+
+    assert summary["link"]["frames"] == len(sent)
+    assert summary["estimates"]["els"]["updates"] > 100
+    assert again["estimates"] == summary["estimates"]
+
+
 def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         with listening(tmp_path) as session:
@@ -64,6 +83,29 @@ def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
         with pytest.raises(BlockingIOError):
             vehicle.recv(1)
     assert session.ended[0].summary["estimates"]
+
+
+def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("yawid.sources.rates.WINDOW_S", 0.5)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        listening(tmp_path, request_hz=50.0) as session,
+    ):
+        vehicle.settimeout(30.0)
+        send(frames(1.0), session.port, vehicle)
+        asked = mavlink.MAVLink(None).decode(bytearray(vehicle.recv(300)))
+        ack = mavlink.MAVLink_command_ack_message(511, 0)
+        own = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        vehicle.sendto(bytes(ack.pack(own)), ("127.0.0.1", session.port))
+        send(frames(5.0, first_s=101.0), session.port, vehicle)
+        session.screen.wait_for("Hz of the 50 asked for")
+    rates = session.ended[0].summary["live"]["rates"]
+    assert (asked.get_type(), asked.target_system, asked.command) == ("COMMAND_LONG", 1, 511)
+    assert {entry["asked_hz"] for entry in rates.values()} == {50.0}
+    assert rates["ATTITUDE"]["answer"] == "accepted"
+    assert all(entry["achieved_hz"] >= 0.0 for entry in rates.values())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

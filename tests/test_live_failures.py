@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from send_tlog import stamped_frames
 from sinks.rerun_reading import VIEWER
 from sinks.test_rerun_viewer import viewer
 
@@ -16,6 +18,7 @@ from yawid.live import Console
 from yawid.live.guard import check_present
 from yawid.outputs import Outputs
 from yawid.session import StopFlag, replay
+from yawid.sources.inbox import Stamps
 
 
 def lines_with(text: str, screen: object) -> list[str]:
@@ -64,6 +67,29 @@ def test_a_removed_folder_is_one_line_for_each_file_and_the_estimate_goes_on(tmp
     [ended] = session.ended
     assert len(lines_with("has been removed", session.screen)) == 2
     assert (ended.exit_code, ended.summary["files"]) == (6, {})
+
+
+@pytest.mark.parametrize("jump_s", [-7200, 7200])
+def test_a_clock_that_is_set_is_one_line_and_no_stamp_moves(
+    jump_s: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    ahead_ns = [0]
+    stamps = Stamps(lambda: time.time_ns() + ahead_ns[0])
+    monkeypatch.setattr("yawid.live.loop.Stamps", lambda: stamps)
+    with listening(tmp_path) as session:
+        send(frames(10.0), session.port)
+        wait_for_size(session.part("tlog"), 1)
+        ahead_ns[0] = jump_s * 1_000_000_000
+        session.screen.wait_for("clock jumped")
+        send(frames(10.0, first_s=110.0), session.port)
+        session.screen.wait_for("tracking")
+    [ended] = session.ended
+    assert lines_with(f"the system's clock jumped by {jump_s:+.1f} s", session.screen) != []
+    assert len(lines_with("clock jumped", session.screen)) == 1
+    stamped = [us for us, _ in stamped_frames((tmp_path / "live.tlog").read_bytes())]
+    assert stamped == sorted(stamped)
+    assert stamped[-1] - stamped[0] < 60_000_000
+    assert (ended.summary["link"]["clock_steps"], ended.summary["link"]["reboots"]) == (0, 0)
 
 
 def test_a_file_that_is_still_there_is_not_called_removed(tmp_path: Path):

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.outputs import Outputs
 from yawid.session import StopFlag, replay
+from yawid.sources.frames import Decoder
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:
@@ -24,7 +25,9 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
     beat = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(ground))
     with listening(tmp_path, every_vehicle=True) as session:
         send([beat, *mixed(one, two), beat], session.port)
-        for sysid, sent in ((1, one), (2, two)):
+        # What 2 sent before it said what it is goes into the tlog of 1 too.
+        heard = {1: [beat, *one, *two[:4], beat], 2: [beat, *two, beat]}
+        for sysid, sent in heard.items():
             wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent))
 
     ended = {e.summary["vehicle"]["sysid"]: e.summary for e in session.ended}
@@ -33,12 +36,33 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
         f"live-{sysid}.{suffix}" for sysid in (1, 2) for suffix in ("tlog", "mcap")
     }
     for sysid, summary in ended.items():
+        assert summary["link"]["frames"] == len(heard[sysid])
         again, _ = replay(
             tmp_path / f"live-{sysid}.tlog", CONFIG, Outputs(tmp_path, f"{sysid}"), StopFlag()
         )
         assert again["estimates"] == summary["estimates"]
         assert again["estimates"]["els"]["updates"] > 100
         assert again["link"]["lost"] == 0
+
+
+def test_each_vehicle_s_tlog_has_the_ground_station_but_no_other_vehicle(tmp_path: Path):
+    one, two = frames(4.0, sysid=1), frames(4.0, sysid=2)
+    ground = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    asked = [
+        bytes(mavlink.MAVLink_param_request_list_message(sysid, 1).pack(ground)) for sysid in (1, 2)
+    ]
+    with listening(tmp_path, every_vehicle=True) as session:
+        send([asked[0], *one, asked[1], *two, *asked], session.port)
+        wait_for_size(session.part("tlog", "live-2"), tlog_size([*asked, *two, *asked]))
+
+    told = {}
+    for sysid in (1, 2):
+        decoder = Decoder()
+        decoder.feed((tmp_path / f"live-{sysid}.tlog").read_bytes())
+        decoder.finish()
+        told[sysid] = dict(decoder.link.senders)
+    assert told[1] == {(1, 1): len(one), (255, 190): 4, (2, 1): 4}
+    assert told[2] == {(2, 1): len(two), (255, 190): 4}
 
 
 def test_one_of_several_vehicles_can_be_chosen(tmp_path: Path):
@@ -74,6 +98,20 @@ def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_
         session.screen.wait_for("tracking")
 
     assert [e.summary["vehicle"]["sysid"] for e in session.ended] == [1]
+
+
+def test_a_vehicle_whose_saved_state_is_no_state_does_not_stop_the_others(tmp_path: Path):
+    (tmp_path / "state-2").write_text("hello")
+    sent = mixed(frames(20.0, sysid=1), frames(20.0, sysid=2))
+    with listening(tmp_path, every_vehicle=True, state=tmp_path / "state") as session:
+        send(sent, session.port)
+        session.screen.wait_for("system 2: ")
+        session.screen.wait_for("tracking")
+
+    [ended] = session.ended
+    assert ended.summary["vehicle"]["sysid"] == 1
+    assert session.screen.getvalue().count("is no saved state") == 1
+    assert (tmp_path / "state-2").read_text() == "hello"
 
 
 def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Path):

@@ -49,6 +49,19 @@ def test_what_is_saved_is_the_estimator_to_the_bit(tmp_path: Path):
     np.testing.assert_array_equal(saved.theta, list(theta.values()))
 
 
+def test_the_state_is_saved_while_the_session_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("yawid.live.state.SAVE_S", 0.1)
+    state = tmp_path / "state"
+    with listening(tmp_path, state=state) as session:
+        send(frames(20.0), session.port)
+        session.screen.wait_for("tracking")
+        wait_for_size(state, 1)
+        as_it_runs = state.read_bytes()
+    body = as_it_runs.partition(b"\n")[2]
+    assert RecursiveArmax.from_bytes(body[: len(body) // 2]).updates > 0
+    assert not state.with_name("state.part").exists()
+
+
 def test_another_vehicle_starts_anew_with_the_reason_and_the_old_state_is_kept(tmp_path: Path):
     state = tmp_path / "state"
     fly(tmp_path, state, "one", frames(30.0))

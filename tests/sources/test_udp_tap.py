@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -12,9 +13,9 @@ import numpy as np
 import pytest
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
-from yawid.errors import ConfigError, SourceError
+from yawid.errors import SourceError
 from yawid.sources.addresses import Addresses
-from yawid.sources.endpoints import Endpoint, parse_endpoint
+from yawid.sources.endpoints import Endpoint
 from yawid.sources.frames import Decoder
 from yawid.sources.inbox import Stamps
 from yawid.sources.tap import split_datagram
@@ -148,48 +149,6 @@ def test_the_buffer_is_asked_for_and_its_size_reported(tap: UdpTap) -> None:
     assert tap.receive_buffer >= usual
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560", "udpout:10.0.0.1:14550",
-     "udpbcast:192.168.1.255:14550", "tcp:127.0.0.1:5760", "mcast:239.1.2.3:14551",
-     "/dev/ttyUSB0,921600", "COM3,57600"],
-)  # fmt: skip
-def test_an_endpoint_that_leaves_nothing_open_is_taken(text: str) -> None:
-    assert str(parse_endpoint(text)) == text
-
-
-@pytest.mark.parametrize(
-    ("text", "meant"),
-    [
-        ("mcast:", "mcast:239.255.145.50:14550"),
-        ("mcast:14551", "mcast:239.255.145.50:14551"),
-        ("/dev/ttyACM0", "/dev/ttyACM0,57600"),
-    ],
-)
-def test_what_an_endpoint_leaves_out_is_pymavlink_s_default(text: str, meant: str) -> None:
-    assert str(parse_endpoint(text)) == meant
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["udp:", "udp:127.0.0.1:14550", "udpin:14550", "udpin:", "udpin::14550", "14550", "",
-     "127.0.0.1:14550", "udpin:127.0.0.1:", "udpin:127.0.0.1:port", "udpin:127.0.0.1:70000"],
-)  # fmt: skip
-def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(text: str) -> None:
-    port = "14550" if "14550" in text else "14560"
-    with pytest.raises(ConfigError) as caught:
-        parse_endpoint(text)
-    assert f"udpin:127.0.0.1:{port}" in str(caught.value)
-    assert f"udpin:0.0.0.0:{port}" in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["tcpin:0.0.0.0:5760", "ws:127.0.0.1:1", "unix:/tmp/x"])
-def test_other_kinds_of_endpoint_are_refused_in_one_line(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"not supported, write udpin:127\.0\.0\.1"):
-        parse_endpoint(text)
-
-
 def test_a_frame_cut_off_by_the_end_of_a_datagram_is_no_frame() -> None:
     frame = pack(message(BY_NAME["VIBRATION"], b"\x01" * 32), sender())
     for size in range(len(frame)):
@@ -272,6 +231,45 @@ def test_stamps_go_on_evenly_when_the_clock_is_set_and_the_jump_is_said_once() -
     steady[0] += 1_000_000_000
     wall[0] += 3_601_000_000_000
     assert (stamps.now(), stamps.jump()) == (5_003_000_000, 3600.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
+def test_a_stamp_is_when_the_datagram_arrived_though_it_gathers_with_others(
+    tap: UdpTap, vehicle: socket.socket
+) -> None:
+    sent = []
+    for frame in FRAMES[:8]:
+        before_us = tap.stamps.now()
+        vehicle.sendto(frame, tap.address)
+        sent.append((before_us, tap.stamps.now()))
+        time.sleep(0.005)
+    stamps = [row[2] for row in rows(run(heard(tap, 8))[0])]
+    clock_us = 200  # two clocks are read one after the other
+    assert all(
+        first - clock_us <= stamp <= last + clock_us
+        for stamp, (first, last) in zip(stamps, sent, strict=True)
+    )
+
+
+@pytest.mark.parametrize("jump_s", [-3600, 3600])
+def test_a_clock_set_while_datagrams_gather_moves_no_stamp(
+    jump_s: int, vehicle: socket.socket
+) -> None:
+    ahead_ns = [0]
+    stamps = Stamps(lambda: time.time_ns() + ahead_ns[0])
+    with UdpTap(ANY_PORT, stamps=stamps) as tap:
+        begun_us = stamps.now()
+        vehicle.sendto(FRAMES[0], tap.address)
+        data = heard(tap, 1)
+        # The system's stamps are as ever; for us its clock has jumped.
+        ahead_ns[0] = jump_s * 1_000_000_000
+        for frame in FRAMES[1:4]:
+            vehicle.sendto(frame, tap.address)
+        data += heard(tap, 4)
+        ended_us = stamps.now()
+    got = [row[2] for row in rows(run(data)[0])]
+    assert got == sorted(got)
+    assert begun_us - 200 <= got[0] <= got[-1] <= ended_us
 
 
 def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:

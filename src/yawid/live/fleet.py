@@ -12,8 +12,8 @@ from yawid.live.session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sources.framing import MAGIC_V1, STAMP_SIZE, frame_size
 from yawid.sources.tap import sysid_of
 
-KEPT = 4096
-"""Records kept of a system that has not yet said that it is a vehicle."""
+KEPT = 8192
+"""Records kept of systems that have not said that they are vehicles, for who does say so later."""
 _HEARTBEAT = 0
 
 
@@ -52,27 +52,36 @@ class Single:
 class Fleet:
     """A session for each system id whose HEARTBEAT says that it flies, opened with the first.
 
-    What a system sent before is kept until then; what never becomes a vehicle is recorded nowhere.
+    Each has what a ground station would have of its vehicle: the vehicle's own records, and those
+    of everybody who is no vehicle (ground stations, radios, or who has not said yet), also the
+    last of them from before it was opened. Without any vehicle nothing is recorded.
     """
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
         self._sessions: dict[int, LiveSession] = {}
-        self._early: dict[int, deque[bytes]] = {}
+        self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
         self._refused: set[int] = set()
 
     def feed(self, data: bytes) -> None:
         """See :class:`Sessions`."""
-        parts: dict[int, list[bytes]] = {}
+        parts: dict[int, list[bytes]] = {
+            sysid: [] for sysid in self._sessions.keys() | self._refused
+        }
         for record in records(data):
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
-            if sysid in self._sessions or sysid in parts or self._is_ready(sysid, record):
-                parts.setdefault(sysid, []).append(record)
+            if sysid not in parts and is_vehicle(record[STAMP_SIZE:]):
+                parts[sysid] = [r for of, r in self._early if of == sysid or of not in parts]
+                self._open(sysid)
+            if sysid in parts:
+                parts[sysid].append(record)
+            else:
+                self._early.append((sysid, record))
+                for own in parts.values():
+                    own.append(record)
         for sysid, own in parts.items():
-            if sysid not in self._sessions:
-                self._sessions[sysid] = for_vehicle(self._setting, sysid)
-                own = [*self._early.pop(sysid, ()), *own]
-            self._feed_one(sysid, b"".join(own))
+            if own:
+                self._feed_one(sysid, b"".join(own))
 
     def running(self) -> list[LiveSession]:
         """See :class:`Sessions`."""
@@ -82,6 +91,14 @@ class Fleet:
         """See :class:`Sessions`; where no vehicle was heard, one summary says so."""
         running = self.running() or [LiveSession(self._setting)]
         return [session.finish(live) for session in running]
+
+    def _open(self, sysid: int) -> None:
+        """Open a session; a vehicle whose saved state is of no use must not stop others."""
+        try:
+            self._sessions[sysid] = for_vehicle(self._setting, sysid)
+        except ConfigError as error:
+            self._refused.add(sysid)
+            self._setting.say(f"system {sysid}: {error}: neither recorded nor estimated")
 
     def _feed_one(self, sysid: int, data: bytes) -> None:
         """Feed one vehicle; one whose link does not fit what was asked for must not stop others."""
@@ -93,13 +110,6 @@ class Fleet:
             self._refused.add(sysid)
             self._sessions[sysid].tell(f"{error}: no longer estimated")
             self._sessions[sysid].abort()
-
-    def _is_ready(self, sysid: int, record: bytes) -> bool:
-        """Whether this record opens a session; else it is kept."""
-        if is_vehicle(record[STAMP_SIZE:]):
-            return True
-        self._early.setdefault(sysid, deque(maxlen=KEPT)).append(record)
-        return False
 
 
 def records(data: bytes) -> Iterator[bytes]:

@@ -10,8 +10,10 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import SpooledTemporaryFile
 from typing import Any, BinaryIO, Final
 
 import numpy as np
@@ -45,6 +47,7 @@ _INDEX: Final = struct.Struct("<BQHI")
 _FOOTER: Final = struct.Struct("<BQQQ")
 _SUMMARY: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX,
                    Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)  # fmt: skip
+_SPOOL: Final = 1 << 20  # bytes of the chunks' index kept in memory: that of an hour and more
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +59,19 @@ class Topic:
 
 
 class ChunkWriter:
-    """Writes one file: ``start``, what there is in any order, ``end_chunk`` at will, ``finish``."""
+    """Writes one file: ``start``, what there is in any order, ``end_chunk`` at will, ``finish``.
 
-    def __init__(self, stream: BinaryIO, chunk_ns: int) -> None:
+    The index of the chunks, which stands at the end of the file and grows with every one of them,
+    waits in a nameless file in ``folder``: a day's would take 20 MB. ``close`` lets go of it.
+    """
+
+    def __init__(self, stream: BinaryIO, folder: Path, chunk_ns: int) -> None:
         self._stream = stream
+        self._chunk_index = SpooledTemporaryFile(_SPOOL, dir=str(folder))  # noqa: SIM115 # see close
         self._chunk_ns = chunk_ns
         self._offset = 0
         self._compressor = ZstdCompressor()
-        self._summary: dict[Opcode, list[bytes]] = defaultdict(list)  # bytes: they are many
+        self._summary: dict[Opcode, list[bytes]] = defaultdict(list)
         self._counts: dict[int, int] = defaultdict(int)
         self._first_ns: int | None = None
         self._last_ns = self._chunks = 0
@@ -129,6 +137,10 @@ class ChunkWriter:
             if row < len(log_ns):
                 self.end_chunk()
 
+    def would_end(self, first_ns: int, last_ns: int) -> bool:
+        """Whether rows from one time to the other would end the chunk."""
+        return last_ns - (self._start_ns or first_ns) >= self._chunk_ns
+
     def end_chunk(self) -> None:
         """Write the chunk, if there is anything in it, and what indexes it."""
         if self._parts:
@@ -163,24 +175,34 @@ class ChunkWriter:
         self.end_chunk()
         self._summary[Opcode.STATISTICS] = [_bytes_of(self._statistics())]
         self._write(_bytes_of(DataEnd(data_section_crc=0)))
-        start = self._offset
-        summary, offsets = b"", b""
+        start, crc, offsets = self._offset, 0, b""
         for opcode in _SUMMARY:
-            group = b"".join(self._summary[opcode])
-            if group:
-                place: dict[str, Any] = {
-                    "group_start": start + len(summary),
-                    "group_length": len(group),
-                }
-                offsets += _bytes_of(SummaryOffset(group_opcode=opcode, **place))
-            summary += group
-        offset_start = start + len(summary)
-        summary += offsets
+            place: dict[str, Any] = {"group_start": self._offset}
+            for part in self._group(opcode):
+                crc = zlib.crc32(part, crc)
+                self._write(part)
+            length = self._offset - place["group_start"]
+            if length:
+                group = SummaryOffset(group_opcode=opcode, group_length=length, **place)
+                offsets += _bytes_of(group)
+        offset_start = self._offset
         # The checksum covers the footer up to itself.
         head = _FOOTER.pack(Opcode.FOOTER, 20, start, offset_start)
-        crc = zlib.crc32(head, zlib.crc32(summary))
+        crc = zlib.crc32(offsets + head, crc)
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)
-        self._write(summary + _bytes_of(footer) + MAGIC)
+        self._write(offsets + _bytes_of(footer) + MAGIC)
+
+    def close(self) -> None:
+        """Let go of the index; what was written stays."""
+        self._chunk_index.close()
+
+    def _group(self, opcode: Opcode) -> Iterator[bytes]:
+        """Yield the records of one kind for the summary, some at a time."""
+        yield b"".join(self._summary[opcode])
+        if opcode == Opcode.CHUNK_INDEX:
+            self._chunk_index.seek(0)
+            while part := self._chunk_index.read(_SPOOL):
+                yield part
 
     def flush(self) -> None:
         """Bring what was written so far through the buffer of the stream."""
@@ -232,7 +254,7 @@ class ChunkWriter:
             message_index_length=len(indexes),
             compressed_size=len(compressed),
         )
-        self._summary[Opcode.CHUNK_INDEX].append(_bytes_of(index))
+        self._chunk_index.write(_bytes_of(index))
 
     def _statistics(self) -> Statistics:
         return Statistics(

@@ -16,7 +16,9 @@ from yawid.errors import SinkError
 from yawid.sinks.base import LogLevel, Pace, open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap_chunks import ChunkWriter, Topic
 from yawid.sinks.messages import (
+    Written,
     estimate_rows,
+    joined,
     log_message,
     modes_rows,
     sample_rows,
@@ -29,6 +31,7 @@ CHUNK_NS: Final = 1_000_000_000
 FLUSH_S: Final = (
     0.5  # of wall time: with a caller that comes every half second no more than 1 s is lost
 )
+_MOST_WAITING: Final = 64
 _MEDIA_TYPES: Final = {
     ".json": "application/json",
     ".toml": "application/toml",
@@ -75,7 +78,8 @@ class McapSink:
         self._inputs: tuple[str, ...] = ()
         self._estimate_channels: dict[str, int] = {}
         self._sample_ns = self._log_ns = self._rows = 0
-        self._writer = ChunkWriter(self._stream, CHUNK_NS)
+        self._waiting: list[Written] = []
+        self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
         try:
             self._open(metadata)
         except SinkError:
@@ -108,7 +112,18 @@ class McapSink:
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
-        """See :meth:`yawid.sinks.base.Sink.write`."""
+        """See :meth:`yawid.sinks.base.Sink.write`; rows wait until they fill a chunk."""
+        self._waiting.append(Written(samples, estimates, modes))
+        span_ns = self._waiting[0].samples.unix_ns[0], samples.unix_ns[-1]
+        if self._writer.would_end(*span_ns) or len(self._waiting) == _MOST_WAITING:
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        """Write the rows that wait: to lay out one costs as much as to lay out a hundred."""
+        if not self._waiting:
+            return
+        samples, estimates, modes = joined(self._waiting)
+        self._waiting = []
         topics = [
             Topic(self._sample_channel, sample_rows(samples, self._inputs)),
             *(
@@ -127,6 +142,7 @@ class McapSink:
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""
         self._log_ns = max(unix_ns, self._log_ns)
+        self._write_waiting()
         with os_errors_as_sink_error(self._part):
             message = log_message(unix_ns, level, text)
             self._writer.add_message(self._log_channel, self._log_ns, message)
@@ -134,12 +150,14 @@ class McapSink:
     def flush(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.flush`."""
         if self._pace.due():
+            self._write_waiting()
             with os_errors_as_sink_error(self._part):
                 self._writer.end_chunk()
                 sync(self._stream)
 
     def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
         """Write verdict, provenance and attachments, then rename; see the protocol."""
+        self._write_waiting()
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
             verdict = verdict_message(summary["verdict"])
@@ -152,17 +170,23 @@ class McapSink:
                 media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
                 self._writer.add_attachment(last_ns, name, media_type, data)
             self._writer.finish()
+            self._writer.close()
             sync(self._stream)
             self._stream.close()
             self._part.replace(self._path)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
-        with contextlib.suppress(OSError):  # the error that led here has been told already
+        # The error that led here has been told already.
+        with contextlib.suppress(OSError, SinkError):
+            if not self._stream.closed:
+                self._write_waiting()
+        with contextlib.suppress(OSError):
             if not self._stream.closed:
                 self._writer.finish()
-        with contextlib.suppress(OSError):
-            self._stream.close()
+        for closed in (self._writer, self._stream):
+            with contextlib.suppress(OSError):
+                closed.close()
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,41 @@ from yawid.sinks.rows import RowLayout
 from yawid.sinks.schemas import LogLevelNumber, descriptor, message_class
 
 Rows = NDArray[Any]
+
+
+class Written(NamedTuple):
+    """What a sink is given to write."""
+
+    samples: SampleBlock
+    estimates: Mapping[str, EstimateBlock]
+    modes: ModesBlock
+
+
+def joined(parts: Sequence[Written]) -> Written:
+    """Return several of them as one; the covariances, which are not written, are left out."""
+    if len(parts) == 1:
+        return parts[0]
+    samples = [part.samples for part in parts]
+    arrays = {
+        name: np.concatenate([getattr(block, name) for block in samples])
+        for name in SampleBlock.__slots__[1:]
+    }
+    estimates = {}
+    for method, first in parts[0].estimates.items():
+        rows = [part.estimates[method].rows[:, : 2 * first.p + 5] for part in parts]
+        estimates[method] = EstimateBlock(np.concatenate(rows), first.p)
+    modes = ModesBlock(
+        *(
+            np.concatenate([getattr(part.modes, name) for part in parts])
+            for name in ModesBlock.__slots__
+        )
+    )
+    return Written(SampleBlock(samples[0].sample_time_s, **arrays), estimates, modes)
+
+
+_ESTIMATE: Final = (
+    "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
+)  # fmt: skip
 
 
 @lru_cache
@@ -58,15 +93,7 @@ def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
     rows = _layout("yawid.Estimate", theta=p, theta_std=p).rows(len(samples))
     rows["boot_time"] = samples.boot_us / 1e6
     _fill_held(rows, samples.held)
-    for name in (
-        "theta",
-        "theta_std",
-        "y_hat",
-        "innovation",
-        "residual",
-        "noise_std",
-        "status",
-    ):
+    for name in _ESTIMATE:
         rows[name] = getattr(estimate, name)
     return _one_nan(rows)
 
@@ -127,9 +154,8 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
 
 def estimate_from(rows: Rows) -> EstimateBlock:
     """Return the estimates that :func:`estimate_rows` wrote, without their covariance."""
-    names = ("theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status")
     return EstimateBlock.of(
-        covariance=None, **{name: np.ascontiguousarray(rows[name]) for name in names}
+        covariance=None, **{name: np.ascontiguousarray(rows[name]) for name in _ESTIMATE}
     )
 
 

@@ -56,9 +56,13 @@ class StampFilter:
         return np.flatnonzero(believed), np.array(waiting, np.int64)
 
     @property
-    def has_believed(self) -> bool:
-        """Whether any record was believed so far."""
-        return self._last is not None
+    def last(self) -> int | None:
+        """The stamp of the last record believed, None before the first."""
+        return self._last
+
+    def follow(self, last_us: int) -> None:
+        """Take note of records whose stamps fit, found so elsewhere, up to one of this stamp."""
+        self._last = last_us
 
     def _continues(self, stamp: int) -> bool:
         return self._last is not None and stamps_agree(self._last, stamp)

@@ -35,7 +35,7 @@ from yawid.sources.messages import UNKNOWN, Definitions
 
 STAMP_TOLERANCE_US = 3 * 86400 * 1_000_000
 NO_STAMP = -1
-_LATEST_US = 1 << 53  # the year 2255
+LATEST_US = 1 << 53  # the year 2255
 _NOT_YET = -1
 _MANY = 8  # with more gaps than this, plain lists are quicker than arrays
 
@@ -77,7 +77,7 @@ class Stretch:
     def stamp(self, at: int) -> int:
         """Return the stamp that stands at a position, ``NO_STAMP`` if out of range."""
         stamp = int.from_bytes(self.data[at : at + STAMP_SIZE], "big")
-        return stamp if stamp <= _LATEST_US else NO_STAMP
+        return stamp if stamp <= LATEST_US else NO_STAMP
 
 
 def stamps_agree(a: int, b: int) -> bool:
@@ -89,7 +89,7 @@ def stamps_of(data: Bytes, begin: Ints) -> Ints:
     """Return the stamps (n,) in microseconds in front of frames, ``NO_STAMP`` if out of range."""
     stamp_at = np.ndarray((len(data) - STAMP_SIZE + 1,), ">i8", data, 0, (1,))
     stamps = stamp_at[begin - STAMP_SIZE].astype(np.int64)
-    stamps[(stamps < 0) | (stamps > _LATEST_US)] = NO_STAMP
+    stamps[(stamps < 0) | (stamps > LATEST_US)] = NO_STAMP
     return stamps
 
 
@@ -109,6 +109,15 @@ class Chain:
         self._known = known
         self._in_step = True
         self._last_stamp = NO_STAMP
+
+    def follow(self, last_us: int) -> None:
+        """Take note of records that were read elsewhere, in step, up to one of this stamp."""
+        self._last_stamp = last_us
+
+    @property
+    def is_in_step(self) -> bool:
+        """Whether the record before has just ended here."""
+        return self._in_step
 
     def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
         """Return the rows of the frames that are records, and where the undecided bytes begin."""

@@ -19,9 +19,9 @@ from yawid.blocks import Bytes, Ints
 Words = NDArray[np.unsignedinteger[Any]]
 
 _WORD = 8
-_START = 0xFFFF  # the CRC's start value, added to the first two bytes of a message
+START = 0xFFFF  # the CRC's start value, added to the first two bytes of a message
 _FEW = 32  # fewer messages than this are quicker one by one
-_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def crc_of_frames(data: Bytes, first: Ints, end: Ints, extra: Bytes) -> NDArray[np.uint16]:
@@ -51,8 +51,8 @@ def crc_of_frames(data: Bytes, first: Ints, end: Ints, extra: Bytes) -> NDArray[
 
 def _crc_of_one(message: bytes) -> int:
     """Return the CRC of one message: that of ``crc_hqx``, which takes the highest bit first."""
-    crc = crc_hqx(message.translate(_REVERSED), _START)
-    return _REVERSED[crc >> 8] | _REVERSED[crc & 0xFF] << 8
+    crc = crc_hqx(message.translate(REVERSED), START)
+    return REVERSED[crc >> 8] | REVERSED[crc & 0xFF] << 8
 
 
 def _columns(data: Bytes, end: Ints, rows_of_step: list[int]) -> NDArray[np.uint64]:
@@ -83,8 +83,8 @@ def _modulo_p4(
     start value, which may spill into the second word.
     """
     keep = ~np.uint64(0) << unused
-    start = np.uint64(_START) << unused
-    spill = np.uint64(_START) >> (np.uint64(64) - unused).clip(max=np.uint64(63))
+    start = np.uint64(START) << unused
+    spill = np.uint64(START) >> (np.uint64(64) - unused).clip(max=np.uint64(63))
     before = begun = 0
     for step, rows in enumerate(rows_of_step):
         column = columns[step]

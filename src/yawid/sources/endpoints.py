@@ -42,7 +42,10 @@ def parse_endpoint(text: str) -> Endpoint:
         host, port = match[1] or MULTICAST[0], int(match[2] or MULTICAST[1])
         return _checked(Endpoint(host, port, "mcast"), text)
     if match := _SERIAL.fullmatch(text):
-        return Endpoint(match[1], int(match[2] or BAUD), "serial")
+        baud = int(match[2] or BAUD)
+        if not 0 < baud < 1 << 31:
+            raise ConfigError(f"{text!r}: {baud} is no baud rate, write {match[1]},{BAUD}")
+        return Endpoint(match[1], baud, "serial")
     if match := _HOST_PORT.fullmatch(text):
         kind: dict[str, Kind] = {
             "udpin": "udpin",

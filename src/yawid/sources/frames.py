@@ -14,6 +14,7 @@ from yawid.sources.chain import Chain, Stretch, stamps_of
 from yawid.sources.framing import SLACK, STAMP_SIZE, Frames, find_frames
 from yawid.sources.link import LinkStats, Records, Tally
 from yawid.sources.messages import definitions, dtype_of
+from yawid.sources.plain import PlainReader, PlainRecord, plain_message
 from yawid.sources.signing import Signing
 
 DEFAULT = frozenset(
@@ -31,6 +32,8 @@ DEFAULT = frozenset(
     }
 )
 _SLICE = 1 << 19  # bytes worked on at once: what is hostile takes thirty times as much
+FEW = 1 << 13
+"""Bytes, some two hundred frames: as few as this are tried frame by frame first."""
 _SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
 _NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
 
@@ -56,6 +59,7 @@ class Decoder:
         self._chain = Chain(self._known)
         self._filter = StampFilter()
         self._tally = Tally(self._known, signing)
+        self._plain = PlainReader(self._known)
         self._tail = b""
         self._decided = 0
         self._held = b""
@@ -71,9 +75,35 @@ class Decoder:
 
     def feed(self, data: bytes) -> FrameBlock | None:
         """Return the wanted messages that ``data`` completes, or None if there are none."""
+        if 0 < len(data) <= FEW and (records := self._plain_records(data)):
+            return self._plain_columns(data, records)
         view = memoryview(data)
         slices = (view[at : at + _SLICE] for at in range(0, len(view), _SLICE))
         return _merge([self._decode(piece, final=False) for piece in slices])
+
+    def _plain_records(self, data: bytes) -> list[PlainRecord] | None:
+        """Count the records of which ``data`` is made up and return them; None if it is not."""
+        last_us = self._filter.last
+        if self._tail or self._held or last_us is None or not self._chain.is_in_step:
+            return None
+        records = self._plain.read(data, last_us)
+        if records is None or not self._tally.add_plain(data, records):
+            return None
+        self._filter.follow(records[-1].stamp)
+        self._chain.follow(records[-1].stamp)
+        return records
+
+    def _plain_columns(self, data: bytes, records: list[PlainRecord]) -> FrameBlock | None:
+        by_row: dict[int, list[PlainRecord]] = {}
+        for record in records:
+            by_row.setdefault(record.row, []).append(record)
+        messages = {}
+        for name, dtype in self._dtypes.items():
+            own = by_row.get(self._known.names[name])
+            if own is not None:
+                messages[name] = plain_message(name, data, self._decided, own, dtype)
+        self._decided += len(data)
+        return FrameBlock(messages) if messages else None
 
     def finish(self) -> FrameBlock | None:
         """Return what the end of the stream still holds; nothing may be fed after it."""
@@ -104,7 +134,7 @@ class Decoder:
         """Count the records whose stamps fit and return them; hold back those that are pending."""
         stamps = stamps_of(buffer, records.begin)
         rows, pending = self._filter.sort(stamps, len(self._held_order))
-        is_alone = len(pending) == 1 and not self._filter.has_believed
+        is_alone = len(pending) == 1 and self._filter.last is None
         if final and is_alone and not self._chain.unstamped:
             rows, pending = pending, pending[:0]
         self._hold(joined, records.select(pending), order[pending])

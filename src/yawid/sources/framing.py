@@ -18,7 +18,7 @@ STAMP_SIZE = 8
 MAX_FRAME = 280  # MAVLink 2: header 10, payload 255, CRC 2, signature 13
 LONGEST_HEADER = 10
 SLACK = MAX_FRAME + 16  # bytes behind the last valid one: no look-ahead leaves the array
-_SIGNED = 1
+SIGNED = 1
 SIGNATURE_SIZE = 13
 CRC_SIZE = 2
 
@@ -64,12 +64,12 @@ class Header(NamedTuple):
 
 
 def frame_size(head: bytes) -> int | None:
-    """Return the size of the frame that begins with these three bytes, None if none does."""
+    """Return the size of the frame that begins with these bytes, None if none does."""
     if len(head) < 3:
         return None
     if head[0] == MAGIC_V1:
         return 8 + head[1]
-    if head[0] == MAGIC_V2 and head[2] <= _SIGNED:
+    if head[0] == MAGIC_V2 and head[2] <= SIGNED:
         return 12 + head[1] + SIGNATURE_SIZE * head[2]
     return None
 
@@ -126,7 +126,7 @@ def _parse_v2(data: Bytes, at: Ints, known: Definitions) -> Frames:
     """
     row = known.row_of[data[at + 7] + data[at + 8].astype(np.int64) * 256]
     # No id of the dialect needs the third byte.
-    fits = np.flatnonzero((row != UNKNOWN) & (data[at + 2] <= _SIGNED) & (data[at + 9] == 0))
+    fits = np.flatnonzero((row != UNKNOWN) & (data[at + 2] <= SIGNED) & (data[at + 9] == 0))
     at = at[fits]
     return _frames(at, 10, data[at + 1], row[fits], data[at + 2] * np.int64(SIGNATURE_SIZE))
 

@@ -11,7 +11,7 @@ Address = tuple[str, int]
 Heard = tuple[int, bytes, Address]
 QUEUE = 200_000  # datagrams: a minute and more of a busy link
 JUMP_S = 1.0
-_MOST_AT_ONCE = 8192  # so that a backlog does not keep the files from growing
+_MOST_AT_ONCE = 2048  # so that a backlog neither keeps the files from growing nor fills the memory
 
 
 def _steady_ns() -> int:
@@ -40,9 +40,16 @@ class Stamps:
         """Return the stamp of this instant."""
         return (self._base_ns + self._steady_ns()) // 1000
 
+    def ahead_us(self) -> int:
+        """Return by how much the system's clock is ahead of the stamps just now."""
+        return self._ahead_ns() // 1000
+
+    def _ahead_ns(self) -> int:
+        return self._wall_ns() - self._steady_ns() - self._base_ns
+
     def jump(self) -> float | None:
         """Return by how many seconds the system's clock has jumped since last asked, if it has."""
-        ahead_ns = self._wall_ns() - self._steady_ns() - self._base_ns
+        ahead_ns = self._ahead_ns()
         moved_s = (ahead_ns - self._told_ns) / 1e9
         if abs(moved_s) < JUMP_S:
             return None
@@ -68,17 +75,14 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._queue)
 
-    def put(self, datagram: bytes, address: Address) -> int:
-        """Stamp and queue one datagram, or count it as dropped; return the stamp."""
-        self.last_us = stamp = self.stamps.now()
-        if len(self._queue) < self._size:
-            self._queue.append((stamp, datagram, address))
-        else:
-            self.dropped += 1
-        self.heard += 1
-        if not self._arrived.is_set():
-            self._arrived.set()
-        return stamp
+    def put(self, datagrams: list[Heard]) -> None:
+        """Queue datagrams, those that have room; count the others as dropped."""
+        room = max(self._size - len(self._queue), 0)
+        self._queue.extend(datagrams[:room])
+        self.dropped += max(len(datagrams) - room, 0)
+        self.last_us = datagrams[-1][0]
+        self.heard += len(datagrams)
+        self._arrived.set()
 
     def wake(self) -> None:
         """Let whoever waits look: something other than a datagram has happened."""
@@ -91,9 +95,8 @@ class Inbox:
     def take(self) -> list[Heard]:
         """Return what is queued, the oldest first, up to a bound."""
         self._arrived.clear()
-        taken: list[Heard] = []
-        while self._queue and len(taken) < _MOST_AT_ONCE:
-            taken.append(self._queue.popleft())
+        count = min(len(self._queue), _MOST_AT_ONCE)
+        taken = [self._queue.popleft() for _ in range(count)]
         if self._queue:
             self._arrived.set()
         return taken

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -11,6 +11,7 @@ import numpy as np
 from yawid.blocks import Bytes, Ints
 from yawid.sources.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE, Frames
 from yawid.sources.messages import HEARTBEAT, Definitions
+from yawid.sources.plain import PlainRecord
 from yawid.sources.senders import Heard, SenderCount, SenderStats
 from yawid.sources.signing import Check, Signing
 
@@ -107,6 +108,32 @@ class Tally:
         if new is None:
             return rows
         return new if rows is None else rows[new]
+
+    def add_plain(self, data: bytes, records: Sequence[PlainRecord]) -> bool:
+        """Count records none of which came late, twice, or from somebody new; else count nothing.
+
+        Return whether they were counted; then all of them are to be used.
+        """
+        if self._signing is not None:
+            return False
+        by_sender: dict[int, list[PlainRecord]] = {}
+        for record in records:
+            by_sender.setdefault(record.sender, []).append(record)
+        for key, own in by_sender.items():
+            sender = self._senders.get(key)
+            if sender is None or not sender.goes_on([r.sequence for r in own]):
+                return False
+        for key, own in by_sender.items():
+            frames = [data[r.begin : r.end] for r in own]
+            self._senders[key].follow([r.sequence for r in own], [r.stamp for r in own], frames)
+        for r in records:
+            self._signed += r.end - r.payload - r.length > CRC_SIZE
+            is_typed = r.row == self._heartbeat and r.length > _TYPE_OFFSET
+            if is_typed and data[r.payload + _TYPE_OFFSET] == _MAV_TYPE_GCS:
+                self._ground.add(r.sender)
+        self.record_bytes += len(data)
+        self._last = records[-1].stamp
+        return True
 
     def _count_bytes(self, records: Records) -> None:
         frames = records.frames

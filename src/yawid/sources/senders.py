@@ -85,6 +85,32 @@ class SenderCount:
         self._remember(heard, place, goes_on=goes_on)
         return None if is_new is None or is_new.all() else is_new
 
+    def goes_on(self, sequence: list[int]) -> bool:
+        """Whether frames of these numbers are each later than all before them."""
+        last, place = self._last, self._place
+        if last is None:
+            return False
+        is_first = True
+        for number in sequence:
+            step = (number - last) % _CYCLE
+            if not 0 < step < _LONGEST or (is_first and place + step <= self._highest):
+                return False
+            last, is_first = number, False
+        return True
+
+    def follow(self, sequence: list[int], stamps: list[int], frames: list[bytes]) -> None:
+        """Count frames that go on, as :meth:`add` does."""
+        assert self._last is not None
+        for number, stamp, frame in zip(sequence, stamps, frames, strict=True):
+            missing = -1 if self._last_kept is None else (number - self._last_kept) % _CYCLE - 1
+            if 0 < missing < _LONGEST:
+                self.lost += missing
+            self._place += (number - self._last) % _CYCLE
+            self._last = self._last_kept = number
+            self._recent[number] = self._place, stamp, frame
+        self._highest = self._place
+        self.frames += len(sequence)
+
     def _count_lost(self, sequence: Bytes, is_taken: Mask | None) -> None:
         """Add up what the steps leave out.
 

@@ -44,7 +44,7 @@ class StreamTap(Tap):
             tail += data
             whole = complete_until(tail)
             if whole:
-                self._inbox.put(tail[:whole], self._peer)
+                self._inbox.put([(self.stamps.now(), tail[:whole], self._peer)])
                 tail = tail[whole:]
 
     def _take(self) -> bytes:
@@ -94,7 +94,7 @@ def connect(endpoint: Endpoint) -> Any:
         try:
             return mavutil.mavserial(endpoint.host, baud=endpoint.port)
         except ImportError as error:
-            text = f"{endpoint} needs pyserial: pip install pyserial"
+            text = f"{endpoint}: serial ports need pyserial (pip install 'yawid[serial]')"
             raise SourceError(text) from error
 
 
