@@ -25,7 +25,7 @@ from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
-from yawid.sinks.terminal import progress
+from yawid.sinks.progress import progress
 from yawid.summary import bank_reasons, method_summary
 from yawid.verdict import Evidence, Reason, Verdict
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
 from yawid.errors import ConfigError
@@ -26,6 +25,8 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
     Raises:
         ConfigError: the upper edge is not below half the rate.
     """
+    from scipy.signal import butter  # half a second to load: only for those who filter
+
     rate_hz = 1.0 / sample_time_s
     if not band_hz[1] < rate_hz / 2.0:
         raise ConfigError(
@@ -102,6 +103,8 @@ class Conditioner:
 
     def _filtered(self, block: SampleBlock, sections: Floats) -> SampleBlock:
         """Band-pass inputs and output; after a held sample the filter starts anew, at rest."""
+        from scipy.signal import sosfilt, sosfilt_zi
+
         signals = np.column_stack([block.u, block.y])
         good = block.held == 0
         edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))

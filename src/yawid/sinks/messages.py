@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import EstimateBlock, Held, Ints, ModesBlock, SampleBlock
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.sinks.base import LogLevel
 from yawid.sinks.rows import RowLayout
 from yawid.sinks.schemas import LogLevelNumber, descriptor, message_class
@@ -67,12 +67,17 @@ def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
     na = modes.poles.shape[1]
     rows = _layout("yawid.Modes", **dict.fromkeys(repeated, na)).rows(len(samples))
     rows["boot_time"] = samples.boot_us / 1e6
-    rows["pole_re"], rows["pole_im"] = modes.poles.real, modes.poles.imag
+    rows["pole_re"], rows["pole_im"] = _one_nan(modes.poles.real), _one_nan(modes.poles.imag)
     for name in repeated[2:]:
-        rows[name] = getattr(modes, name)
+        rows[name] = _one_nan(getattr(modes, name))
     for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
-        rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
+        rows[f"dutch_roll_{name}"] = _one_nan(modes.dutch_roll[:, column])
     return rows
+
+
+def _one_nan(values: Floats) -> Floats:
+    """Return the values with one NaN: its sign tells which loop of NumPy a row fell into."""
+    return np.where(np.isnan(values), np.nan, values)
 
 
 def log_message(unix_ns: int, level: LogLevel, text: str) -> bytes:
