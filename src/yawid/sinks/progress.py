@@ -8,7 +8,7 @@ from typing import TextIO
 
 
 @contextmanager
-def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Callable[[int], None]]:
+def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Callable[[float], None]]:
     """Show how far a log of ``total_bytes`` has been read; yields ``advance(bytes)``."""
     if not stream.isatty():
         yield lambda count: None
