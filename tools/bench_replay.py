@@ -7,7 +7,7 @@ with it, or looks for the few that yawid needs, which its index of the file make
 from __future__ import annotations
 
 import argparse
-import os
+import json
 import subprocess
 import sys
 import tempfile
@@ -18,6 +18,17 @@ from long_log import MIXES, write_log
 from pymavlink import mavutil
 
 WANTED = ["ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "VFR_HUD"]
+
+
+# A process begins with its parent's peak of memory: this small one between has none.
+_TIMED = """
+import json, os, subprocess, sys, time
+start = time.perf_counter()
+process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(process.pid, 0)
+wall, cpu = time.perf_counter() - start, used.ru_utime + used.ru_stime
+print(json.dumps([os.waitstatus_to_exitcode(status), cpu, wall, used.ru_maxrss / 1024]))
+"""
 
 
 def bare_pymavlink(path: Path, wanted: list[str] | None) -> tuple[float, float]:
@@ -32,14 +43,12 @@ def bare_pymavlink(path: Path, wanted: list[str] | None) -> tuple[float, float]:
 def replay(path: Path, out: Path, rerun: str) -> tuple[float, float, float]:
     """Return CPU and wall seconds and peak memory in MB of a replay in its own process."""
     command = ["replay", str(path), "--out", str(out), "--force", "--json", "--rerun", rerun]
-    start = time.perf_counter()
-    process = subprocess.Popen([sys.executable, "-m", "yawid", *command], stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode not in (0, 5):
-        raise SystemExit(f"the replay ended with {process.returncode}")
-    cpu = used.ru_utime + used.ru_stime
-    return cpu, time.perf_counter() - start, used.ru_maxrss / 1024.0
+    timed = [sys.executable, "-c", _TIMED, sys.executable, "-m", "yawid", *command]
+    done = subprocess.run(timed, capture_output=True, text=True, check=True)
+    code, cpu, wall, peak = json.loads(done.stdout)
+    if code not in (0, 5):
+        raise SystemExit(f"the replay ended with {code}: {done.stderr.strip()}")
+    return cpu, wall, peak
 
 
 def bench(mix: str, folder: Path, options: argparse.Namespace) -> None:
