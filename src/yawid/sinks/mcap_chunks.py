@@ -169,24 +169,20 @@ class ChunkWriter:
         self.end_chunk()
         self._summary[Opcode.STATISTICS] = [_bytes_of(self._statistics())]
         self._write(_bytes_of(DataEnd(data_section_crc=0)))
-        start = self._offset
-        summary, offsets = b"", b""
+        start, offsets, crc = self._offset, b"", 0
         for opcode in _SUMMARY:
-            group = b"".join(self._summary[opcode])
-            if group:
-                place: dict[str, Any] = {
-                    "group_start": start + len(summary),
-                    "group_length": len(group),
-                }
+            at = self._offset
+            for data in self._summary[opcode]:
+                crc = zlib.crc32(data, crc)
+                self._write(data)
+            if self._offset > at:
+                place: dict[str, Any] = {"group_start": at, "group_length": self._offset - at}
                 offsets += _bytes_of(SummaryOffset(group_opcode=opcode, **place))
-            summary += group
-        offset_start = start + len(summary)
-        summary += offsets
-        # The checksum covers the footer up to itself.
-        head = _FOOTER.pack(Opcode.FOOTER, 20, start, offset_start)
-        crc = zlib.crc32(head, zlib.crc32(summary))
-        footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)
-        self._write(summary + _bytes_of(footer) + MAGIC)
+        # The checksum covers the summary, and the footer up to itself.
+        head = _FOOTER.pack(Opcode.FOOTER, 20, start, self._offset)
+        crc = zlib.crc32(head, zlib.crc32(offsets, crc))
+        footer = Footer(summary_start=start, summary_offset_start=self._offset, summary_crc=crc)
+        self._write(offsets + _bytes_of(footer) + MAGIC)
 
     def flush(self) -> None:
         """Bring what was written so far through the buffer of the stream."""
