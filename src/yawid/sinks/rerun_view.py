@@ -190,6 +190,9 @@ class RerunView:
         for entity in blocks[0]:
             values = np.concatenate([block[entity] for block in blocks])
             self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
+        if self._is_file:
+            # Rerun writes in a thread of its own: what waits for it must not pile up.
+            self._recording.flush(timeout_sec=FINISH_S)
 
 
 def _times(samples: SampleBlock, rows: Ints) -> list[rr.TimeColumn]:
