@@ -120,6 +120,22 @@ def test_a_damaged_chunk_is_left_out_and_the_others_stay(tmp_path: Path) -> None
     assert raw(tmp_path / "out.mcap") == rows[: 2 * chunk] + rows[3 * chunk :]
 
 
+@pytest.mark.parametrize("at", [-1, -8], ids=["a letter of its topic", "its number"])
+def test_a_channel_whose_record_is_damaged_costs_messages_and_makes_no_false_ones(
+    tmp_path: Path, at: int
+) -> None:
+    whole = write_file(tmp_path / "whole.mcap")
+    rows, data = raw(whole), bytearray(whole.read_bytes())
+    topic = data.index(b"/yawid/estimate/rml")
+    data[topic + (at if at == -8 else len("/yawid/estimate/rml") + at)] ^= 1  # number 5 becomes 4
+    (tmp_path / "bad.mcap").write_bytes(data)
+    recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    found = raw(tmp_path / "out.mcap")
+    assert found
+    lost = {"/yawid/estimate/rml"} if at == -1 else {"/yawid/estimate/rml", "/yawid/estimate"}
+    assert found == [row for row in rows if row[0] not in lost]
+
+
 @settings(max_examples=60, deadline=None)
 @given(share=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(1, 255))
 def test_one_flipped_byte_anywhere_never_makes_a_false_message(

@@ -6,7 +6,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import BinaryIO, Final, get_args
 
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError, frame_content_size
 
 from yawid import __version__
+from yawid.config import Method
 from yawid.errors import SinkError
 from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
 
@@ -23,6 +24,10 @@ LARGEST_CHUNK: Final = 64 << 20
 LARGEST_RATIO: Final = 200
 """Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
 the library reads each nine of them as a record."""
+TOPICS: Final = frozenset(
+    [f"/yawid/{name}" for name in ("sample", "modes", "verdict", "log", "estimate")]
+    + [f"/yawid/estimate/{method}" for method in get_args(Method)]
+)
 LIBRARY: Final = f"yawid {__version__} (recovered)"
 # What mcap raises on damaged bytes: its own errors, short structs, bad text or CRC, absurd sizes.
 _DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
@@ -91,6 +96,7 @@ class _Copy:
         self._writer = Writer(out, compression=CompressionType.ZSTD)
         self._schemas: dict[int, int] = {0: 0}  # 0 is the channel without a schema
         self._channels: dict[int, tuple[int, str]] = {}
+        self._doubtful: set[int] = set()
         self._counts: Counter[str] = Counter()
 
     def run(self, stream: BinaryIO) -> dict[str, int]:
@@ -111,15 +117,9 @@ class _Copy:
                 self._schemas[record.id] = self._writer.register_schema(
                     record.name, record.encoding, record.data
                 )
-            case Channel() if record.id not in self._channels and record.schema_id in self._schemas:
-                channel = self._writer.register_channel(
-                    record.topic,
-                    record.message_encoding,
-                    self._schemas[record.schema_id],
-                    record.metadata,
-                )
-                self._channels[record.id] = channel, record.topic
-            case Message() if record.channel_id in self._channels:
+            case Channel() if record.schema_id in self._schemas:
+                self._add_channel(record)
+            case Message() if record.channel_id in self._channels.keys() - self._doubtful:
                 channel, topic = self._channels[record.channel_id]
                 self._writer.add_message(
                     channel, record.log_time, record.data, record.publish_time, record.sequence
@@ -137,3 +137,17 @@ class _Copy:
                 )
             case _:  # indexes and statistics are made anew
                 pass
+
+    def _add_channel(self, record: Channel) -> None:
+        """Register a channel; where its record is damaged, which no CRC tells, its messages go."""
+        if record.id in self._channels:
+            if self._channels[record.id][1] != record.topic:
+                self._doubtful.add(record.id)
+        elif record.topic in TOPICS:
+            channel = self._writer.register_channel(
+                record.topic,
+                record.message_encoding,
+                self._schemas[record.schema_id],
+                record.metadata,
+            )
+            self._channels[record.id] = channel, record.topic
