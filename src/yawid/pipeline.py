@@ -20,7 +20,7 @@ from yawid.sinks.base import Sink
 from yawid.sources.link import LinkStats
 from yawid.sources.reading import Reading
 
-BLOCK = 1024
+BLOCK = 4096
 """Samples estimated and written at once: the covariance of each row makes blocks heavy."""
 
 
