@@ -179,8 +179,9 @@ _ADVICE = {
     "no_yaw": "ask for ATTITUDE (id 30) at 25 Hz or more",
     "rate_too_low": (
         "ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at 25 Hz or more: on ArduPilot "
-        "SRn_EXTRA1 = 25 and SRn_RC_CHAN = 25, or MAV_CMD_SET_MESSAGE_INTERVAL with 40000 us "
-        "(the loop rate caps it at 0.8 of itself); on PX4 mavlink stream -r 50"
+        "SRn_EXTRA1 = 25 and SRn_RC_CHAN = 25 (from 4.7 on MAVn_EXTRA1, MAVn_RC_CHAN), or "
+        "MAV_CMD_SET_MESSAGE_INTERVAL with 40000 us (at most 0.8 of the loop rate is sent); on "
+        "PX4 mavlink stream -r 50"
     ),
     "not_excited": (
         "fly wings level at a steady airspeed with the rudder doubled left and right: a 3-2-1-1 "
