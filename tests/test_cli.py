@@ -251,6 +251,20 @@ def test_a_rate_above_the_logs_own_leaves_nothing_in_the_way_of_the_next_run(tmp
     assert main([*arguments, "--rate", "10"]) == 5
 
 
+def test_a_replay_loads_only_what_it_uses(tmp_path: Path):
+    program = (
+        "import sys, yawid.cli\n"
+        "yawid.cli.main(sys.argv[1:])\n"
+        "unused = ('scipy.signal', 'scipy.special', 'scipy.stats', 'matplotlib', 'filterpy',\n"
+        "          'pandas', 'rich', 'jsbsim', 'rerun')\n"
+        "print([name for name in unused if name in sys.modules], file=sys.stderr)"
+    )
+    arguments = ["replay", str(C172P), "--rate", "10", "--out", str(tmp_path), "--json"]
+    command = [sys.executable, "-c", program, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stderr.splitlines()[-1] == "[]"
+
+
 def test_help_does_not_import_what_only_a_run_needs():
     program = (
         "import sys, yawid.cli\n"

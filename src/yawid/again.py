@@ -26,7 +26,7 @@ from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
-from yawid.sinks.terminal import progress
+from yawid.sinks.progress import progress
 from yawid.summary import as_summary, bank_reasons
 from yawid.verdict import Reason, Verdict
 from yawid.verdict_estimate import Evidence

@@ -96,7 +96,6 @@ def _replay(arguments: argparse.Namespace) -> int:
     from yawid.outputs import output_names
     from yawid.session import StopFlag
     from yawid.sinks.mcap_run import is_mcap
-    from yawid.sinks.terminal import print_summary
 
     automatic, config = auto_orders(arguments), config_of(arguments)
     _warn_of_compiling()
@@ -110,8 +109,14 @@ def _replay(arguments: argparse.Namespace) -> int:
             run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
             if is_mcap(log):
                 run = partial(replay_run, log, settings_of(arguments), outputs, stop, automatic)
-            codes.append(_told(run, arguments.json, print_summary))
+            codes.append(_told(run, arguments.json, _print_summary))
     return max(codes, default=0)
+
+
+def _print_summary(summary: dict[str, Any], stream: TextIO) -> None:
+    from yawid.sinks.terminal import print_summary
+
+    print_summary(summary, stream)
 
 
 def _warn_of_compiling() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 from yawid.outputs import Outputs, finish, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
-from yawid.sinks.terminal import progress
+from yawid.sinks.progress import progress
 from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
 from yawid.summary import summarise

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import rerun_cli
 from rerun.chunk import RrdReader
@@ -46,20 +47,33 @@ def save(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Path:
 
 
 def recorded(path: Path) -> dict[str, dict[str, Any]]:
-    """Columns of each entity over time, its chunks joined in order of boot time."""
+    """Columns of each entity over time, its chunks joined in the file's order; times in ns."""
     entities: dict[str, dict[str, list[Any]]] = {}
     for chunk in RrdReader(path).stream().to_chunks():
         if not chunk.is_static:
-            columns = chunk.to_record_batch().to_pydict()
+            columns = _columns(chunk)
             entity = entities.setdefault(chunk.entity_path, {})
             for name, values in columns.items():
                 entity.setdefault(name, []).extend(values)
     return entities
 
 
+def _columns(chunk: Any) -> dict[str, list[Any]]:
+    # Times as numbers: as Python's own they are too coarse, and as pandas' they ask for pandas.
+    batch = chunk.to_record_batch()
+    return {
+        name: (column.cast("int64") if _is_time(column.type) else column).to_pylist()
+        for name, column in zip(batch.schema.names, batch.columns, strict=True)
+    }
+
+
+def _is_time(kind: Any) -> bool:
+    return pa.types.is_timestamp(kind) or pa.types.is_duration(kind)
+
+
 def statics(path: Path, entity: str, component: str) -> list[Any]:
     return [
-        chunk.to_record_batch().to_pydict()[component][-1]
+        _columns(chunk)[component][-1]
         for chunk in RrdReader(path).stream().to_chunks()
         if chunk.is_static and chunk.entity_path == entity
     ]

@@ -34,9 +34,9 @@ def test_the_saved_recording_holds_every_sample_on_both_clocks(tmp_path: Path) -
     theta = np.where(live[:, None], els.theta, np.nan)
     np.testing.assert_array_equal(values(entities, "/parameters/theta"), theta)
     np.testing.assert_array_equal(values(entities, "/dutch_roll/wn")[:, 0], modes.dutch_roll[:, 0])
-    boot = np.sort(np.array(entities["/input"]["boot_time"], "timedelta64[us]").astype(np.int64))
+    boot = np.sort(entities["/input"]["boot_time"]) // 1000
     np.testing.assert_array_equal(boot, samples.boot_us)
-    unix = sorted(time.value for time in entities["/input"]["unix_time"])
+    unix = sorted(entities["/input"]["unix_time"])
     assert unix == samples.unix_ns.tolist()
 
 
@@ -95,7 +95,7 @@ def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Pa
 
     def lane(name: str) -> list[tuple[int, str]]:
         columns = entities[f"/state/{name}"]
-        times = (np.timedelta64(t, "us").astype(int) for t in columns["boot_time"])
+        times = (t // 1000 for t in columns["boot_time"])
         states = (state for [state] in columns["StateChange:state"])
         found = sorted(zip(times, states, strict=True))
         return [(samples.boot_us.tolist().index(t), state) for t, state in found]

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import butter
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
 from yawid.channels.decimate import BAND_ORDER, Decimator, GridFilter
@@ -27,6 +26,8 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
     Raises:
         ConfigError: the upper edge is not below half the rate.
     """
+    from scipy.signal import butter  # half a second to load: only for those who filter
+
     rate_hz = 1.0 / sample_time_s
     if not band_hz[1] < rate_hz / 2.0:
         raise ConfigError(
@@ -34,6 +35,14 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
             f"{rate_hz / 2.0:g} Hz"
         )
     sections: Floats = butter(BAND_ORDER, band_hz, "bandpass", fs=rate_hz, output="sos")
+    return sections
+
+
+def high_pass(low_hz: float, sample_time_s: float) -> Floats:
+    """Return its lower end alone."""
+    from scipy.signal import butter
+
+    sections: Floats = butter(BAND_ORDER, low_hz, "high", fs=1.0 / sample_time_s, output="sos")
     return sections
 
 
@@ -64,7 +73,7 @@ class Conditioner:
         if self.count > 1:  # the upper corner acts before the samples are thinned, and only there
             low_hz, high_hz = self.config.band
             self._decimator = Decimator(self.sample_time_s, self.count, high_hz)
-            sections = butter(BAND_ORDER, low_hz, "high", fs=1.0 / self.sample_time_s, output="sos")
+            sections = high_pass(low_hz, self.sample_time_s)
         self._filter = GridFilter(sections)
 
     def feed(self, block: SampleBlock) -> SampleBlock | None:

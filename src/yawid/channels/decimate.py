@@ -3,7 +3,8 @@
 What vibrates above half the grid's rate would stand in its samples as a slow motion that no filter
 on the grid can take out again. So with ``--band`` the channels are aligned on a grid as fine as
 their messages, pass the same Butterworth low-pass there, and are thinned out: y at the instant, u
-as the mean over the interval, as ever.
+as the mean over the interval, as ever. SciPy is loaded where a band asks for it: it takes half a
+second.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from yawid.blocks import Floats, Ints, SampleBlock
 
@@ -36,6 +36,8 @@ class GridFilter:
 
     def feed(self, block: SampleBlock) -> tuple[Floats, Floats]:
         """Return u and y filtered; after a held sample the filter starts anew, at rest."""
+        from scipy.signal import sosfilt, sosfilt_zi
+
         signals = np.column_stack([block.u, block.y])
         good = block.held == 0
         edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
@@ -65,6 +67,8 @@ class Decimator:
     _open: SampleBlock | None = None
 
     def __post_init__(self) -> None:
+        from scipy.signal import butter
+
         rate_hz = self.count / self.sample_time_s
         self._filter = GridFilter(butter(BAND_ORDER, self.corner_hz, fs=rate_hz, output="sos"))
 

@@ -5,12 +5,12 @@ Both are causal and see only samples that are used. Held ones say why they are h
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.signal import lfilter
 
 from yawid.blocks import Floats, Noted, SampleBlock
 from yawid.run_config import DEFAULT_MEMORY_S
@@ -38,11 +38,17 @@ def strokes(u: Floats, window: int, before: Floats | None = None) -> Floats:
     carried = u[:0] if before is None else before[-(window - 1) :]
     known = np.concatenate([carried, u])
     padded = np.concatenate([np.full(window - 1 - len(carried), known[0]), known])
-    # Index i of these filters is the window that begins at i - window // 2.
-    here = slice(window // 2, window // 2 + len(u))
-    low, high = (f(padded, window)[here] for f in (minimum_filter1d, maximum_filter1d))
-    moved: Floats = high - low
-    return moved
+    return _extreme(np.maximum, padded, window) - _extreme(np.minimum, padded, window)
+
+
+def _extreme(of_two: np.ufunc, x: Floats, window: int) -> Floats:
+    """Return the extreme of each ``window`` values of x (n,), (n - window + 1,), by doubling."""
+    width = 1
+    while 2 * width <= window:
+        x, width = of_two(x[:-width], x[width:]), 2 * width
+    rest = window - width
+    found: Floats = of_two(x[: len(x) - rest], x[rest:])
+    return found
 
 
 @dataclass(slots=True)
@@ -56,7 +62,7 @@ class Notes:
 
     sample_time_s: float
     travel_unit: float
-    _sums: Floats = field(default_factory=lambda: np.zeros((2, 1)))
+    _sums: tuple[float, float] = (0.0, 0.0)
     _rudder: Floats = field(default_factory=lambda: np.zeros(0))
     _epoch: int = -1
 
@@ -74,10 +80,15 @@ class Notes:
         if not rows.any():
             return other
         speed = block.airspeed[rows]
-        forgetting = np.exp(-self.sample_time_s / DEFAULT_MEMORY_S)
-        both = np.stack([speed, np.ones(len(speed))])
-        sums, self._sums = lfilter([1.0], [1.0, -forgetting], both, zi=self._sums)
-        mean = sums[0] / sums[1]
+        forgetting = math.exp(-self.sample_time_s / DEFAULT_MEMORY_S)
+        sums = accumulate(
+            speed.tolist(),
+            lambda old, x: (forgetting * old[0] + x, forgetting * old[1] + 1.0),
+            initial=self._sums,
+        )
+        total, weight = np.array([*sums][1:]).T
+        self._sums = float(total[-1]), float(weight[-1])
+        mean = total / weight
         other[rows] = np.abs(speed - mean) > AIRSPEED_SHARE * mean
         return other
 

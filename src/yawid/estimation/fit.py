@@ -7,10 +7,10 @@ model, because each prediction starts from the measured past; the simulation is 
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from yawid.blocks import Floats
 from yawid.config import ArmaxOrders
+from yawid.estimation.filtering import all_pole
 
 
 def fit_percent(y: Floats, y_hat: Floats) -> float:
@@ -48,14 +48,9 @@ def _simulate_stretch(
     first = orders.na
     for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
         b = np.concatenate([np.zeros(nk), theta[first : first + nb]])
-        drive += lfilter(b, [1.0], u[:, i])
+        drive += np.convolve(u[:, i], b)[: len(y)]
         first += nb
-    a = np.concatenate([[1.0], theta[: orders.na]])
     simulated = np.full(len(y), np.nan)
-    if len(y) > lags:
-        # The filter's state that continues the measured past: what A(q) still has to subtract.
-        past = y[lags - orders.na : lags][::-1]
-        state = -np.array([a[i + 1 :] @ past[: orders.na - i] for i in range(orders.na)])
-        with np.errstate(over="ignore", invalid="ignore"):
-            simulated[lags:], _ = lfilter([1.0], a, drive[lags:], zi=state)
+    past = y[lags - orders.na : lags][::-1]
+    simulated[lags:] = all_pole(theta[: orders.na], drive[lags:], past)
     return simulated

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from scipy.special import gammaincc
 
 from yawid.blocks import Floats
 
@@ -23,4 +24,21 @@ def ljung_box(products: Floats, s1: float, s2: float) -> float:
         return float("nan")
     correlation = products[1:] / products[0]
     q = n * (n + 2.0) * float(np.sum(correlation**2 / (n - np.arange(1, lags + 1))))
-    return float(gammaincc(0.5 * lags, 0.5 * q))
+    return chi_square_tail(q, lags)
+
+
+def chi_square_tail(q: float, degrees: int) -> float:
+    """Return the probability that chi-square with ``degrees`` of freedom, at least 1, exceeds q.
+
+    The regularised incomplete gamma function Q(degrees/2, q/2), by its recurrence
+    Q(s+1, x) = Q(s, x) + x^s e^-x / Gamma(s+1) from Q(1, x) or Q(1/2, x), all of it positive.
+    """
+    x = 0.5 * q
+    if not 0.0 < x < math.inf:
+        return 1.0 if x == 0.0 else 0.0 if x > 0.0 else math.nan
+    even = degrees % 2 == 0
+    s, tail = (1.0, math.exp(-x)) if even else (0.5, math.erfc(math.sqrt(x)))
+    while s < 0.5 * degrees:
+        tail += math.exp(s * math.log(x) - x - math.lgamma(s + 1.0))
+        s += 1.0
+    return tail

@@ -9,12 +9,12 @@ while wn and zeta are off by more than their sigma.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
-from scipy.special import fdtrc
 
 from yawid.blocks import Floats
 from yawid.config import EstimatorConfig
 from yawid.estimation.bank import History
+from yawid.estimation.filtering import all_pole
+from yawid.estimation.uncertainty import chi_square_tail
 
 NEWEST = 2**14
 """Rows of the history looked at, 14 minutes at 20 Hz: more would cost memory and tell no more."""
@@ -26,8 +26,8 @@ SETTLED = 20
 def roll_p(theta: Floats, config: EstimatorConfig, history: History) -> float:
     """Return the p-value that the roll at k-1 to k-3 has no part in the residuals of theta (p,).
 
-    An F-test of the least squares that one Gauss-Newton step is, with and without the roll, each
-    sample weighted as the model remembers it. NaN where there are too few samples.
+    A likelihood-ratio test of the least squares that one Gauss-Newton step is, with and without the
+    roll, each sample weighted as the model remembers it. NaN where there are too few samples.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         e, psi, weight = _residuals_and_slopes(theta, config, history)
@@ -40,8 +40,9 @@ def roll_p(theta: Floats, config: EstimatorConfig, history: History) -> float:
     without, with_roll = (_rest(psi[:, :n], e) for n in (columns - ROLL_LAGS, columns))
     if not with_roll > 0.0:
         return float("nan")
-    free = remembered - columns
-    return float(fdtrc(ROLL_LAGS, free, (without / with_roll - 1.0) * free / ROLL_LAGS))
+    # With its factor by Box (1949) this is as good as F here, and needs no table.
+    factor = remembered - columns + 0.5 * ROLL_LAGS - 1.0
+    return chi_square_tail(factor * max(0.0, float(np.log(without / with_roll))), ROLL_LAGS)
 
 
 def _rest(psi: Floats, e: Floats) -> float:
@@ -60,7 +61,7 @@ def _residuals_and_slopes(
     for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
         known += [_lag(u[:, j], nk + i) for i in range(nb)]
     first = len(known)
-    c = np.concatenate([[1.0], theta[first : first + orders.nc]])
+    c, rest = theta[first : first + orders.nc], np.zeros(orders.nc)
     constant = [np.ones(len(y))] if config.bias else []
     rolls = [_lag(roll, i + 1) for i in range(ROLL_LAGS)]
     plain = np.column_stack([*known, *constant])
@@ -71,10 +72,11 @@ def _residuals_and_slopes(
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
     for start, stop in edges.reshape(-1, 2):
         stretch = slice(start, stop)
-        error[stretch] = lfilter([1.0], c, error[stretch])
+        error[stretch] = all_pole(c, error[stretch], rest)
         for i in range(orders.nc):
             phi[start + i + 1 : stop, first + i] = error[start : max(stop - i - 1, start)]
-        phi[stretch] = lfilter([1.0], c, phi[stretch], axis=0)
+        for column in phi[stretch].T:
+            column[:] = all_pole(c, column, rest)
         used[start + SETTLED : stop] = True
     age = len(y) - 1.0 - np.flatnonzero(used)
     weight: Floats = np.power(config.forgetting_factor, 0.5 * age)

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import lfilter
 
 from yawid.blocks import Floats
 from yawid.config import ArmaxOrders
+from yawid.estimation.filtering import all_pole
 
 
 def step_response(theta: Floats, orders: ArmaxOrders, steps: int) -> Floats:
     """Return the yaw rate (steps,) after a unit step of the first input at sample 0."""
     b = np.concatenate([np.zeros(orders.nk[0]), theta[orders.na : orders.na + orders.nb[0]]])
-    a = np.concatenate([[1.0], theta[: orders.na]])
-    with np.errstate(over="ignore", invalid="ignore"):
-        response: Floats = lfilter(b, a, np.ones(steps))
-    return response
+    drive = np.cumsum(b)[np.minimum(np.arange(steps), len(b) - 1)]
+    return all_pole(theta[: orders.na], drive, np.zeros(orders.na))
 
 
 def early_response(

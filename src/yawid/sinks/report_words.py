@@ -42,6 +42,8 @@ def cards(summary: Mapping[str, Any]) -> list[Card]:
     primary: Mapping[str, Any] = next(iter(estimates.values()), {})
     others = dict(list(estimates.items())[1:])
     mode = primary.get("dutch_roll", {})
+    if not summary["verdict"]["usable"]:
+        mode = {name: value for name, value in mode.items() if name != "level"}
     return [_frequency(mode, others), _damping(mode, others), _sure(summary, primary), use(summary)]
 
 
@@ -50,29 +52,44 @@ def use(summary: Mapping[str, Any]) -> Card:
     verdict = summary["verdict"]
     reasons = verdict["reasons"]
     if not verdict["usable"]:
-        fatal = [reason for reason in reasons if reason["weight"] == "fatal"]
-        notes = tuple(_first_words(reason["text"]) for reason in fatal)
-        return Card("Can I use it?", "No", "the numbers are shown for study only", notes)
+        spread = "the numbers are shown for study only" if _mode(summary) else "there is no answer"
+        return Card("Can I use it?", "No", spread, _names(_fatal(summary)))
     if not reasons:
         return Card("Can I use it?", "Yes", "nothing speaks against it", ())
     count = f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below"
-    notes = tuple(reason["id"].replace("_", " ") for reason in reasons)
+    notes = _names(reasons)
     return Card("Can I use it?", "Yes, with care", count, notes)
 
 
 def headline(summary: Mapping[str, Any]) -> str:
     """Return the whole answer as one sentence."""
-    primary: Mapping[str, Any] = next(iter(summary.get("estimates", {}).values()), {})
-    mode = primary.get("dutch_roll", {})
+    mode = _mode(summary)
+    if not summary["verdict"]["usable"]:
+        # The first fatal reason is the one that decides.
+        why = next((reason["text"] for reason in _fatal(summary)), "the reasons stand below")
+        return f"This log cannot say how the yaw answers the rudder: {_first_words(why)}."
     if "wn_rad_s" not in mode:
         return "No Dutch roll was identified from this log."
-    if not summary["verdict"]["usable"]:
-        return "This log cannot answer how the yaw answers the rudder; the reasons stand below."
     wn, zeta = mode["wn_rad_s"], mode["zeta"]
     return (
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
         f"({wn / (2.0 * math.pi):.2g} Hz) and a damping ratio of {zeta:.2g}: {_damped(zeta)}."
     )
+
+
+def _mode(summary: Mapping[str, Any]) -> Mapping[str, float]:
+    """Return the primary method's Dutch roll, empty where there is none."""
+    primary: Mapping[str, Any] = next(iter(summary.get("estimates", {}).values()), {})
+    mode: Mapping[str, float] = primary.get("dutch_roll", {})
+    return mode
+
+
+def _fatal(summary: Mapping[str, Any]) -> list[Mapping[str, str]]:
+    return [r for r in summary["verdict"]["reasons"] if r["weight"] == "fatal"]
+
+
+def _names(reasons: list[Mapping[str, str]]) -> tuple[str, ...]:
+    return tuple(reason["id"].replace("_", " ") for reason in reasons)
 
 
 def advice(reason: Mapping[str, str]) -> str:
@@ -165,4 +182,4 @@ def _duration(seconds: float) -> str:
 
 
 def _first_words(text: str) -> str:
-    return text if len(text) <= 90 else text[:87].rsplit(" ", 1)[0] + " …"
+    return text if len(text) <= 120 else text[:117].rsplit(" ", 1)[0] + " …"

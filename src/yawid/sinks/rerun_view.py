@@ -16,7 +16,9 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
+from rerun.encodings import TensorDataBatch
 
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
 from yawid.sinks.base import LogLevel
@@ -40,6 +42,7 @@ _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": 
 
 # One stroke: along one arm of the cross, back to its middle, out and along the other.
 _CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
+SHADE: Final = (*NEUTRAL[:3], 70)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
 
 
@@ -88,8 +91,7 @@ class RerunView:
         for change in self._marks.changes(samples, primary):
             self._send_change(samples, change)
         self._send_plane(samples, self._marks.plane(samples, primary))
-        for white in self._marks.whiteness(samples, primary):
-            self._send_whiteness(samples, white)
+        self._send_whiteness(samples, self._marks.whiteness(samples, primary))
         if self._waiting >= BATCH_ROWS:
             self._send()
 
@@ -150,19 +152,34 @@ class RerunView:
                 rows = rr.Points2D.columns(positions=at).partition(there.sum(axis=1))
             self._recording.send_columns(f"z_plane/{entity}", times, rows)
 
-    def _send_whiteness(self, samples: SampleBlock, white: Whiteness) -> None:
-        recording, row = self._recording, white.row
-        recording.set_time(TIMELINE, duration=np.timedelta64(int(samples.boot_us[row]), "us"))
-        recording.set_time("unix_time", timestamp=np.datetime64(int(samples.unix_ns[row]), "ns"))
-        bars = np.concatenate([[0.0], white.correlation])  # the place of a bar is its lag
-        recording.log("whiteness/correlation", rr.BarChart(bars, color=MEASURED))
-        bounds = (("upper", white.bound), ("lower", -white.bound))
-        for name, bound in bounds if white.bound != self._bound else ():
-            level = np.concatenate([[0.0], np.full(LAGS, bound)])
-            shade = rr.BarChart(level, color=(*NEUTRAL[:3], 70))
-            recording.log(f"whiteness/{name}_bound", shade)
-        self._bound = white.bound
-        recording.reset_time()
+    def _send_whiteness(self, samples: SampleBlock, whites: list[Whiteness]) -> None:
+        if not whites:
+            return
+        # The place of a bar is its lag.
+        self._send_bars(samples, "correlation", [(w.row, w.correlation) for w in whites])
+        before = [self._bound, *(w.bound for w in whites[:-1])]
+        levels = [
+            (w.row, np.full(LAGS, w.bound))
+            for w, old in zip(whites, before, strict=True)
+            if w.bound != old
+        ]
+        self._send_bars(samples, "upper_bound", levels)
+        self._send_bars(samples, "lower_bound", [(row, -level) for row, level in levels])
+        self._bound = whites[-1].bound
+
+    def _send_bars(self, samples: SampleBlock, name: str, bars: list[tuple[int, Floats]]) -> None:
+        if not bars:
+            return
+        # Rerun makes an array of one tensor only; joined they go out as one chunk.
+        tensors = [
+            TensorDataBatch(np.concatenate([[0.0], bar])).as_arrow_array() for _, bar in bars
+        ]
+        colour = MEASURED if name == "correlation" else SHADE
+        columns = rr.BarChart.columns(
+            values=pa.concat_arrays(tensors), color=[colour] * len(tensors)
+        )
+        times = _times(samples, np.array([row for row, _ in bars]))
+        self._recording.send_columns(f"whiteness/{name}", times, columns)
 
     def _send(self) -> None:
         if not self._batch:
@@ -173,6 +190,9 @@ class RerunView:
         for entity in blocks[0]:
             values = np.concatenate([block[entity] for block in blocks])
             self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
+        if self._is_file:
+            # Rerun writes in a thread of its own: what waits for it must not pile up.
+            self._recording.flush(timeout_sec=FINISH_S)
 
 
 def _times(samples: SampleBlock, rows: Ints) -> list[rr.TimeColumn]:

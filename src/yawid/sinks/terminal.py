@@ -1,35 +1,16 @@
-"""What a person reads in the terminal: progress on stderr, and the summary as a table on stdout."""
+"""What a person reads in the terminal: the summary as a table on stdout."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from typing import Any, TextIO
 
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.progress import TransferSpeedColumn as Speed
 from rich.table import Table
 from rich.text import Text
 
 WIDTH = 80
-
-
-@contextmanager
-def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Any]:
-    """Show how far a log has been read, on a terminal only; yields ``advance(bytes)``."""
-    console = Console(file=stream)
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), Speed())
-    with Progress(
-        *columns,
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not stream.isatty(),
-    ) as bar:
-        task = bar.add_task(name, total=total_bytes)
-        yield lambda count: bar.update(task, advance=count)
 
 
 def print_summary(summary: Mapping[str, Any], stream: TextIO) -> None:

@@ -1,0 +1,55 @@
+"""The recursive filter and the chi-square tail against SciPy's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter, lfiltic
+from scipy.special import gammaincc
+
+from yawid.estimation.filtering import BLOCK, all_pole
+from yawid.estimation.uncertainty import chi_square_tail
+
+lengths = st.sampled_from([0, 1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 5 * BLOCK + 7])
+poles = st.lists(st.floats(-0.99, 0.99), max_size=4)
+
+
+@given(poles=poles, n=lengths, seed=st.integers(0, 2**32 - 1))
+def test_all_pole_is_scipys_recursion(poles, n, seed):
+    rng = np.random.default_rng(seed)
+    a = np.poly(poles)[1:] if poles else np.zeros(0)
+    drive, past = rng.normal(size=n), rng.normal(size=len(a))
+    denominator = np.concatenate([[1.0], a])
+    state = lfiltic([1.0], denominator, past) if len(a) else None
+    expected = lfilter([1.0], denominator, drive, zi=state)[0] if state is not None and n else drive
+    # Poles that lie together, all near 1, make of a rounding 1e16 times as much.
+    scale = 1.0 + np.abs(expected).max(initial=0.0)
+    assert np.abs(all_pole(a, drive, past) - expected).max(initial=0.0) < 1e-9 * scale
+
+
+def test_what_is_not_stable_overflows_without_a_warning():
+    x = all_pole(np.array([-2.0]), np.ones(5000), np.zeros(1))
+    assert np.array_equal(x[:50], 2.0 ** np.arange(1, 51) - 1.0)
+    assert not np.isfinite(x[1100:]).any()
+
+
+def test_a_filter_with_more_lags_than_a_block_is_no_exception():
+    a = np.zeros(BLOCK + 5)
+    a[-1] = -1.0  # x(k) = x(k - 69)
+    past = np.arange(1.0, BLOCK + 6.0)
+    assert np.array_equal(all_pole(a, np.zeros(200), past), np.resize(past[::-1], 200))
+
+
+@pytest.mark.parametrize("degrees", [1, 2, 3, 20, 25])
+@pytest.mark.parametrize("q", [0.0, 1e-12, 0.3, 7.0, 25.0, 180.0, 1e4, math.inf])
+def test_the_tail_of_chi_square_is_the_incomplete_gamma_function(q, degrees):
+    expected = gammaincc(0.5 * degrees, 0.5 * q)
+    assert chi_square_tail(q, degrees) == pytest.approx(expected, rel=1e-12, abs=1e-300)
+
+
+def test_a_statistic_that_is_not_a_number_has_no_tail():
+    assert math.isnan(chi_square_tail(math.nan, 20))
