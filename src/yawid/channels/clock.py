@@ -26,7 +26,7 @@ SILENCE_US = 10_000_000
 UNIX_US = 10**15
 """MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
 FIRST_WINDOW = 64
-"""Rows looked at for a break at once, doubled while there is none: a clock that breaks with every
+"""Rows looked at for the next break, doubled while there is none: a clock that breaks with every
 message must not cost all that follows each time."""
 OFFSET_WINDOW_US = 5_000_000
 """The offset to Unix time is sought in this much of each segment, then kept."""
@@ -175,7 +175,7 @@ class Segmenter:
         by_order = np.argsort(merged.order, kind="stable")
         merged, kind = merged.select(by_order), kind[by_order]
         row = np.where(by_order < len(yaw), by_order, by_order - len(yaw))
-        start, window = 0, FIRST_WINDOW
+        start, window = 0, max(FIRST_WINDOW, len(kind))
         while start < len(kind):
             opens = self.newest == [None, None]
             near = slice(start, start + window)
