@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flightlog import Samples, samples_of
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from sources.onboard_flight import flown
 from sources.ulog_flight import (
@@ -204,6 +204,7 @@ def test_a_torn_log_gives_what_came_before_the_tear(tmp_path: Path, cut: int):
     assert (torn == complete[: len(torn)]).all()
 
 
+@example(173264)  # a NaN that signals
 @given(st.integers(0, 2**32 - 1))
 @settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
