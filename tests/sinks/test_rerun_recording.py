@@ -166,8 +166,9 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
     origins = {
         origin
         for chunk in reader.stream(store=blueprint).to_chunks()
-        for column in [chunk.to_record_batch().to_pydict()]
-        for [origin] in column.get("ViewBlueprint:space_origin", [])
+        for batch in [chunk.to_record_batch()]
+        if "ViewBlueprint:space_origin" in batch.schema.names
+        for [origin] in batch.column("ViewBlueprint:space_origin").to_pylist()
     }
     flight = {"/input", "/yaw_rate", "/innovation", "/state", "/parameters"}
     worth = {"/verdict", "/log", "/z_plane", "/whiteness"}
