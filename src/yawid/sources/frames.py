@@ -31,7 +31,7 @@ DEFAULT = frozenset(
         "VFR_HUD",
     }
 )
-_SLICE = 1 << 19  # bytes worked on at once: what is hostile takes thirty times as much
+_SLICE = 1 << 20  # bytes worked on at once: what is hostile takes thirty times as much
 FEW = 1 << 13
 """Bytes, some two hundred frames: as few as this are tried frame by frame first."""
 _SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
