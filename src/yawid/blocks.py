@@ -6,7 +6,7 @@ and no result depends on how the stream was cut into blocks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any
@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
+
+
+def runs_of(good: NDArray[np.bool_]) -> Ints:
+    """Return where each run of True in ``good`` (n,) begins and ends, (runs, 2)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    return edges.reshape(-1, 2)
 
 
 class Status(IntEnum):
@@ -124,6 +130,12 @@ class SampleBlock:
         """Return the rows chosen by a mask, an index array or a slice."""
         columns = [getattr(self, name)[rows] for name in self.__slots__[1:]]
         return SampleBlock(self.sample_time_s, *columns)
+
+    @classmethod
+    def joined(cls, blocks: Sequence[SampleBlock]) -> SampleBlock:
+        """Return the rows of blocks of one grid, one after the other."""
+        columns = [np.concatenate([getattr(b, name) for b in blocks]) for name in cls.__slots__[1:]]
+        return cls(blocks[0].sample_time_s, *columns)
 
 
 @dataclass(frozen=True, slots=True)

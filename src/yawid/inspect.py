@@ -15,6 +15,7 @@ import numpy as np
 
 from yawid.advice import what_to_record
 from yawid.blocks import Floats, SampleBlock
+from yawid.channels.decimate import RATE_SLACK
 from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
 from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
 from yawid.collect import collect, run_through
@@ -24,7 +25,7 @@ from yawid.sources.flight_modes import mode_name
 from yawid.sources.reading import Reading
 from yawid.sources.senders import SenderStats
 from yawid.summary import as_summary, summarise
-from yawid.verdict import LEAST_RATE_HZ, RATE_SLACK, Verdict
+from yawid.verdict import LEAST_RATE_HZ, Verdict
 
 WINDOW_S = 5.0
 LEAST_STROKE = 0.1

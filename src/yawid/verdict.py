@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.channels.decimate import RATE_SLACK
 from yawid.channels.notes import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes, window_of
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness, condition_number
@@ -34,8 +35,6 @@ LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
 REFUSED_RATIO, LOW_RATIO = 4.0, 10.0
 """Samples per Dutch-roll period below which there is no answer, and below which it is poor."""
-RATE_SLACK = 0.98
-"""Measured rates jitter: 4.95 Hz counts as 5."""
 RATE_CHANGED = 1.5
 COLLINEAR = 0.995
 """Largest correlation of the lags of two inputs from which their effects cannot be told apart: a

@@ -14,17 +14,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.blocks import Floats, Ints, SampleBlock
+from yawid.blocks import Floats, Ints, SampleBlock, runs_of
 
 BAND_ORDER = 2
 """Order of the Butterworth at either end of the band."""
-SLACK = 0.98
+RATE_SLACK = 0.98
 """Measured message rates jitter: 4.95 Hz counts as 5."""
 
 
 def finer_by(sample_time_s: float, interval_us: float) -> int:
     """Return into how many a sample time is cut so that no message interval is longer than one."""
-    return max(1, math.ceil(SLACK * 1e6 * sample_time_s / interval_us))
+    return max(1, math.ceil(RATE_SLACK * 1e6 * sample_time_s / interval_us))
 
 
 @dataclass(slots=True)
@@ -40,8 +40,7 @@ class GridFilter:
 
         signals = np.column_stack([block.u, block.y])
         good = block.held == 0
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-        for start, stop in edges.reshape(-1, 2):
+        for start, stop in runs_of(good):
             if start > 0 or self._state is None:
                 self._state = sosfilt_zi(self.sections)[:, :, None] * signals[start]
             signals[start:stop], self._state = sosfilt(
@@ -77,7 +76,7 @@ class Decimator:
         u, y = self._filter.feed(block)
         fine = replace(block, u=u, y=y)
         if self._open is not None and self._open.epoch[0] == fine.epoch[0]:
-            fine = _joined(self._open, fine)
+            fine = SampleBlock.joined([self._open, fine])
         apart = (np.diff(fine.k // self.count) != 0) | (np.diff(fine.k) <= 0)
         starts = np.flatnonzero(np.concatenate([[True], apart]))
         self._open = None
@@ -104,9 +103,3 @@ class Decimator:
         )
         kept = (held != 0) | (sizes == self.count)
         return block.select(kept) if kept.any() else None
-
-
-def _joined(a: SampleBlock, b: SampleBlock) -> SampleBlock:
-    names = SampleBlock.__slots__[1:]
-    columns = [np.concatenate([getattr(a, name), getattr(b, name)]) for name in names]
-    return SampleBlock(a.sample_time_s, *columns)

@@ -48,10 +48,9 @@ class RecursiveArmax(Readings):
         self._state = state
         parts = slots.views(state)
         self._parts = parts
-        self._live = len(state) - len(parts[slots.SAMPLES])
-        self._moving = state[: self._live]
+        self._moving = state[: len(state) - len(parts[slots.SAMPLES])]
         self._inputs = config.orders.n_inputs
-        self._input_at = self._live - self._inputs
+        self._input_at = len(self._moving) - self._inputs
         self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
@@ -118,7 +117,7 @@ class RecursiveArmax(Readings):
 
         Changes nothing. NaN where the lags or the window are not full.
         """
-        scratch = self._state[: self._live].copy()
+        scratch = self._moving.copy()
         if not all(self.config.orders.nk):
             u = checked_u(u, 0.0, self._inputs)
             scratch[self._input_at :] = u

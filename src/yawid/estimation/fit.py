@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, runs_of
 from yawid.config import ArmaxOrders
 from yawid.estimation.filtering import all_pole
 
@@ -33,8 +33,7 @@ def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Float
     """
     simulated = np.full(len(y), np.nan)
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    for start, stop in edges.reshape(-1, 2):
+    for start, stop in runs_of(good):
         stretch = slice(start, stop)
         simulated[stretch] = _simulate_stretch(theta, orders, bias, u[stretch], y[stretch])
     return simulated

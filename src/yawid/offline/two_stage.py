@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, runs_of
 from yawid.config import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.fit import fit_percent
@@ -142,7 +142,6 @@ def _residuals(
     first = orders.n_theta - orders.nc
     c = c_of(theta, orders)
     eps = y - known @ np.delete(theta, slice(first, first + orders.nc))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    for start, stop in edges.reshape(-1, 2):
+    for start, stop in runs_of(rows):
         eps[start:stop] = lfilter([1.0], np.concatenate([[1.0], c]), eps[start:stop])
     return eps

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, runs_of
 from yawid.config import EstimatorConfig
 from yawid.estimation.bank import History
 from yawid.estimation.filtering import all_pole
@@ -69,8 +69,7 @@ def _residuals_and_slopes(
     phi = np.column_stack([*known, *[np.zeros(len(y))] * orders.nc, *constant, *rolls])
     rows = np.isfinite(phi).all(axis=1) & np.isfinite(error)
     used = np.zeros(len(y), bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    for start, stop in edges.reshape(-1, 2):
+    for start, stop in runs_of(rows):
         stretch = slice(start, stop)
         error[stretch] = all_pole(c, error[stretch], rest)
         for i in range(orders.nc):

@@ -30,11 +30,6 @@ def joined(parts: Sequence[Written]) -> Written:
     """Return several of them as one; the covariances, which are not written, are left out."""
     if len(parts) == 1:
         return parts[0]
-    samples = [part.samples for part in parts]
-    arrays = {
-        name: np.concatenate([getattr(block, name) for block in samples])
-        for name in SampleBlock.__slots__[1:]
-    }
     estimates = {}
     for method, first in parts[0].estimates.items():
         rows = [part.estimates[method].rows[:, : 2 * first.p + 5] for part in parts]
@@ -45,7 +40,7 @@ def joined(parts: Sequence[Written]) -> Written:
             for name in ModesBlock.__slots__
         )
     )
-    return Written(SampleBlock(samples[0].sample_time_s, **arrays), estimates, modes)
+    return Written(SampleBlock.joined([part.samples for part in parts]), estimates, modes)
 
 
 _ESTIMATE: Final = (

@@ -14,7 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, Noted, SampleBlock, Status
+from yawid.blocks import (
+    EstimateBlock,
+    Floats,
+    Held,
+    Ints,
+    ModesBlock,
+    Noted,
+    SampleBlock,
+    Status,
+    runs_of,
+)
 from yawid.config import ArmaxOrders
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import simulate
@@ -64,8 +74,7 @@ class Judged:
     def longest_stretch(self) -> slice:
         """Return the rows of the longest stretch in which nothing was held."""
         good = np.isfinite(self.y) & np.isfinite(self.u).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-        stretches = edges.reshape(-1, 2)
+        stretches = runs_of(good)
         if not len(stretches):
             return slice(0, 0)
         first, last = stretches[np.argmax(stretches[:, 1] - stretches[:, 0])]
