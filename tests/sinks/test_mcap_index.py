@@ -38,9 +38,7 @@ def write_chunks(path: Path, chunks: int) -> list[int]:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int]]:
     path = tmp_path_factory.mktemp("long") / "long.mcap"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("yawid.sinks.mcap_chunks._SPOOL", 1 << 16)  # as if it were a day
-        return path, write_chunks(path, CHUNKS)
+    return path, write_chunks(path, CHUNKS)
 
 
 def test_every_chunk_of_a_long_run_is_in_the_index_and_found_by_its_time(

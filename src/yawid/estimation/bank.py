@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,40 +18,38 @@ MEMORIES = 3.0
 """A model that forgets is asked about three times its memory, what it still knows something of."""
 REMEMBERED = 16
 """Every so many samples the model is kept as it stood, to be asked about what came after."""
-COMPACT = 512
-"""Parts are joined when there are this many: a live part holds one sample."""
 
 
-@dataclass(slots=True)
 class Record:
-    """The newest samples of the epoch, held ones as NaN: what the final model is tried on."""
+    """The newest ``limit`` rows of what the columns of :class:`History` are, in a ring each.
 
-    limit: int = HISTORY
-    parts: list[tuple[Floats, ...]] = field(default_factory=list)
-    length: int = 0
+    A ring lies still: parts of a live session, a sample each, would hold the process's memory apart
+    for hours.
+    """
 
-    def add(self, *columns: Floats) -> None:
-        """Append rows of the columns of :class:`History`."""
-        # Copies: a column may be a view that would keep all that it was cut from.
-        self.parts.append(tuple(column.copy() for column in columns))
-        self.length += len(columns[0])
-        while self.length - len(self.parts[0][0]) >= self.limit:
-            self.length -= len(self.parts.pop(0)[0])
-        if len(self.parts) > COMPACT:
-            self.parts = [self.joined()]
-            self.length = len(self.parts[0][0])
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.seen = 0
+        self._rings: list[Floats] = []
 
     def __len__(self) -> int:
-        return min(self.length, self.limit)
+        return min(self.seen, self.limit)
+
+    def add(self, *columns: Floats) -> None:
+        """Append rows; columns (n, ...) are the same in every call but for n."""
+        if not self._rings:
+            # Memory that was never written to is not taken: a short record stays small.
+            self._rings = [np.empty((self.limit, *column.shape[1:])) for column in columns]
+        count = len(columns[0])
+        rows = np.arange(self.seen, self.seen + count)[-self.limit :] % self.limit
+        for ring, column in zip(self._rings, columns, strict=True):
+            ring[rows] = column[-self.limit :]
+        self.seen += count
 
     def joined(self) -> tuple[Floats, ...]:
-        """Return the columns of the newest rows, at most ``limit`` of them."""
-        kept, rows = len(self.parts), 0
-        while kept and rows < self.limit:
-            kept -= 1
-            rows += len(self.parts[kept][0])
-        columns = zip(*self.parts[kept:], strict=True)
-        return tuple(np.concatenate(column)[-self.limit :] for column in columns)
+        """Return the columns of the newest rows, the oldest first; none before the first row."""
+        rows = np.arange(self.seen - len(self), self.seen) % self.limit
+        return tuple(ring[rows] for ring in self._rings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +99,6 @@ class Bank:
         kept = math.ceil(MEMORIES / forgotten) if forgotten > 0.0 else HISTORY
         self._record = Record(min(kept, HISTORY))
         self._thetas = Record(min(kept, HISTORY) // REMEMBERED + 1)
-        self._seen = 0
         self.last: dict[str, EstimateBlock] = {}
 
     def run(self, samples: SampleBlock) -> dict[str, EstimateBlock]:
@@ -116,17 +113,17 @@ class Bank:
         }
         predictions = [block.y_hat for block in self.last.values()]
         context = [samples.roll, samples.turn, samples.airspeed]
-        self._record.add(samples.u, samples.y, *context, *predictions)
         self._remember(len(samples))
+        self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
 
     def _remember(self, count: int) -> None:
         """Keep theta after every 16th sample of the epoch, however the blocks were cut."""
-        rows = slice(-(self._seen + 1) % REMEMBERED, None, REMEMBERED)
-        seen = np.arange(self._seen + 1.0, self._seen + count + 1.0)[rows]
+        before = self._record.seen
+        rows = slice(-(before + 1) % REMEMBERED, None, REMEMBERED)
+        seen = np.arange(before + 1.0, before + count + 1.0)[rows]
         if len(seen):
             self._thetas.add(seen, *(block.theta[rows] for block in self.last.values()))
-        self._seen += count
 
     def history(self) -> History:
         """Return the newest samples of the epoch and what each method predicted of them.
@@ -140,7 +137,7 @@ class Bank:
     def earlier(self, row: int) -> Earlier | None:
         """Return the newest models kept that had not seen ``row`` of the history, if there are."""
         seen, *thetas = self._thetas.joined() or (np.empty(0),)
-        firsts = seen - (self._seen - len(self._record))
+        firsts = seen - (self._record.seen - len(self._record))
         known = np.flatnonzero((firsts > 0) & (firsts <= row))
         if len(known) == 0:
             return None

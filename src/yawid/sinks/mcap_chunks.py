@@ -52,7 +52,7 @@ _CHUNK_SIZES: Final = struct.Struct("<Q8sQQ")
 _FOOTER: Final = struct.Struct("<BQQQ")
 _SUMMARY: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX,
                    Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)  # fmt: skip
-_SPOOL: Final = 1 << 20  # bytes of the chunks' index kept in memory: that of an hour and more
+_SPOOL: Final = 1 << 16  # bytes of the chunks' index kept in memory: that of minutes
 
 
 @dataclass(frozen=True, slots=True)
