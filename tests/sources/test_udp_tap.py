@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import pickle
 import socket
 import sys
 import threading
@@ -18,6 +19,7 @@ from yawid.sources.addresses import Addresses
 from yawid.sources.endpoints import Endpoint
 from yawid.sources.frames import Decoder
 from yawid.sources.inbox import Stamps
+from yawid.sources.receive import OneByOne, make_receiver
 from yawid.sources.tap import split_datagram
 from yawid.sources.udp import UdpTap, dropped_by
 
@@ -25,8 +27,9 @@ ANY_PORT = Endpoint("127.0.0.1", 0)
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 300)]
 
 
-@pytest.fixture
-def tap() -> Iterator[UdpTap]:
+@pytest.fixture(params=[make_receiver, OneByOne])
+def tap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[UdpTap]:
+    monkeypatch.setattr("yawid.sources.udp.make_receiver", request.param)
     with UdpTap(ANY_PORT) as opened:
         yield opened
 
@@ -234,6 +237,7 @@ def test_stamps_go_on_evenly_when_the_clock_is_set_and_the_jump_is_said_once() -
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
+@pytest.mark.parametrize("tap", [make_receiver], indirect=True)
 def test_a_stamp_is_when_the_datagram_arrived_though_it_gathers_with_others(
     tap: UdpTap, vehicle: socket.socket
 ) -> None:
@@ -280,3 +284,11 @@ def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> Non
     assert addresses.latest == {1: new}
     [line] = addresses.note({(1, old)}, 7_000_000)
     assert "127.0.0.1:1 and 127.0.0.1:2" in line or "127.0.0.1:2 and 127.0.0.1:1" in line
+
+
+def test_a_flood_from_ever_new_ports_is_told_once_and_not_remembered() -> None:
+    addresses = Addresses()
+    lines = [addresses.note({(1, ("127.0.0.1", port))}, 10 * port) for port in range(60_000)]
+    assert sum(map(len, lines)) == 1
+    assert addresses.latest == {1: ("127.0.0.1", 59_999)}
+    assert len(pickle.dumps(addresses)) < 1000

@@ -24,17 +24,19 @@ class Addresses:
         """
         news = []
         for sysid, address in sorted(pairs):
+            self.latest[sysid] = address
+            if sysid in self._told:
+                continue
             known = self._heard_us.setdefault(sysid, {})
             known[address] = now_us
-            self.latest[sysid] = address
-            if len(known) > 1 and sysid not in self._told:
-                for old in [a for a, us in known.items() if now_us - us > TOGETHER_US]:
-                    del known[old]
-                if len(known) > 1:
-                    self._told.add(sysid)
-                    places = " and ".join(f"{host}:{port}" for host, port in known)
-                    news.append(
-                        f"system {sysid} is sent from two addresses, {places}: a forged or doubled "
-                        "stream, or two vehicles with one id; both are recorded and estimated"
-                    )
+            for old in [a for a, us in known.items() if now_us - us > TOGETHER_US]:
+                del known[old]
+            if len(known) > 1:
+                self._told.add(sysid)
+                del self._heard_us[sysid]
+                places = " and ".join(f"{host}:{port}" for host, port in known)
+                news.append(
+                    f"system {sysid} is sent from two addresses, {places}: a forged or doubled "
+                    "stream, or two vehicles with one id; both are recorded and estimated"
+                )
         return news

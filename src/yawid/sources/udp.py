@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import socket
 import struct
-import sys
 import time
 
 from yawid.errors import SourceError
 from yawid.sources.endpoints import Endpoint
-from yawid.sources.inbox import Address, Heard
+from yawid.sources.inbox import Address
+from yawid.sources.receive import MOST, Arrived, make_receiver
 from yawid.sources.tap import Tap
 
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.035
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
-_GATHERED = 128  # about so many at a time: they are to be taken while the caches hold them
+_GATHERED = 128  # about so many at a time: they are to be used while the caches hold them
 _DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
-_MAX_DATAGRAM = 65535
-_DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
-_CAN_GATHER = _DONT_WAIT != 0 and hasattr(socket.socket, "recvmsg")  # elsewhere than on Windows
-_SO_TIMESTAMP = 29  # Linux: each datagram comes with the time at which the system had it
-_TIMEVAL = struct.Struct("@ll")
 # How long closing may take to be noticed; Python's own timeout would call the system twice.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
 _SO_MEMINFO = 55  # Linux: nine counts of a socket; the last is the one SO_RXQ_OVFL reports
 _MEMINFO = struct.Struct("9I")
-_ANCILLARY = 64  # bytes: room for the time and what else the system may tell of a datagram
-
-Arrived = tuple[bytes, list[tuple[int, int, bytes]], int, Address]
-"""A datagram, what the system told of it (its time), flags, and its sender."""
 
 
 class UdpTap(Tap):
@@ -41,12 +31,9 @@ class UdpTap(Tap):
     def _open(self) -> None:
         self._socket = open_socket(self.endpoint)
         self.address: Address = self._socket.getsockname()
-        if sys.platform == "linux":
-            with contextlib.suppress(OSError):  # without it a stamp may be late by the gathering
-                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMP, 1)
+        self._receiver = make_receiver(self._socket)
         self.receive_buffer: int = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._dropped_at_close: int | None = None
-        self._one = self._socket.recvmsg if _CAN_GATHER else self._recvfrom
 
     @property
     def socket_dropped(self) -> int | None:
@@ -57,58 +44,43 @@ class UdpTap(Tap):
         """Take datagrams until closed: they gather, then all are taken; wait where none come."""
         # Even a flood must find room while nobody looks.
         longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
-        count = 0
+        count, receiver = 0, self._receiver
         while not self._closing.is_set():
-            heard: list[Arrived] = []
-            if not count:
-                # Silence, or the other end of udpout is not there yet.
-                with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
-                    heard.append(self._one(_MAX_DATAGRAM, _ANCILLARY, 0))
-            if _CAN_GATHER and (heard or count):
+            first = [] if count else receiver.wait()
+            if receiver.can_gather and (count or first):
                 time.sleep(gather_s)
-            count = self._take(heard)
+            count = self._put(first) + self._take()
             gather_s = min(longest_s, gather_s * _GATHERED / max(count, 1))
-        self._take([])
+        self._take()
 
-    def _take(self, heard: list[Arrived]) -> int:
-        """Stamp and queue what was ``heard`` and all that is there; return how many there were."""
-        is_more, count, one = _CAN_GATHER, 0, self._one
-        while is_more or heard:
-            try:
-                while is_more and len(heard) < _GATHERED:
-                    heard.append(one(_MAX_DATAGRAM, _ANCILLARY, _DONT_WAIT))
-            except (BlockingIOError, ConnectionRefusedError):
-                is_more = False
-            if heard:
-                self._inbox.put(self._stamped(heard))
-            count += len(heard)
-            heard = []
+    def _take(self) -> int:
+        """Queue all that is there; return how many there were."""
+        count = 0
+        while self._receiver.can_gather:
+            taken = self._put(self._receiver.take())
+            count += taken
+            if taken < MOST:
+                break
         return count
 
-    def _recvfrom(self, size: int, _: int, flags: int) -> Arrived:
-        """Take one datagram where the system has no recvmsg."""
-        data, address = self._socket.recvfrom(size, flags)
-        return data, [], 0, address
+    def _put(self, arrived: list[Arrived]) -> int:
+        """Queue datagrams with their stamps; return how many there are.
 
-    def _stamped(self, heard: list[Arrived]) -> list[Heard]:
-        """Return datagrams with their stamps: when the system had them, never decreasing.
-
-        The system's clock may have been set since then, its time is believed only between the
-        stamp before and now.
+        A stamp is when the system had it, and never decreasing. The system's clock may have been
+        set since then, its time is believed only between the stamp before and now.
         """
         last_us, now_us, ahead_us = self._inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
-        stamped = []
-        for data, told, _, address in heard:
-            arrived_us = now_us
-            if told and len(told[0][2]) == _TIMEVAL.size:
-                seconds, us = _TIMEVAL.unpack(told[0][2])
-                arrived_us = seconds * 1_000_000 + us - ahead_us
-                if arrived_us > now_us:
-                    arrived_us = now_us
+        heard = []
+        for told_us, datagram, sender in arrived:
+            arrived_us = told_us - ahead_us
+            if arrived_us > now_us or not told_us:
+                arrived_us = now_us
             if arrived_us > last_us:
                 last_us = arrived_us
-            stamped.append((last_us, data, address))
-        return stamped
+            heard.append((last_us, datagram, sender))
+        if heard:
+            self._inbox.put(heard)
+        return len(heard)
 
     def _send(self, frame: bytes, address: Address) -> None:
         self._socket.sendto(frame, address)

@@ -1,0 +1,118 @@
+"""Datagrams off a real socket: one by one and many at once are the same datagrams."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from yawid.sources.receive import MOST, ManyAtOnce, OneByOne, Receiver, make_receiver
+
+SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
+KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
+
+
+@pytest.fixture
+def hearing() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+        udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, 100_000))
+        udp.bind(("127.0.0.1", 0))
+        yield udp
+
+
+@pytest.fixture
+def vehicles() -> Iterator[list[socket.socket]]:
+    links = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    yield links
+    for link in links:
+        link.close()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_datagrams_of_any_size_come_whole_in_order_and_with_their_senders(
+    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket, vehicles: list[socket.socket]
+) -> None:
+    rng = np.random.default_rng(0)
+    sent = []
+    for i in range(3 * MOST // 2):
+        link, data = vehicles[i % 2], rng.bytes(SIZES[i % len(SIZES)])
+        link.sendto(data, hearing.getsockname())
+        sent.append((data, ("127.0.0.1", link.getsockname()[1])))
+    receiver = kind(hearing)
+    assert [(data, sender) for _, data, sender in everything(receiver)] == sent
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
+    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
+        gone.bind(("127.0.0.1", 0))
+        nobody = gone.getsockname()
+    receiver = kind(hearing)
+    assert receiver.wait() == receiver.take() == []
+    hearing.connect(nobody)
+    for ask in (receiver.wait, receiver.take):
+        hearing.send(b"anyone there?")
+        assert ask() == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
+def test_the_time_told_is_when_the_system_had_the_datagram(
+    hearing: socket.socket, vehicles: list[socket.socket]
+) -> None:
+    receiver = make_receiver(hearing)
+    assert isinstance(receiver, ManyAtOnce)
+    before_us = time.time_ns() // 1000
+    for link in vehicles:
+        link.sendto(b"now", hearing.getsockname())
+    after_us = time.time_ns() // 1000
+    time.sleep(0.05)
+    times = [told_us for told_us, _, _ in everything(receiver)]
+    assert len(times) == 2
+    clock_us = 200  # two clocks are read one after the other
+    assert before_us - clock_us <= times[0] <= times[1] <= after_us + clock_us
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the call is Linux's")
+def test_a_time_the_system_does_not_tell_is_not_the_one_before(
+    hearing: socket.socket, vehicles: list[socket.socket]
+) -> None:
+    receiver = make_receiver(hearing)
+    vehicles[0].sendto(b"told", hearing.getsockname())
+    assert everything(receiver)[0][0] > 0
+    hearing.setsockopt(socket.SOL_SOCKET, 29, 0)
+    vehicles[0].sendto(b"not told", hearing.getsockname())
+    assert [(told_us, data) for told_us, data, _ in everything(receiver)] == [(0, b"not told")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the call is Linux's")
+@pytest.mark.parametrize("code", [None, errno.ENOSYS, errno.EPERM])
+def test_a_system_that_has_no_such_call_or_refuses_it_is_asked_one_by_one(
+    code: int | None, hearing: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> int:
+        assert code is not None
+        ctypes.set_errno(code)
+        return -1
+
+    library = SimpleNamespace() if code is None else SimpleNamespace(recvmmsg=refuse)
+    monkeypatch.setattr("yawid.sources.receive.ctypes.CDLL", lambda *_, **__: library)
+    assert isinstance(make_receiver(hearing), OneByOne)
+
+
+def everything(receiver: Receiver) -> list[tuple[int, bytes, tuple[str, int]]]:
+    """Wait for the first, then take what there is."""
+    heard = receiver.wait()
+    while more := receiver.take():
+        heard += more
+    return heard
