@@ -118,7 +118,7 @@ def test_the_short_way_is_the_one_taken_and_stops_at_what_is_odd() -> None:
     reader, records = PlainReader(definitions()), random_records(np.random.default_rng(1), 40)
     whole = reader.read(b"".join(records), START_US)
     assert whole is not None
-    assert [r.end - r.begin + 8 for r in whole] == [len(one) for one in records]
+    assert [end - begin + 8 for begin, _, end, *_ in whole] == [len(one) for one in records]
     for i, kind in enumerate(["byte", "cut", "stamp", "unknown", "tail"]):
         assert reader.read(b"".join(harmed(records, i / 8, kind)), START_US) is None, kind
     assert reader.read(b"".join(records), START_US - 4 * 86400 * 1_000_000) is None

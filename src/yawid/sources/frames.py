@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from yawid.sources.chain import Chain, Stretch, stamps_of
 from yawid.sources.framing import SLACK, STAMP_SIZE, Frames, find_frames
 from yawid.sources.link import LinkStats, Records, Tally
 from yawid.sources.messages import definitions, dtype_of
-from yawid.sources.plain import PlainReader, PlainRecord, plain_message
+from yawid.sources.plain import STAMP, PlainReader, PlainRecord, plain_messages
 from yawid.sources.signing import Signing
 
 DEFAULT = frozenset(
@@ -53,12 +54,12 @@ class Decoder:
     """
 
     def __init__(self, wanted: Iterable[str] = DEFAULT, signing: Signing | None = None) -> None:
-        _keep_freed_memory()
         self._known = definitions()
         self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
         self._chain = Chain(self._known)
         self._filter = StampFilter()
         self._tally = Tally(self._known, signing)
+        self._kinds = {self._known.names[n]: (n, dtype) for n, dtype in self._dtypes.items()}
         self._plain = PlainReader(self._known)
         self._tail = b""
         self._decided = 0
@@ -76,7 +77,11 @@ class Decoder:
     def feed(self, data: bytes) -> FrameBlock | None:
         """Return the wanted messages that ``data`` completes, or None if there are none."""
         if 0 < len(data) <= FEW and (records := self._plain_records(data)):
-            return self._plain_columns(data, records)
+            messages = plain_messages(data, self._decided, records, self._kinds)
+            self._decided += len(data)
+            return FrameBlock(messages) if messages else None
+        if len(data) >= _SLICE:
+            _keep_freed_memory()
         view = memoryview(data)
         slices = (view[at : at + _SLICE] for at in range(0, len(view), _SLICE))
         return _merge([self._decode(piece, final=False) for piece in slices])
@@ -89,21 +94,9 @@ class Decoder:
         records = self._plain.read(data, last_us)
         if records is None or not self._tally.add_plain(data, records):
             return None
-        self._filter.follow(records[-1].stamp)
-        self._chain.follow(records[-1].stamp)
+        self._filter.follow(records[-1][STAMP])
+        self._chain.follow(records[-1][STAMP])
         return records
-
-    def _plain_columns(self, data: bytes, records: list[PlainRecord]) -> FrameBlock | None:
-        by_row: dict[int, list[PlainRecord]] = {}
-        for record in records:
-            by_row.setdefault(record.row, []).append(record)
-        messages = {}
-        for name, dtype in self._dtypes.items():
-            own = by_row.get(self._known.names[name])
-            if own is not None:
-                messages[name] = plain_message(name, data, self._decided, own, dtype)
-        self._decided += len(data)
-        return FrameBlock(messages) if messages else None
 
     def finish(self) -> FrameBlock | None:
         """Return what the end of the stream still holds; nothing may be fed after it."""
@@ -188,8 +181,12 @@ def _records(buffer: Bytes, frames: Frames, stamps: Ints) -> Records:
     return Records(frames, stamps, buffer[header], sysid, compid, sender)
 
 
+@cache
 def _keep_freed_memory() -> None:
-    """Free a large block once: from then on glibc keeps what NumPy frees, not unmaps it."""
+    """Free a large block once: from then on glibc keeps what NumPy frees, not unmaps it.
+
+    For logs, a megabyte at a time; a session that listens for days does better without.
+    """
     np.empty(1 << 24, np.uint8)
 
 

@@ -116,23 +116,29 @@ class Tally:
         """
         if self._signing is not None:
             return False
-        by_sender: dict[int, list[PlainRecord]] = {}
-        for record in records:
-            by_sender.setdefault(record.sender, []).append(record)
+        by_sender: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
+        signed, ground = 0, set()
+        for begin, payload, end, length, row, stamp, sequence, key in records:
+            own = by_sender.get(key)
+            if own is None:
+                own = by_sender[key] = [], [], []
+            own[0].append(sequence)
+            own[1].append(stamp)
+            own[2].append(data[begin:end])
+            signed += end - payload - length > CRC_SIZE
+            is_typed = row == self._heartbeat and length > _TYPE_OFFSET
+            if is_typed and data[payload + _TYPE_OFFSET] == _MAV_TYPE_GCS:
+                ground.add(key)
         for key, own in by_sender.items():
             sender = self._senders.get(key)
-            if sender is None or not sender.goes_on([r.sequence for r in own]):
+            if sender is None or not sender.goes_on(own[0]):
                 return False
         for key, own in by_sender.items():
-            frames = [data[r.begin : r.end] for r in own]
-            self._senders[key].follow([r.sequence for r in own], [r.stamp for r in own], frames)
-        for r in records:
-            self._signed += r.end - r.payload - r.length > CRC_SIZE
-            is_typed = r.row == self._heartbeat and r.length > _TYPE_OFFSET
-            if is_typed and data[r.payload + _TYPE_OFFSET] == _MAV_TYPE_GCS:
-                self._ground.add(r.sender)
+            self._senders[key].follow(*own)
+        self._signed += signed
+        self._ground |= ground
         self.record_bytes += len(data)
-        self._last = records[-1].stamp
+        self._last = stamp
         return True
 
     def _count_bytes(self, records: Records) -> None:

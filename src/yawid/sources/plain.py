@@ -9,9 +9,9 @@ of what is plain both make the same, and a test holds them to it.
 from __future__ import annotations
 
 from binascii import crc_hqx
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -31,20 +31,17 @@ from yawid.sources.messages import UNKNOWN, Definitions
 _HEAD = Struct(">Q10B")  # a stamp and the longest header
 
 
-class PlainRecord(NamedTuple):
-    """One record: where its frame lies in the bytes fed, and what stamp and header say.
+PlainRecord = tuple[int, int, int, int, int, int, int, int]
+"""One record: (begin, payload, end, length, row, stamp, sequence, sender).
 
-    ``row`` is the message's in :class:`Definitions`, ``sender`` is 256 * sysid + compid.
-    """
-
-    begin: int
-    payload: int
-    end: int
-    length: int
-    row: int
-    stamp: int
-    sequence: int
-    sender: int
+Where its frame begins and ends in the bytes fed, where its payload lies, the message's row in
+:class:`Definitions`, what stamp and header say; the sender is 256 * sysid + compid. It is no class:
+to make one for each frame costs as much as to check it.
+"""
+ROW, STAMP = 4, 5
+"""Places in a record."""
+Kind = tuple[str, np.dtype[Any]]
+"""A message's name and what its payload is."""
 
 
 class PlainReader:
@@ -58,64 +55,81 @@ class PlainReader:
 
     def read(self, data: bytes, last_us: int) -> list[PlainRecord] | None:
         """Return the records, None where anything is odd; ``last_us`` is the stamp before them."""
-        mirrored = data.translate(REVERSED)
+        mirrored, extra = data.translate(REVERSED), self._extra
         found = []
         at, stop = 0, len(data)
         while at < stop:
-            record = self._parse(data, at) if at + _HEAD.size <= stop else None
-            if record is None or record.end > stop or not _is_near(record.stamp, last_us):
+            parsed = self._parse(data, at) if at + _HEAD.size <= stop else None
+            if parsed is None:
                 return None
-            crc_at = record.payload + record.length
-            crc = crc_hqx(mirrored[record.begin + 1 : crc_at], START)
-            crc = crc_hqx(self._extra[record.row], crc)
-            # A sum over a message and its own sum is zero.
-            if crc_hqx(mirrored[crc_at : crc_at + CRC_SIZE], crc):
+            record, crc_at = parsed
+            _, _, end, _, row, stamp, _, _ = record
+            if end > stop or stamp > LATEST_US or abs(stamp - last_us) > STAMP_TOLERANCE_US:
+                return None
+            crc = crc_hqx(extra[row], crc_hqx(mirrored[at + STAMP_SIZE + 1 : crc_at], START))
+            if crc != mirrored[crc_at] << 8 | mirrored[crc_at + 1]:
                 return None
             found.append(record)
-            at, last_us = record.end, record.stamp
+            at, last_us = end, stamp
         return found
 
-    def _parse(self, data: bytes, at: int) -> PlainRecord | None:
-        """Return the record at a position as its header has it, None if it is none we know."""
+    def _parse(self, data: bytes, at: int) -> tuple[PlainRecord, int] | None:
+        """Return the record at a position as its header has it, and the place of its checksum.
+
+        None if it is none we know.
+        """
         stamp, magic, length, b2, b3, b4, b5, b6, b7, b8, b9 = _HEAD.unpack_from(data, at)
         begin = at + STAMP_SIZE
         if magic == MAGIC_V2 and b2 <= SIGNED and not b9:
-            row, sequence, sender = self._row_of.get(b7 | b8 << 8), b4, b5 << 8 | b6
-            payload = begin + 10
-            end = payload + length + CRC_SIZE + SIGNATURE_SIZE * b2
-        elif magic == MAGIC_V1:
-            row, sequence, sender = self._row_of.get(b5), b2, b3 << 8 | b4
-            payload = begin + 6
-            end = payload + length + CRC_SIZE
-            if row is not None and not self._known.fits_v1[row, length]:
+            row = self._row_of.get(b7 | b8 << 8)
+            if row is None:
                 return None
-        else:
+            payload = begin + 10
+            crc_at = payload + length
+            end = crc_at + CRC_SIZE + SIGNATURE_SIZE * b2
+            return (begin, payload, end, length, row, stamp, b4, b5 << 8 | b6), crc_at
+        row = self._row_of.get(b5)
+        if magic != MAGIC_V1 or row is None or not self._known.fits_v1[row, length]:
             return None
-        if row is None:
-            return None
-        return PlainRecord(begin, payload, end, length, row, stamp, sequence, sender)
+        payload = begin + 6
+        crc_at = payload + length
+        return (begin, payload, crc_at + CRC_SIZE, length, row, stamp, b2, b3 << 8 | b4), crc_at
 
 
-def _is_near(stamp: int, last_us: int) -> bool:
-    return stamp <= LATEST_US and abs(stamp - last_us) <= STAMP_TOLERANCE_US
+def plain_messages(
+    data: bytes, first: int, records: Sequence[PlainRecord], wanted: Mapping[int, Kind]
+) -> dict[str, MessageBlock]:
+    """Return the records of the messages wanted, by name; ``wanted`` is by their rows.
 
-
-def plain_message(
-    name: str, data: bytes, first: int, records: Sequence[PlainRecord], dtype: np.dtype[Any]
-) -> MessageBlock:
-    """Return records of one message as columns; ``first`` is the place of ``data`` in the stream.
-
-    Bytes of a payload that were not sent are zero, those beyond what is known are left out.
+    ``first`` is the place of ``data`` in the stream. Bytes of a payload that were not sent are
+    zero, those beyond what is known are left out.
     """
-    size = dtype.itemsize
+    by_row: dict[int, list[PlainRecord]] = {row: [] for row in wanted}
+    for record in records:
+        if (own := by_row.get(record[ROW])) is not None:
+            own.append(record)
+    used = [record for own in by_row.values() for record in own]
+    if not used:
+        return {}
+    begin, payload, _, length, row, stamp, _, sender = zip(*used, strict=True)
+    sizes = [wanted[number][1].itemsize for number in row]
     payloads = bytearray().join(
-        [data[r.payload : r.payload + min(r.length, size)].ljust(size, b"\0") for r in records]
+        [
+            data[at : at + min(sent, size)].ljust(size, b"\0")
+            for at, sent, size in zip(payload, length, sizes, strict=True)
+        ]
     )
-    return MessageBlock(
-        name,
-        np.array([first + r.begin - STAMP_SIZE for r in records]),
-        np.array([r.stamp for r in records]),
-        np.frombuffer(bytearray([r.sender >> 8 for r in records]), np.uint8),
-        np.frombuffer(bytearray([r.sender & 0xFF for r in records]), np.uint8),
-        np.frombuffer(payloads, dtype),
-    )
+    # One array of each for all messages, and cut: just after waking up every array costs.
+    order, stamps = np.array(begin) + (first - STAMP_SIZE), np.array(stamp)
+    sysid = np.frombuffer(bytearray([number >> 8 for number in sender]), np.uint8)
+    compid = np.frombuffer(bytearray([number & 0xFF for number in sender]), np.uint8)
+    messages, at, place = {}, 0, 0
+    for number, own in by_row.items():
+        if own:
+            (name, dtype), rows = wanted[number], slice(at, at + len(own))
+            fields = np.frombuffer(payloads, dtype, len(own), place)
+            messages[name] = MessageBlock(
+                name, order[rows], stamps[rows], sysid[rows], compid[rows], fields
+            )
+            at, place = rows.stop, place + fields.nbytes
+    return messages
