@@ -117,15 +117,12 @@ class Tap(ABC):
             self._next_read_s = time.monotonic() + BATCH_S
         parts: list[bytes] = []
         pairs: set[tuple[int, Address]] = set()
-        stamp, pack, last_sysid, last_address = 0, _STAMP.pack, -1, None
+        stamp, pack = 0, _STAMP.pack
         for stamp, datagram, address in self._inbox.take():
             prefix = pack(stamp)
             if frame_size(datagram) == len(datagram):
                 parts += (prefix, datagram)
-                sysid = sysid_of(datagram)
-                if sysid != last_sysid or address is not last_address:
-                    pairs.add((sysid, address))
-                    last_sysid, last_address = sysid, address
+                pairs.add((sysid_of(datagram), address))
                 continue
             frames = list(split_datagram(datagram))
             self.skipped_bytes += len(datagram) - sum(map(len, frames))
