@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from yawid.sources.receive import MOST, ManyAtOnce, OneByOne, Receiver, make_receiver
+from yawid.sources.receive import MOST, NOTHING, ManyAtOnce, OneByOne, Receiver, make_receiver
 
 SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
 KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
@@ -59,11 +59,11 @@ def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
     receiver = kind(hearing)
-    assert receiver.wait() == receiver.take() == []
+    assert receiver.wait() == receiver.take() == NOTHING
     hearing.connect(nobody)
     for ask in (receiver.wait, receiver.take):
         hearing.send(b"anyone there?")
-        assert ask() == []
+        assert ask() == NOTHING
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
@@ -112,7 +112,7 @@ def test_a_system_that_has_no_such_call_or_refuses_it_is_asked_one_by_one(
 
 def everything(receiver: Receiver) -> list[tuple[int, bytes, tuple[str, int]]]:
     """Wait for the first, then take what there is."""
-    heard = receiver.wait()
-    while more := receiver.take():
+    heard = list(zip(*receiver.wait(), strict=True))
+    while more := list(zip(*receiver.take(), strict=True)):
         heard += more
     return heard

@@ -18,7 +18,7 @@ from yawid.errors import SourceError
 from yawid.sources.addresses import Addresses
 from yawid.sources.endpoints import Endpoint
 from yawid.sources.frames import Decoder
-from yawid.sources.inbox import Stamps
+from yawid.sources.inbox import MOST_AT_ONCE, Stamps
 from yawid.sources.receive import OneByOne, make_receiver
 from yawid.sources.tap import split_datagram
 from yawid.sources.udp import UdpTap, dropped_by
@@ -121,6 +121,19 @@ def test_what_comes_while_nobody_reads_waits(tap: UdpTap, vehicle: socket.socket
         time.sleep(0)
     assert len(tap.read(0.0)) == sum(8 + len(frame) for frame in FRAMES)
     assert tap.dropped == tap.socket_dropped == 0
+
+
+def test_a_backlog_is_taken_without_a_pause(tap: UdpTap, monkeypatch: pytest.MonkeyPatch) -> None:
+    for _ in range(80):
+        tap._inbox.put([1] * 100, [FRAMES[0]] * 100, [("127.0.0.1", 1)] * 100)
+    pauses: list[float] = []
+    monkeypatch.setattr("yawid.sources.tap.time.sleep", pauses.append)
+    data = b""
+    while tap.waiting >= MOST_AT_ONCE:
+        data += tap.read(1.0)
+    assert pauses == []
+    data += tap.read(1.0)
+    assert len(data) == 8000 * (8 + len(FRAMES[0]))
 
 
 def test_closing_ends_the_thread_and_frees_the_port(vehicle: socket.socket) -> None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import chain
 
 Address = tuple[str, int]
-Heard = tuple[int, bytes, Address]
+Heard = tuple[list[int], list[bytes], list[Address]]
+"""Stamps, datagrams and senders, as many of each."""
 QUEUE = 200_000  # datagrams: a minute and more of a busy link
 JUMP_S = 1.0
-_MOST_AT_ONCE = 2048  # so that a backlog neither keeps the files from growing nor fills the memory
+MOST_AT_ONCE = 2048  # so that a backlog neither keeps the files from growing nor fills the memory
 
 
 def _steady_ns() -> int:
@@ -69,19 +71,23 @@ class Inbox:
         self.last_us = 0
         self.stamps = stamps
         self._size = size
+        self._taken = 0
         self._queue: deque[Heard] = deque()
         self._arrived = threading.Event()
 
     def __len__(self) -> int:
-        return len(self._queue)
+        return self.heard - self.dropped - self._taken
 
-    def put(self, datagrams: list[Heard]) -> None:
+    def put(self, stamps: list[int], datagrams: list[bytes], senders: list[Address]) -> None:
         """Queue datagrams, those that have room; count the others as dropped."""
-        room = max(self._size - len(self._queue), 0)
-        self._queue.extend(datagrams[:room])
-        self.dropped += max(len(datagrams) - room, 0)
-        self.last_us = datagrams[-1][0]
-        self.heard += len(datagrams)
+        room, count = max(self._size - len(self), 0), len(datagrams)
+        self.last_us = stamps[-1]
+        if count > room:
+            self.dropped += count - room
+            stamps, datagrams, senders = stamps[:room], datagrams[:room], senders[:room]
+        if stamps:
+            self._queue.append((stamps, datagrams, senders))
+        self.heard += count
         self._arrived.set()
 
     def wake(self) -> None:
@@ -92,11 +98,14 @@ class Inbox:
         """Wait until there is something; return whether there is."""
         return self._arrived.wait(timeout_s)
 
-    def take(self) -> list[Heard]:
-        """Return what is queued, the oldest first, up to a bound."""
+    def take(self) -> Iterator[tuple[int, bytes, Address]]:
+        """Return what is queued, the oldest first, up to a bound: stamp, datagram and sender."""
         self._arrived.clear()
-        count = min(len(self._queue), _MOST_AT_ONCE)
-        taken = [self._queue.popleft() for _ in range(count)]
+        taken, count = [], 0
+        while self._queue and count < MOST_AT_ONCE:
+            taken.append(self._queue.popleft())
+            count += len(taken[-1][0])
+        self._taken += count
         if self._queue:
             self._arrived.set()
-        return taken
+        return chain.from_iterable(zip(*heard, strict=True) for heard in taken)

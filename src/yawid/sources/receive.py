@@ -9,10 +9,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
+import mmap
 import os
 import socket
 import sys
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from yawid.blocks import Ints
 from yawid.sources.inbox import Address
 
-MOST = 64
+MOST = 128
 """So many are taken at a time: they are to be used while the caches hold them."""
 _LONGEST = 65535
 _SO_TIMESTAMP = 29  # Linux: each datagram comes with the time at which the system had it
@@ -30,8 +31,15 @@ _MOST_SENDERS = 4096
 _NOTHING = (errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED)
 
 
-Arrived = tuple[int, bytes, Address]
-"""When the system had it (us of its clock, 0 where it does not say), a datagram, and from whom."""
+class Arrivals(NamedTuple):
+    """Datagrams, when the system had each (us of its clock, 0: it does not say), and from whom."""
+
+    told_us: list[int]
+    datagrams: list[bytes]
+    senders: list[Address]
+
+
+NOTHING: Final = Arrivals([], [], [])
 
 
 class Receiver(Protocol):
@@ -39,10 +47,10 @@ class Receiver(Protocol):
 
     can_gather: bool
 
-    def wait(self) -> list[Arrived]:
+    def wait(self) -> Arrivals:
         """Return the next datagram, and others if they are there; none after the time-out."""
 
-    def take(self) -> list[Arrived]:
+    def take(self) -> Arrivals:
         """Return what is there, ``MOST`` at most."""
 
 
@@ -64,20 +72,24 @@ class OneByOne:
         self.can_gather = _DONT_WAIT != 0  # not on Windows
         self._socket = udp
 
-    def wait(self) -> list[Arrived]:
+    def wait(self) -> Arrivals:
         """See :class:`Receiver`."""
         # Silence, or the other end of udpout is not there yet.
         with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
-            return [(0, *self._socket.recvfrom(_LONGEST))]
-        return []
+            return _untold([self._socket.recvfrom(_LONGEST)])
+        return NOTHING
 
-    def take(self) -> list[Arrived]:
+    def take(self) -> Arrivals:
         """See :class:`Receiver`."""
-        heard: list[Arrived] = []
+        heard: list[tuple[bytes, Address]] = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             while len(heard) < MOST:
-                heard.append((0, *self._socket.recvfrom(_LONGEST, _DONT_WAIT)))
-        return heard
+                heard.append(self._socket.recvfrom(_LONGEST, _DONT_WAIT))
+        return _untold(heard)
+
+
+def _untold(heard: list[tuple[bytes, Address]]) -> Arrivals:
+    return Arrivals([0] * len(heard), [data for data, _ in heard], [sender for _, sender in heard])
 
 
 class _Piece(ctypes.Structure):  # struct iovec
@@ -129,7 +141,10 @@ class ManyAtOnce:
         self._call.argtypes = [ctypes.c_int, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int,
                                ctypes.c_void_p]  # fmt: skip
         self._file = udp.fileno()
-        data, names = np.empty((MOST, _LONGEST), np.uint8), np.zeros((MOST, 2), np.uint64)
+        # Of memory as NumPy takes it, in huge pages, all would be used at once.
+        memory = mmap.mmap(-1, MOST * _LONGEST, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        data = np.frombuffer(memory, np.uint8).reshape(MOST, _LONGEST)
+        names = np.zeros((MOST, 2), np.uint64)
         told, pieces = np.zeros(MOST, np.dtype(_Told)), np.zeros(MOST, np.dtype(_Piece))
         pieces["base"], pieces["size"] = _places(data), _LONGEST
         messages = np.zeros(MOST, np.dtype(_Message))
@@ -150,33 +165,25 @@ class ManyAtOnce:
         self._senders = _Senders()
         self._ask(0, _DONT_WAIT)  # for none: what has come already stays
 
-    def wait(self) -> list[Arrived]:
+    def wait(self) -> Arrivals:
         """See :class:`Receiver`."""
         return self._receive(_WAIT_FOR_ONE)
 
-    def take(self) -> list[Arrived]:
+    def take(self) -> Arrivals:
         """See :class:`Receiver`."""
         return self._receive(_DONT_WAIT)
 
-    def _receive(self, flags: int) -> list[Arrived]:
+    def _receive(self, flags: int) -> Arrivals:
         self._told_sizes[:], self._seconds[:] = ctypes.sizeof(_Told), 0
         count = self._ask(MOST, flags)
-        view, senders = self._view, self._senders
-        return [
-            (
-                seconds and 1_000_000 * seconds + us,
-                view[start : start + size].tobytes(),
-                senders[name],
-            )
-            for start, size, seconds, us, name in zip(
-                self._starts,
-                self._sizes[:count].tolist(),
-                self._seconds[:count].tolist(),
-                self._us[:count].tolist(),
-                self._names[:count].tolist(),
-                strict=False,  # there are more places than datagrams
-            )
-        ]
+        view, seconds = self._view, self._seconds[:count].tolist()
+        times = zip(seconds, self._us[:count].tolist(), strict=True)
+        places = zip(self._starts, self._sizes[:count].tolist(), strict=False)  # not all are used
+        return Arrivals(
+            [second and 1_000_000 * second + us for second, us in times],
+            [view[start : start + size].tobytes() for start, size in places],
+            list(map(self._senders.__getitem__, self._names[:count].tolist())),
+        )
 
     def _ask(self, most: int, flags: int) -> int:
         """Let the system fill in up to so many datagrams; return how many it had."""

@@ -16,7 +16,7 @@ from yawid.errors import SourceError
 from yawid.sources.addresses import Addresses
 from yawid.sources.endpoints import Endpoint
 from yawid.sources.framing import MAGIC_V1, frame_size
-from yawid.sources.inbox import QUEUE, Address, Inbox, Stamps
+from yawid.sources.inbox import MOST_AT_ONCE, QUEUE, Address, Inbox, Stamps
 
 BATCH_S = 0.03  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
 _MAGIC = re.compile(rb"[\xfd\xfe]")
@@ -105,14 +105,15 @@ class Tap(ABC):
     def read(self, timeout_s: float) -> bytes:
         """Return the records heard since the last call, waiting for the first up to ``timeout_s``.
 
-        Calls are kept ``BATCH_S`` apart while datagrams keep coming, so that one call takes many.
+        Calls are kept ``BATCH_S`` apart while datagrams keep coming, so that one call takes many;
+        a backlog is taken without a pause.
 
         Raises:
             SourceError: the endpoint failed; what was heard before has been returned.
         """
         if self._inbox.wait(timeout_s) and not self._closing.is_set():
             early_s = self._next_read_s - time.monotonic()
-            if early_s > 0.0:
+            if early_s > 0.0 and self.waiting < MOST_AT_ONCE:
                 time.sleep(early_s)
             self._next_read_s = time.monotonic() + BATCH_S
         parts: list[bytes] = []

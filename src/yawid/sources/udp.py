@@ -11,7 +11,7 @@ import time
 from yawid.errors import SourceError
 from yawid.sources.endpoints import Endpoint
 from yawid.sources.inbox import Address
-from yawid.sources.receive import MOST, Arrived, make_receiver
+from yawid.sources.receive import MOST, NOTHING, Arrivals, make_receiver
 from yawid.sources.tap import Tap
 
 RECEIVE_BUFFER = 4 << 20
@@ -46,8 +46,8 @@ class UdpTap(Tap):
         longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
         count, receiver = 0, self._receiver
         while not self._closing.is_set():
-            first = [] if count else receiver.wait()
-            if receiver.can_gather and (count or first):
+            first = NOTHING if count else receiver.wait()
+            if receiver.can_gather and (count or first.datagrams):
                 time.sleep(gather_s)
             count = self._put(first) + self._take()
             gather_s = min(longest_s, gather_s * _GATHERED / max(count, 1))
@@ -63,24 +63,24 @@ class UdpTap(Tap):
                 break
         return count
 
-    def _put(self, arrived: list[Arrived]) -> int:
+    def _put(self, arrived: Arrivals) -> int:
         """Queue datagrams with their stamps; return how many there are.
 
         A stamp is when the system had it, and never decreasing. The system's clock may have been
         set since then, its time is believed only between the stamp before and now.
         """
         last_us, now_us, ahead_us = self._inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
-        heard = []
-        for told_us, datagram, sender in arrived:
+        stamps = []
+        for told_us in arrived.told_us:
             arrived_us = told_us - ahead_us
             if arrived_us > now_us or not told_us:
                 arrived_us = now_us
             if arrived_us > last_us:
                 last_us = arrived_us
-            heard.append((last_us, datagram, sender))
-        if heard:
-            self._inbox.put(heard)
-        return len(heard)
+            stamps.append(last_us)
+        if stamps:
+            self._inbox.put(stamps, arrived.datagrams, arrived.senders)
+        return len(stamps)
 
     def _send(self, frame: bytes, address: Address) -> None:
         self._socket.sendto(frame, address)
