@@ -14,6 +14,7 @@ import pytest
 from flightlog import Samples, samples_of
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from pymavlink import mavutil
 from sources.onboard_flight import flown
 from sources.ulog_flight import (
     PARAMETERS,
@@ -29,11 +30,13 @@ from sources.ulog_flight import (
 from sources.ulog_writer import ULogFile
 
 from yawid.channels.stage import WANTED, Channels
+from yawid.channels.vehicle import PX4
 from yawid.errors import SourceError
 from yawid.outputs import Outputs
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag, replay
+from yawid.sources.flight_modes import mode_name, px4_custom_modes
 from yawid.sources.frames import Decoder
 from yawid.sources.logs import open_log
 from yawid.sources.ulog import UlogReader
@@ -176,7 +179,21 @@ def test_modes_and_arming_come_with_the_status(tmp_path: Path):
         log.add("vehicle_status", 1000 * k, armed, mode, 1, 1)
     beats = columns(written(tmp_path, log.data))["HEARTBEAT"]
     assert (beats["base_mode"] & 128).tolist() == [0, 0, 128, 128, 0]
-    assert beats["custom_mode"].tolist() == [0, 0, 0, 3, 3]
+    names = [mode_name(PX4, 1, mode) for mode in beats["custom_mode"].tolist()]
+    assert names == ["MANUAL"] * 3 + ["MISSION"] * 2
+
+
+@pytest.mark.parametrize("name", sorted(set(mavutil.px4_map) - {"RATTITUDE", "RTGS"}))
+def test_every_mode_that_a_vehicle_sends_by_name_is_known_from_its_log(name: str):
+    _, main, sub = mavutil.px4_map[name]
+    assert main << 16 | sub << 24 in px4_custom_modes(np.arange(256)).tolist()
+    assert mode_name(PX4, 1, main << 16 | sub << 24) == name
+
+
+def test_a_mode_without_a_name_is_its_number_and_no_other_mode():
+    modes = px4_custom_modes(np.arange(256))
+    assert len(set(modes.tolist())) == 256
+    assert mode_name(PX4, 1, modes[21]) == "mode 21"
 
 
 def test_rates_of_older_logs_come_from_the_gyro(tmp_path: Path):

@@ -3,9 +3,9 @@
 actuator_outputs becomes SERVO_OUTPUT_RAW (its instance is the port), actuator_outputs_sim
 HIL_ACTUATOR_CONTROLS, actuator_controls_0 or in newer logs vehicle_torque_setpoint
 ACTUATOR_CONTROL_TARGET (of a VTOL the fixed-wing's), input_rc RC_CHANNELS, vehicle_status
-HEARTBEAT (``custom_mode`` is nav_state), airspeed and ground speed VFR_HUD. ATTITUDE has a row for
-each of vehicle_angular_velocity at its sampling time, with the angles of vehicle_attitude, linear
-between two of its rows; older logs have the rates in vehicle_attitude itself, or in
+HEARTBEAT (``custom_mode`` as it would be sent), airspeed and ground speed VFR_HUD. ATTITUDE has a
+row for each of vehicle_angular_velocity at its sampling time, with the angles of vehicle_attitude,
+linear between two of its rows; older logs have the rates in vehicle_attitude itself, or in
 sensor_combined.
 
 A standard log has actuator_outputs at 10 Hz, vehicle_torque_setpoint at 50: ``--rudder control:2``
@@ -35,6 +35,7 @@ from yawid.sources.columns import (
     table,
     within,
 )
+from yawid.sources.flight_modes import px4_custom_modes
 from yawid.sources.link import LinkStats
 from yawid.sources.tlog import CHUNK, Digest
 from yawid.sources.ulog_file import Topic, array, euler, parsed, published, sampled, topics_of
@@ -162,7 +163,7 @@ class UlogReader:
             type=self._vehicle_type(),
             autopilot=PX4,
             base_mode=np.where(armed[rows], ARMED, 0),
-            custom_mode=mode[rows],
+            custom_mode=px4_custom_modes(mode[rows]),
         )
         return np.concatenate([[-1], published(status)]), fields
 
