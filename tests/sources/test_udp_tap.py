@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import pickle
 import socket
 import sys
 import threading
@@ -15,7 +14,6 @@ import pytest
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
 from yawid.errors import SourceError
-from yawid.sources.addresses import Addresses
 from yawid.sources.endpoints import Endpoint
 from yawid.sources.frames import Decoder
 from yawid.sources.inbox import MOST_AT_ONCE, Stamps
@@ -287,21 +285,3 @@ def test_a_clock_set_while_datagrams_gather_moves_no_stamp(
     got = [row[2] for row in rows(run(data)[0])]
     assert got == sorted(got)
     assert begun_us - 200 <= got[0] <= got[-1] <= ended_us
-
-
-def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:
-    addresses = Addresses()
-    old, new = ("127.0.0.1", 1), ("127.0.0.1", 2)
-    assert addresses.note({(1, old)}, 0) == []
-    assert addresses.note({(1, new)}, 6_000_000) == []
-    assert addresses.latest == {1: new}
-    [line] = addresses.note({(1, old)}, 7_000_000)
-    assert "127.0.0.1:1 and 127.0.0.1:2" in line or "127.0.0.1:2 and 127.0.0.1:1" in line
-
-
-def test_a_flood_from_ever_new_ports_is_told_once_and_not_remembered() -> None:
-    addresses = Addresses()
-    lines = [addresses.note({(1, ("127.0.0.1", port))}, 10 * port) for port in range(60_000)]
-    assert sum(map(len, lines)) == 1
-    assert addresses.latest == {1: ("127.0.0.1", 59_999)}
-    assert len(pickle.dumps(addresses)) < 1000
