@@ -18,7 +18,7 @@ from yawid.sources.endpoints import Endpoint
 from yawid.sources.framing import MAGIC_V1, frame_size
 from yawid.sources.inbox import MOST_AT_ONCE, QUEUE, Address, Inbox, Stamps
 
-BATCH_S = 0.03  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
+BATCH_S = 0.035  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _STAMP = struct.Struct(">Q")
 

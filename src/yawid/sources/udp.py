@@ -15,7 +15,7 @@ from yawid.sources.receive import MOST, NOTHING, Arrivals, make_receiver
 from yawid.sources.tap import Tap
 
 RECEIVE_BUFFER = 4 << 20
-GATHER_S = 0.035
+GATHER_S = 0.04
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
 _GATHERED = 128  # about so many at a time: they are to be used while the caches hold them
 _DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
