@@ -28,7 +28,7 @@ _SO_TIMESTAMP = 29  # Linux: each datagram comes with the time at which the syst
 _WAIT_FOR_ONE = 0x10000
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
 _MOST_SENDERS = 4096
-_NOTHING = (errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED)
+_NO_DATAGRAM = (errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED)
 
 
 class Arrivals(NamedTuple):
@@ -190,7 +190,7 @@ class ManyAtOnce:
         count: int = self._call(self._file, self._at, most, flags, None)
         if count < 0:
             code = ctypes.get_errno()
-            if code not in _NOTHING:
+            if code not in _NO_DATAGRAM:
                 raise OSError(code, os.strerror(code))
         return max(count, 0)
 

@@ -17,7 +17,6 @@ from yawid.sources.tap import Tap
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.04
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
-_GATHERED = 128  # about so many at a time: they are to be used while the caches hold them
 _DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
 # How long closing may take to be noticed; Python's own timeout would call the system twice.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
@@ -50,7 +49,7 @@ class UdpTap(Tap):
             if receiver.can_gather and (count or first.datagrams):
                 time.sleep(gather_s)
             count = self._put(first) + self._take()
-            gather_s = min(longest_s, gather_s * _GATHERED / max(count, 1))
+            gather_s = min(longest_s, gather_s * MOST / max(count, 1))
         self._take()
 
     def _take(self) -> int:
