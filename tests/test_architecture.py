@@ -16,7 +16,7 @@ STAGES = [
     ("estimation",),
     ("physics",),
     ("offline",),
-    ("verdict", "verdict_estimate"),
+    ("results", "verdict", "verdict_estimate"),
     ("sinks",),
     ("pipeline",),
     ("summary", "model_summary"),

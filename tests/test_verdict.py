@@ -16,11 +16,10 @@ from yawid.collect import run_through
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import Reason, Verdict
 from yawid.run_config import RunConfig
 from yawid.summary import summarise
 from yawid.verdict import (
-    Reason,
-    Verdict,
     changed_rates,
     feedback_reasons,
     flight_reasons,

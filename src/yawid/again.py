@@ -23,12 +23,12 @@ from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
 from yawid.outputs import Outputs, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.progress import progress
 from yawid.summary import as_summary, bank_reasons
-from yawid.verdict import Reason, Verdict
 from yawid.verdict_estimate import Evidence
 
 CHANGEABLE = (
@@ -44,12 +44,8 @@ CHANGEABLE = (
     "to_s",
 )
 JUDGED_AGAIN = frozenset(
-    {
-        "rate_too_low", "rate_low", "not_excited", "collinear_inputs", "not_converged", "diverged",
-        "turn_dominated", "els_rml_disagree", "coloured_residuals", "saturated", "airspeed_changed",
-        "wrong_sign", "closed_loop",
-    }
-)  # fmt: skip
+    kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
+)
 """Reasons that samples and estimates give; all others come from the log and stay as they were."""
 
 

@@ -20,12 +20,13 @@ from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
 from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
 from yawid.collect import collect, run_through
 from yawid.errors import ConfigError
+from yawid.results.reasons import Verdict
 from yawid.run_config import RunConfig
 from yawid.sources.flight_modes import mode_name
 from yawid.sources.reading import Reading
 from yawid.sources.senders import SenderStats
 from yawid.summary import as_summary, summarise
-from yawid.verdict import LEAST_RATE_HZ, Verdict
+from yawid.verdict import LEAST_RATE_HZ
 
 WINDOW_S = 5.0
 LEAST_STROKE = 0.1

@@ -13,12 +13,12 @@ from typing import Any
 
 from yawid.outputs import Outputs, finish, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import Verdict
 from yawid.run_config import RunConfig
 from yawid.sinks.progress import progress
 from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
 from yawid.summary import summarise
-from yawid.verdict import Verdict
 
 
 class StopFlag:

@@ -18,9 +18,8 @@ from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank
 from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import Reason, Verdict
 from yawid.verdict import (
-    Reason,
-    Verdict,
     changed_rates,
     feedback_reasons,
     flight_reasons,

@@ -1,4 +1,4 @@
-"""Can this answer be used, and if not, why? Named reasons, each fatal or a warning.
+"""What the samples say for or against an answer: rates, inputs, the way it was flown.
 
 A wrong answer that looks right is the worst that could leave this program, so whatever speaks
 against the estimate is said, and what speaks loudly enough makes it unusable.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,19 +16,7 @@ from yawid.channels.decimate import RATE_SLACK
 from yawid.channels.notes import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes, window_of
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness, condition_number
-
-EXIT_CODES = {
-    "no_vehicle": 3,
-    "no_rudder": 3,
-    "no_yaw": 3,
-    "rate_too_low": 4,
-    "not_excited": 5,
-    "collinear_inputs": 5,
-    "not_converged": 5,
-    "diverged": 5,
-    "turn_dominated": 5,
-}
-"""The fatal reasons in their order; the first that applies gives the exit code."""
+from yawid.results.reasons import Reason
 
 LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
@@ -46,50 +33,6 @@ ROUNDING = 1e-9
 UNCERTAIN = 0.25
 """A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
 SATURATED_SHARE = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """One thing that speaks against the estimate."""
-
-    id: str
-    text: str
-
-    @property
-    def weight(self) -> str:
-        """Whether it makes the estimate unusable: fatal or warning."""
-        return "fatal" if self.id in EXIT_CODES else "warning"
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """All reasons, the fatal ones first and in the order of their weight."""
-
-    reasons: tuple[Reason, ...]
-
-    @staticmethod
-    def of(reasons: list[Reason]) -> Verdict:
-        """Order the reasons; one id stands once."""
-        rank = list(EXIT_CODES)
-        unique = {reason.id: reason for reason in reversed(reasons)}
-        return Verdict(
-            tuple(
-                sorted(
-                    unique.values(),
-                    key=lambda r: (rank.index(r.id) if r.id in EXIT_CODES else len(rank), r.id),
-                )
-            )
-        )
-
-    @property
-    def usable(self) -> bool:
-        """Whether nothing fatal was found."""
-        return self.exit_code == 0
-
-    @property
-    def exit_code(self) -> int:
-        """The code of the first fatal reason, or 0."""
-        return next((EXIT_CODES[r.id] for r in self.reasons if r.id in EXIT_CODES), 0)
 
 
 def rate_reasons(

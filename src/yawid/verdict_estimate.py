@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from yawid.blocks import Floats, Status
-from yawid.verdict import UNCERTAIN, Reason
+from yawid.results.reasons import Reason
+from yawid.verdict import UNCERTAIN
 
 LEAST_SIMULATION_PCT = 10.0
 """A free-running model that tells less of the yaw rate than this has learned something else."""

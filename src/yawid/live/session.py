@@ -20,12 +20,12 @@ from yawid.live.state import StateFile
 from yawid.live.viewer import Viewer
 from yawid.outputs import Outputs, finish, open_mcap, open_rerun
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import Verdict
 from yawid.run_config import RunConfig
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun_sink import RerunSink
 from yawid.sources.reading import Reading
 from yawid.summary import summarise
-from yawid.verdict import Verdict
 
 INPUT_OR_OUTPUT_FAILED = 6
 MOST_EVENTS = 100

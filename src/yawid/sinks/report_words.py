@@ -5,25 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
-WHAT_TO_DO: Final[Mapping[str, str]] = {
-    "no_vehicle": "Record the vehicle's own stream, its HEARTBEAT included.",
-    "no_rudder": "Record the servo outputs and the parameters, or name the channel by --rudder.",
-    "no_yaw": "Ask the vehicle for ATTITUDE.",
-    "rate_too_low": "Ask for ATTITUDE and the servo outputs at 25 Hz or more and fly again.",
-    "rate_low": "Next time ask for ATTITUDE and the servo outputs at 25 Hz or more.",
-    "not_excited": "Fly rudder doublets or a 3-2-1-1 in steady level flight.",
-    "collinear_inputs": "Move the rudder on its own: without the mix, or in a mode without it.",
-    "not_converged": "Fly more rudder doublets, or compare structures: yawid orders.",
-    "turn_dominated": "Use a stretch of straight flight: --from, --to.",
-    "coloured_residuals": "Compare structures: yawid orders. Until then take sigma as too small.",
-    "rudder_assumed": "Record the parameters too, or name the channel by --rudder.",
-    "els_rml_disagree": "Take RML's numbers, and compare structures: yawid orders.",
-    "airspeed_changed": "Estimate each speed by itself: --from, --to.",
-    "closed_loop": "Move by hand what reacts, or leave out an aileron that only levels.",
-    "wrong_sign": "Try --rudder-sign nose-left.",
-}
+from yawid.results.reasons import KINDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +78,8 @@ def _names(reasons: list[Mapping[str, str]]) -> tuple[str, ...]:
 
 def advice(reason: Mapping[str, str]) -> str:
     """Return what to do about a reason, or nothing."""
-    return WHAT_TO_DO.get(reason["id"], "")
+    kind = KINDS.get(reason["id"])
+    return "" if kind is None else kind.now
 
 
 def with_two_sigma(values: Mapping[str, float], name: str, sigma: str) -> tuple[str, str]:

@@ -1,0 +1,1 @@
+"""Is the answer usable, why not, and what to do."""

@@ -1,0 +1,212 @@
+"""Every reason that can speak against an answer: one table that all else reads.
+
+The verdict takes weight, order and exit code from it, the report what to do now, ``yawid inspect``
+what to record next time, and a replay of a finished run's MCAP which reasons to judge again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+ARDUPILOT, PX4 = 3, 12
+"""Numbers of MAV_AUTOPILOT for which there is advice of their own."""
+ASK_HZ: Final = 25
+
+_FLY = (
+    "fly wings level at a steady airspeed and move the rudder left and right by 10 to 30 % of its "
+    "travel: a 3-2-1-1 whose 2 lasts half a Dutch-roll period, or doublets, ten of them"
+)
+_OWN = "move the rudder by itself: by the pedals while the stick rests"
+_OWN_ON = {
+    ARDUPILOT: "move the rudder by itself: on ArduPlane KFF_RDDRMIX = 0 for the manoeuvre, or by "
+    "the pedals while the stick rests",
+    PX4: "move the rudder by itself: on PX4 FW_RLL_TO_YAW_FF = 0 for the manoeuvre, or by the "
+    "pedals in Manual while the stick rests",
+}
+_RATES = (
+    f"ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at {ASK_HZ} Hz or more: {{}}; the on-board "
+    "log has better rates still"
+)
+_RATES_ANY = _RATES.format("MAV_CMD_SET_MESSAGE_INTERVAL with 40000 us")
+_RATES_ON = {
+    ARDUPILOT: _RATES.format("SRn_EXTRA1 = 25 and SRn_RC_CHAN = 25 (at most 0.8 of the loop rate)"),
+    PX4: _RATES.format("mavlink stream -d DEVICE -s NAME -r 50 for each"),
+}
+PARAMETERS: Final = (
+    "download the parameters while recording: they say which output is the rudder and how far it "
+    "goes"
+)
+PARAMETERS_ON: Final = {
+    ARDUPILOT: "download the parameters while recording: SERVOn_FUNCTION, _MIN, _TRIM, _MAX and "
+    "_REVERSED say which servo is the rudder, and how far it goes",
+    PX4: "download the parameters while recording: PWM_MAIN_FUNCn, _MINn, _MAXn and CA_SV_CSi_TYPE "
+    "say which output is the rudder, and how far it goes",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ReasonKind:
+    """One row of the table.
+
+    ``exit_code`` 0 is a warning, any other is fatal. ``origin`` says what judges it: "run", "log"
+    (link and channels), "samples" or "estimate". ``now`` is what to do with this record, ``record``
+    what to record next time, ``record_on`` the same for one autopilot, by MAV_AUTOPILOT; texts are
+    empty where there is nothing to do.
+    """
+
+    id: str
+    exit_code: int
+    origin: str
+    now: str
+    record: str = ""
+    record_on: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def weight(self) -> str:
+        """Whether it makes the estimate unusable: fatal or warning."""
+        return "fatal" if self.exit_code else "warning"
+
+    def to_record(self, autopilot: int | None) -> str:
+        """Return what to record next time on this autopilot."""
+        return self.record if autopilot is None else self.record_on.get(autopilot, self.record)
+
+
+_TABLE: Final = (
+    ReasonKind("interrupted", 130, "run", "Run it again to the end."),
+    ReasonKind(
+        "no_vehicle", 3, "log", "Record the vehicle's own stream, its HEARTBEAT included.",
+        "record the vehicle's own HEARTBEAT: log on the link to the aircraft itself",
+    ),
+    ReasonKind(
+        "no_rudder", 3, "log",
+        "Record the servo outputs and the parameters, or name the channel by --rudder.",
+    ),
+    ReasonKind(
+        "no_yaw", 3, "log", "Ask the vehicle for ATTITUDE.",
+        f"ask for ATTITUDE (30) at {ASK_HZ} Hz or more",
+    ),
+    ReasonKind(
+        "rate_too_low", 4, "samples",
+        f"Ask for ATTITUDE and the servo outputs at {ASK_HZ} Hz or more and fly again.",
+        _RATES_ANY, _RATES_ON,
+    ),
+    ReasonKind(
+        "not_in_command", 5, "log", "Use a log in which the autopilot's outputs fly the aircraft.",
+        "record the outputs that really move the surfaces, with the autopilot armed",
+    ),
+    ReasonKind(
+        "not_excited", 5, "samples", "Fly rudder doublets or a 3-2-1-1 in steady level flight.",
+        _FLY,
+    ),
+    ReasonKind(
+        "mixed_rudder", 5, "samples",
+        "Choose a stretch in which the rudder moves on its own: yawid inspect.", _OWN, _OWN_ON,
+    ),
+    ReasonKind(
+        "collinear_inputs", 5, "samples",
+        "Move the rudder on its own: without the mix, or in a mode without it.", _OWN, _OWN_ON,
+    ),
+    ReasonKind(
+        "mode_not_driven", 5, "estimate",
+        "Choose by --band what the rudder does drive, or fly more rudder doublets.", _FLY,
+    ),
+    ReasonKind(
+        "not_converged", 5, "estimate",
+        "Fly more rudder doublets, or compare structures: yawid orders.", _FLY,
+    ),
+    ReasonKind(
+        "poor_fit", 5, "estimate",
+        "Choose a calmer stretch by --from and --to, or other orders: yawid orders.", _FLY,
+    ),
+    ReasonKind("diverged", 5, "estimate", "Estimate with fewer orders: --orders 3,3,2,1."),
+    ReasonKind(
+        "turn_dominated", 5, "samples", "Use a stretch of straight flight: --from, --to.", _FLY
+    ),
+    ReasonKind(
+        "rudder_assumed", 0, "log", "Record the parameters too, or name the channel by --rudder.",
+        PARAMETERS, PARAMETERS_ON,
+    ),
+    ReasonKind(
+        "channel_stand_in", 0, "log", "Record the channel itself: see what stands in for it.",
+        _RATES_ANY, _RATES_ON,
+    ),
+    ReasonKind("disarmed", 0, "log", "Make sure that the outputs logged did move the surfaces."),
+    ReasonKind(
+        "els_rml_disagree", 0, "estimate",
+        "Take RML's numbers, and compare structures: yawid orders.",
+    ),
+    ReasonKind(
+        "coloured_residuals", 0, "estimate", "Compare structures: yawid orders. Until then take sigma as too small."
+    ),
+    ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
+    ReasonKind(
+        "airspeed_changed", 0, "samples", "Estimate each speed by itself: --from, --to."
+    ),
+    ReasonKind("wrong_sign", 0, "estimate", "Try --rudder-sign nose-left."),
+    ReasonKind(
+        "closed_loop", 0, "samples",
+        "Move by hand what reacts, or leave out an aileron that only levels.",
+    ),
+    ReasonKind("rate_changed", 0, "log", "Choose --rate by hand."),
+    ReasonKind(
+        "rate_low", 0, "samples",
+        f"Next time ask for ATTITUDE and the servo outputs at {ASK_HZ} Hz or more.",
+        _RATES_ANY, _RATES_ON,
+    ),
+)  # fmt: skip
+
+KINDS: Final[Mapping[str, ReasonKind]] = {kind.id: kind for kind in _TABLE}
+"""Every reason by its id: the fatal ones first, in the order in which they decide."""
+_RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One thing that speaks against the estimate.
+
+    Raises:
+        KeyError: the id is not one of the table's.
+    """
+
+    id: str
+    text: str
+
+    @property
+    def kind(self) -> ReasonKind:
+        """Its row of the table."""
+        return KINDS[self.id]
+
+    @property
+    def weight(self) -> str:
+        """Whether it makes the estimate unusable: fatal or warning."""
+        return self.kind.weight
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """All reasons, the fatal ones first and in the order of the table, then warnings by name."""
+
+    reasons: tuple[Reason, ...]
+
+    @staticmethod
+    def of(reasons: list[Reason]) -> Verdict:
+        """Order the reasons; one id stands once, with the text that came first."""
+        unique = {reason.id: reason for reason in reversed(reasons)}
+        return Verdict(tuple(sorted(unique.values(), key=_place)))
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing fatal was found."""
+        return self.exit_code == 0
+
+    @property
+    def exit_code(self) -> int:
+        """The code of the first fatal reason, or 0."""
+        return next((r.kind.exit_code for r in self.reasons if r.kind.exit_code), 0)
+
+
+def _place(reason: Reason) -> tuple[int, str]:
+    fatal = reason.kind.exit_code != 0
+    return (_RANK[reason.id] if fatal else len(_RANK), reason.id)
