@@ -18,7 +18,7 @@ from sources.test_signed_sessions import PASSPHRASE, signed, signer
 
 from yawid.channels.clock import Series
 from yawid.channels.survey import Survey
-from yawid.channels.yaw import AIRSPEED, MODE, ON_GROUND
+from yawid.channels.yaw import AIRSPEED, COLUMNS, MODE, ON_GROUND
 from yawid.cli import main
 from yawid.sources.flight_modes import mode_name
 
@@ -122,7 +122,7 @@ def test_a_reboot_starts_a_boot_of_its_own_and_a_step_of_the_clock_does_not(tmp_
 
 
 def rows_of_yaw(t_us: list[int], told: list[tuple[int, int]]) -> Series:
-    values = np.zeros((len(t_us), MODE + 1))
+    values = np.zeros((len(t_us), COLUMNS))
     values[:, AIRSPEED] = 20.0
     values[:, [ON_GROUND, MODE]] = np.array(told, float).reshape(-1, 2)
     order = np.arange(len(t_us))

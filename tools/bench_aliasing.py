@@ -19,7 +19,7 @@ from yawid.channels.align import Aligner
 from yawid.channels.clock import Piece, Series
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.decimate import finer_by
-from yawid.channels.yaw import MODE, RATE
+from yawid.channels.yaw import COLUMNS, RATE
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.run_config import RunConfig
@@ -64,7 +64,7 @@ def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> Sa
     """Return the samples of raw rudder (n,), 3 ms late, and yaw rate (n,) on the grid."""
     n, sample_time_s = len(y), 1.0 / rate_hz
     t_us = np.rint(np.arange(n) * 1e6 / raw_hz).astype(np.int64)
-    columns = np.full((n, MODE + 1), np.nan)
+    columns = np.full((n, COLUMNS), np.nan)
     columns[:, RATE] = y
     order, none = np.arange(n), np.zeros(1, np.int64)
     yaw = Series(2 * order, t_us, t_us, columns)

@@ -68,6 +68,20 @@ LAYOUTS = {
     ),
     "DSF": (75, "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv", "s--b---", "F--0---"),
     "EV": (76, "QB", "TimeUS,Id", "s-", "F-"),
+    "POS": (
+        78,
+        "QLLfff",
+        "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt",
+        "sDUmmm",
+        "FGG000",
+    ),
+    "STAT": (
+        79,
+        "QBfBBBBBB",
+        "TimeUS,isFlying,isFlyProb,Armed,Safety,Crash,Still,Stage,Hit",
+        "s--------",
+        "F--------",
+    ),
     "RCIN": (77, "Q" + 14 * "H", f"TimeUS,{CHANNELS}", "s" + 14 * "Y", "F" + 14 * "-"),
 }
 UNITS = {"s": "s", "d": "deg", "h": "degheading", "k": "deg/s", "E": "rad/s", "n": "m/s"}

@@ -181,6 +181,17 @@ def test_the_vehicle_is_what_version_and_startup_text_say(tmp_path: Path):
         assert set(columns(written(tmp_path, log.data))["HEARTBEAT"]["type"]) == {kind}
 
 
+def test_altitude_is_the_positions_or_that_of_gps(tmp_path: Path):
+    log = DataflashLog()
+    log.add("GPS", 1000, 0, 3, GPS_MS, GPS_WEEK, 12, 0.8, 0, 0, 500, 17.25)
+    by_gps = columns(written(tmp_path, log.data))["VFR_HUD"]
+    log.add("POS", 2000, 0, 0, 512.5, 30.0, 30.0)
+    by_position = columns(written(tmp_path, log.data))["VFR_HUD"]
+
+    assert by_gps["alt"].tolist() == [500.0]
+    np.testing.assert_array_equal(by_position["alt"], [np.nan, 512.5])
+
+
 def test_modes_and_arming_are_told_where_they_change(tmp_path: Path):
     log = DataflashLog()
     log.add("MODE", 1, 2, 2, 0)

@@ -100,6 +100,25 @@ def test_every_row_is_what_pyulog_reads(ulg: Path):
     assert told == log.initial_parameters
 
 
+def test_altitude_and_the_speed_by_gps_come_with_the_hud(tmp_path: Path):
+    log = ULogFile({})
+    log.add("vehicle_gps_position", 1000, us(UNIX_S), 12.0, 3)
+    log.add("vehicle_global_position", 2000, 321.5)
+    log.add("vehicle_gps_position", 3000, us(UNIX_S), 15.0, 1)
+    mine = columns(written(tmp_path, log.data))["VFR_HUD"]
+
+    assert mine["groundspeed"].tolist() == [12.0, 12.0, 12.0]  # without a fix no speed is known
+    np.testing.assert_array_equal(mine["alt"], [np.nan, 321.5, 321.5])
+
+
+def test_the_estimators_speed_goes_before_that_of_gps(tmp_path: Path):
+    log = ULogFile({})
+    log.add("vehicle_gps_position", 1000, us(UNIX_S), 12.0, 3)
+    log.add("vehicle_local_position", 2000, 3.0, 4.0, True)
+    mine = columns(written(tmp_path, log.data))["VFR_HUD"]
+    assert mine["groundspeed"].tolist() == [5.0]
+
+
 def test_angles_are_those_flown(ulg: Path):
     mine = columns(ulg)["ATTITUDE"][::5]
     for name in ("roll", "pitch", "yaw"):

@@ -21,7 +21,8 @@ TOPICS = {
                        "uint8_t system_id", "bool is_vtol"),
     "airspeed_validated": ("float calibrated_airspeed_m_s",),
     "vehicle_local_position": ("float vx", "float vy", "bool v_xy_valid"),
-    "vehicle_gps_position": ("uint64_t time_utc_usec",),
+    "vehicle_global_position": ("float alt",),
+    "vehicle_gps_position": ("uint64_t time_utc_usec", "float vel_m_s", "uint8_t fix_type"),
     "unrelated_topic": ("float[32] noise",),
 }  # fmt: skip
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.clock import Piece, Series, flow_together
-from yawid.channels.yaw import AIRSPEED, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
+from yawid.channels.yaw import AIRSPEED, COLUMNS, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
 
 Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
 MOST_INSTANTS = 2**16
@@ -47,7 +47,7 @@ class Aligner:
     gaps_us: tuple[float, float]
     gaps: int = 0
     instants: int = 0
-    _yaw: Series = field(default_factory=lambda: Series.empty(MODE + 1))
+    _yaw: Series = field(default_factory=lambda: Series.empty(COLUMNS))
     _surface: Series = field(default_factory=lambda: Series.empty(0))
     _offset: tuple[Ints, Ints] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
     _next_k: int | None = None
@@ -95,7 +95,7 @@ class Aligner:
         if self._why == Held.NONE:
             return []
         received = self._yaw if self._yaw.order[0] == both else self._surface
-        hole = np.full((1, MODE + 1), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
+        hole = np.full((1, COLUMNS), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
         return [
             Rows(
                 np.array([self._next_k - 1]),

@@ -1,4 +1,4 @@
-"""Context of the samples: airspeed, whether the aircraft flies at all, and its mode."""
+"""Context of the samples: airspeed, altitude, whether the aircraft flies at all, and its mode."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ LEAST_AIRSPEED = 5.0
 """Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
 ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
+LANDED, IN_AIR = 1, (2, 3, 4)
+"""MAV_LANDED_STATE: on the ground; in the air, taking off or landing."""
 
 
 @dataclass(slots=True)
@@ -42,32 +44,47 @@ class Latest:
 
 @dataclass(slots=True)
 class Context:
-    """What VFR_HUD and HEARTBEAT said last: airspeed and ground speed, mode and armed."""
+    """What VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE said last."""
 
     armed_counts: bool = False
-    _speeds: Latest = field(default_factory=lambda: Latest(2))
+    _hud: Latest = field(default_factory=lambda: Latest(3))
     _state: Latest = field(default_factory=lambda: Latest(2))
+    _landed: Latest = field(default_factory=lambda: Latest(1))
 
     def note(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the context messages of a block."""
-        speeds, state = messages.get("VFR_HUD"), messages.get("HEARTBEAT")
-        self._speeds.note(
-            speeds, lambda f: np.stack([f["airspeed"], f["groundspeed"]], axis=1).astype(float)
-        )
+        self._hud.note(messages.get("VFR_HUD"), _columns("airspeed", "groundspeed", "alt"))
         self._state.note(
-            state,
+            messages.get("HEARTBEAT"),
             lambda f: np.stack([f["custom_mode"], f["base_mode"] & ARMED], axis=1).astype(float),
         )
+        self._landed.note(messages.get("EXTENDED_SYS_STATE"), _columns("landed_state"))
 
     def at(self, order: Ints) -> Floats:
-        """Return (airspeed m/s, on ground 0 or 1, mode) (n, 3) as known at each place.
+        """Return what is known at each place, NaN where it is not, (n, 4).
+
+        The columns are airspeed in m/s, on ground (0, 1), mode and altitude in m as VFR_HUD has it
+        (above the sea, by ArduPilot and PX4 alike).
+        """
+        hud, state = self._hud.at(order), self._state.at(order)
+        on_ground = self._on_ground(hud, state[:, 1], self._landed.at(order)[:, 0])
+        return np.stack([hud[:, 0], on_ground, state[:, 0], hud[:, 2]], axis=1)
+
+    def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
+        """Return 1 on the ground, 0 in the air and NaN where nothing tells, (n,).
 
         On the ground is what is slow by both speeds, or disarmed and slow over ground: VFR_HUD
-        tells any airspeed at boot. Without VFR_HUD an aircraft is taken to fly.
+        tells any airspeed at boot. An autopilot that says it has landed is believed unless it is
+        fast over ground: a disarmed PX4 may be a passenger.
         """
-        speeds, state = self._speeds.at(order), self._state.at(order)
-        air, over_ground = speeds[:, 0], speeds[:, 1]
-        slow = over_ground < LEAST_AIRSPEED
-        disarmed = (state[:, 1] == 0.0) & self.armed_counts
-        on_ground = slow & ((air < LEAST_AIRSPEED) | disarmed)
-        return np.stack([air, on_ground.astype(float), state[:, 0]], axis=1)
+        air, over_ground = hud[:, 0], hud[:, 1]
+        fast, slow = over_ground >= LEAST_AIRSPEED, over_ground < LEAST_AIRSPEED
+        disarmed = (armed == 0.0) & self.armed_counts
+        grounded = slow & ((air < LEAST_AIRSPEED) | disarmed) | ~fast & (landed == LANDED)
+        flying = fast | (air >= LEAST_AIRSPEED) | np.isin(landed, IN_AIR)
+        return np.where(grounded, 1.0, np.where(flying, 0.0, np.nan))
+
+
+def _columns(*names: str) -> Callable[[NDArray[Any]], Floats]:
+    """Return what reads these fields as (n, columns)."""
+    return lambda f: np.stack([np.asarray(f[name], float) for name in names], axis=1)

@@ -28,7 +28,7 @@ from yawid.channels.yaw import SOURCES, UNTIMED, YawReader
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
 
-WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE"}
+WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 """The messages this stage reads."""
 END = np.iinfo(np.int64).max
 """Beyond every byte of a stream."""

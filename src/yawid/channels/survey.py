@@ -12,10 +12,10 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints
 from yawid.channels.clock import BACK_STEP_US, REBOOT_US, Series
-from yawid.channels.yaw import AIRSPEED, MODE, ON_GROUND
+from yawid.channels.yaw import MODE, ON_GROUND
 
 AIRBORNE, GROUNDED, UNKNOWN = range(3)
-"""State of a phase; unknown is a vehicle that tells no speed."""
+"""State of a phase; unknown is a vehicle that tells neither speed nor state."""
 
 
 @dataclass(slots=True)
@@ -93,7 +93,8 @@ class Survey:
 def _mode_and_state(values: Floats) -> tuple[Ints, Ints]:
     """Return flight mode and state (n,) of the rows of yaw."""
     told = np.where(np.isfinite(values[:, MODE]), values[:, MODE], -1.0)
-    state = np.where(np.isfinite(values[:, AIRSPEED]), AIRBORNE, UNKNOWN)
+    state = np.full(len(values), UNKNOWN)
+    state[values[:, ON_GROUND] == 0.0] = AIRBORNE
     state[values[:, ON_GROUND] == 1.0] = GROUNDED
     return told.astype(np.int64), state
 

@@ -20,8 +20,9 @@ ABSURD_RAD_S = 50.0
 """No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
 STEEPEST = np.deg2rad(80.0)
 """Beyond this pitch Euler's formula has no heading rate."""
-RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE = range(7)
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE = range(8)
 """The columns of a yaw row; those from AIRSPEED on are held from message to message."""
+COLUMNS = ALTITUDE + 1
 
 Fields = NDArray[Any]
 Angles = tuple[Floats, Floats, Floats, Floats, Floats]
@@ -148,7 +149,7 @@ class YawReader:
         A source that tells no time has that of the ``clock`` beside it.
         """
         if self.source is None or self.source not in messages:
-            return Series.empty(MODE + 1)
+            return Series.empty(COLUMNS)
         block = messages[self.source]
         if self.source == UNTIMED:
             block, t_us = self._timed_beside(block, clock)

@@ -33,7 +33,8 @@ DTYPES = {
         [("type", "u1"), ("autopilot", "u1"), ("base_mode", "u1"), ("custom_mode", "<u4")]
     ),
     "PARAM_VALUE": np.dtype([("param_id", "S16"), ("param_value", "<f8")]),
-    "VFR_HUD": np.dtype([("airspeed", "<f8"), ("groundspeed", "<f8")]),
+    "VFR_HUD": np.dtype([("airspeed", "<f8"), ("groundspeed", "<f8"), ("alt", "<f8")]),
+    "EXTENDED_SYS_STATE": np.dtype([("vtol_state", "u1"), ("landed_state", "u1")]),
     "ATTITUDE": np.dtype(
         [_TIME]
         + [(name, "<f8") for name in ("roll", "pitch", "yaw")]
@@ -109,10 +110,10 @@ def latest(values: Floats) -> Floats:
     return np.where(rows < 0, np.nan, values[rows])
 
 
-def held(opening: tuple[float, float], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
-    """Merge two columns told at places of their own: both at every place, the last value held.
+def held(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
+    """Merge columns told at places of their own: all at every place, the last value held.
 
-    The first row, at place -1, is the ``opening``.
+    The first row, at place -1, is the ``opening``; what is told at one place makes one row.
     """
     places = np.concatenate([[-1], *(own for own, _ in parts)])
     in_place = np.argsort(places, kind="stable")
@@ -123,7 +124,9 @@ def held(opening: tuple[float, float], *parts: tuple[Ints, Floats]) -> tuple[Int
         column[0], column[start : start + len(own)] = first, values
         columns.append(latest(column[in_place]))
         start += len(own)
-    return places[in_place], columns
+    places = places[in_place]
+    last = np.append(np.diff(places) != 0, True)
+    return places[last], [column[last] for column in columns]
 
 
 def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""What a dataflash log says of the vehicle beside its flying: type, mode, speeds, parameters, date.
+"""What a dataflash log says of the vehicle beside its flying: type, mode, speeds, parameters.
 
 Everything is returned as the bytes at which it is told and the fields of the MAVLink message it
 becomes.
@@ -19,11 +19,12 @@ Told = tuple[Ints, NDArray[Any]]
 
 NAMES = ("PARM", "MODE", "ARM", "EV", "MSG", "VER")
 """The log's messages read here, beside those with a time that counts."""
-TIMED_NAMES = ("GPS", "CTUN", "ARSP", "NTUN")
+TIMED_NAMES = ("GPS", "CTUN", "ARSP", "NTUN", "POS")
 ARDUPILOT = 3  # MAV_AUTOPILOT
 _TYPE_OF_BUILD = {1: 10, 2: 2, 3: 1, 4: 5, 7: 12, 12: 7, 13: 4}  # VER.BU -> MAV_TYPE
 _TYPE_OF_NAME = {b"Plane": 1, b"Copter": 2, b"Rover": 10, b"Sub": 12, b"Tracker": 5, b"Blimp": 7}
 _AIRSPEED = (("CTUN", "As"), ("ARSP", "Airspeed"), ("NTUN", "Arspd"))  # best first
+_ALTITUDE = (("POS", "Alt"), ("GPS", "Alt"))
 _SYSID = (b"MAV_SYSID", b"SYSID_THISMAV")
 _EV_ARMED, _EV_DISARMED = 10, 11
 _GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
@@ -101,25 +102,28 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
     return _NONE, np.zeros(0)
 
 
-def speeds(index: DataflashIndex) -> Told:
-    """Return a VFR_HUD wherever one of its speeds is told anew, the other one held."""
-    nothing = _NONE, np.zeros(0)
-    air, ground = nothing, nothing
-    for name, column in _AIRSPEED:
-        if index.has(name, column):
-            offsets = index.offsets[name]
-            air = offsets, index.si(name, index.rows(name, offsets), column)
-            break
+def hud(index: DataflashIndex) -> Told:
+    """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
+    air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
+    ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
     if index.has("GPS", "Spd", "Status"):
         offsets = index.offsets["GPS"]
         rows = index.rows("GPS", offsets)
-        known = rows["Status"] >= _FIX_3D
-        ground = offsets, np.where(known, index.si("GPS", rows, "Spd"), np.nan)
-    offsets, (airspeed, groundspeed) = held((np.nan, np.nan), air, ground)
-    told = slice(1, None)
-    airspeed, groundspeed = airspeed[told], groundspeed[told]
-    fields = table("VFR_HUD", len(airspeed), airspeed=airspeed, groundspeed=groundspeed)
-    return offsets[told], fields
+        is_fixed = rows["Status"] >= _FIX_3D
+        ground = offsets, np.where(is_fixed, index.si("GPS", rows, "Spd"), np.nan)
+    offsets, columns = held((np.nan,) * 3, air, ground, height)
+    names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
+    known = {name: column[told] for name, column in zip(names, columns, strict=True)}
+    return offsets[told], table("VFR_HUD", len(offsets) - 1, **known)
+
+
+def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:
+    """Return the first of these columns that the log has, and where it is told."""
+    for name, column in wanted:
+        if index.has(name, column):
+            offsets = index.offsets[name]
+            return offsets, index.si(name, index.rows(name, offsets), column)
+    return _NONE, np.zeros(0)
 
 
 def _vehicle_type(index: DataflashIndex) -> int:

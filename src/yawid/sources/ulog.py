@@ -3,10 +3,10 @@
 actuator_outputs becomes SERVO_OUTPUT_RAW (its instance is the port), actuator_outputs_sim
 HIL_ACTUATOR_CONTROLS, actuator_controls_0 or in newer logs vehicle_torque_setpoint
 ACTUATOR_CONTROL_TARGET (of a VTOL the fixed-wing's), input_rc RC_CHANNELS, vehicle_status
-HEARTBEAT (``custom_mode`` as it would be sent), airspeed and ground speed VFR_HUD. ATTITUDE has a
-row for each of vehicle_angular_velocity at its sampling time, with the angles of vehicle_attitude,
-linear between two of its rows; older logs have the rates in vehicle_attitude itself, or in
-sensor_combined.
+HEARTBEAT (``custom_mode`` as it would be sent), airspeed, ground speed and altitude VFR_HUD.
+ATTITUDE has a row for each of vehicle_angular_velocity at its sampling time, with the angles of
+vehicle_attitude, linear between two of its rows; older logs have the rates in vehicle_attitude
+itself, or in sensor_combined.
 
 A standard log has actuator_outputs at 10 Hz, vehicle_torque_setpoint at 50: ``--rudder control:2``
 reads the latter.
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import FrameBlock, Ints, MessageBlock
+from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
 from yawid.sources.columns import (
     ARMED,
     COMPID,
@@ -48,10 +48,11 @@ _TOPICS = (
     *("vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_status"),
     *("actuator_outputs", "actuator_outputs_sim", "actuator_controls_0", "actuator_controls_1"),
     *("vehicle_torque_setpoint", "input_rc", "airspeed_validated", "airspeed"),
-    *("vehicle_local_position", *_GPS),
+    *("vehicle_local_position", "vehicle_global_position", "vehicle_air_data", *_GPS),
 )
 _ARMED_STATE, _FIXED_WING_STATE, _FIXED_WING = 2, 2, 1
 _VTOL_TYPES = range(19, 26)  # MAV_TYPE
+_FIX_3D = 3
 _UNIX_US = 10**15  # no boot time is as late, no flight as early
 _NONE = np.zeros(0, np.int64)
 
@@ -114,7 +115,7 @@ class UlogReader:
         """Yield each message's name, the times of its rows and their fields."""
         yield "HEARTBEAT", self._heartbeats()
         yield "PARAM_VALUE", self._parameters()
-        yield "VFR_HUD", self._speeds()
+        yield "VFR_HUD", self._hud()
         yield "ATTITUDE", self._attitude()
         yield "SERVO_OUTPUT_RAW", self._servos()
         yield "ACTUATOR_CONTROL_TARGET", self._controls()
@@ -179,25 +180,41 @@ class UlogReader:
         )
         return np.array([t for t, _, _ in told], np.int64), fields
 
-    def _speeds(self) -> Rows:
-        """Return a VFR_HUD wherever one of its speeds is told anew, the other one held."""
-        air = ground = _NONE, np.zeros(0)
-        for name in ("airspeed_validated", "airspeed"):
+    def _hud(self) -> Rows:
+        """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
+        air = self._first_known(("airspeed_validated", _AIRSPEED), ("airspeed", _AIRSPEED))
+        ground = self._over_ground()
+        height = self._first_known(
+            ("vehicle_global_position", ("alt",)), ("vehicle_air_data", ("baro_alt_meter",))
+        )
+        t_us, columns = held((np.nan,) * 3, air, ground, height)
+        names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
+        known = {name: column[told] for name, column in zip(names, columns, strict=True)}
+        return t_us[told], table("VFR_HUD", len(t_us) - 1, **known)
+
+    def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
+        """Return the first of these topics and columns that tells any number."""
+        for name, columns in wanted:
             topic = self._topics.get((name, 0), {})
-            column = next((column for column in _AIRSPEED if column in topic), None)
+            column = next((column for column in columns if column in topic), None)
             if column is not None and np.isfinite(topic[column]).any():
-                air = published(topic), topic[column].astype(float)
-                break
+                return published(topic), topic[column].astype(float)
+        return _NONE, np.zeros(0)
+
+    def _over_ground(self) -> tuple[Ints, Floats]:
+        """Return the speed over ground in m/s where it is known: the estimator's, else GPS's."""
         position = self._topics.get(("vehicle_local_position", 0), {})
         if {"vx", "vy"} <= position.keys():
             t_us = published(position)
             known = position.get("v_xy_valid", np.ones(len(t_us))) != 0
-            speed = np.where(known, np.hypot(position["vx"], position["vy"]), np.nan)
-            ground = t_us, speed
-        t_us, (airspeed, groundspeed) = held((np.nan, np.nan), air, ground)
-        told = slice(1, None)
-        columns = {"airspeed": airspeed[told], "groundspeed": groundspeed[told]}
-        return t_us[told], table("VFR_HUD", len(t_us) - 1, **columns)
+            if known.any():
+                return t_us, np.where(known, np.hypot(position["vx"], position["vy"]), np.nan)
+        for name in _GPS:
+            topic = self._topics.get((name, 0), {})
+            if {"vel_m_s", "fix_type"} <= topic.keys():
+                fixed = topic["fix_type"] >= _FIX_3D
+                return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
+        return _NONE, np.zeros(0)
 
     def _attitude(self) -> Rows:
         attitude = self._topics.get(("vehicle_attitude", 0), _NO_ROWS)
