@@ -104,8 +104,14 @@ class SampleBlock:
     mapped to Unix time, never decreasing; ``received_us`` (n,) receive stamp of the message that
     completed the sample. ``u`` (n, n_inputs) mean deflection over ``[t_k, t_k+1)`` in units of half
     the travel and ``y`` (n,) yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not
-    zero. ``yaw`` and ``roll`` (n,) in rad (yaw unwrapped) are for the reader. ``epoch`` (n,) counts
-    how often the meaning of ``u`` changed: the estimators start anew with each.
+    zero. ``yaw`` and ``roll`` (n,) in rad (yaw unwrapped); ``turn`` (n,) the turn rate in rad/s
+    that bank and airspeed imply; ``airspeed`` (n,) in m/s. ``noted`` (n,) are bits of
+    :class:`Noted`, ``held`` (n,) of :class:`Held`. ``epoch`` (n,) counts how often the meaning of
+    ``u`` changed: the estimators start anew with each.
+
+    For whoever judges the samples: ``aileron`` (n,) in units of half its travel as ``u``, whether
+    it is an input or not; ``mode`` (n,) HEARTBEAT.custom_mode; ``on_ground`` (n,) 1 or 0;
+    ``altitude`` (n,) in m. Each is NaN where nothing tells it, and holds no sample.
     """
 
     sample_time_s: float
@@ -122,6 +128,10 @@ class SampleBlock:
     noted: Ints
     held: Ints
     epoch: Ints
+    aileron: Floats
+    mode: Floats
+    on_ground: Floats
+    altitude: Floats
 
     def __len__(self) -> int:
         return len(self.k)

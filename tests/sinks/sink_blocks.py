@@ -50,6 +50,10 @@ def make_samples(n: int, n_inputs: int, rng: np.random.Generator) -> SampleBlock
         noted=rng.integers(0, 16, n),
         held=held,
         epoch=np.arange(n) // 50,
+        aileron=rng.normal(size=n),
+        mode=rng.integers(0, 20, n).astype(float),
+        on_ground=rng.integers(0, 2, n).astype(float),
+        altitude=rng.uniform(0.0, 500.0, n),
     )
 
 

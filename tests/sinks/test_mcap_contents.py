@@ -46,12 +46,10 @@ def test_every_field_of_a_sample_reads_back_by_the_schema_in_the_file(
     np.testing.assert_array_equal(
         np.round(column(messages, "received_time") * 1e6), samples.received_us
     )
-    for field in ("k", "epoch", "u", "yaw", "roll"):
+    for field in ("k", "epoch", "u", "yaw", "roll", "aileron", "mode", "altitude"):
         np.testing.assert_array_equal(column(messages, field), getattr(samples, field))
     np.testing.assert_array_equal(column(messages, "yaw_rate"), samples.y)
     np.testing.assert_array_equal(column(messages, "rudder"), samples.u[:, 0])
-    aileron = samples.u[:, 1] if n_inputs == 2 else np.full(len(samples), np.nan)
-    np.testing.assert_array_equal(column(messages, "aileron"), aileron)
     assert_held(messages, samples.held)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.clock import Piece, Series, flow_together
-from yawid.channels.yaw import AIRSPEED, COLUMNS, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
+from yawid.channels.yaw import AIRSPEED, ALTITUDE, COLUMNS, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
 
 Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
 MOST_INSTANTS = 2**16
@@ -195,7 +195,8 @@ class Aligner:
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.maximum.accumulate(np.append(self._last_unix_ns, (boot_us + offset) * 1000))[1:]
         self._last_unix_ns = int(unix[-1])
-        no_rudder = (held == 0) & np.isnan(surface).any(axis=1)
+        u, aileron = surface[:, :-1], surface[:, -1]
+        no_rudder = (held == 0) & np.isnan(u).any(axis=1)
         no_yaw = (held == 0) & np.isnan(yaw[:, RATE])
         on_ground = (held == 0) & (yaw[:, ON_GROUND] == 1.0)
         held = held + int(Held.RUDDER_INVALID) * no_rudder + int(Held.YAW_INVALID) * no_yaw
@@ -206,7 +207,7 @@ class Aligner:
             boot_us,
             unix,
             received,
-            np.where(held[:, None] != 0, np.nan, surface),
+            np.where(held[:, None] != 0, np.nan, u),
             np.where(held != 0, np.nan, yaw[:, RATE]),
             yaw[:, YAW],
             yaw[:, ROLL],
@@ -215,6 +216,10 @@ class Aligner:
             self._noted(yaw[:, MODE]),
             held,
             np.full(len(k), self._epoch, np.int64),
+            aileron,
+            yaw[:, MODE],
+            yaw[:, ON_GROUND],
+            yaw[:, ALTITUDE],
         )
 
     def _noted(self, mode: Floats) -> Ints:

@@ -96,8 +96,7 @@ class Conditioner:
                 return None
             block = thinned
         if self._filter is not None:
-            u, y = self._filter.feed(block)
-            block = replace(block, u=u, y=y)
+            block = self._filter.feed(block)
         held = block.held != 0
         u = np.where(held[:, None], np.nan, block.u)
         return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))

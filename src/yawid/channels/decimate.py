@@ -34,11 +34,14 @@ class GridFilter:
     sections: Floats
     _state: Floats | None = None
 
-    def feed(self, block: SampleBlock) -> tuple[Floats, Floats]:
-        """Return u and y filtered; after a held sample the filter starts anew, at rest."""
+    def feed(self, block: SampleBlock) -> SampleBlock:
+        """Return u, aileron and y filtered; after a held sample it starts anew, at rest."""
         from scipy.signal import sosfilt, sosfilt_zi
 
-        signals = np.column_stack([block.u, block.y])
+        # An aileron that is not known for a while must not spoil the filter for the rest.
+        unknown = np.isnan(block.aileron)
+        aileron = np.where(unknown, 0.0, block.aileron)
+        signals = np.column_stack([block.u, aileron, block.y])
         good = block.held == 0
         for start, stop in runs_of(good):
             if start > 0 or self._state is None:
@@ -48,7 +51,8 @@ class GridFilter:
             )
         if not good[-1]:
             self._state = None
-        return signals[:, :-1], signals[:, -1]
+        aileron = np.where(unknown, np.nan, signals[:, -2])
+        return replace(block, u=signals[:, :-2], aileron=aileron, y=signals[:, -1])
 
 
 @dataclass(slots=True)
@@ -73,8 +77,7 @@ class Decimator:
 
     def feed(self, block: SampleBlock) -> SampleBlock | None:
         """Take fine samples in; return those of the grid that are complete."""
-        u, y = self._filter.feed(block)
-        fine = replace(block, u=u, y=y)
+        fine = self._filter.feed(block)
         if self._open is not None and self._open.epoch[0] == fine.epoch[0]:
             fine = SampleBlock.joined([self._open, fine])
         apart = (np.diff(fine.k // self.count) != 0) | (np.diff(fine.k) <= 0)
@@ -98,6 +101,7 @@ class Decimator:
             boot_us=np.rint(k * (1e6 * self.sample_time_s)).astype(np.int64),
             received_us=fine.received_us[starts + sizes - 1],
             u=np.add.reduceat(fine.u, starts, axis=0) / self.count,
+            aileron=np.add.reduceat(fine.aileron, starts) / self.count,
             noted=np.bitwise_or.reduceat(fine.noted, starts),
             held=held,
         )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from yawid.blocks import Ints, MessageBlock
+from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.clock import UNIX_US, OwnClock, Series, boot_us, unwrap_uint32_us
+from yawid.channels.context import Latest
 from yawid.channels.surface import Surface
 from yawid.channels.twins import Twins
 
@@ -16,13 +19,22 @@ APART_US = 10_000_000
 _NONE = np.zeros(0, np.int64)
 
 
+def _no_values(_: NDArray[Any]) -> Floats:
+    return np.zeros((0, 1))
+
+
 @dataclass(slots=True)
 class SurfaceReader:
-    """The servo message to rows of deflections, its time unwrapped beside the last boot time."""
+    """The servo message to rows of deflections, its time unwrapped beside the last boot time.
+
+    Rows have a column for each of the ``columns`` inputs, and at last the aileron's, input or not,
+    as it stood then: NaN where nothing tells it.
+    """
 
     columns: int
     twins: Twins = field(default_factory=Twins)
     own_clock: OwnClock = field(default_factory=OwnClock)
+    _aileron: Latest = field(default_factory=lambda: Latest(1))
     _unix_offset: int = 0
     _boot: tuple[Ints, Ints] = (_NONE, _NONE)
 
@@ -45,13 +57,15 @@ class SurfaceReader:
         self,
         messages: Mapping[str, MessageBlock],
         surfaces: tuple[Surface, ...],
+        aileron: Surface | None,
         own_clock: bool = False,
     ) -> Series:
-        """Return one row per message with the deflection of every surface, (n, columns).
+        """Return one row per message with the deflection of every surface, (n, columns + 1).
 
         Its time is the boot time of the yaw source's clock, or by its ``own_clock``.
         """
-        none = Series.empty(self.columns)
+        self._note_aileron(messages, aileron)
+        none = Series.empty(self.columns + 1)
         order = self.own_clock.order if own_clock else self._boot[0]
         if not surfaces or surfaces[0].message not in messages or len(order) == 0:
             return none
@@ -61,9 +75,19 @@ class SurfaceReader:
             return none
         for surface in surfaces:
             self.twins.note(block, surface)
-        values = np.stack([surface.deflection(block) for surface in surfaces], axis=1)
+        beside = self._aileron.at(block.order + 1)[:, 0]  # of the same message: of this very row
+        values = np.stack([*(s.deflection(block) for s in surfaces), beside], axis=1)
         times = self.own_clock.at(block.order) if own_clock else self._times(block)
         return Series(block.order, block.received_us, times, values)
+
+    def _note_aileron(self, messages: Mapping[str, MessageBlock], surface: Surface | None) -> None:
+        """Take in the aileron's own message, which need not be that of the inputs."""
+        block = None if surface is None else messages.get(surface.message)
+        if surface is None or block is None:
+            self._aileron.note(None, _no_values)
+            return
+        block = block.select(surface.rows(block))
+        self._aileron.note(block, lambda _: surface.deflection(block)[:, None])
 
     def _times(self, block: MessageBlock) -> Ints:
         order, boot = self._boot

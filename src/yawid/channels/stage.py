@@ -53,6 +53,7 @@ class Channels:
         self.aligner: Aligner | None = None
         self.intervals_us: tuple[float, float] | None = None
         self.surfaces: tuple[Surface, ...] = ()
+        self.aileron: Surface | None = None
         self.surface_rows = 0
         self._used: tuple[Surface, ...] = ()
         self._heard = Heard()
@@ -94,13 +95,13 @@ class Channels:
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
         """Cut the block where something told changes the surfaces; yield each stretch with them."""
-        self.surfaces = self._find_surfaces()
+        self.surfaces, self.aileron = self._find_surfaces(), self._find("aileron")
         low = -1
         for order in self._told(messages, parameters):
-            found = self._find_surfaces()
-            if found != self.surfaces:
+            found, aileron = self._find_surfaces(), self._find("aileron")
+            if (found, aileron) != (self.surfaces, self.aileron):
                 yield _between(messages, low, order), self.surfaces
-                low, self.surfaces = order, found
+                low, self.surfaces, self.aileron = order, found, aileron
         yield _between(messages, low, None), self.surfaces
 
     def _told(
@@ -122,18 +123,21 @@ class Channels:
 
     def _find_surfaces(self) -> tuple[Surface, ...]:
         """Return a surface for every input, or none at all while one is missing."""
+        found = [self._find(name) for name in self.config.inputs]
+        surfaces = tuple(surface for surface in found if surface is not None)
+        if len(surfaces) < len(found):
+            return ()
+        if len({surface.message for surface in surfaces}) > 1:
+            raise ConfigError("--rudder and --aileron must come from the same message")
+        return surfaces
+
+    def _find(self, name: str) -> Surface | None:
+        """Return the surface ``rudder`` or ``aileron`` as it is to be read now, if it is known."""
         vehicle = self.lock.vehicle
         assert vehicle is not None
-        found = []
-        for name in self.config.inputs:
-            selector = getattr(self.config, name)
-            surface = find_surface(name, selector, vehicle, self.parameters, self._heard.names)
-            if surface is None:
-                return ()
-            found.append(replace(surface, scale=self._scale(name)))
-        if len({surface.message for surface in found}) > 1:
-            raise ConfigError("--rudder and --aileron must come from the same message")
-        return tuple(found)
+        selector = getattr(self.config, name)
+        surface = find_surface(name, selector, vehicle, self.parameters, self._heard.names)
+        return None if surface is None else replace(surface, scale=self._scale(name))
 
     def _scale(self, name: str) -> float:
         if name != "rudder":
@@ -163,7 +167,7 @@ class Channels:
         untimed = self.yaw.source == UNTIMED
         yaw = self.yaw.read(messages, self._context, self._surface.own_clock)
         self._surface.note_clock(None if untimed else messages.get(self.yaw.source or ""))
-        surface = self._surface.read(messages, surfaces, own_clock=untimed)
+        surface = self._surface.read(messages, surfaces, self.aileron, own_clock=untimed)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not _same_meaning(self._used, surfaces):

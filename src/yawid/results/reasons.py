@@ -138,7 +138,8 @@ _TABLE: Final = (
         "Take RML's numbers, and compare structures: yawid orders.",
     ),
     ReasonKind(
-        "coloured_residuals", 0, "estimate", "Compare structures: yawid orders. Until then take sigma as too small."
+        "coloured_residuals", 0, "estimate",
+        "Compare structures: yawid orders. Until then take sigma as too small.",
     ),
     ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
     ReasonKind(

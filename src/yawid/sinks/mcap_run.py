@@ -1,7 +1,8 @@
 """A finished run read back from its MCAP file: what it says of itself, and its rows in blocks.
 
-The schemas are taken from the file, so that a file made by an older version, with fewer fields in a
-message, says so instead of being misread.
+Rows are laid out by the schema in the file. A file made by an older version lacks some of today's
+fields: they are filled with what means unknown. Fields that stand otherwise than today are another
+format, which is refused instead of being misread.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Chunk, Message, Schema
@@ -31,7 +33,7 @@ from yawid.sinks.base import LogLevel
 from yawid.sinks.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.recover import is_bomb
 from yawid.sinks.rows import RowLayout
-from yawid.sinks.schemas import descriptor, message_class, schema_data
+from yawid.sinks.schemas import descriptor, descriptor_in, is_older, message_class
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 BLOCK_ROWS: Final = 8192
@@ -211,17 +213,18 @@ def _layout(schema: Schema, first: bytes) -> RowLayout:
     """Return the layout of a topic's rows; its repeated fields are as long as in its first message.
 
     Raises:
-        ValueError: the file's schema is not ours.
+        ValueError: the file's schema is not ours, of this version or an older one.
     """
-    if schema.data != schema_data(schema.name):
+    written = descriptor_in(schema.name, schema.data)
+    if not is_older(written, descriptor(schema.name)):
         raise ValueError(f"{schema.name} is of another version of yawid: replay the log again")
-    message: Any = message_class(schema.name).FromString(first)
+    message: Any = GetMessageClass(written)().FromString(first)
     lengths = {
         known.name: len(getattr(message, known.name))
-        for known in descriptor(schema.name).fields
+        for known in written.fields
         if known.is_repeated
     }
-    return RowLayout(descriptor(schema.name), lengths)
+    return RowLayout(written, lengths)
 
 
 def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -> list[Rows]:

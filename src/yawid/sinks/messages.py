@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import EstimateBlock, Held, Ints, ModesBlock, SampleBlock
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.physics.derivatives import NAMES
 from yawid.sinks.base import LogLevel
 from yawid.sinks.rows import RowLayout
@@ -43,6 +43,7 @@ def joined(parts: Sequence[Written]) -> Written:
     return Written(SampleBlock.joined([part.samples for part in parts]), estimates, modes)
 
 
+_APPENDED: Final = ("aileron", "mode", "on_ground", "altitude")
 _ESTIMATE: Final = (
     "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
 )  # fmt: skip
@@ -74,11 +75,10 @@ def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     rows["boot_time"] = samples.boot_us / 1e6
     rows["received_time"] = samples.received_us / 1e6
     _fill_held(rows, samples.held)
-    for name in ("k", "epoch", "u", "yaw", "roll", "airspeed", "noted"):
+    for name in ("k", "epoch", "u", "yaw", "roll", "airspeed", "noted", *_APPENDED):
         rows[name] = getattr(samples, name)
     rows["yaw_rate"], rows["turn_rate"] = samples.y, samples.turn
-    for name in ("rudder", "aileron"):
-        rows[name] = samples.u[:, inputs.index(name)] if name in inputs else np.nan
+    rows["rudder"] = samples.u[:, inputs.index("rudder")] if "rudder" in inputs else np.nan
     return _one_nan(rows)
 
 
@@ -143,8 +143,21 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
         roll=np.ascontiguousarray(rows["roll"]),
         turn=np.ascontiguousarray(rows["turn_rate"]),
         airspeed=np.ascontiguousarray(rows["airspeed"]),
-        **integers,
+        noted=integers["noted"],
+        held=integers["held"],
+        epoch=integers["epoch"],
+        aileron=np.ascontiguousarray(rows["aileron"]),
+        mode=_floats(rows, "mode"),
+        on_ground=_floats(rows, "on_ground"),
+        altitude=_floats(rows, "altitude"),
     )
+
+
+def _floats(rows: Rows, name: str) -> Floats:
+    """Return a column (n,), NaN throughout where the file is older than the column."""
+    if name not in (rows.dtype.names or ()):
+        return np.full(len(rows), np.nan)
+    return np.ascontiguousarray(rows[name])
 
 
 def estimate_from(rows: Rows) -> EstimateBlock:
@@ -160,7 +173,7 @@ def modes_from(rows: Rows) -> ModesBlock:
     return ModesBlock(
         poles=rows["pole_re"] + 1j * rows["pole_im"],
         dutch_roll=np.column_stack(dutch_roll),
-        yaw=np.column_stack([rows[name] for name in NAMES]),
-        yaw_std=np.column_stack([rows[f"{name}_std"] for name in NAMES]),
+        yaw=np.column_stack([_floats(rows, name) for name in NAMES]),
+        yaw_std=np.column_stack([_floats(rows, f"{name}_std") for name in NAMES]),
         **{name: np.ascontiguousarray(rows[name]) for name in ("wn", "wn_std", "zeta", "zeta_std")},
     )

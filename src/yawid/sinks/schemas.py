@@ -11,8 +11,8 @@ from enum import IntEnum
 from typing import Final
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
-from google.protobuf.descriptor import Descriptor
-from google.protobuf.message import Message
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.message import DecodeError, Message
 
 from yawid.blocks import Held, Noted, Status
 from yawid.config import METHODS
@@ -57,13 +57,16 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("held_reasons", ".yawid.HeldReasons", ""),
         ("u", "double[]", "half of the travel, mean over [t, t + sample_time_s)"),
         ("rudder", "double", "half of the travel; NaN where it is no input"),
-        ("aileron", "double", "half of the travel; NaN where it is no input"),
+        ("aileron", "double", "half of the travel, input or not; NaN where unknown"),
         ("yaw_rate", "double", "rad/s"),
         ("yaw", "double", "rad, unwrapped"),
         ("roll", "double", "rad"),
         ("turn_rate", "double", "rad/s, as bank and airspeed imply; NaN without airspeed"),
         ("airspeed", "double", "m/s; NaN where unknown"),
         ("noted", "fixed32", f"bits: {_NOTED}"),
+        ("mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
+        ("on_ground", "double", "1 on the ground, 0 in the air, NaN where unknown"),
+        ("altitude", "double", "m, above the sea; NaN where unknown"),
     ),
     "Estimate": (
         ("boot_time", "double", "s, clock of the vehicle"),
@@ -198,6 +201,39 @@ _POOL: Final = _build_pool()
 def descriptor(full_name: str) -> Descriptor:
     """Return the descriptor of a message by its full type name, such as ``yawid.Sample``."""
     return _POOL.FindMessageTypeByName(full_name)
+
+
+def descriptor_in(full_name: str, data: bytes) -> Descriptor:
+    """Return the descriptor of a message in the FileDescriptorSet that stands in a file.
+
+    Raises:
+        ValueError: the set cannot be read or does not hold the message.
+    """
+    pool = descriptor_pool.DescriptorPool()
+    try:
+        for file in descriptor_pb2.FileDescriptorSet.FromString(data).file:
+            pool.AddSerializedFile(file.SerializeToString())
+        return pool.FindMessageTypeByName(full_name)
+    except (DecodeError, TypeError, KeyError) as error:
+        raise ValueError(f"the schema of {full_name} cannot be read") from error
+
+
+def is_older(written: Descriptor, ours: Descriptor) -> bool:
+    """Tell whether every field of ``written`` stands in ``ours`` as it is, which may have more."""
+    for field in written.fields:
+        known = ours.fields_by_number.get(field.number)
+        if known is None or _shape(field) != _shape(known):
+            return False
+        if field.message_type is not None:
+            assert known.message_type is not None  # the same type, by the comparison above
+            if not is_older(field.message_type, known.message_type):
+                return False
+    return True
+
+
+def _shape(field: FieldDescriptor) -> tuple[object, ...]:
+    nested = None if field.message_type is None else field.message_type.full_name
+    return field.name, field.type, field.is_repeated, nested
 
 
 def message_class(full_name: str) -> type[Message]:
