@@ -1,0 +1,84 @@
+"""A finished run of an older version is read: what its file lacks is unknown, nothing is misread.
+
+``run_of_0_1_0.mcap`` was written by version 0.1.0 as of 2026-11-21, before samples had mode, ground
+contact and altitude: the first 30 s of replay_logs/c172p_3211 at 10 Hz, forgetting 1.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2
+
+from yawid.again import replay_run
+from yawid.outputs import Outputs
+from yawid.session import StopFlag
+from yawid.sinks.mcap_run import open_run
+from yawid.sinks.schemas import descriptor, descriptor_in, is_older, schema_data
+
+OLD_RUN = Path(__file__).with_name("run_of_0_1_0.mcap")
+
+
+def test_its_samples_are_there_and_what_it_lacks_is_unknown():
+    run = open_run(OLD_RUN)
+    blocks = list(run.blocks())
+
+    samples = [block.samples for block in blocks]
+    assert sum(len(block) for block in samples) == run.rows > 200
+    for name in ("aileron", "mode", "on_ground", "altitude"):
+        assert all(np.isnan(getattr(block, name)).all() for block in samples)
+    assert all(np.isfinite(block.y[block.held == 0]).all() for block in samples)
+
+
+def test_it_is_estimated_again_to_what_it_said(tmp_path):
+    summary, _ = replay_run(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
+
+    before = json.loads(open_run(OLD_RUN).attachments["summary.json"])
+    for method in ("els", "rml"):
+        assert summary["estimates"][method]["theta"] == before["estimates"][method]["theta"]
+    assert [block.samples for block in open_run(tmp_path / "again.mcap").blocks()]
+
+
+def changed_schema(change) -> bytes:
+    files = descriptor_pb2.FileDescriptorSet.FromString(schema_data("yawid.Sample"))
+    message = next(m for m in files.file[-1].message_type if m.name == "Sample")
+    change(message)
+    return files.SerializeToString()
+
+
+@pytest.mark.parametrize("last", range(1, 5))
+def test_a_schema_with_fewer_fields_at_its_end_is_older(last):
+    def cut(message):
+        del message.field[-last:]
+
+    written = descriptor_in("yawid.Sample", changed_schema(cut))
+
+    assert is_older(written, descriptor("yawid.Sample"))
+    assert not is_older(descriptor("yawid.Sample"), written)
+
+
+def rename(message):
+    message.field[2].name = "index"
+
+
+def retype(message):
+    message.field[2].type = descriptor_pb2.FieldDescriptorProto.TYPE_DOUBLE
+
+
+def append(message):
+    message.field.add(name="further", number=99, type=1, label=1)
+
+
+@pytest.mark.parametrize("change", [rename, retype, append])
+def test_a_schema_that_says_otherwise_is_another_format(change):
+    written = descriptor_in("yawid.Sample", changed_schema(change))
+
+    assert not is_older(written, descriptor("yawid.Sample"))
+
+
+def test_bytes_that_are_no_schema_are_refused():
+    with pytest.raises(ValueError, match=r"yawid\.Sample"):
+        descriptor_in("yawid.Sample", b"\xff\xffnothing")
