@@ -28,7 +28,7 @@ from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.progress import progress
-from yawid.summary import as_summary, bank_reasons
+from yawid.summary import as_summary, bank_verdict
 from yawid.verdict_estimate import Evidence
 
 CHANGEABLE = (
@@ -149,20 +149,21 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
     summary |= {"source": origin} | {name: before[name] for name in kept if name in before}
     evidence: dict[str, Evidence] = {}
     reasons = [Reason(r["id"], r["text"]) for r in before["verdict"]["reasons"]]
+    of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
     bank = pipeline.bank
     if bank is not None:
         summary["estimates"] = {}
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
-        reasons = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
         channels, degrees = before["channels"], pipeline.config.rudder_max_deg
         rates_hz = channels["yaw"]["rate_hz"], channels[pipeline.config.inputs[0]]["rate_hz"]
         unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
-        reasons += bank_reasons(bank, evidence, rates_hz, unit)
+        verdict = bank_verdict(bank, evidence, rates_hz, unit, of_the_log)
     elif run.grid is not None:
         text = "no sample lies within --from and --to"
-        reasons = [*(r for r in reasons if r.id not in JUDGED_AGAIN), Reason("not_excited", text)]
-    verdict = Verdict.of(reasons)
+        verdict = Verdict.of([*of_the_log, Reason("not_excited", text)])
+    else:
+        verdict = Verdict.of(reasons)
     summary["verdict"] = as_summary(verdict)
     return summary, verdict
 

@@ -41,7 +41,8 @@ def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
     if physics:
         described["physics"] = physics
     history = bank.history()
-    described["fit"] = _fit(bank, method, history)
+    fit = _fit(bank, method, history)
+    described["fit"] = finite(fit)
     earlier = _shortly_before(bank, history)
     before = np.full(2, np.nan)
     if earlier is not None:
@@ -54,7 +55,8 @@ def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
         found.dutch_roll[-1],
         estimator.whiteness_p,
         early_response(theta, orders, sample_time_s, wn),
-        described["fit"].get("simulation_pct", math.nan),
+        fit["simulation_pct"],
+        fit["simulation_held_back_pct"],
         before,
         # With a band the roll is another signal: it has not passed the filter.
         math.nan if bank.config.band is not None else roll_p(theta, estimator.config, history),
@@ -92,17 +94,15 @@ def _fit(bank: Bank, method: str, history: History) -> dict[str, float]:
     theta, config = bank.last[method].theta[-1], estimator.config
     y, y_hat = history.y, history.y_hat[method]
     simulated = simulate(theta, config.orders, config.bias, history.u, y)
-    return finite(
-        {
-            "one_step_pct": fit_percent(y, y_hat),
-            "simulation_pct": fit_percent(y, simulated),
-            "simulation_held_back_pct": _held_back_pct(bank, method, history),
-            "innovation_std": estimator.innovation_std,
-            "residual_std": estimator.residual_std,
-            "whiteness_p": estimator.whiteness_p,
-            "spr_margin": estimator.spr_margin,
-        }
-    )
+    return {
+        "one_step_pct": fit_percent(y, y_hat),
+        "simulation_pct": fit_percent(y, simulated),
+        "simulation_held_back_pct": _held_back_pct(bank, method, history),
+        "innovation_std": estimator.innovation_std,
+        "residual_std": estimator.residual_std,
+        "whiteness_p": estimator.whiteness_p,
+        "spr_margin": estimator.spr_margin,
+    }
 
 
 def _held_back_pct(bank: Bank, method: str, history: History) -> float:

@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
@@ -18,15 +20,23 @@ from yawid.channels.yaw import COARSE, SOURCES
 from yawid.estimation.bank import Bank
 from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
+from yawid.results.coherence import coherence_at
+from yawid.results.excitation import around, excitation
 from yawid.results.reasons import Reason, Verdict
 from yawid.verdict import (
     changed_rates,
+    excitation_reasons,
     feedback_reasons,
     flight_reasons,
     input_reasons,
     rate_reasons,
 )
-from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
+from yawid.verdict_estimate import (
+    Evidence,
+    agreement_reasons,
+    coherence_reasons,
+    estimate_reasons,
+)
 
 
 def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
@@ -53,14 +63,15 @@ def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any]
         summary["estimates"] = {}
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
-    verdict = Verdict.of(_reasons(pipeline, evidence))
+    verdict = _verdict(pipeline, evidence)
     summary["verdict"] = as_summary(verdict)
     return summary, verdict
 
 
 def as_summary(verdict: Verdict) -> dict[str, Any]:
     """Return the verdict as ``--json`` prints it."""
-    return {
+    method = {} if verdict.method is None else {"method": verdict.method}
+    return method | {
         "usable": verdict.usable,
         "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
     }
@@ -105,14 +116,30 @@ def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
     return described
 
 
-def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
-    channels, bank, config = pipeline.channels, pipeline.bank, pipeline.config
+def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
+    channels, bank = pipeline.channels, pipeline.bank
+    missing = list(_missing(pipeline))
+    if missing:
+        return Verdict.of(missing)
+    found = _surface_reasons(channels)
+    if bank is None or channels.intervals_us is None:
+        text = "rudder and yaw rate never flow together for as long as an answer needs"
+        return Verdict.of([*found, Reason("not_excited", text)])
+    yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
+    found += changed_rates(yaw_hz, rudder_hz, *_later_rates(channels))
+    travel_unit = abs(channels.surfaces[0].scale)
+    return bank_verdict(bank, evidence, (yaw_hz, rudder_hz), travel_unit, found)
+
+
+def _missing(pipeline: Pipeline) -> Iterator[Reason]:
+    """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
+    channels, config = pipeline.channels, pipeline.config
     vehicle = channels.lock.vehicle
     if vehicle is None:
         rejected = pipeline.link.unsigned_rejected
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
-        return [Reason("no_vehicle", channels.lock.why_none() + keyed)]
-    reasons = []
+        yield Reason("no_vehicle", channels.lock.why_none() + keyed)
+        return
     # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.
     unheard = channels.surface_rows == 0 and channels.yaw.rows > 0
     if unheard or not channels.surfaces:
@@ -121,39 +148,50 @@ def _reasons(pipeline: Pipeline, evidence: dict[str, Evidence]) -> list[Reason]:
             text = f"no message carries {channels.surfaces[0].source}"
         else:
             text = why_no_surface(missing, vehicle, channels.parameters)
-        reasons.append(Reason("no_rudder", text))
+        yield Reason("no_rudder", text)
     if channels.yaw.rows == 0:
-        wanted = ", ".join(SOURCES)
-        reasons.append(Reason("no_yaw", f"none of {wanted} comes from the vehicle"))
-    if reasons:
-        return reasons
-    reasons += _surface_reasons(channels)
-    if bank is None or channels.intervals_us is None:
-        text = "rudder and yaw rate never flow together for as long as an answer needs"
-        return [*reasons, Reason("not_excited", text)]
-    yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
-    reasons += changed_rates(yaw_hz, rudder_hz, *_later_rates(channels))
-    reasons += bank_reasons(bank, evidence, (yaw_hz, rudder_hz), abs(channels.surfaces[0].scale))
-    return reasons
+        yield Reason("no_yaw", f"none of {', '.join(SOURCES)} comes from the vehicle")
 
 
-def bank_reasons(
-    bank: Bank, evidence: dict[str, Evidence], rates_hz: tuple[float, float], travel_unit: float
-) -> list[Reason]:
-    """Return what samples and estimates say against the answer.
+def bank_verdict(
+    bank: Bank,
+    evidence: dict[str, Evidence],
+    rates_hz: tuple[float, float],
+    travel_unit: float,
+    others: list[Reason],
+) -> Verdict:
+    """Return the verdict of samples and estimates, and of the ``others`` that the log gives.
 
     ``rates_hz`` of yaw and rudder messages; ``travel_unit`` is half the travel in the unit of u.
+    The first method answers, or where that may not be used and another may, the other.
     """
     config, history = bank.config, bank.history()
-    primary = evidence[config.method]
-    return [
-        *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, primary.dutch_roll),
-        *input_reasons(config.inputs, history.u, travel_unit, bank.sample_time_s),
+    rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
+    moved = excitation(rudder, history.aileron, travel_unit, bank.sample_time_s)
+    near = around(moved.excited, bank.sample_time_s)
+    own = np.where(near, rudder, np.nan)
+    judged = {}
+    for method in bank.methods:
+        mode = evidence[method].dutch_roll
+        wn = float(mode[0])
+        driven = coherence_at(own, history.y, wn, bank.sample_time_s) if wn > 0.0 else None
+        judged[method] = [
+            *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode),
+            *estimate_reasons(method, evidence[method]),
+            *coherence_reasons(wn, driven),
+        ]
+    sound = [m for m in bank.methods if not any(r.kind.exit_code for r in judged[m])]
+    answers = sound[0] if sound else config.method
+    reasons = [
+        *others,
+        *excitation_reasons(moved),
+        *input_reasons(config.inputs, history.u, travel_unit),
         *flight_reasons(history, config.turn),
         *feedback_reasons(config.inputs, history),
-        *estimate_reasons(config.method, primary),
-        *agreement_reasons(evidence),
+        *judged[answers],
+        *agreement_reasons(evidence, {m: judged[m] for m in bank.methods if m not in sound}),
     ]
+    return Verdict.of(reasons, answers)
 
 
 def _later_rates(channels: Channels) -> tuple[float, float]:

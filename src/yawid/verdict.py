@@ -13,9 +13,10 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.channels.decimate import RATE_SLACK
-from yawid.channels.notes import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes, window_of
+from yawid.channels.notes import AIRSPEED_SHARE, WINDOW_S
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness, condition_number
+from yawid.results.excitation import LEAST_STROKE, Excitation
 from yawid.results.reasons import Reason
 
 LEAST_RATE_HZ = 5.0
@@ -81,23 +82,37 @@ def changed_rates(
             return
 
 
-def input_reasons(
-    inputs: tuple[str, ...], u: Floats, travel_unit: float, sample_time_s: float
-) -> Iterator[Reason]:
-    """Judge the inputs (n, inputs): moved, kept apart from each other, not at their stops.
+def excitation_reasons(found: Excitation) -> Iterator[Reason]:
+    """Judge whether the rudder moved, and by itself rather than as the aileron's copy.
 
-    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``. It has moved if
-    it did in any five seconds: what an hour of trim drift covers is nothing to learn from, and ten
-    doublets in an hour are.
+    It has moved if it did in any five seconds: what an hour of trim drift covers is nothing to
+    learn from, and ten doublets in an hour are.
+    """
+    needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"
+    if found.most_whole < LEAST_STROKE:
+        yield Reason(
+            "not_excited",
+            f"the rudder's largest movement within {WINDOW_S:g} s is {100 * found.most_whole:.1f} "
+            f"% of half its travel: {needed}",
+        )
+    elif found.most_own < LEAST_STROKE:
+        yield Reason(
+            "mixed_rudder",
+            f"the rudder follows the aileron: of its {100 * found.most_whole:.0f} % of half its "
+            f"travel within {WINDOW_S:g} s no more than {100 * found.most_own:.1f} % are its own, "
+            f"and {needed}",
+        )
+
+
+def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Iterator[Reason]:
+    """Judge the inputs (n, inputs): kept apart from each other, not at their stops.
+
+    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``.
     """
     rows = u[np.isfinite(u).all(axis=1)]
     if len(rows) < 2:
         yield Reason("not_excited", "there is no stretch with both rudder and yaw rate")
         return
-    stroke = float(strokes(rows[:, 0], window_of(sample_time_s)).max()) / travel_unit
-    if stroke < LEAST_TRAVEL:
-        moved = f"{100 * stroke:.1f} % of half its travel in any {WINDOW_S:g} s"
-        yield Reason("not_excited", f"the rudder moved over {moved}: nothing to learn from")
     stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * travel_unit))
     if stops > SATURATED_SHARE:
         text = f"the rudder stood at its stops for {100 * stops:.0f} % of the time"

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from yawid.blocks import Floats, Status
+from yawid.results.coherence import Coherence
 from yawid.results.reasons import Reason
 from yawid.verdict import UNCERTAIN
 
-LEAST_SIMULATION_PCT = 10.0
-"""A free-running model that tells less of the yaw rate than this has learned something else."""
+LEAST_SIMULATION_PCT = 40.0
+LEAST_HELD_BACK_PCT = 30.0
+"""A free-running model that tells less of the yaw rate than this has learned something else: good
+flights have 73 to 95 %."""
 WHITE_P = 0.01
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
@@ -25,9 +28,9 @@ class Evidence:
 
     ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
     mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
-    much of the yaw rate the model tells from the inputs alone; ``before`` is (wn, zeta) as they
-    stood a third of the memory ago; ``roll_p`` the p-value that the residuals know nothing of the
-    roll.
+    much of the yaw rate the model tells from the inputs alone, ``held_back_pct`` the same of
+    samples that it had not seen; ``before`` is (wn, zeta) as they stood a third of the memory ago;
+    ``roll_p`` the p-value that the residuals know nothing of the roll. NaN is what is not known.
     """
 
     status: int
@@ -36,18 +39,31 @@ class Evidence:
     whiteness_p: float
     early_response: float
     simulation_pct: float
+    held_back_pct: float
     before: Floats
     roll_p: float
 
 
 def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
-    """Judge the primary estimate itself."""
+    """Judge one estimate by itself."""
     if evidence.status == Status.DIVERGED:
         yield Reason("diverged", f"{method} did not stay finite")
         return
     if evidence.updates == 0:
         yield Reason("not_excited", "the channels never moved enough to begin")
         return
+    against = [*_convergence(evidence), *_fit_reasons(evidence)]
+    yield from against
+    yield from _residual_reasons(evidence)
+    if evidence.early_response < 0.0 and not against:
+        yield Reason(
+            "wrong_sign",
+            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
+        )
+
+
+def _convergence(evidence: Evidence) -> Iterator[Reason]:
+    """Judge whether there is a Dutch roll that is known and came to rest."""
     wn, wn_std, zeta, zeta_std = (float(value) for value in evidence.dutch_roll)
     if not math.isfinite(wn):
         yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
@@ -59,12 +75,26 @@ def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
         )
     else:
         yield from _still_moving(evidence)
-    if not evidence.simulation_pct >= LEAST_SIMULATION_PCT:
+
+
+def _fit_reasons(evidence: Evidence) -> Iterator[Reason]:
+    """Judge what the model tells of the yaw rate from the inputs alone; absent is not failed."""
+    simulated, held_back = evidence.simulation_pct, evidence.held_back_pct
+    low = []
+    if simulated < LEAST_SIMULATION_PCT:
+        low.append(f"{max(simulated, 0.0):.0f} % of the yaw rate (free run)")
+    if held_back < LEAST_HELD_BACK_PCT:
+        low.append(f"{max(held_back, 0.0):.0f} % of what was held back")
+    if low:
         yield Reason(
-            "not_excited",
-            f"the inputs explain {max(evidence.simulation_pct, 0.0):.0f} % of the yaw rate "
-            "(free run): turns or gusts hide the rudder's effect",
+            "poor_fit",
+            f"the inputs explain only {' and '.join(low)}: at least {LEAST_SIMULATION_PCT:.0f} and "
+            f"{LEAST_HELD_BACK_PCT:.0f} % are needed; turns or gusts hide the rudder's effect",
         )
+
+
+def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
+    """Judge what the model leaves over."""
     if evidence.whiteness_p < WHITE_P:
         yield Reason(
             "coloured_residuals",
@@ -77,11 +107,21 @@ def estimate_reasons(method: str, evidence: Evidence) -> Iterator[Reason]:
             f"the residuals follow the roll (p = {evidence.roll_p:.1e}), which the model leaves "
             "out: sigma may not cover what that does to wn and zeta",
         )
-    if evidence.early_response < 0.0:
-        yield Reason(
-            "wrong_sign",
-            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
-        )
+
+
+def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:
+    """Judge whether the rudder has a part in the mode found; too short a record abstains."""
+    if found is None or found.driven:
+        return
+    band = found.band_hz
+    advice = "" if band is None else f"; try --band {band[0]:.2g},{band[1]:.2g}"
+    yield Reason(
+        "mode_not_driven",
+        f"the rudder does not drive the mode found at {wn_rad_s:.3g} rad/s "
+        f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): squared coherence {found.squared:.2f}, and "
+        f"{found.limit:.2f} comes by chance; {100 * found.peak_share:.0f} % of the yaw-rate power "
+        f"stands at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
+    )
 
 
 def _still_moving(evidence: Evidence) -> Iterator[Reason]:
@@ -99,9 +139,17 @@ def _still_moving(evidence: Evidence) -> Iterator[Reason]:
             return
 
 
-def agreement_reasons(evidence: Mapping[str, Evidence]) -> Iterator[Reason]:
-    """Compare the Dutch rolls of ELS and RML."""
+def agreement_reasons(
+    evidence: Mapping[str, Evidence], refused: Mapping[str, list[Reason]]
+) -> Iterator[Reason]:
+    """Compare the Dutch rolls of ELS and RML; ``refused`` has what makes a method unusable."""
     if not {"els", "rml"} <= evidence.keys():
+        return
+    if len(refused) == 1:
+        ((method, reasons),) = refused.items()
+        why = next(reason for reason in reasons if reason.kind.exit_code)
+        text = f"{method.upper()} beside it cannot be used ({why.id}: {why.text})"
+        yield Reason("els_rml_disagree", text)
         return
     els, rml = evidence["els"].dutch_roll, evidence["rml"].dutch_roll
     for name, i in (("wn", 0), ("zeta", 2)):

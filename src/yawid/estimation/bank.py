@@ -54,13 +54,18 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN."""
+    """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN.
+
+    ``y`` in rad/s, ``roll`` in rad, ``turn`` in rad/s, ``airspeed`` in m/s, ``aileron`` in units of
+    half its travel, whether it is an input or not.
+    """
 
     u: Floats
     y: Floats
     roll: Floats
     turn: Floats
     airspeed: Floats
+    aileron: Floats
     y_hat: Mapping[str, Floats]
 
     @property
@@ -112,7 +117,7 @@ class Bank:
             for method, estimator in self.estimators.items()
         }
         predictions = [block.y_hat for block in self.last.values()]
-        context = [samples.roll, samples.turn, samples.airspeed]
+        context = [samples.roll, samples.turn, samples.airspeed, samples.aileron]
         self._remember(len(samples))
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
@@ -130,9 +135,9 @@ class Bank:
 
         As many as the model can be asked about: all of them, or three times its memory.
         """
-        u, y, roll, turn, airspeed, *predictions = self._record.joined()
+        u, y, roll, turn, airspeed, aileron, *predictions = self._record.joined()
         y_hat = dict(zip(self.methods, predictions, strict=True))
-        return History(u, y, roll, turn, airspeed, y_hat)
+        return History(u, y, roll, turn, airspeed, aileron, y_hat)
 
     def earlier(self, row: int) -> Earlier | None:
         """Return the newest models kept that had not seen ``row`` of the history, if there are."""

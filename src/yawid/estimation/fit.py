@@ -12,24 +12,30 @@ from yawid.blocks import Floats, runs_of
 from yawid.config import ArmaxOrders
 from yawid.estimation.filtering import all_pole
 
+WORST_PCT = -1000.0
+
 
 def fit_percent(y: Floats, y_hat: Floats) -> float:
-    """Return the fit in percent over the rows where both are finite; NaN where y does not move."""
-    rows = np.isfinite(y) & np.isfinite(y_hat)
+    """Return the fit in percent over the rows where both are known; NaN where y does not move.
+
+    It is never below -1000 %: of a model that explodes no number says more than that it does.
+    """
+    rows = np.isfinite(y) & ~np.isnan(y_hat)
     if rows.sum() < 2:
         return float("nan")
     y, y_hat = y[rows], y_hat[rows]
     spread = float(np.linalg.norm(y - y.mean()))
     if spread == 0.0:
         return float("nan")
-    return 100.0 * (1.0 - float(np.linalg.norm(y - y_hat)) / spread)
+    with np.errstate(over="ignore"):
+        return max(100.0 * (1.0 - float(np.linalg.norm(y - y_hat)) / spread), WORST_PCT)
 
 
 def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats) -> Floats:
     """Return y (n,) of A(q) y = B(q) u + bias run free, anew after every held (NaN) sample.
 
     ``u`` (n, inputs). Each stretch starts from its first measured samples, as many as the lags
-    need; those rows are NaN, as are held ones.
+    need; those rows are NaN, as are held ones. Where a model explodes its rows are infinite.
     """
     simulated = np.full(len(y), np.nan)
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
@@ -51,5 +57,7 @@ def _simulate_stretch(
         first += nb
     simulated = np.full(len(y), np.nan)
     past = y[lags - orders.na : lags][::-1]
-    simulated[lags:] = all_pole(theta[: orders.na], drive[lags:], past)
+    with np.errstate(over="ignore", invalid="ignore"):
+        free = all_pole(theta[: orders.na], drive[lags:], past)
+    simulated[lags:] = np.where(np.isfinite(free), free, np.inf)
     return simulated

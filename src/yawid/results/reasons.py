@@ -187,15 +187,19 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """All reasons, the fatal ones first and in the order of the table, then warnings by name."""
+    """All reasons, the fatal ones first and in the order of the table, then warnings by name.
+
+    ``method`` is the estimator that answers, None where there is no estimate.
+    """
 
     reasons: tuple[Reason, ...]
+    method: str | None = None
 
     @staticmethod
-    def of(reasons: list[Reason]) -> Verdict:
+    def of(reasons: list[Reason], method: str | None = None) -> Verdict:
         """Order the reasons; one id stands once, with the text that came first."""
         unique = {reason.id: reason for reason in reversed(reasons)}
-        return Verdict(tuple(sorted(unique.values(), key=_place)))
+        return Verdict(tuple(sorted(unique.values(), key=_place)), method)
 
     @property
     def usable(self) -> bool:

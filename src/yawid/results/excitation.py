@@ -1,0 +1,121 @@
+"""Where the rudder moved on its own: what verdict, ``yawid inspect`` and advice agree on.
+
+In most autopilot modes the rudder is mixed from the aileron, and a copy teaches nothing about the
+rudder: what moves the yaw may as well be the roll that the aileron makes. So only that part of the
+rudder counts which no regression on the aileron explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats
+from yawid.channels.notes import WINDOW_S, strokes, window_of
+
+LEAST_STROKE = 0.1
+"""Excited is where the rudder's own part covers this much of half its travel within 5 s."""
+REACH_S = 0.3
+"""The aileron this long before and after may explain the rudder: mixers and pilots lag."""
+CHUNK_S = 60.0
+"""The mix is found anew in each minute: it changes with the flight mode."""
+ROWS_PER_LAG = 8
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """How far the rudder moved within 5 s, in parts of half its travel, at each sample (n,).
+
+    ``whole`` is the stroke of all of it and ``own`` of what the aileron does not explain, 0 at
+    samples that are not used. ``aileron_known`` tells whether there was an aileron to compare with;
+    without one ``own`` is ``whole``.
+    """
+
+    whole: Floats
+    own: Floats
+    aileron_known: bool
+
+    @property
+    def excited(self) -> Bools:
+        """The samples (n,) at the end of five seconds in which the rudder moved on its own."""
+        return self.own >= LEAST_STROKE
+
+    @property
+    def most_whole(self) -> float:
+        """The largest stroke."""
+        return float(self.whole.max(initial=0.0))
+
+    @property
+    def most_own(self) -> float:
+        """The largest stroke of the rudder's own part."""
+        return float(self.own.max(initial=0.0))
+
+
+def excitation(
+    rudder: Floats, aileron: Floats, travel_unit: float, sample_time_s: float
+) -> Excitation:
+    """Return the strokes of ``rudder`` (n,) and of its own part beside ``aileron`` (n,).
+
+    ``travel_unit`` is what half the rudder's travel measures in the unit of ``rudder``; samples
+    that are not used are NaN.
+    """
+    rudder = rudder / travel_unit
+    used = np.isfinite(rudder)
+    whole = _strokes(rudder, sample_time_s)
+    known = used & np.isfinite(aileron)
+    if not known.any() or float(np.ptp(aileron[known])) == 0.0:
+        return Excitation(whole, whole, bool(known.any()))
+    return Excitation(
+        whole, _strokes(own_part(rudder, aileron, sample_time_s), sample_time_s), True
+    )
+
+
+def own_part(rudder: Floats, aileron: Floats, sample_time_s: float) -> Floats:
+    """Return what least squares on the aileron over ±0.3 s leaves of the rudder, (n,).
+
+    NaN where the rudder or one of the aileron's lags is not known; where the aileron never is, that
+    is throughout.
+    """
+    reach = max(1, round(REACH_S / sample_time_s))
+    lags = [_shifted(aileron, i) for i in range(-reach, reach + 1)]
+    columns = np.column_stack([*lags, np.ones(len(rudder))])
+    rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder))
+    own = np.full(len(rudder), np.nan)
+    least = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * columns.shape[1])
+    for chunk in np.array_split(rows, max(1, len(rows) // least)):
+        if len(chunk):
+            coefficients = np.linalg.lstsq(columns[chunk], rudder[chunk], rcond=1e-9)[0]
+            own[chunk] = rudder[chunk] - columns[chunk] @ coefficients
+    return own
+
+
+def _strokes(x: Floats, sample_time_s: float) -> Floats:
+    """Return the stroke within the last 5 s at each sample (n,), 0 where x (n,) is not known."""
+    found, used = np.zeros(len(x)), np.isfinite(x)
+    if used.any():
+        found[used] = strokes(x[used], window_of(sample_time_s))
+    return found
+
+
+def around(excited: Bools, sample_time_s: float) -> Bools:
+    """Return the samples (n,) within five seconds before or after an excited one."""
+    reach = round(WINDOW_S / sample_time_s)
+    edges = np.concatenate([[0], np.cumsum(excited)])
+    rows = np.arange(len(excited))
+    low, high = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(excited))
+    near: Bools = edges[high] > edges[low]
+    return near
+
+
+def _shifted(x: Floats, count: int) -> Floats:
+    """Return x (n,) ``count`` samples later, earlier where negative; NaN beyond the ends."""
+    shifted = np.full(len(x), np.nan)
+    if count >= 0:
+        shifted[count:] = x[: len(x) - count]
+    else:
+        shifted[:count] = x[-count:]
+    return shifted
