@@ -167,7 +167,7 @@ def bank_verdict(
     """
     config, history = bank.config, bank.history()
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
-    moved = excitation(rudder, history.aileron, travel_unit, bank.sample_time_s)
+    moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
     near = around(moved.excited, bank.sample_time_s)
     own = np.where(near, rudder, np.nan)
     judged = {}

@@ -57,7 +57,7 @@ class History:
     """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN.
 
     ``y`` in rad/s, ``roll`` in rad, ``turn`` in rad/s, ``airspeed`` in m/s, ``aileron`` in units of
-    half its travel, whether it is an input or not.
+    half its travel, whether it is an input or not, ``mode`` HEARTBEAT.custom_mode.
     """
 
     u: Floats
@@ -66,6 +66,7 @@ class History:
     turn: Floats
     airspeed: Floats
     aileron: Floats
+    mode: Floats
     y_hat: Mapping[str, Floats]
 
     @property
@@ -117,7 +118,8 @@ class Bank:
             for method, estimator in self.estimators.items()
         }
         predictions = [block.y_hat for block in self.last.values()]
-        context = [samples.roll, samples.turn, samples.airspeed, samples.aileron]
+        further = ("roll", "turn", "airspeed", "aileron", "mode")
+        context = [getattr(samples, name) for name in further]
         self._remember(len(samples))
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
@@ -135,9 +137,11 @@ class Bank:
 
         As many as the model can be asked about: all of them, or three times its memory.
         """
-        u, y, roll, turn, airspeed, aileron, *predictions = self._record.joined()
-        y_hat = dict(zip(self.methods, predictions, strict=True))
-        return History(u, y, roll, turn, airspeed, aileron, y_hat)
+        columns = self._record.joined()
+        own = len(columns) - len(self.methods)
+        u, y, roll, turn, airspeed, aileron, mode = columns[:own]
+        y_hat = dict(zip(self.methods, columns[own:], strict=True))
+        return History(u, y, roll, turn, airspeed, aileron, mode, y_hat)
 
     def earlier(self, row: int) -> Earlier | None:
         """Return the newest models kept that had not seen ``row`` of the history, if there are."""

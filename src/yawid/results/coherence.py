@@ -17,8 +17,8 @@ from yawid.blocks import Floats, runs_of
 
 SEGMENTS = 8
 """Fewer Welch segments tell nothing: the test abstains."""
-PERIODS = (3.0, 8.0)
-"""Periods of the mode in one segment: least and most."""
+PERIODS = (4.0, 3.0)
+"""Periods of the mode in one segment; the fewer where the record is short."""
 AROUND = 0.2
 """Part of wn around it within which the coherence is looked at: doublets have holes in theirs."""
 LEVEL = 0.01
@@ -26,8 +26,11 @@ OVERLAP_LOSS = 1.0 + 2.0 / 36.0
 """Welch (1967): segments under a Hann window that overlap by half count for so much fewer."""
 LINE_BINS = 2
 BAND_MARGIN = 1.4
-HIGHEST = 0.45
-"""Part of the rate at which a recommended band ends at the latest."""
+HIGHEST = 0.9
+"""Part of half the rate at which a recommended band ends at the latest."""
+SHORTEST = 16
+FINE_S = 25.0
+"""Length of the segments by which a line is told from its surroundings."""
 
 Bools = NDArray[np.bool_]
 
@@ -54,35 +57,77 @@ class Coherence:
         return self.squared >= self.limit
 
 
+@dataclass(frozen=True, slots=True)
+class _Spectra:
+    """Squared coherence and yaw-rate power (n,) over frequency in Hz, by so many segments."""
+
+    frequency: Floats
+    squared: Floats
+    power: Floats
+    segments: int
+
+    @property
+    def count(self) -> float:
+        """How many independent segments theirs are worth."""
+        return self.segments / OVERLAP_LOSS
+
+
 def coherence_at(u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float) -> Coherence | None:
     """Return the coherence of ``u`` and ``y`` (n,) at wn; None where the record is too short.
 
     NaN samples are left out: segments lie within runs of known ones.
     """
-    period = 2.0 * math.pi / wn_rad_s / sample_time_s
     runs = [slice(a, b) for a, b in runs_of(np.isfinite(u) & np.isfinite(y))]
-    length = _segment_length([run.stop - run.start for run in runs], period)
-    if length is None:
+    mode_hz = wn_rad_s / (2.0 * math.pi)
+    for periods in PERIODS:
+        length = max(2 * math.ceil(0.5 * periods / mode_hz / sample_time_s), SHORTEST)
+        if len(_starts(runs, length)) >= SEGMENTS:
+            break
+    else:
         return None
-    starts = [i for run in runs for i in range(run.start, run.stop - length + 1, length // 2)]
+    found = _spectra(u, y, runs, length, sample_time_s)
+    near = np.abs(found.frequency - mode_hz) <= AROUND * mode_hz
+    near[np.argmin(np.abs(found.frequency - mode_hz))] = True
+    fine = _spectra(u, y, runs, _fine_length(runs, length, sample_time_s), sample_time_s)
+    near_fine = np.abs(fine.frequency - mode_hz) <= AROUND * mode_hz
+    peak = int(np.argmax(np.where(near_fine, fine.power, 0.0)))
+    line = slice(max(peak - LINE_BINS, 0), peak + LINE_BINS + 1)
+    return Coherence(
+        float(found.squared[near].max()),
+        _limit(found.count, int(near.sum())),
+        found.segments,
+        float(fine.frequency[peak]),
+        float(fine.power[line].sum() / fine.power.sum()),
+        _coherent_band(fine),
+    )
+
+
+def _starts(runs: list[slice], length: int) -> list[int]:
+    """Return where the segments of this length begin that overlap by half."""
+    return [i for run in runs for i in range(run.start, run.stop - length + 1, length // 2)]
+
+
+def _fine_length(runs: list[slice], least: int, sample_time_s: float) -> int:
+    """Return the longest length up to 25 s that still gives enough segments, ``least`` does."""
+    most = 2 * round(0.5 * FINE_S / sample_time_s)
+    lengths = range(most, least, -2)
+    return next((n for n in lengths if len(_starts(runs, n)) >= SEGMENTS), least)
+
+
+def _spectra(
+    u: Floats, y: Floats, runs: list[slice], length: int, sample_time_s: float
+) -> _Spectra:
+    """Average the spectra of segments under a Hann window, each without mean and slope."""
+    starts = _starts(runs, length)
     rows = np.array(starts)[:, None] + np.arange(length)
     window = np.hanning(length + 1)[:-1]
-    spectra = [np.fft.rfft(window * _detrended(x[rows]), axis=1) for x in (u, y)]
+    of_u, of_y = (np.fft.rfft(window * _detrended(x[rows]), axis=1)[:, 1:] for x in (u, y))
+    puu, pyy = (np.mean(np.abs(s) ** 2, axis=0) for s in (of_u, of_y))
+    both = puu * pyy
+    puy = np.mean(np.conj(of_u) * of_y, axis=0)
+    squared = np.where(both > 0.0, np.abs(puy) ** 2 / np.where(both > 0.0, both, 1.0), 0.0)
     frequency = np.arange(1, length // 2 + 1) / (length * sample_time_s)
-    puu, pyy = (np.mean(np.abs(s[:, 1:]) ** 2, axis=0) for s in spectra)
-    puy = np.mean(np.conj(spectra[0][:, 1:]) * spectra[1][:, 1:], axis=0)
-    power = puu * pyy
-    squared = np.where(power > 0.0, np.abs(puy) ** 2 / np.where(power > 0.0, power, 1.0), 0.0)
-    return _at_mode(frequency, squared, pyy, len(starts), wn_rad_s / (2.0 * math.pi))
-
-
-def _segment_length(runs: list[int], period: float) -> int | None:
-    """Return the longest even length that gives enough segments, None below three periods."""
-    least, most = (math.ceil(periods * period) for periods in PERIODS)
-    for length in range(most + most % 2, max(least, 16) - 1, -2):
-        if sum(max(0, (run - length) // (length // 2) + 1) for run in runs) >= SEGMENTS:
-            return length
-    return None
+    return _Spectra(frequency, squared, pyy, len(starts))
 
 
 def _detrended(x: Floats) -> Floats:
@@ -93,43 +138,20 @@ def _detrended(x: Floats) -> Floats:
     return detrended
 
 
-def _at_mode(
-    frequency: Floats, squared: Floats, pyy: Floats, segments: int, mode_hz: float
-) -> Coherence:
-    near = np.abs(frequency - mode_hz) <= AROUND * mode_hz
-    near[np.argmin(np.abs(frequency - mode_hz))] = True
-    count = segments / OVERLAP_LOSS
-    limit = _limit(count, int(near.sum()))
-    peak = int(np.flatnonzero(near)[np.argmax(pyy[near])])
-    line = slice(max(peak - LINE_BINS, 0), peak + LINE_BINS + 1)
-    band = _coherent_band(frequency, squared, pyy, _limit(count, len(frequency)))
-    return Coherence(
-        float(squared[near].max()),
-        limit,
-        segments,
-        float(frequency[peak]),
-        float(pyy[line].sum() / pyy.sum()),
-        band,
-    )
-
-
 def _limit(count: float, bins: int) -> float:
     """Return what the largest of ``bins`` coherences of nothing exceeds one time in a hundred."""
     alone = 1.0 - math.pow(1.0 - LEVEL, 1.0 / bins)
     return 1.0 - math.pow(alone, 1.0 / (count - 1.0))
 
 
-def _coherent_band(
-    frequency: Floats, squared: Floats, pyy: Floats, limit: float
-) -> tuple[float, float] | None:
+def _coherent_band(found: _Spectra) -> tuple[float, float] | None:
     """Return the band around the most coherent power, with a margin on both sides."""
-    coherent = squared > limit
+    coherent = found.squared > _limit(found.count, len(found.frequency))
     if not coherent.any():
         return None
-    peak = int(np.argmax(np.where(coherent, squared * pyy, 0.0)))
+    peak = int(np.argmax(np.where(coherent, found.squared * found.power, 0.0)))
     # A hole of one bin is chance.
     closed = coherent | (np.append(coherent[1:], False) & np.append(False, coherent[:-1]))
     low, high = next((a, b) for a, b in runs_of(closed) if a <= peak < b)
-    nyquist = float(frequency[-1])
-    top = min(float(frequency[high - 1]) * BAND_MARGIN, 2.0 * HIGHEST * nyquist)
-    return float(frequency[low]) / BAND_MARGIN, top
+    top = min(BAND_MARGIN * found.frequency[high - 1], HIGHEST * found.frequency[-1])
+    return float(found.frequency[low]) / BAND_MARGIN, float(top)

@@ -20,7 +20,7 @@ LEAST_STROKE = 0.1
 REACH_S = 0.3
 """The aileron this long before and after may explain the rudder: mixers and pilots lag."""
 CHUNK_S = 60.0
-"""The mix is found anew in each minute: it changes with the flight mode."""
+"""The mix is found anew in each flight mode, and in each minute of it."""
 ROWS_PER_LAG = 8
 
 Bools = NDArray[np.bool_]
@@ -56,41 +56,47 @@ class Excitation:
 
 
 def excitation(
-    rudder: Floats, aileron: Floats, travel_unit: float, sample_time_s: float
+    rudder: Floats, aileron: Floats, mode: Floats, travel_unit: float, sample_time_s: float
 ) -> Excitation:
     """Return the strokes of ``rudder`` (n,) and of its own part beside ``aileron`` (n,).
 
-    ``travel_unit`` is what half the rudder's travel measures in the unit of ``rudder``; samples
-    that are not used are NaN.
+    ``mode`` (n,) is the flight mode, NaN where unknown; ``travel_unit`` is what half the rudder's
+    travel measures in the unit of ``rudder``; samples that are not used are NaN.
     """
     rudder = rudder / travel_unit
-    used = np.isfinite(rudder)
     whole = _strokes(rudder, sample_time_s)
-    known = used & np.isfinite(aileron)
+    known = np.isfinite(rudder) & np.isfinite(aileron)
     if not known.any() or float(np.ptp(aileron[known])) == 0.0:
         return Excitation(whole, whole, bool(known.any()))
-    return Excitation(
-        whole, _strokes(own_part(rudder, aileron, sample_time_s), sample_time_s), True
-    )
+    own = own_part(rudder, aileron, mode, sample_time_s)
+    return Excitation(whole, _strokes(own, sample_time_s), aileron_known=True)
 
 
-def own_part(rudder: Floats, aileron: Floats, sample_time_s: float) -> Floats:
+def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float) -> Floats:
     """Return what least squares on the aileron over ±0.3 s leaves of the rudder, (n,).
 
-    NaN where the rudder or one of the aileron's lags is not known; where the aileron never is, that
-    is throughout.
+    NaN where the rudder or one of the aileron's lags is not known, or the mode is not the same over
+    all of them.
     """
     reach = max(1, round(REACH_S / sample_time_s))
     lags = [_shifted(aileron, i) for i in range(-reach, reach + 1)]
     columns = np.column_stack([*lags, np.ones(len(rudder))])
-    rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder))
+    changes = np.cumsum(np.concatenate([[False], _differ(mode[1:], mode[:-1])])).astype(float)
+    same = _shifted(changes, reach) == _shifted(changes, -reach)
+    rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder) & same)
     own = np.full(len(rudder), np.nan)
     least = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * columns.shape[1])
-    for chunk in np.array_split(rows, max(1, len(rows) // least)):
-        if len(chunk):
+    for stretch in np.split(rows, np.flatnonzero(np.diff(changes[rows])) + 1):
+        for chunk in np.array_split(stretch, max(1, len(stretch) // least)):
             coefficients = np.linalg.lstsq(columns[chunk], rudder[chunk], rcond=1e-9)[0]
             own[chunk] = rudder[chunk] - columns[chunk] @ coefficients
     return own
+
+
+def _differ(a: Floats, b: Floats) -> Bools:
+    """Tell where two values (n,) differ; unknown is the same as unknown."""
+    differ: Bools = ~((a == b) | (np.isnan(a) & np.isnan(b)))
+    return differ
 
 
 def _strokes(x: Floats, sample_time_s: float) -> Floats:

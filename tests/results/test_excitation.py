@@ -1,0 +1,129 @@
+"""Only what the rudder does by itself teaches how the yaw answers it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from finished_runs import REPLAY_LOGS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from yawid.results.excitation import LEAST_STROKE, around, excitation, own_part
+from yawid.verdict import excitation_reasons
+
+TS = 0.05
+UNKNOWN = np.full(2000, np.nan)
+
+
+def moving(seed: int, size: float, n: int = 2000) -> np.ndarray:
+    """A surface that somebody moves: smooth over some tenths of a second."""
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.uniform(-1.0, 1.0, n // 10 + 1), 10)[:n]
+    smooth = np.convolve(steps, np.ones(6) / 6.0, mode="same")
+    return size * smooth / np.abs(smooth).max()
+
+
+def ids(rudder: np.ndarray, aileron: np.ndarray, unit: float = 1.0, mode=None) -> list[str]:
+    mode = np.zeros(len(rudder)) if mode is None else mode
+    return [reason.id for reason in excitation_reasons(excitation(rudder, aileron, mode, unit, TS))]
+
+
+def test_the_rudder_is_excited_if_it_moved_within_some_five_seconds():
+    drift = np.linspace(-0.3, 0.3, 40 * 60 * 20)  # half an hour of trimming
+    doublet = np.zeros(40 * 60 * 20)
+    doublet[1000:1020], doublet[1020:1040] = 0.2, -0.2
+    step_after_a_hole = np.full(400, np.nan)
+    step_after_a_hole[::4] = 0.3 * np.linspace(0.0, 1.0, 100)
+
+    assert ids(drift, np.full(len(drift), np.nan)) == ["not_excited"]
+    assert ids(doublet, np.full(len(doublet), np.nan)) == []
+    assert ids(step_after_a_hole, np.full(400, np.nan)) == []
+    assert ids(np.full(10, np.nan), np.full(10, np.nan)) == ["not_excited"]
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.35])
+@pytest.mark.parametrize(("stroke", "expected"), [(0.09, ["not_excited"]), (0.11, [])])
+def test_a_tenth_of_half_the_travel_is_needed(stroke, expected, unit):
+    rudder = np.zeros(2000)
+    rudder[500:520] = stroke * unit
+
+    assert ids(rudder, UNKNOWN, unit) == expected
+
+
+@settings(deadline=None)
+@given(
+    share=st.floats(0.2, 1.5),
+    lag=st.integers(0, 5),
+    own=st.floats(0.0, 0.02),
+    seed=st.integers(0, 9),
+)
+def test_a_rudder_mixed_from_the_aileron_has_no_part_of_its_own(share, lag, own, seed):
+    aileron = moving(seed, 0.6)
+    rudder = share * np.roll(aileron, lag) + moving(seed + 100, own) if own else share * aileron
+
+    found = excitation(rudder, aileron, UNKNOWN, 1.0, TS)
+
+    assert found.most_whole > LEAST_STROKE
+    assert found.most_own < LEAST_STROKE
+    assert ids(rudder, aileron) == ["mixed_rudder"]
+
+
+@settings(deadline=None)
+@given(share=st.floats(-1.0, 1.0), seed=st.integers(0, 9))
+def test_a_rudder_that_moves_on_top_of_the_mix_is_excited(share, seed):
+    aileron = moving(seed, 0.6)
+
+    assert ids(share * aileron + moving(seed + 50, 0.15), aileron) == []
+
+
+def test_the_mix_is_found_anew_when_the_mode_changes():
+    aileron = moving(3, 0.6, 8 * 1200)
+    mode = np.repeat([0.0, 10.0], [4321, 8 * 1200 - 4321])
+
+    assert ids(0.05 * mode * aileron, aileron, mode=mode) == ["mixed_rudder"]
+
+
+def test_an_aileron_that_nobody_tells_or_that_stands_still_leaves_the_whole_rudder():
+    rudder = moving(1, 0.3)
+
+    np.testing.assert_array_equal(
+        excitation(rudder, UNKNOWN, UNKNOWN, 1.0, TS).own,
+        excitation(rudder, UNKNOWN, UNKNOWN, 1.0, TS).whole,
+    )
+    assert not excitation(rudder, UNKNOWN, UNKNOWN, 1.0, TS).aileron_known
+    still = excitation(rudder, np.zeros(2000), UNKNOWN, 1.0, TS)
+    np.testing.assert_array_equal(still.own, still.whole)
+    assert still.aileron_known
+
+
+def test_the_own_part_is_what_least_squares_on_the_ailerons_lags_leaves():
+    aileron, extra = moving(5, 0.4), moving(6, 0.1)
+    rudder = 0.3 * aileron + 0.2 * np.roll(aileron, 4) + extra
+
+    own = own_part(rudder, aileron, UNKNOWN, TS)
+
+    assert np.isnan(own[:6]).all()
+    known = np.isfinite(own)
+    assert np.corrcoef(own[known], extra[known])[0, 1] > 0.95
+    assert abs(np.corrcoef(own[known], aileron[known])[0, 1]) < 0.01
+
+
+def test_around_is_five_seconds_before_and_after():
+    excited = np.zeros(1000, bool)
+    excited[500] = True
+
+    assert np.flatnonzero(around(excited, TS)).tolist() == list(range(400, 601))
+
+
+def test_the_aileron_of_a_real_log_is_read_though_it_is_no_input():
+    from yawid.collect import run_through
+    from yawid.run_config import RunConfig
+
+    log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
+    alone = run_through(log, RunConfig(rate=10.0))[0].bank.history()
+    both = run_through(log, RunConfig(rate=10.0, inputs=("rudder", "aileron")))[0].bank.history()
+
+    used = np.isfinite(both.u[:, 1])
+    assert used.sum() > 500
+    np.testing.assert_array_equal(alone.aileron[used], both.u[used, 1])
+    np.testing.assert_array_equal(alone.u[:, 0], both.u[:, 0])
