@@ -19,7 +19,8 @@ from scipy.signal import max_len_seq
 STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
 LEAD_IN_S = 5.0  # at trim, while a receiver finds the vehicle and its parameters
 FULL_TRIM = 1
-MANOEUVRES = ("3211", "doublets", "prbs", "none")
+MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
+SWEEP_S = 45.0  # of one sweep
 
 
 class FlightError(RuntimeError):
@@ -128,6 +129,9 @@ def excitation(plan: FlightPlan) -> NDArray[np.float64]:
     n = round(plan.seconds / STEP_S) + 1
     rudder = np.zeros(n)
     start = round(LEAD_IN_S / STEP_S)
+    if plan.manoeuvre == "sweep":
+        rudder[start:] = plan.amplitude * _sweep(max(n - start, 0), plan.step_s)
+        return rudder
     for length_s, value in cycle(_pieces(plan.manoeuvre, plan.step_s)):
         stop = start + round(length_s / STEP_S)
         rudder[start:stop] = value * plan.amplitude
@@ -135,6 +139,17 @@ def excitation(plan: FlightPlan) -> NDArray[np.float64]:
         if start >= n:
             break
     return rudder
+
+
+def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
+    """Return sines (n,) from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``.
+
+    The frequency rises exponentially, again and again; every other sweep begins to the left.
+    """
+    t = np.arange(n) * STEP_S
+    low_hz, octaves = 0.3 * 0.3 / step_s, np.log(2.5 / 0.3)
+    phase = math.tau * low_hz * SWEEP_S / octaves * np.expm1(octaves * (t % SWEEP_S) / SWEEP_S)
+    return np.asarray(np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0) * np.sin(phase))
 
 
 def _pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:

@@ -24,10 +24,7 @@ def truth(plan: FlightPlan) -> dict[str, Any]:
     or dampers of its own.
     """
     fdm = trimmed(plan)
-    A, aileron, rudder = _lateral(jsbsim.FGLinearization(fdm))
-    hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
-    hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
-    closed = A - np.outer(aileron, hold)
+    A, closed, rudder = _with_roll_hold(plan, fdm)
     r = LATERAL.index("R")
     return {
         "aircraft": plan.aircraft,
@@ -43,6 +40,22 @@ def truth(plan: FlightPlan) -> dict[str, Any]:
         "eigenvalues_open_loop": _as_pairs(np.linalg.eigvals(A)),
         "rudder_travel_rad": rudder_travel(plan),
     }
+
+
+def linear_dutch_roll(plan: FlightPlan) -> Mode | None:
+    """Return the ``dutch_roll`` of :func:`truth` alone, which costs one trim."""
+    _, closed, rudder = _with_roll_hold(plan, trimmed(plan))
+    return dutch_roll(closed, rudder, LATERAL.index("R"))
+
+
+def _with_roll_hold(
+    plan: FlightPlan, fdm: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return A (4, 4) of the bare airframe and with the roll hold, and the rudder's column (4,)."""
+    A, aileron, rudder = _lateral(jsbsim.FGLinearization(fdm))
+    hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
+    hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
+    return A, A - np.outer(aileron, hold), rudder
 
 
 def _lateral(linear: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

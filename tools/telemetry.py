@@ -6,16 +6,28 @@ import importlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from jsbsim_flight import Flight, FlightPlan, Servo
+from jsbsim_flight import FlightPlan, Servo
 
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
 VEHICLE, GCS = (1, 1), (255, 190)
 FBWA, GCS_MODE = 5, 0
 KNOT, FOOT = 0.514444, 0.3048
 AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos 1 to 4
+
+
+class Flying(Protocol):
+    """What is told of: a flight of JSBSim, or what gives the properties that are asked for."""
+
+    rudder_us: int
+    aileron_us: int
+
+    def advance_to(self, ms: int) -> None:
+        """Go on to a millisecond after the start."""
+
+    def __getitem__(self, name: str) -> float: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +88,7 @@ class Receiver:
         return self._last_us
 
 
-def telemetry(plan: FlightPlan, link: Link, flight: Flight) -> Iterator[tuple[int, bytes]]:
+def telemetry(plan: FlightPlan, link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
     """Fly and yield (receive stamp in us of Unix time, MAVLink frame), stamps never decreasing."""
     rng = np.random.default_rng(link.seed)
     version = "v10" if link.mavlink1 else "v20"
@@ -132,7 +144,7 @@ class Messages:
     """Each message as the vehicle (or the ground station) would say it now."""
 
     def __init__(
-        self, dialect: Any, plan: FlightPlan, link: Link, flight: Flight, rng: np.random.Generator
+        self, dialect: Any, plan: FlightPlan, link: Link, flight: Flying, rng: np.random.Generator
     ) -> None:
         self._dialect, self._link, self._flight, self._rng = dialect, link, flight, rng
         self._parameters = parameters(plan)

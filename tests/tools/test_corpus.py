@@ -1,0 +1,272 @@
+"""The corpora: true, repeatable, and a quiet log's rudder has nothing of its own."""
+
+import csv
+import importlib
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+TOOLS = Path(__file__).parents[2] / "tools"
+
+if str(TOOLS) not in sys.path:
+    sys.path.insert(0, str(TOOLS))
+corpus = importlib.import_module("corpus")
+flights = importlib.import_module("corpus_flights")
+judge = importlib.import_module("corpus_judge")
+quiet = importlib.import_module("corpus_quiet")
+jsbsim_flight = importlib.import_module("jsbsim_flight")
+jsbsim_truth = importlib.import_module("jsbsim_truth")
+split = importlib.import_module("log_surgery").split
+
+FlightPlan, Link = jsbsim_flight.FlightPlan, importlib.import_module("telemetry").Link
+SHORT = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
+STILL = ("turns", "gusts", "drift")
+COPIES = ("mixed", "coordinated", "damper")
+
+
+def columns(log: bytes, name: str, *fields: str) -> np.ndarray:
+    """The fields of a message, (n, fields), by pymavlink's own decoder."""
+    reader = mavlink.MAVLink(None)
+    messages = [reader.decode(bytearray(frame)) for _, frame in split(log)]
+    found = [m for m in messages if m.get_type() == name and m.get_srcSystem() == 1]
+    return np.array([[getattr(m, field) for field in fields] for m in found], dtype=float)
+
+
+def made_of(group: str) -> Any:
+    return quiet.unexcited(list(quiet.KINDS).index(group))
+
+
+@pytest.fixture(scope="module")
+def flown() -> dict[str, Any]:
+    """One log of each kind that JSBSim flies, shorter than in the corpus."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(quiet, "LENGTHS_S", (25.0,))
+        patch.setattr(quiet, "GENTLE", (("T37", 5000.0, 200.0),))  # quickly trimmed
+        return {group: made_of(group) for group in (*STILL, *COPIES, "passenger")}
+
+
+def test_the_truth_of_a_calm_flight_is_the_linearisation_that_a_pulse_confirms() -> None:
+    plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
+
+    told = flights.flown_log(plan, Link(attitude_hz=10.0, servo_hz=10.0), flights.Hands()).truth
+
+    found = jsbsim_truth.truth(plan)
+    assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
+        found["dutch_roll"]["wn_rad_s"], rel=2e-3
+    )
+    assert told["dutch_roll"]["zeta"] == pytest.approx(found["dutch_roll"]["zeta"], abs=2e-3)
+    assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
+        found["dutch_roll_pulse"]["wn_rad_s"], rel=5e-3
+    )
+
+
+def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() -> None:
+    slowed = flights.Hands(bank=np.full(12_001, 0.9))  # steep: the nose held, it slows down
+    made = flights.flown_log(SHORT, Link(attitude_hz=10.0, servo_hz=10.0), slowed)
+
+    speeds = columns(made.log, "VFR_HUD", "airspeed")[:, 0]
+    told = made.truth
+
+    assert told["airspeed_m_s"] == pytest.approx(speeds.mean(), rel=1e-3)
+    trimmed = jsbsim_truth.linear_dutch_roll(SHORT)["wn_rad_s"]
+    share = told["airspeed_m_s"] / (SHORT.speed_kt * 0.514444)
+    assert abs(share - 1.0) > 0.005
+    assert told["dutch_roll"]["wn_rad_s"] / trimmed == pytest.approx(share, abs=0.01)
+
+
+def test_the_same_number_gives_the_same_bytes_and_another_number_others() -> None:
+    link = Link(attitude_hz=10.0, servo_hz=10.0)
+
+    first, again, calm = (
+        flights.flown_log(SHORT, link, flights.Hands(), severity).log for severity in (3, 3, 0)
+    )
+
+    assert first == again != calm
+    assert made_of("parked").log == made_of("parked").log
+    assert quiet.unexcited(10).log != quiet.unexcited(10 + len(quiet.KINDS)).log
+
+
+def test_turbulence_grows_with_its_severity() -> None:
+    link = Link(attitude_hz=10.0, servo_hz=10.0)
+    spreads = [
+        columns(
+            flights.flown_log(SHORT, link, flights.Hands(), s).log, "ATTITUDE", "yawspeed"
+        ).std()
+        for s in (0, 1, 4)
+    ]
+
+    assert spreads[0] < 0.5 * spreads[1] < 0.25 * spreads[2]
+
+
+@pytest.mark.parametrize("manoeuvre", flights.SHAPES)
+def test_every_manoeuvre_moves_the_rudder_as_far_as_told_both_ways(manoeuvre: str) -> None:
+    plan = FlightPlan(seconds=60.0, manoeuvre=manoeuvre, amplitude=0.15)
+
+    rudder = jsbsim_flight.excitation(plan)
+
+    assert not rudder[:5000].any()
+    assert rudder.max() == pytest.approx(0.15, rel=1e-3)
+    assert rudder.min() == pytest.approx(-0.15, rel=1e-3)
+
+
+def test_excited_flights_come_calm_and_turbulent_in_every_severity_with_every_manoeuvre() -> None:
+    half = range(100)
+    severities = {1 + number % 4 for number in half}
+    pairs = {
+        (number % len(flights.CONDITIONS), 1 + number % 4, (number + 2 * (number // 25)) % 4)
+        for number in half
+    }
+
+    assert len(flights.CONDITIONS) == 25
+    assert severities == {1, 2, 3, 4}
+    assert len({(condition, shape) for condition, _, shape in pairs}) == 100
+
+
+@pytest.mark.parametrize("group", STILL)
+def test_a_still_rudder_stays_within_its_trim(group: str, flown: dict[str, Any]) -> None:
+    rudder = columns(flown[group].log, "SERVO_OUTPUT_RAW", "servo4_raw")[:, 0]
+
+    assert np.ptp(rudder) <= 0.04 * 400 + 2
+
+
+@pytest.mark.parametrize("group", COPIES)
+def test_a_copied_rudder_moves_and_has_nothing_of_its_own(
+    group: str, flown: dict[str, Any]
+) -> None:
+    moved, own = rudder_and_its_own_part(flown[group].log, damped=group == "damper")
+
+    assert moved > 0.04 * 400
+    assert own < 0.2
+
+
+def test_an_excited_rudder_has_much_of_its_own() -> None:
+    hands = flights.Hands(rudder=jsbsim_flight.excitation(replace(SHORT, seconds=25.0)))
+    made = flights.flown_log(replace(SHORT, seconds=25.0), Link(), hands, severity=1)
+
+    for damped in (False, True):
+        assert rudder_and_its_own_part(made.log, damped=damped)[1] > 0.3
+
+
+def rudder_and_its_own_part(log: bytes, *, damped: bool) -> tuple[float, float]:
+    """The rudder's stroke in us, and the share of its deviation that its cause leaves.
+
+    The cause is the aileron, or the yaw rate, by lags of up to 0.5 s or to the tail of the washout.
+    """
+    servos = columns(log, "SERVO_OUTPUT_RAW", "time_usec", "servo1_raw", "servo4_raw")
+    rates = columns(log, "ATTITUDE", "time_boot_ms", "yawspeed")
+    t, aileron, rudder = servos[:, 0] / 1e6, servos[:, 1], servos[:, 2]
+    cause = np.interp(t, rates[:, 0] / 1e3, rates[:, 1]) if damped else aileron
+    lags = np.concatenate([np.arange(-0.2, 0.6, 0.1), np.arange(0.6, 12.0, 0.6) if damped else []])
+    phi = np.column_stack([np.interp(t - lag, t, cause) for lag in lags] + [t, np.ones(len(t))])
+    left = rudder - phi @ np.linalg.lstsq(phi, rudder, rcond=None)[0]
+    return float(np.ptp(rudder)), float(left.std() / rudder.std())
+
+
+def test_a_passengers_controls_move_and_its_outputs_do_not(flown: dict[str, Any]) -> None:
+    log = flown["passenger"].log
+    outputs = [
+        columns(log, name, *fields)
+        for name, fields in (
+            ("SERVO_OUTPUT_RAW", ("servo1_raw", "servo3_raw", "servo4_raw")),
+            ("ACTUATOR_OUTPUT_STATUS", ("active",)),
+        )
+    ]
+    reader = mavlink.MAVLink(None)
+    controls = [reader.decode(bytearray(frame)) for _, frame in split(log)]
+    yaw = [m.controls[2] for m in controls if m.get_type() == "ACTUATOR_CONTROL_TARGET"]
+
+    assert np.ptp(yaw) > 0.02
+    assert sum(len(found) for found in outputs) == len(yaw)
+    assert all(np.ptp(found, axis=0).max() == 0.0 for found in outputs if len(found))
+
+
+def test_a_hover_drives_its_lift_motors() -> None:
+    made = made_of("hover")
+    motors = columns(made.log, "SERVO_OUTPUT_RAW", *[f"servo{n}_raw" for n in (5, 6, 7, 8)])
+
+    assert motors.min() > 1100
+    assert (motors.std(axis=0) > 4.0).all()
+    assert b"SERVO8_FUNCTION" in made.log
+
+
+def test_what_stands_does_not_turn_however_the_rudder_moves() -> None:
+    for group in ("parked", "disarmed"):
+        log = made_of(group).log
+        rudder = columns(log, "SERVO_OUTPUT_RAW", "servo4_raw")
+        armed = columns(log, "HEARTBEAT", "base_mode")[:, 0].astype(int) & quiet.ARMED
+
+        assert np.ptp(rudder) > 0.3 * 400
+        assert columns(log, "VFR_HUD", "groundspeed").max() < 0.5
+        assert abs(columns(log, "ATTITUDE", "yawspeed")).max() < 0.06
+        assert armed.all() == (group == "parked")
+        assert armed.any() == (group == "parked")
+
+
+def test_a_line_has_the_share_of_the_power_asked_for() -> None:
+    made = flights.flown_log(
+        SHORT, Link(attitude_hz=50.0, servo_hz=10.0), flights.Hands(), severity=2
+    )
+
+    shaken = quiet.with_line(made.log, 2.4, 0.5, np.random.default_rng(3))
+
+    before, after = (columns(log, "ATTITUDE", "yawspeed")[:, 0] for log in (made.log, shaken))
+    line = after - before
+    assert line.var() / (line.var() + before.var()) == pytest.approx(0.5, abs=0.05)
+    spectrum = np.abs(np.fft.rfft(line * np.hanning(len(line))))
+    peak_hz = np.argmax(spectrum) / (len(line) / 50.0)
+    assert peak_hz == pytest.approx(2.4, abs=0.15)
+
+
+def test_made_logs_are_judged_into_a_table_beside_their_truth(tmp_path: Path) -> None:
+    link = Link(attitude_hz=20.0, servo_hz=20.0)
+    plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=40.0, step_s=0.64)
+    made = flights.flown_log(
+        plan, link, flights.Hands(rudder=jsbsim_flight.excitation(plan)), group="calm"
+    )
+    (tmp_path / "excited_000.tlog").write_bytes(made.log)
+    truth = {"name": "excited_000", "kind": "excited", **made.truth}
+    (tmp_path / "excited_000.json").write_text(json.dumps(truth))
+    corpus.write(tmp_path, ("unexcited", list(quiet.KINDS).index("parked")))
+
+    rows = corpus.judge(tmp_path, ["forgetting"], jobs=1)
+
+    flight, ground = rows
+    assert flight["usable"]
+    assert abs(flight["error"]) < 0.05
+    assert flight["coherence"] > 0.5
+    assert flight["true_wn"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-5)
+    assert not ground["usable"]
+    assert ground["group"] == "parked"
+    with (tmp_path / "judged.csv").open(newline="") as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["excited_000", "unexcited_010"]
+
+
+def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> None:
+    def row(kind: str, usable: bool, error: float | None, coherence: float) -> dict[str, Any]:
+        return {
+            "name": f"{kind}{coherence}", "kind": kind, "group": "g", "run": "default",
+            "usable": usable, "reasons": "poor_fit", "error": error, "coherence": coherence,
+        }  # fmt: skip
+
+    rows = [
+        row("unexcited", True, None, 0.1),
+        row("unexcited", False, None, 0.2),
+        row("excited", True, 0.01, 0.95),
+        row("excited", False, 0.02, 0.9),
+        row("excited", True, 0.5, 0.3),
+        row("excited", False, math.inf, 0.05),
+    ]
+
+    told = [" ".join(line.split()) for line in judge.counts(rows).splitlines()]
+
+    assert "g 1 of 2 unexcited0.1" in told
+    assert "g 4 2 1 1 excited0.3 [poor_fit]" in told
+    assert "none 1 1 1" in told
+    assert "coherence < 0.7 0 1 0" in told

@@ -1,0 +1,243 @@
+"""What yawid says of a log of the corpora, beside what is true, and how often it errs.
+
+To try a criterion: add a function of the finished pipeline and its summary to CRITERIA (a column
+of the table), and the rule that would refuse by it to RULES (a line in the counts).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import coherence as squared_coherence
+
+from yawid.collect import run_through
+from yawid.errors import YawidError
+from yawid.inspect import inspect
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig, check_settings
+from yawid.summary import summarise
+
+Row = dict[str, Any]
+RIGHT, WRONG = 0.05, 0.10
+"""Relative errors of wn: an answer below the first is right, one above the second is wrong."""
+SEGMENTS = 8
+CHANCE = 0.01
+LAGS = 4
+
+
+def _recommended(log: Path) -> RunConfig | None:
+    report, _ = inspect(log, RunConfig())
+    options = {key: value for key, value in report["recommend"].items() if key != "record"}
+    return RunConfig(**check_settings(options, "inspect")) if options else None
+
+
+RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
+    "default": lambda log: RunConfig(),
+    "forgetting": lambda log: RunConfig(forgetting=1.0),
+    "remedy": lambda log: RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0)),
+    "inspect": _recommended,
+}
+"""What a run's configuration is, None where inspect recommends none; ``remedy`` is what a refusal
+of turns advises."""
+
+
+def finished(log: Path, config: RunConfig) -> Pipeline:
+    """Return the pipeline after the whole log: ``bank.history()`` has u, y, roll, airspeed."""
+    return run_through(log, config)[0]
+
+
+def samples(pipeline: Pipeline) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rudder and the yaw rate of the longest stretch without a held sample."""
+    if pipeline.bank is None:
+        return np.empty(0), np.empty(0)
+    history = pipeline.bank.history()
+    u, y = history.u[:, 0], history.y
+    edges = np.flatnonzero(np.diff(np.isfinite(u) & np.isfinite(y))) + 1
+    pieces = [
+        (a, b)
+        for a, b in zip(np.split(u, edges), np.split(y, edges), strict=True)
+        if len(a) and math.isfinite(a[0] + b[0])
+    ]
+    return max(pieces, key=lambda piece: len(piece[0]), default=(np.empty(0), np.empty(0)))
+
+
+def coherence_at_mode(pipeline: Pipeline, summary: dict[str, Any]) -> float:
+    """Return the squared coherence of rudder and yaw rate at wn found, over 8 Welch segments.
+
+    NaN without a mode or where a segment is shorter than a period of it.
+    """
+    wn = _of(summary, pipeline.config.method, "dutch_roll", "wn_rad_s")
+    (u, y), bank = samples(pipeline), pipeline.bank
+    length = 2 * len(u) // (SEGMENTS + 1)
+    if bank is None or not wn * length * bank.sample_time_s > math.tau or not np.ptp(u) > 0.0:
+        return math.nan
+    hz, found = squared_coherence(u, y, fs=1.0 / bank.sample_time_s, nperseg=length)
+    return float(np.interp(wn / math.tau, hz, found))
+
+
+def rudder_ratio(pipeline: Pipeline, summary: dict[str, Any]) -> float:
+    """Return 2 log of the likelihood ratio of the rudder against none: ARX of 4 lags by AR of 4."""
+    u, y = samples(pipeline)
+    if len(y) < 100:
+        return math.nan
+    rows = len(y) - LAGS
+    past = [series[LAGS - 1 - i : LAGS - 1 - i + rows] for series in (y, u) for i in range(LAGS)]
+    losses = [
+        _loss(np.column_stack([*columns, np.ones(rows)]), y[LAGS:])
+        for columns in (past[:LAGS], past)
+    ]
+    return rows * math.log(losses[0] / losses[1]) if losses[1] > 0.0 else math.nan
+
+
+def _loss(phi: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    residual = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
+    return float(residual @ residual)
+
+
+def stroke(pipeline: Pipeline, summary: dict[str, Any]) -> float:
+    """Return how far the rudder went from side to side, in % of half its travel."""
+    u, _ = samples(pipeline)
+    return 100.0 * float(np.ptp(u)) if len(u) else math.nan
+
+
+CRITERIA: dict[str, Callable[[Pipeline, dict[str, Any]], float]] = {
+    "coherence": coherence_at_mode,
+    "rudder_ratio": rudder_ratio,
+    "stroke_pct": stroke,
+}
+
+
+def _below(name: str, limit: float) -> Callable[[Row], bool]:
+    """Return the rule that refuses what is below a limit; absent is not failed."""
+    return lambda row: isinstance(row.get(name), float) and row[name] < limit
+
+
+RULES: dict[str, Callable[[Row], bool]] = {
+    "simulated < 40 or held back < 30": lambda row: (
+        _below("simulation_pct", 40.0)(row) or _below("held_back_pct", 30.0)(row)
+    ),
+    "simulated < 40": _below("simulation_pct", 40.0),
+    "held back < 30": _below("held_back_pct", 30.0),
+    "coherence < 99 % limit": _below("coherence", 1.0 - CHANCE ** (1.0 / (SEGMENTS - 1))),
+    "coherence < 0.7": _below("coherence", 0.7),
+    "rudder_ratio < 50": _below("rudder_ratio", 50.0),
+    "stroke < 10 %": _below("stroke_pct", 10.0),
+}
+"""What would refuse in addition to today's verdict, tried on the table alone."""
+
+
+def judged(truth_path: Path, runs: Sequence[str]) -> list[Row]:
+    """Return a row for each run of the log beside a truth."""
+    truth = json.loads(truth_path.read_text(encoding="utf-8"))
+    log = truth_path.with_suffix(".tlog")
+    return [_row(log, run, truth) for run in runs]
+
+
+def _row(log: Path, run: str, truth: dict[str, Any]) -> Row:
+    row: Row = {"name": truth["name"], "kind": truth["kind"], "group": truth["group"], "run": run}
+    try:
+        config = RUNS[run](log)
+        if config is None:
+            return row | {"usable": False, "reasons": "no_run_recommended"}
+        pipeline = finished(log, config)
+    except YawidError as error:
+        return row | {"usable": False, "reasons": type(error).__name__}
+    summary, verdict = summarise(pipeline, str(log), "")
+    row |= {"usable": verdict.usable, "reasons": " ".join(r.id for r in verdict.reasons)}
+    row |= {"method": config.method} | _estimates(summary, config.method)
+    true = truth["dutch_roll"] or {}
+    row |= {"true_wn": true.get("wn_rad_s", math.nan), "true_zeta": true.get("zeta", math.nan)}
+    answer = _of(summary, config.method, "dutch_roll", "wn_rad_s")
+    row["error"] = answer / row["true_wn"] - 1.0
+    row |= {name: find(pipeline, summary) for name, find in CRITERIA.items()}
+    told = ("aircraft", "severity", "airspeed_m_s", "rate_noise", "manoeuvre", "amplitude")
+    row |= {name: truth[name] for name in told if name in truth}
+    return {name: _told(value) for name, value in row.items()}
+
+
+def _told(value: Any) -> Any:
+    if isinstance(value, float):
+        return None if not math.isfinite(value) else float(f"{value:.6g}")
+    return value
+
+
+def _estimates(summary: dict[str, Any], method: str) -> Row:
+    """Return the Dutch roll and fits by ELS and RML, the fits of the answering one first."""
+    fits = {"simulation_pct": "simulation_pct", "held_back_pct": "simulation_held_back_pct"}
+    found: Row = {name: _of(summary, method, "fit", key) for name, key in fits.items()}
+    for each in ("els", "rml"):
+        for name in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
+            found[f"{name.removesuffix('_rad_s')}_{each}"] = _of(summary, each, "dutch_roll", name)
+        found |= {f"{name}_{each}": _of(summary, each, "fit", key) for name, key in fits.items()}
+    return found
+
+
+def _of(summary: dict[str, Any], method: str, part: str, key: str) -> float:
+    found = summary.get("estimates", {}).get(method, {}).get(part, {})
+    return float(found.get(key, math.nan))
+
+
+def counts(rows: Iterable[Row]) -> str:
+    """Return how often the verdict errs, each way, as text; and what each of RULES would change."""
+    by_run: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        by_run[row["run"]].append(row)
+    lines = []
+    for run, each in by_run.items():
+        lines += [f"== {run}", *_quiet_lines(each), *_excited_lines(each), *_rule_lines(each)]
+    return "\n".join(lines)
+
+
+def _groups(rows: list[Row], kind: str) -> dict[str, list[Row]]:
+    found: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        if row["kind"] == kind:
+            found[row["group"]].append(row)
+    return found
+
+
+def _quiet_lines(rows: list[Row]) -> list[str]:
+    groups = _groups(rows, "unexcited")
+    lines = ["unexcited: usable (false) of all"]
+    for group, each in groups.items():
+        usable = [row["name"] for row in each if row["usable"]]
+        lines.append(f"  {group:12} {len(usable):3} of {len(each):3}  {' '.join(usable)}")
+    every = [row for each in groups.values() for row in each]
+    return [*lines, f"  {'all':12} {sum(row['usable'] for row in every):3} of {len(every):3}"]
+
+
+def _error(row: Row) -> float:
+    return math.inf if row.get("error") is None else abs(row["error"])
+
+
+def _excited_lines(rows: list[Row]) -> list[str]:
+    lines = ["excited: flights, right (error < 5 %), right and refused (false), usable and wrong"]
+    groups = dict(sorted(_groups(rows, "excited").items()))
+    for group, each in {**groups, "all": [row for g in groups.values() for row in g]}.items():
+        right = [row for row in each if _error(row) < RIGHT]
+        refused = [row for row in right if not row["usable"]]
+        wrong = [row["name"] for row in each if row["usable"] and _error(row) > WRONG]
+        reasons = sorted({reason for row in refused for reason in row["reasons"].split()})
+        counted = f"{len(each):4} {len(right):4} {len(refused):4} {len(wrong):4}"
+        lines.append(f"  {group:12} {counted}  {' '.join(wrong)}  [{' '.join(reasons)}]")
+    return lines
+
+
+def _rule_lines(rows: list[Row]) -> list[str]:
+    lines = ["with one more rule: false usable, right ones refused, wrong ones usable"]
+    for name, refuses in {"none": lambda row: False, **RULES}.items():
+        usable = [row for row in rows if row["usable"] and not refuses(row)]
+        false = sum(row["kind"] == "unexcited" for row in usable)
+        flights = [row for row in rows if row["kind"] == "excited"]
+        right = sum(_error(row) < RIGHT for row in flights)
+        kept = sum(_error(row) < RIGHT for row in usable if row["kind"] == "excited")
+        wrong = sum(_error(row) > WRONG for row in usable if row["kind"] == "excited")
+        lines.append(f"  {name:34} {false:4} {right - kept:4} {wrong:4}")
+    return lines
