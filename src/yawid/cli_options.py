@@ -130,4 +130,4 @@ def reading_of(arguments: argparse.Namespace) -> Reading:
     if form not in FORMS:
         raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
     path = arguments.signing_key_file
-    return Reading(form, None if path is None else SigningKey.from_file(path))
+    return Reading(form, None if path is None else SigningKey.from_file(path), path)

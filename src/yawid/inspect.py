@@ -6,21 +6,25 @@ own.
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from yawid.advice import what_to_record
-from yawid.blocks import Floats, SampleBlock
+from yawid.blocks import Floats
+from yawid.channels.clock import REBOOT_US
 from yawid.channels.decimate import RATE_SLACK
 from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
 from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
 from yawid.collect import collect, run_through
 from yawid.errors import ConfigError
-from yawid.results.reasons import Verdict
+from yawid.results.excitation import excitation
+from yawid.results.reasons import KINDS, Verdict
 from yawid.run_config import RunConfig
 from yawid.sources.flight_modes import mode_name
 from yawid.sources.reading import Reading
@@ -28,41 +32,63 @@ from yawid.sources.senders import SenderStats
 from yawid.summary import as_summary, summarise
 from yawid.verdict import LEAST_RATE_HZ
 
-WINDOW_S = 5.0
-LEAST_STROKE = 0.1
-"""A window is excited where the rudder's stroke exceeds this part of half its travel."""
-MIXED = 0.95
-"""... and is not simply the aileron, mixed in: correlation below this."""
 BRIDGE_S = 20.0
-"""Excited windows this near belong to one stretch."""
+"""Excited stretches this near to each other are one."""
+BEFORE_S = 2.0
+"""A stretch begins so long before the rudder moves."""
+LEAST_STRETCH_S = 5.0
 SAMPLES_PER_PERIOD = 16.0
 WORTH_PCT = 2.0
 """How many points of the simulated fit a further input must bring."""
 BOTH = ("rudder", "aileron")
 NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
-UNANSWERABLE = NOBODY | {"rate_too_low"}
+UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
 """Reasons that no other option of a replay can mend."""
-WORTH_SAYING = frozenset({"collinear_inputs", "rudder_assumed"})
-"""Other reasons that the next recording can do away with."""
+WORTH_SAYING = frozenset({"rudder_assumed", "rate_low"})
+"""Warnings that the next recording can do away with."""
 LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 """Messages per period of the Dutch roll: fewer than the first are no answer, the second is well."""
 STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
 NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
+MOST_REMEDIES = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Activity:
-    """One window of five seconds: what moved in it, in units of half the travel."""
+class Stretch:
+    """Where the rudder moved on its own, in seconds since boot, in the boot of that number."""
 
+    boot: int
     from_s: float
     to_s: float
-    stroke: float
-    correlation: float
 
     @property
-    def excited(self) -> bool:
-        """Whether the rudder moved, and not as a copy of the aileron."""
-        return self.stroke >= LEAST_STROKE and abs(self.correlation) < MIXED
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return self.to_s - self.from_s
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A replay without outputs: its configuration, what came of it, and whether it may be used."""
+
+    config: RunConfig
+    summary: dict[str, Any]
+    verdict: Verdict
+
+    @property
+    def wn_rad_s(self) -> float:
+        """The natural frequency of the method that answers, NaN where there is none."""
+        return float(self._answer.get("dutch_roll", {}).get("wn_rad_s", np.nan))
+
+    @property
+    def simulation_pct(self) -> float:
+        """The free-running fit of the method that answers."""
+        return float(self._answer.get("fit", {}).get("simulation_pct", -np.inf))
+
+    @property
+    def _answer(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.summary.get("estimates", {}).get(self.verdict.method, {})
+        return found
 
 
 def inspect(
@@ -78,12 +104,12 @@ def inspect(
     """
     reading, survey = reading or Reading(), Survey()
     pipeline, sha256 = run_through(log, config, reading=reading, watch=survey.note)
-    summary, verdict = summarise(pipeline, str(log.absolute()), sha256)
-    excited = []
+    whole = Trial(config, *summarise(pipeline, str(log.absolute()), sha256))
+    found: list[Stretch] = []
     if pipeline.bank is not None and pipeline.channels.surfaces:
-        excited = stretches(activity(log, config, reading))
+        found = stretches(log, config, reading)
     kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels")
-    report = {key: summary[key] for key in kept if key in summary}
+    report = {key: whole.summary[key] for key in kept if key in whole.summary}
     link = pipeline.link
     report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}
     counted = {key: SenderStats(frames) for key, frames in link.senders.items()} | dict(
@@ -95,25 +121,48 @@ def inspect(
     if (said := reading.unchecked(link)) is not None:
         report["unchecked"] = said
     report |= flown(survey, pipeline.channels.lock.vehicle)
-    report["excited"] = [{"from": a, "to": b} for a, b in excited]
-    ids = [reason.id for reason in verdict.reasons]
-    is_answerable = bool(excited) and not UNANSWERABLE.intersection(ids)
-    advised = [i for i in ids if i in UNANSWERABLE or i in WORTH_SAYING]
-    if not excited and not NOBODY.intersection(ids):
-        advised.append("not_excited")
+    report["excited"] = [
+        {"boot": each.boot, "from": each.from_s, "to": each.to_s} for each in found
+    ]
     report["recommend"] = {}
-    if is_answerable:
-        longest = max(excited, key=lambda stretch: stretch[1] - stretch[0])
+    chosen = whole
+    if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
+        longest = max(found, key=lambda stretch: stretch.seconds)
         later_hz = min(each["rate_hz"] for each in report["rates"].values())
-        options, tried = recommend(log, config, reading, longest, later_hz)
-        if tried.usable:  # a flight that ends in a turn is no worse for it
-            verdict = tried
-        turns = any(reason.id == "turn_dominated" for reason in verdict.reasons)
-        report["recommend"] = options | ({"turn": "remove", "band": "0.15,3"} if turns else {})
-    if record := what_to_record(advised, pipeline.channels):
+        chosen = _best(log, whole, reading, longest, later_hz)
+        report["recommend"] = said_options(chosen.config)
+        report["command"] = command_line(log, chosen.config, reading)
+    ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
+    if record := what_to_record(ids, pipeline.channels):
         report["recommend"]["record"] = record
-    report["verdict"] = as_summary(verdict)
-    return report, verdict
+    report["verdict"] = as_summary(chosen.verdict)
+    return report, chosen.verdict
+
+
+def said_options(config: RunConfig) -> dict[str, Any]:
+    """Return the options of a replay that differ from their defaults, by name, as JSON has them."""
+    named = {"from_s": "from", "to_s": "to"}
+    always = {"rate", "orders", "inputs"}
+    found = {}
+    for option in fields(config):
+        value = getattr(config, option.name)
+        if value is None or (value == option.default and option.name not in always):
+            continue
+        text = ",".join(str(each) for each in value) if isinstance(value, tuple) else value
+        found[named.get(option.name, option.name.replace("_", "-"))] = text
+    return found
+
+
+def command_line(log: Path, config: RunConfig, reading: Reading) -> str:
+    """Return the command that replays a log so, to be copied into a shell."""
+    words = ["yawid", "replay", str(log)]
+    for name, value in said_options(config).items():
+        words += [f"--{name}", str(value)]
+    if reading.form != "auto":
+        words += ["--format", reading.form]
+    if reading.key_file is not None:
+        words += ["--signing-key-file", str(reading.key_file)]
+    return shlex.join(words)
 
 
 def flown(survey: Survey, vehicle: Vehicle | None) -> dict[str, Any]:
@@ -158,99 +207,111 @@ def _phase(phase: Phase, vehicle: Vehicle) -> dict[str, Any]:
     return told
 
 
-def activity(log: Path, config: RunConfig, reading: Reading) -> list[Activity]:
-    """Return the windows of a log in which it flew, with the aileron beside the rudder if known."""
-    blocks = _samples(log, replace(config, inputs=BOTH), reading)
-    if not blocks:
-        blocks = _samples(log, replace(config, inputs=("rudder",)), reading)
+def stretches(log: Path, config: RunConfig, reading: Reading) -> list[Stretch]:
+    """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
+
+    A reboot and a change of flight mode end a stretch.
+    """
+    blocks = collect(log, config, reading)
     if not blocks:
         return []
-    t = np.concatenate([block.boot_us for block in blocks]) / 1e6
-    u = np.concatenate([block.u for block in blocks])
-    segment = np.cumsum(np.diff(t, prepend=t[0]) < 0.0)
-    window = np.floor(t / WINDOW_S).astype(int)
-    edges = np.flatnonzero((np.diff(window) != 0) | (np.diff(segment) != 0)) + 1
-    least = 0.8 * WINDOW_S / blocks[0].sample_time_s
+    t_s, u, aileron, mode, y = (
+        np.concatenate(columns)
+        for columns in zip(
+            *((b.boot_us / 1e6, b.u[:, 0], b.aileron, b.mode, b.y) for b in blocks), strict=True
+        )
+    )
+    degrees = config.rudder_max_deg
+    unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
+    rudder = np.where(np.isfinite(y), u, np.nan)
+    moved = excitation(rudder, aileron, mode, unit, blocks[0].sample_time_s)
+    boots = 1 + np.cumsum(np.diff(t_s, prepend=t_s[0]) < -REBOOT_US / 1e6)
+    known = np.where(np.isnan(mode), -1.0, mode)
+    meaning = np.cumsum((np.diff(boots, prepend=1) != 0) | (np.diff(known, prepend=known[0]) != 0))
     return [
-        _activity(times, rows)
-        for times, rows in zip(np.split(t, edges), np.split(u, edges), strict=True)
-        if np.isfinite(rows).all(axis=1).sum() >= least
+        stretch
+        for rows in np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(meaning)) + 1)
+        for stretch in _joined(t_s[rows], int(boots[rows[0]]), moved.excited[rows])
     ]
 
 
-def _samples(log: Path, config: RunConfig, reading: Reading) -> list[SampleBlock]:
-    try:
-        return collect(log, config, reading)
-    except ConfigError:
-        # Rudder and aileron from different messages: then the rudder is looked at alone.
-        return []
+def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Stretch]:
+    """Yield the excited stretches of one boot and flight mode, bridging short rests."""
+    rows = np.flatnonzero(excited)
+    for run in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > BRIDGE_S) + 1):
+        if len(run):
+            first, last = max(float(t_s[run[0]]) - BEFORE_S, float(t_s[0])), float(t_s[run[-1]])
+            if last - first >= LEAST_STRETCH_S:
+                yield Stretch(boot, round(first, 1), round(last, 1))
 
 
-def _activity(t: Floats, u: Floats) -> Activity:
-    rows = u[np.isfinite(u).all(axis=1)]
-    low, high = np.percentile(rows[:, 0], [2.0, 98.0])
-    correlation = 0.0
-    if rows.shape[1] > 1 and (rows.std(axis=0) > 1e-6).all():
-        correlation = float(np.corrcoef(rows[:, 0], rows[:, 1])[0, 1])
-    return Activity(float(t[0]), float(t[-1]), float(high - low), correlation)
-
-
-def stretches(windows: list[Activity]) -> list[tuple[float, float]]:
-    """Return the stretches (from, to) in boot seconds that are excited, near ones joined."""
-    found: list[tuple[float, float]] = []
-    for window in windows:
-        if not window.excited:
-            continue
-        if found and 0.0 <= window.from_s - found[-1][1] < BRIDGE_S:
-            found[-1] = (found[-1][0], window.to_s)
-        else:
-            found.append((window.from_s, window.to_s))
-    return [(round(a, 1), round(b, 1)) for a, b in found]
-
-
-def recommend(
-    log: Path, config: RunConfig, reading: Reading, stretch: tuple[float, float], later_hz: float
-) -> tuple[dict[str, Any], Verdict]:
-    """Return the options to replay an excited stretch with, and the verdict of trying it.
+def _best(log: Path, whole: Trial, reading: Reading, stretch: Stretch, later_hz: float) -> Trial:
+    """Return the replay to recommend: of an excited stretch, with what mends its reasons.
 
     The rate gives about sixteen samples per Dutch-roll period, and no more than ``later_hz``, what
     the slower message has over the whole log; the aileron is an input where it tells the yaw rate
-    noticeably better than the rudder alone.
+    noticeably better than the rudder alone. Every option was tried as it is recommended; where no
+    trial may be used and the ``whole`` log as asked for may, that is it.
     """
-    low, high = stretch
-    kept = replace(
-        config, method="rml", also="none", memory=None, forgetting=1.0, from_s=low, to_s=high
+    config = replace(
+        whole.config, memory=None, forgetting=1.0, from_s=stretch.from_s, to_s=stretch.to_s
     )
-    alone = _trial(log, replace(kept, inputs=("rudder",)), reading)
-    both = alone
+    best = _trial(log, replace(config, inputs=("rudder",)), reading)
     with suppress(ConfigError):  # no aileron, or in another message
-        both = _trial(log, replace(kept, inputs=BOTH), reading)
-    with_aileron = _fit(both[0]) > _fit(alone[0]) + WORTH_PCT
-    summary, verdict = both if with_aileron else alone
-    inputs = ",".join(BOTH if with_aileron else ("rudder",))
-    chosen = {"from": low, "to": high, "rate": _rate(summary, later_hz), "orders": "3,3,2,1"}
-    return chosen | {"inputs": inputs, "forgetting": 1.0}, verdict
+        both = _trial(log, replace(config, inputs=BOTH), reading)
+        if both.simulation_pct > best.simulation_pct + WORTH_PCT:
+            best = both
+    if whole.config.rate is None:
+        rate = _rate(best, later_hz)
+        with suppress(ConfigError):  # a rate that jitters below what it seemed
+            best = _trial(log, replace(best.config, rate=rate), reading)
+    for _ in range(MOST_REMEDIES):
+        better = _mended(log, best, reading)
+        if better is None:
+            break
+        best = better
+    return whole if whole.verdict.usable and not best.verdict.usable else best
 
 
-def _trial(log: Path, config: RunConfig, reading: Reading) -> tuple[dict[str, Any], Verdict]:
-    """Return the summary and verdict of a replay without outputs.
+def _mended(log: Path, trial: Trial, reading: Reading) -> Trial | None:
+    """Return the trial of what its reasons ask for, None where that is nothing or no better."""
+    remedy: dict[str, Any] = {}
+    for reason in trial.verdict.reasons:
+        if reason.kind.exit_code:
+            remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
+    if not remedy:
+        return None
+    highest = 0.45 / float(trial.summary["estimates"][trial.verdict.method]["sample_time_s"])
+    if "band" in remedy:
+        low, high = remedy["band"]
+        remedy["band"] = (low, min(high, float(f"{highest:.2g}")))
+    try:
+        tried = _trial(log, replace(trial.config, **remedy), reading)
+    except ConfigError:
+        return None
+    return tried if _weight(tried.verdict) < _weight(trial.verdict) else None
+
+
+def _weight(verdict: Verdict) -> tuple[int, ...]:
+    """Return how much speaks against a verdict, for comparison: fewer fatal reasons are better."""
+    fatal = [reason for reason in verdict.reasons if reason.kind.exit_code]
+    return (len(fatal), *(-list(KINDS).index(reason.id) for reason in fatal))
+
+
+def _trial(log: Path, config: RunConfig, reading: Reading) -> Trial:
+    """Return a replay without outputs.
 
     Raises:
-        ConfigError: the channels do not fit.
+        ConfigError: the channels or the rate do not fit.
     """
-    return summarise(run_through(log, config, reading=reading)[0], "", "")
+    return Trial(config, *summarise(run_through(log, config, reading=reading)[0], "", ""))
 
 
-def _fit(summary: dict[str, Any]) -> float:
-    fit = summary.get("estimates", {}).get("rml", {}).get("fit", {})
-    return float(fit.get("simulation_pct", -np.inf))
-
-
-def _rate(summary: dict[str, Any], later_hz: float) -> float:
+def _rate(trial: Trial, later_hz: float) -> float:
     """Return the nice rate nearest to sixteen samples per period, no more than the log has."""
-    channels = summary["channels"]
+    channels: Mapping[str, Any] = trial.summary["channels"]
     own = min(later_hz, *(channels[name]["rate_hz"] for name in channels))
-    wn = summary["estimates"]["rml"].get("dutch_roll", {}).get("wn_rad_s", 0.0)
+    wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0
     target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
     allowed = [rate for rate in NICE_RATES_HZ if rate <= own * 1.02]
     if not allowed:

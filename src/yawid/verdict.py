@@ -29,6 +29,8 @@ COLLINEAR = 0.995
 condition number of 20."""
 TURN_DOMINATED = 0.6
 """Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
+TURN_BAND_HZ = (0.15, 3.0)
+"""Band that leaves out what turns do and keeps the Dutch rolls of small aircraft."""
 CLOSED_LOOP = 0.8
 ROUNDING = 1e-9
 UNCERTAIN = 0.25
@@ -142,6 +144,7 @@ def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
             "turn_dominated",
             f"the yaw rate follows the bank (correlation {r:+.2f} with the turn rate), not the "
             "rudder: try --turn remove with --band",
+            {"turn": "remove", "band": TURN_BAND_HZ},
         )
     speed = history.airspeed[rows & np.isfinite(history.airspeed)]
     if len(speed) > 1:

@@ -121,6 +121,7 @@ def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reas
         f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): squared coherence {found.squared:.2f}, and "
         f"{found.limit:.2f} comes by chance; {100 * found.peak_share:.0f} % of the yaw-rate power "
         f"stands at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
+        {} if band is None else {"band": tuple(float(f"{edge:.2g}") for edge in band)},
     )
 
 

@@ -167,12 +167,12 @@ _RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
 class Reason:
     """One thing that speaks against the estimate.
 
-    Raises:
-        KeyError: the id is not one of the table's.
+    ``remedy`` are settings of :class:`yawid.run_config.RunConfig` that may mend it, to be tried.
     """
 
     id: str
     text: str
+    remedy: Mapping[str, object] = field(default_factory=dict, compare=False)
 
     @property
     def kind(self) -> ReasonKind:

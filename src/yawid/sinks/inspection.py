@@ -30,11 +30,10 @@ def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
         console.print(Text(line))
     for name, text in _rows(report):
         console.print(Text(_hanging(name, text, console.width)))
-    advice = {k: v for k, v in report["recommend"].items() if k != "record"}
-    if advice:
-        options = " ".join(f"--{name} {value}" for name, value in advice.items())
-        # A command is for copying: it must not be wrapped.
-        console.print(Text(f"     try  yawid replay {options}"), soft_wrap=True)
+    if "command" in report:
+        # What was tried, for copying: it must not be wrapped.
+        word = "try" if report["verdict"]["usable"] else "tried"
+        console.print(Text(f"{word:>{_NAME - 1}}  {report['command']}"), soft_wrap=True)
 
 
 def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

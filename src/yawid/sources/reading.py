@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from yawid.sources.frames import Decoder
 from yawid.sources.link import LinkStats
@@ -15,11 +16,14 @@ from yawid.sources.tlog import Form
 class Reading:
     """The form of a log, and the key that frames must be signed with (None: any frame will do).
 
+    ``key_file`` is where the key came from, to be named in a command line.
+
     It stands beside ``RunConfig``, not in it: the configuration goes into files, a key must not.
     """
 
     form: Form = "auto"
     key: SigningKey | None = None
+    key_file: Path | None = None
 
     def decoder(self, wanted: Iterable[str]) -> Decoder:
         """Return a decoder for one stream."""
