@@ -1,12 +1,14 @@
 """Make logs with a known answer and logs that have none; count how often the verdict errs.
 
     python tools/corpus.py make DIR [--excited 200] [--unexcited 208] [--jobs 2]
+    python tools/corpus.py line DIR
     python tools/corpus.py judge DIR [--runs default,forgetting,remedy,inspect] [--jobs 2]
 
 ``make`` writes DIR/NAME.tlog and DIR/NAME.json, the truth: flights of JSBSim whose rudder is moved
 on purpose, half of them in turbulence (tools/corpus_flights.py), and logs in which nothing excites
-it (tools/corpus_quiet.py). The same numbers give the same bytes. ``judge`` replays each without
-files and writes DIR/judged.csv, a row per log and run, and prints counts.
+it (tools/corpus_quiet.py). The same numbers give the same bytes. ``line`` writes the one flight by
+hand whose gyro has a line of 2.4 Hz. ``judge`` replays each log without files, writes
+DIR/judged.csv, a row per log and run, and prints counts.
 """
 
 from __future__ import annotations
@@ -22,11 +24,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from case_recipes import Made
 from corpus_flights import excited
 from corpus_judge import RUNS, Row, counts, judged
-from corpus_quiet import unexcited
+from corpus_quiet import lined, unexcited
 
-MAKERS: dict[str, Callable[[int], Any]] = {"excited": excited, "unexcited": unexcited}
+MAKERS: dict[str, Callable[[int], Made]] = {"excited": excited, "unexcited": unexcited}
 MOST_JOBS = 2
 RESULT = "judged.csv"
 
@@ -34,10 +37,13 @@ RESULT = "judged.csv"
 def write(folder: Path, task: tuple[str, int]) -> str:
     """Make one log and its truth; return its name."""
     kind, number = task
-    name = f"{kind}_{number:03d}"
-    made = MAKERS[kind](number)
+    return save(folder, f"{kind}_{number:03d}", kind, MAKERS[kind](number))
+
+
+def save(folder: Path, name: str, kind: str, made: Made) -> str:
+    """Write a log and its truth; return its name."""
     (folder / f"{name}.tlog").write_bytes(made.log)
-    told = {"name": name, "kind": kind, **made.truth}
+    told = {"name": name, "kind": kind} | (made.truth or {})
     (folder / f"{name}.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     return name
 
@@ -93,7 +99,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         default=["default", "forgetting"],
         help=f"of {', '.join(RUNS)}; (default,forgetting)",
     )
-    for command in (maker, judging):
+    line = commands.add_parser("line", help="write the flight whose gyro has a line")
+    for command in (maker, judging, line):
         command.add_argument("folder", type=Path, metavar="DIR")
         command.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
     options = parser.parse_args(argv)
@@ -109,6 +116,9 @@ def main(argv: Sequence[str]) -> int:
     options = parse(argv)
     if options.command == "make":
         make(options.folder, options.excited, options.unexcited, options.jobs)
+    elif options.command == "line":
+        options.folder.mkdir(parents=True, exist_ok=True)
+        print(save(options.folder, "line", "excited", lined()))
     else:
         rows = judge(options.folder, options.runs, options.jobs)
         print("\n" + counts(rows))

@@ -188,6 +188,21 @@ def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator
     return join(rewrite(split(log), change))
 
 
+def lined() -> Made:
+    """Fly by hand a Dutch roll near 1.3 rad/s, and put a line of 2.4 Hz on the gyro.
+
+    The line has 17 % of the yaw rate's power and is no mode of the aircraft: 15.1 rad/s is no
+    answer.
+    """
+    rng = np.random.default_rng([SEED, 2])
+    plan = FlightPlan(
+        aircraft="t6texan2", speed_kt=138.0, altitude_ft=5000.0, seconds=120.0, manoeuvre="none"
+    )
+    hands = Hands(rudder=by_hand(rng, plan.seconds, amplitude=0.12, unit_s=1.5))
+    made = flown_log(plan, Link(attitude_hz=25.0, servo_hz=25.0), hands, group="line", line_hz=2.4)
+    return Made(with_line(made.log, 2.4, 0.17, rng), made.truth)
+
+
 def passenger(rng: np.random.Generator) -> Made:
     """Carry PX4 along: its controls ask for much, its outputs never move; half are disarmed."""
     made = in_the_air(

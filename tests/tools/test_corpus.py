@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import welch
+
+from yawid.run_config import RunConfig
 
 TOOLS = Path(__file__).parents[2] / "tools"
 
@@ -222,6 +225,26 @@ def test_a_line_has_the_share_of_the_power_asked_for() -> None:
     spectrum = np.abs(np.fft.rfft(line * np.hanning(len(line))))
     peak_hz = np.argmax(spectrum) / (len(line) / 50.0)
     assert peak_hz == pytest.approx(2.4, abs=0.15)
+
+
+def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path: Path) -> None:
+    made = quiet.lined()
+    log = tmp_path / "line.tlog"
+    log.write_bytes(made.log)
+    yaw_rate = columns(made.log, "ATTITUDE", "yawspeed")[:, 0]
+
+    hz, power = welch(yaw_rate, fs=25.0, nperseg=512)
+    config = RunConfig(rate=5.0, forgetting=1.0, band=(0.05, 1.0))
+    summary, _ = judge.summarise(judge.finished(log, config), "", "")
+
+    line = (hz > 2.2) & (hz < 2.6)
+    assert power[line].sum() / power.sum() == pytest.approx(0.17, abs=0.03)
+    true = made.truth["dutch_roll"]
+    assert true["wn_rad_s"] == pytest.approx(1.3, abs=0.03)
+    for method in ("els", "rml"):
+        found = summary["estimates"][method]["dutch_roll"]
+        assert found["wn_rad_s"] == pytest.approx(true["wn_rad_s"], rel=0.03)
+        assert found["zeta"] == pytest.approx(true["zeta"], abs=0.03)
 
 
 def test_made_logs_are_judged_into_a_table_beside_their_truth(tmp_path: Path) -> None:
