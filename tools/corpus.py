@@ -1,6 +1,6 @@
 """Make logs with a known answer and logs that have none; count how often the verdict errs.
 
-    python tools/corpus.py make DIR [--excited 200] [--unexcited 208] [--jobs 2]
+    python tools/corpus.py make DIR [--excited 200] [--unexcited 210] [--jobs 2]
     python tools/corpus.py line DIR
     python tools/corpus.py judge DIR [--runs default,forgetting,remedy,inspect] [--jobs 2]
 
@@ -91,7 +91,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     maker = commands.add_parser("make", help="write logs and truths")
     maker.add_argument("--excited", type=int, default=200)
-    maker.add_argument("--unexcited", type=int, default=208)
+    maker.add_argument("--unexcited", type=int, default=210)
     judging = commands.add_parser("judge", help="replay, compare, count")
     judging.add_argument(
         "--runs",

@@ -13,6 +13,8 @@ from jsbsim_flight import LEAD_IN_S, STEP_S, Flight, FlightPlan, excitation
 from jsbsim_truth import linear_dutch_roll
 from log_surgery import join
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import lfilter
 from telemetry import KNOT, Link, telemetry
 
 Floats = NDArray[np.float64]
@@ -39,6 +41,9 @@ AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
 """Name, altitude in ft, calibrated airspeeds in kt: where JSBSim trims, and pulse and linearisation
 agree (tools/jsbsim_truth.py), so that the linearisation is the truth."""
 CONDITIONS = [(name, feet, knots) for name, feet, speeds in AIRCRAFT for knots in speeds]
+ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+LENGTHS_S = (60.0, 80.0, 100.0)
+"""Of the logs without excitation."""
 SHAPES = ("3211", "doublets", "prbs", "sweep")
 RATES_HZ = ((50, 50), (25, 25), (10, 10), (20, 20), (50, 25), (25, 10), (20, 10))
 """Of ATTITUDE and SERVO_OUTPUT_RAW."""
@@ -65,7 +70,7 @@ class FreeFlight(Flight):
     """
 
     def __init__(self, plan: FlightPlan, hands: Hands, severity: int = 0, seed: int = 1) -> None:
-        n = round(plan.seconds / STEP_S) + 1
+        n = count(plan.seconds)
         super().__init__(plan, np.zeros(n) if hands.rudder is None else hands.rudder)
         self._hands = hands
         self._still_aileron, self._level = self._aileron_trim, self._roll_trim
@@ -178,9 +183,26 @@ def excited(number: int) -> Made:
     return flown_log(plan, drawn_link(rng), hands, severity, group=group, **told)
 
 
+def count(seconds: float) -> int:
+    """Return how many milliseconds a log of this length has."""
+    return round(seconds / STEP_S) + 1
+
+
+def wander(rng: np.random.Generator, n: int, tau_s: float, std: float) -> Floats:
+    """Return noise (n,) by the millisecond that passed two lags of ``tau_s``, scaled to ``std``."""
+    every = max(round(0.1 * tau_s / STEP_S), 1)
+    white = rng.normal(size=math.ceil(n / every) + 200)
+    pole = math.exp(-0.1)
+    slow = lfilter([1.0], [1.0, -2.0 * pole, pole * pole], white)[199:]
+    # By the process's own deviation: a short piece may move more or less, as chance has it.
+    slow *= std * math.sqrt((1.0 - pole**2) ** 3 / (1.0 + pole**2))
+    at = np.arange(n) / every
+    return np.asarray(np.interp(at, np.arange(len(slow)), slow))
+
+
 def pulses(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
     """Return moves to either side (n,), drawn anew every ``unit_s`` from the lead-in on."""
-    n = round(seconds / STEP_S) + 1
+    n = count(seconds)
     held = rng.choice([-amplitude, amplitude], size=math.ceil(seconds / unit_s) + 1)
     moves = np.repeat(held, round(unit_s / STEP_S))[:n]
     moves[: round(LEAD_IN_S / STEP_S)] = 0.0
@@ -192,7 +214,7 @@ def by_hand(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: 
 
     ``unit_s`` is about the length of one side; the foot needs 0.3 s from stop to stop.
     """
-    n = round(seconds / STEP_S) + 1
+    n = count(seconds)
     rudder, at = np.zeros(n), round(LEAD_IN_S / STEP_S)
     while at < n:
         sign = float(rng.choice([-1.0, 1.0]))

@@ -93,7 +93,7 @@ def test_the_same_number_gives_the_same_bytes_and_another_number_others() -> Non
 
     assert first == again != calm
     assert made_of("parked").log == made_of("parked").log
-    assert quiet.unexcited(10).log != quiet.unexcited(10 + len(quiet.KINDS)).log
+    assert made_of("parked").log != quiet.unexcited(11 + len(quiet.KINDS)).log
 
 
 def test_turbulence_grows_with_its_severity() -> None:
@@ -190,6 +190,18 @@ def test_a_passengers_controls_move_and_its_outputs_do_not(flown: dict[str, Any]
     assert all(np.ptp(found, axis=0).max() == 0.0 for found in outputs if len(found))
 
 
+def test_a_quadrotors_yaw_answers_its_third_control() -> None:
+    log = made_of("quadrotor").log
+    reader = mavlink.MAVLink(None)
+    messages = [reader.decode(bytearray(frame)) for _, frame in split(log)]
+    torque = [m.controls[2] for m in messages if m.get_type() == "ACTUATOR_CONTROL_TARGET"]
+
+    assert (columns(log, "HEARTBEAT", "type", "autopilot") == [2.0, 12.0]).all()
+    assert len(columns(log, "SERVO_OUTPUT_RAW", "servo4_raw")) == 0
+    assert np.ptp(torque) > 0.3
+    assert columns(log, "ATTITUDE", "yawspeed").std() > 0.05
+
+
 def test_a_hover_drives_its_lift_motors() -> None:
     made = made_of("hover")
     motors = columns(made.log, "SERVO_OUTPUT_RAW", *[f"servo{n}_raw" for n in (5, 6, 7, 8)])
@@ -203,7 +215,7 @@ def test_what_stands_does_not_turn_however_the_rudder_moves() -> None:
     for group in ("parked", "disarmed"):
         log = made_of(group).log
         rudder = columns(log, "SERVO_OUTPUT_RAW", "servo4_raw")
-        armed = columns(log, "HEARTBEAT", "base_mode")[:, 0].astype(int) & quiet.ARMED
+        armed = columns(log, "HEARTBEAT", "base_mode")[:, 0].astype(int) & flights.ARMED
 
         assert np.ptp(rudder) > 0.3 * 400
         assert columns(log, "VFR_HUD", "groundspeed").max() < 0.5
@@ -268,7 +280,7 @@ def test_made_logs_are_judged_into_a_table_beside_their_truth(tmp_path: Path) ->
     assert not ground["usable"]
     assert ground["group"] == "parked"
     with (tmp_path / "judged.csv").open(newline="") as file:
-        assert [row["name"] for row in csv.DictReader(file)] == ["excited_000", "unexcited_010"]
+        assert [row["name"] for row in csv.DictReader(file)] == ["excited_000", "unexcited_011"]
 
 
 def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> None:
