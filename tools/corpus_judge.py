@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from yawid.collect import run_through
 from yawid.errors import YawidError
 from yawid.inspect import inspect
+from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
-from yawid.results.coherence import coherence_at
-from yawid.results.excitation import Excitation, around, excitation
+from yawid.results.judge import judge_methods
 from yawid.run_config import RunConfig, check_settings
 from yawid.summary import summarise
 
@@ -67,26 +67,6 @@ def samples(pipeline: Pipeline) -> tuple[NDArray[np.float64], NDArray[np.float64
     return max(pieces, key=lambda piece: len(piece[0]), default=(np.empty(0), np.empty(0)))
 
 
-def coherence_margin(pipeline: Pipeline, summary: dict[str, Any]) -> float:
-    """Return how far the squared coherence at wn exceeds what chance gives; NaN: it abstains."""
-    wn = _of(summary, summary["verdict"].get("method", ""), "dutch_roll", "wn_rad_s")
-    bank = pipeline.bank
-    if bank is None or not wn > 0.0:
-        return math.nan
-    history = bank.history()
-    near = around(_moved(pipeline).excited, bank.sample_time_s)
-    rudder = np.where(near & np.isfinite(history.y), history.u[:, 0], np.nan)
-    found = coherence_at(rudder, history.y, wn, bank.sample_time_s)
-    return math.nan if found is None else found.squared - found.limit
-
-
-def _moved(pipeline: Pipeline) -> Excitation:
-    assert pipeline.bank is not None
-    history = pipeline.bank.history()
-    rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
-    return excitation(rudder, history.aileron, history.mode, 1.0, pipeline.bank.sample_time_s)
-
-
 def rudder_ratio(pipeline: Pipeline, summary: dict[str, Any]) -> float:
     """Return 2 log of the likelihood ratio of the rudder against none: ARX of 4 lags by AR of 4."""
     u, y = samples(pipeline)
@@ -106,15 +86,8 @@ def _loss(phi: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     return float(residual @ residual)
 
 
-def stroke(pipeline: Pipeline, summary: dict[str, Any]) -> float:
-    """Return how far the rudder itself went within 5 s, in % of half its travel."""
-    return math.nan if pipeline.bank is None else 100.0 * _moved(pipeline).most_own
-
-
 CRITERIA: dict[str, Callable[[Pipeline, dict[str, Any]], float]] = {
-    "coherence_margin": coherence_margin,
     "rudder_ratio": rudder_ratio,
-    "stroke_pct": stroke,
 }
 
 
@@ -129,7 +102,7 @@ RULES: dict[str, Callable[[Row], bool]] = {
     ),
     "simulated < 40": _below("simulation_pct", 40.0),
     "held back < 30": _below("held_back_pct", 30.0),
-    "coherence below chance": _below("coherence_margin", 0.0),
+    "coherence below chance": _below("coherence_margin_els", 0.0),
     "rudder_ratio < 50": _below("rudder_ratio", 50.0),
     "stroke < 10 %": _below("stroke_pct", 10.0),
 }
@@ -161,9 +134,30 @@ def _row(log: Path, run: str, truth: dict[str, Any]) -> Row:
     answer = _of(summary, method, "dutch_roll", "wn_rad_s")
     row["error"] = answer / row["true_wn"] - 1.0
     row |= {name: find(pipeline, summary) for name, find in CRITERIA.items()}
+    row |= _judged_methods(pipeline)
     told = ("aircraft", "severity", "airspeed_m_s", "rate_noise", "manoeuvre", "amplitude")
     row |= {name: truth[name] for name in told if name in truth}
     return {name: _told(value) for name, value in row.items()}
+
+
+def _judged_methods(pipeline: Pipeline) -> Row:
+    """Return what the verdict looks at: own stroke in %, and of each method what speaks against it.
+
+    ``coherence_margin_*`` is by how much the squared coherence at wn exceeds what chance gives.
+    """
+    bank, intervals = pipeline.bank, pipeline.channels.intervals_us
+    if bank is None or intervals is None:
+        return {}
+    evidence = {method: method_summary(bank, method)[1] for method in bank.methods}
+    rates_hz = 1e6 / intervals[0], 1e6 / intervals[1]
+    judged = judge_methods(bank, evidence, rates_hz, abs(pipeline.channels.surfaces[0].scale))
+    row: Row = {"stroke_pct": 100.0 * judged.moved.most_own}
+    for method, reasons in judged.reasons.items():
+        found = judged.coherence[method]
+        margin = math.nan if found is None else found.squared - found.limit
+        row[f"coherence_margin_{method}"] = margin
+        row[f"fatal_{method}"] = " ".join(r.id for r in reasons if r.kind.exit_code)
+    return row
 
 
 def _told(value: Any) -> Any:

@@ -23,12 +23,13 @@ from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
 from yawid.outputs import Outputs, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
+from yawid.results.judge import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.progress import progress
-from yawid.summary import as_summary, bank_verdict
+from yawid.summary import as_summary
 from yawid.verdict_estimate import Evidence
 
 CHANGEABLE = (

@@ -9,34 +9,18 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.twins import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.yaw import COARSE, SOURCES
-from yawid.estimation.bank import Bank
 from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
-from yawid.results.coherence import coherence_at
-from yawid.results.excitation import around, excitation
+from yawid.results.judge import bank_verdict
 from yawid.results.reasons import Reason, Verdict
-from yawid.verdict import (
-    changed_rates,
-    excitation_reasons,
-    feedback_reasons,
-    flight_reasons,
-    input_reasons,
-    rate_reasons,
-)
-from yawid.verdict_estimate import (
-    Evidence,
-    agreement_reasons,
-    coherence_reasons,
-    estimate_reasons,
-)
+from yawid.verdict import changed_rates
+from yawid.verdict_estimate import Evidence
 
 
 def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
@@ -151,47 +135,6 @@ def _missing(pipeline: Pipeline) -> Iterator[Reason]:
         yield Reason("no_rudder", text)
     if channels.yaw.rows == 0:
         yield Reason("no_yaw", f"none of {', '.join(SOURCES)} comes from the vehicle")
-
-
-def bank_verdict(
-    bank: Bank,
-    evidence: dict[str, Evidence],
-    rates_hz: tuple[float, float],
-    travel_unit: float,
-    others: list[Reason],
-) -> Verdict:
-    """Return the verdict of samples and estimates, and of the ``others`` that the log gives.
-
-    ``rates_hz`` of yaw and rudder messages; ``travel_unit`` is half the travel in the unit of u.
-    The first method answers, or where that may not be used and another may, the other.
-    """
-    config, history = bank.config, bank.history()
-    rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
-    moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
-    near = around(moved.excited, bank.sample_time_s)
-    own = np.where(near, rudder, np.nan)
-    judged = {}
-    for method in bank.methods:
-        mode = evidence[method].dutch_roll
-        wn = float(mode[0])
-        driven = coherence_at(own, history.y, wn, bank.sample_time_s) if wn > 0.0 else None
-        judged[method] = [
-            *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode),
-            *estimate_reasons(method, evidence[method]),
-            *coherence_reasons(wn, driven),
-        ]
-    sound = [m for m in bank.methods if not any(r.kind.exit_code for r in judged[m])]
-    answers = sound[0] if sound else config.method
-    reasons = [
-        *others,
-        *excitation_reasons(moved),
-        *input_reasons(config.inputs, history.u, travel_unit),
-        *flight_reasons(history, config.turn),
-        *feedback_reasons(config.inputs, history),
-        *judged[answers],
-        *agreement_reasons(evidence, {m: judged[m] for m in bank.methods if m not in sound}),
-    ]
-    return Verdict.of(reasons, answers)
 
 
 def _later_rates(channels: Channels) -> tuple[float, float]:

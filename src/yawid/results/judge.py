@@ -1,0 +1,99 @@
+"""The verdict of a bank of estimators: the samples, each method by itself, and which one answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.estimation.bank import Bank
+from yawid.results.coherence import Coherence, coherence_at
+from yawid.results.excitation import Excitation, around, excitation
+from yawid.results.reasons import Reason, Verdict
+from yawid.verdict import (
+    excitation_reasons,
+    feedback_reasons,
+    flight_reasons,
+    input_reasons,
+    rate_reasons,
+)
+from yawid.verdict_estimate import (
+    Evidence,
+    agreement_reasons,
+    coherence_reasons,
+    estimate_reasons,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """How the rudder moved, and by method the coherence at its mode and what speaks against it."""
+
+    moved: Excitation
+    coherence: Mapping[str, Coherence | None]
+    reasons: Mapping[str, list[Reason]]
+
+    @property
+    def refused(self) -> dict[str, list[Reason]]:
+        """The methods whose estimate may not be used, with their reasons."""
+        return {
+            method: reasons
+            for method, reasons in self.reasons.items()
+            if any(reason.kind.exit_code for reason in reasons)
+        }
+
+
+def judge_methods(
+    bank: Bank,
+    evidence: Mapping[str, Evidence],
+    rates_hz: tuple[float, float],
+    travel_unit: float,
+) -> Judged:
+    """Judge each method by itself.
+
+    ``rates_hz`` of yaw and rudder messages; ``travel_unit`` is half the travel in the unit of u.
+    """
+    history = bank.history()
+    rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
+    moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
+    excited = np.where(around(moved.excited, bank.sample_time_s), rudder, np.nan)
+    coherence, reasons = {}, {}
+    for method in bank.methods:
+        mode = evidence[method].dutch_roll
+        wn = float(mode[0])
+        found = coherence_at(excited, history.y, wn, bank.sample_time_s) if wn > 0.0 else None
+        coherence[method] = found
+        reasons[method] = [
+            *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode),
+            *estimate_reasons(method, evidence[method]),
+            *coherence_reasons(wn, found),
+        ]
+    return Judged(moved, coherence, reasons)
+
+
+def bank_verdict(
+    bank: Bank,
+    evidence: Mapping[str, Evidence],
+    rates_hz: tuple[float, float],
+    travel_unit: float,
+    others: list[Reason],
+) -> Verdict:
+    """Return the verdict of samples and estimates, and of the ``others`` that the log gives.
+
+    The first method answers, or where that may not be used and another may, the other.
+    """
+    config, history = bank.config, bank.history()
+    judged = judge_methods(bank, evidence, rates_hz, travel_unit)
+    sound = [method for method in bank.methods if method not in judged.refused]
+    answers = sound[0] if sound else config.method
+    reasons = [
+        *others,
+        *excitation_reasons(judged.moved),
+        *input_reasons(config.inputs, history.u, travel_unit),
+        *flight_reasons(history, config.turn),
+        *feedback_reasons(config.inputs, history),
+        *judged.reasons[answers],
+        *agreement_reasons(evidence, judged.refused),
+    ]
+    return Verdict.of(reasons, answers)
