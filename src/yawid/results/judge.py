@@ -1,4 +1,4 @@
-"""The verdict of a bank of estimators: the samples, each method by itself, and which one answers."""
+"""The verdict of a bank of estimators: samples, each method by itself, and which one answers."""
 
 from __future__ import annotations
 
