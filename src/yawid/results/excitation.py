@@ -19,9 +19,13 @@ LEAST_STROKE = 0.1
 """Excited is where the rudder's own part covers this much of half its travel within 5 s."""
 REACH_S = 0.3
 """The aileron this long before and after may explain the rudder: mixers and pilots lag."""
-CHUNK_S = 60.0
-"""The mix is found anew in each flight mode, and in each minute of it."""
+CHUNK_S = 20.0
+"""The mix is found anew in each flight mode, and in every 20 s of it."""
+MODE_LATE_S = 1.5
+"""A change of mode is seen by the next HEARTBEAT, up to so much later."""
 ROWS_PER_LAG = 8
+STILL = 0.006
+"""An aileron that moves by less than this is no mixer's: it reacts to what the rudder does."""
 
 Bools = NDArray[np.bool_]
 
@@ -68,29 +72,39 @@ def excitation(
     known = np.isfinite(rudder) & np.isfinite(aileron)
     if not known.any() or float(np.ptp(aileron[known])) == 0.0:
         return Excitation(whole, whole, bool(known.any()))
-    own = own_part(rudder, aileron, mode, sample_time_s)
-    return Excitation(whole, _strokes(own, sample_time_s), aileron_known=True)
+    own = _strokes(own_part(rudder, aileron, mode, sample_time_s), sample_time_s)
+    return Excitation(whole, np.minimum(own, whole), aileron_known=True)
 
 
 def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float) -> Floats:
-    """Return what least squares on the aileron over ±0.3 s leaves of the rudder, (n,).
+    """Return what a regression on the aileron over ±0.3 s leaves of the rudder, (n,).
 
-    NaN where the rudder or one of the aileron's lags is not known, or the mode is not the same over
-    all of them.
+    NaN where the rudder or one of the aileron's lags is not known, or the flight mode may have
+    changed among them.
     """
     reach = max(1, round(REACH_S / sample_time_s))
     lags = [_shifted(aileron, i) for i in range(-reach, reach + 1)]
     columns = np.column_stack([*lags, np.ones(len(rudder))])
     changes = np.cumsum(np.concatenate([[False], _differ(mode[1:], mode[:-1])])).astype(float)
-    same = _shifted(changes, reach) == _shifted(changes, -reach)
+    late = max(reach, round(MODE_LATE_S / sample_time_s))
+    same = _shifted(changes, reach) == _shifted(changes, -min(late, len(changes)))
     rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder) & same)
     own = np.full(len(rudder), np.nan)
     least = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * columns.shape[1])
     for stretch in np.split(rows, np.flatnonzero(np.diff(changes[rows])) + 1):
         for chunk in np.array_split(stretch, max(1, len(stretch) // least)):
-            coefficients = np.linalg.lstsq(columns[chunk], rudder[chunk], rcond=1e-9)[0]
-            own[chunk] = rudder[chunk] - columns[chunk] @ coefficients
+            own[chunk] = _unexplained(columns[chunk], rudder[chunk])
     return own
+
+
+def _unexplained(columns: Floats, rudder: Floats) -> Floats:
+    """Return what ridge regression on columns (n, m), the last of them constant, leaves (n,)."""
+    n, m = columns.shape
+    ridge = np.sqrt(n) * STILL * np.eye(m)[:-1]
+    known = np.concatenate([rudder, np.zeros(m - 1)])
+    coefficients = np.linalg.lstsq(np.concatenate([columns, ridge]), known, rcond=1e-9)[0]
+    rest: Floats = rudder - columns @ coefficients
+    return rest
 
 
 def _differ(a: Floats, b: Floats) -> Bools:
