@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,10 @@ from yawid.sources.flight_modes import mode_name
 
 ROOT = Path(__file__).parents[1]
 C172P = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
+FLIGHTS = ROOT / ".." / "shared" / "flights"
+RECORDED = sorted(
+    [*FLIGHTS.glob("*.tlog"), *FLIGHTS.glob("*.ulg"), *ROOT.glob("replay_logs/*/log.tlog")]
+)
 ARMED = 128
 
 
@@ -214,10 +219,9 @@ def test_the_report_has_the_contracts_keys(tmp_path: Path, capsys):
 
 def test_the_recommended_options_replay(tmp_path: Path, capsys):
     _, report = inspected(C172P, tmp_path, capsys)
-    advice = {k: v for k, v in report["recommend"].items() if k != "record"}
-    options = [f"--{name}={value}" for name, value in advice.items()]
+    words = shlex.split(report["command"])
 
-    assert main(["replay", str(C172P), "--out", str(tmp_path), "--json", *options]) == 0
+    assert main([*words[1:], "--out", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["estimates"]["rml"]["dutch_roll"]
     assert found["wn_rad_s"] == pytest.approx(2.425, rel=0.03)  # by JSBSim's own linearisation
 
@@ -226,9 +230,25 @@ def test_the_recommended_options_replay(tmp_path: Path, capsys):
 def test_the_page_is_read_in_ten_seconds(name: str, capsys):
     lines = page(ROOT / "replay_logs" / name / "log.tlog", capsys)
 
-    assert len(lines) <= 30
+    assert len(lines) <= 40
     assert lines[1].startswith("verdict")
     assert all(len(line) <= 80 for line in lines[1:] if "yawid replay" not in line)
+
+
+@pytest.mark.parametrize("path", RECORDED, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_the_line_that_inspect_prints_has_the_verdict_that_inspect_gave(path, capsys, tmp_path):
+    code, report = inspected(path, tmp_path, capsys)
+
+    if "command" not in report:
+        assert code != 0
+        assert not report["verdict"]["usable"]
+        return
+    words = shlex.split(report["command"])
+    assert words[:3] == ["yawid", "replay", str(path)]
+    again = main([*words[1:], "--json", "--out", str(tmp_path)])
+    summary = json.loads(capsys.readouterr().out)
+    assert again == code
+    assert summary["verdict"] == report["verdict"]
 
 
 def test_frames_without_stamps_are_inspected_where_the_format_is_given(tmp_path: Path, capsys):
