@@ -24,6 +24,7 @@ from yawid.pipeline import Pipeline
 from yawid.results.judge import judge_methods
 from yawid.run_config import RunConfig, check_settings
 from yawid.summary import summarise
+from yawid.verdict import reaction_shares
 
 Row = dict[str, Any]
 RIGHT, WRONG = 0.05, 0.10
@@ -152,6 +153,7 @@ def _judged_methods(pipeline: Pipeline) -> Row:
     rates_hz = 1e6 / intervals[0], 1e6 / intervals[1]
     judged = judge_methods(bank, evidence, rates_hz, abs(pipeline.channels.surfaces[0].scale))
     row: Row = {"stroke_pct": 100.0 * judged.moved.most_own}
+    row["reacts"] = reaction_shares(bank.history())[0]
     for method, reasons in judged.reasons.items():
         found = judged.coherence[method]
         margin = math.nan if found is None else found.squared - found.limit

@@ -33,8 +33,8 @@ TURN_BAND_HZ = (0.15, 3.0)
 """Band that leaves out what turns do and keeps the Dutch rolls of small aircraft."""
 CLOSED_LOOP = 0.8
 ROUNDING = 1e-9
-UNCERTAIN = 0.25
-"""A relative sigma of wn, or a sigma of zeta, above which the Dutch roll is not known."""
+UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
+"""A relative sigma of wn, and a sigma of zeta, above which nobody would act on the Dutch roll."""
 SATURATED_SHARE = 0.05
 
 
@@ -43,7 +43,7 @@ def rate_reasons(
 ) -> Iterator[Reason]:
     """Judge the message rates, and once wn is known well enough the grid against it."""
     wn_rad_s, wn_std = float(dutch_roll[0]), float(dutch_roll[1])
-    known = wn_std < UNCERTAIN * wn_rad_s
+    known = wn_std < UNCERTAIN_WN * wn_rad_s
     slowest = min(yaw_hz, rudder_hz)
     said = f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
     if slowest < LEAST_RATE_HZ * RATE_SLACK:
@@ -162,17 +162,21 @@ def feedback_reasons(inputs: tuple[str, ...], history: History) -> Iterator[Reas
     Past yaw rates are left out: they hold what the rudder did a moment ago and would explain 80 to
     87 % even of one that excites.
     """
-    before = np.concatenate([[np.nan], history.roll[:-1]])
-    causes = np.column_stack([history.y, history.roll, before])
-    shares = [_explained(u, causes) for u in history.u.T]
     said = [
         f"{100 * share:.0f} % of the {name}"
-        for name, share in zip(inputs, shares, strict=True)
+        for name, share in zip(inputs, reaction_shares(history), strict=True)
         if share > CLOSED_LOOP
     ]
     if said:
         text = f"yaw rate and roll explain {' and '.join(said)}: it reacts more than it excites"
         yield Reason("closed_loop", text)
+
+
+def reaction_shares(history: History) -> list[float]:
+    """Return of each input the part (0 to 1) that yaw rate, roll and the roll before explain."""
+    before = np.concatenate([[np.nan], history.roll[:-1]])
+    causes = np.column_stack([history.y, history.roll, before])
+    return [_explained(u, causes) for u in history.u.T]
 
 
 def _correlation(a: Floats, b: Floats) -> float:

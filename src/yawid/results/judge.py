@@ -17,6 +17,7 @@ from yawid.verdict import (
     flight_reasons,
     input_reasons,
     rate_reasons,
+    reaction_shares,
 )
 from yawid.verdict_estimate import (
     Evidence,
@@ -24,6 +25,13 @@ from yawid.verdict_estimate import (
     coherence_reasons,
     estimate_reasons,
 )
+
+CLEAR = 0.1
+"""A squared coherence so far above chance is clear."""
+REACTS = 0.3
+"""A rudder of which yaw rate and roll explain more may be moved by what it is said to move."""
+BETTER = 0.5
+"""Another method answers in place of the first where its sigma of wn is below this part of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +67,16 @@ def judge_methods(
     moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
     excited = np.where(around(moved.excited, bank.sample_time_s), rudder, np.nan)
     coherence, reasons = {}, {}
+    excites = reaction_shares(history)[0] < REACTS
     for method in bank.methods:
         mode = evidence[method].dutch_roll
         wn = float(mode[0])
         found = coherence_at(excited, history.y, wn, bank.sample_time_s) if wn > 0.0 else None
         coherence[method] = found
+        is_driven = excites and found is not None and found.squared > found.limit + CLEAR
         reasons[method] = [
             *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode),
-            *estimate_reasons(method, evidence[method]),
+            *estimate_reasons(method, evidence[method], is_driven=is_driven),
             *coherence_reasons(wn, found),
         ]
     return Judged(moved, coherence, reasons)
@@ -81,12 +91,16 @@ def bank_verdict(
 ) -> Verdict:
     """Return the verdict of samples and estimates, and of the ``others`` that the log gives.
 
-    The first method answers, or where that may not be used and another may, the other.
+    The first method answers, unless it may not be used and another may, or another knows wn twice
+    as well.
     """
     config, history = bank.config, bank.history()
     judged = judge_methods(bank, evidence, rates_hz, travel_unit)
     sound = [method for method in bank.methods if method not in judged.refused]
     answers = sound[0] if sound else config.method
+    for method in sound[1:]:
+        if evidence[method].dutch_roll[1] < BETTER * evidence[answers].dutch_roll[1]:
+            answers = method
     reasons = [
         *others,
         *excitation_reasons(judged.moved),
