@@ -45,6 +45,9 @@ class Held(IntFlag):
     RUDDER_CHANGED = 16
     ON_GROUND = 32
     NO_AIRSPEED = 64
+    HOVER = 128
+    LIFT_MOTORS = 256
+    STEEP = 512
 
 
 class Noted(IntFlag):

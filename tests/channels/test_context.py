@@ -65,4 +65,4 @@ def test_nobody_is_airborne_whose_speeds_and_state_do_not_say_so(
 
 
 def test_without_any_message_of_it_nothing_is_known():
-    assert np.isnan(context_of()).all()
+    assert np.isnan(context_of()[:4]).all()

@@ -16,7 +16,18 @@ import numpy as np
 
 from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.clock import Piece, Series, flow_together
-from yawid.channels.yaw import AIRSPEED, ALTITUDE, COLUMNS, MODE, ON_GROUND, RATE, ROLL, TURN, YAW
+from yawid.channels.yaw import (
+    AIRSPEED,
+    ALTITUDE,
+    BARRED,
+    COLUMNS,
+    MODE,
+    ON_GROUND,
+    RATE,
+    ROLL,
+    TURN,
+    YAW,
+)
 
 Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
 MOST_INSTANTS = 2**16
@@ -195,12 +206,13 @@ class Aligner:
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.maximum.accumulate(np.append(self._last_unix_ns, (boot_us + offset) * 1000))[1:]
         self._last_unix_ns = int(unix[-1])
-        u, aileron = surface[:, :-1], surface[:, -1]
+        u, aileron, before = surface[:, :-1], surface[:, -1], held
         no_rudder = (held == 0) & np.isnan(u).any(axis=1)
         no_yaw = (held == 0) & np.isnan(yaw[:, RATE])
         on_ground = (held == 0) & (yaw[:, ON_GROUND] == 1.0)
         held = held + int(Held.RUDDER_INVALID) * no_rudder + int(Held.YAW_INVALID) * no_yaw
-        held = held + int(Held.ON_GROUND) * on_ground
+        barred = np.nan_to_num(yaw[:, BARRED]).astype(np.int64)
+        held = held + int(Held.ON_GROUND) * on_ground + np.where(before == 0, barred, 0)
         return SampleBlock(
             self.sample_time_s,
             k,

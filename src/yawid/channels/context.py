@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
+from yawid.channels.latest import Latest
+from yawid.channels.vehicle import ARDUPILOT, Vehicle
+from yawid.channels.vtol import Wings
 
 LEAST_AIRSPEED = 5.0
 """Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
@@ -20,33 +23,11 @@ LANDED, IN_AIR = 1, (2, 3, 4)
 
 
 @dataclass(slots=True)
-class Latest:
-    """The newest values of a message before any place of the stream, NaN before the first."""
-
-    columns: int
-    order: Ints = field(default_factory=lambda: np.full(1, -1, np.int64))
-    values: Floats = field(default_factory=lambda: np.zeros((1, 0)))
-
-    def note(self, block: MessageBlock | None, read: Callable[[NDArray[Any]], Floats]) -> None:
-        """Take a block in; of what came before only the newest row is still needed."""
-        before = self.values[-1:] if self.values.shape[1] else np.full((1, self.columns), np.nan)
-        order, values = self.order[-1:], before
-        if block is not None:
-            order = np.concatenate([order, block.order])
-            values = np.concatenate([values, read(block.fields)])
-        self.order, self.values = order, values
-
-    def at(self, order: Ints) -> Floats:
-        """Return the values (n, columns) held at each place."""
-        held: Floats = self.values[np.searchsorted(self.order, order) - 1]
-        return held
-
-
-@dataclass(slots=True)
 class Context:
-    """What VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE said last."""
+    """What VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE said last of the ``vehicle``."""
 
-    armed_counts: bool = False
+    vehicle: Vehicle | None = None
+    wings: Wings = field(default_factory=Wings)
     _hud: Latest = field(default_factory=lambda: Latest(3))
     _state: Latest = field(default_factory=lambda: Latest(2))
     _landed: Latest = field(default_factory=lambda: Latest(1))
@@ -59,16 +40,19 @@ class Context:
             lambda f: np.stack([f["custom_mode"], f["base_mode"] & ARMED], axis=1).astype(float),
         )
         self._landed.note(messages.get("EXTENDED_SYS_STATE"), _columns("landed_state"))
+        self.wings.note(messages)
 
     def at(self, order: Ints) -> Floats:
-        """Return what is known at each place, NaN where it is not, (n, 4).
+        """Return what is known at each place, NaN where it is not, (n, 5).
 
-        The columns are airspeed in m/s, on ground (0, 1), mode and altitude in m as VFR_HUD has it
-        (above the sea, by ArduPilot and PX4 alike).
+        The columns are airspeed in m/s, on ground (0, 1), mode, altitude in m as VFR_HUD has it
+        (above the sea, by ArduPilot and PX4 alike), and the bits of :class:`Held` by which nobody
+        flies on wings alone.
         """
         hud, state = self._hud.at(order), self._state.at(order)
         on_ground = self._on_ground(hud, state[:, 1], self._landed.at(order)[:, 0])
-        return np.stack([hud[:, 0], on_ground, state[:, 0], hud[:, 2]], axis=1)
+        held = self.wings.held(order, state[:, 0], self.vehicle)
+        return np.stack([hud[:, 0], on_ground, state[:, 0], hud[:, 2], held], axis=1)
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where nothing tells, (n,).
@@ -79,7 +63,8 @@ class Context:
         """
         air, over_ground = hud[:, 0], hud[:, 1]
         fast, slow = over_ground >= LEAST_AIRSPEED, over_ground < LEAST_AIRSPEED
-        disarmed = (armed == 0.0) & self.armed_counts
+        counts = self.vehicle is not None and self.vehicle.autopilot == ARDUPILOT
+        disarmed = (armed == 0.0) & counts
         grounded = slow & ((air < LEAST_AIRSPEED) | disarmed) | ~fast & (landed == LANDED)
         flying = fast | (air >= LEAST_AIRSPEED) | np.isin(landed, IN_AIR)
         return np.where(grounded, 1.0, np.where(flying, 0.0, np.nan))

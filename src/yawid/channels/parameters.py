@@ -20,6 +20,7 @@ PX4_TRAVEL_US: Travel = (1000.0, 1500.0, 2000.0)
 _RELEVANT = re.compile(
     r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)|RC[1-9]\d?_(MIN|TRIM|MAX|REV|REVERSED)"
     r"|RC_?MAP_(YAW|ROLL)|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
+    r"|Q_(M_PWM_(MIN|MAX)|THR_(MIN|MAX)_PWM|TILT_MASK|TAILSIT_MOTMX)"
 )
 _FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION")
 
@@ -48,6 +49,7 @@ class ParameterTable:
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
+        self._functions: dict[int, int] | None = None
 
     def changes(self, block: MessageBlock) -> Iterator[int]:
         """Take PARAM_VALUE rows in, one by one; yield the order of each that may matter."""
@@ -57,6 +59,7 @@ class ParameterTable:
             changed = self.values.get(name) != value
             self.values[name] = value
             if changed and _RELEVANT.fullmatch(name):
+                self._functions = None
                 yield order
 
     def get(self, name: str, default: float) -> float:
@@ -66,6 +69,12 @@ class ParameterTable:
 
     def functions(self) -> dict[int, int]:
         """Return servo number -> function for every SERVOn_FUNCTION heard."""
+        # Asked for with every block of messages, of a thousand parameters that hardly ever change.
+        if self._functions is None:
+            self._functions = self._read_functions()
+        return self._functions
+
+    def _read_functions(self) -> dict[int, int]:
         found = {}
         for name, value in self.values.items():
             match = _FUNCTION.fullmatch(name)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.clock import UNIX_US, OwnClock, Series, boot_us, unwrap_uint32_us
-from yawid.channels.context import Latest
+from yawid.channels.latest import Latest
 from yawid.channels.surface import Surface
 from yawid.channels.twins import Twins
 

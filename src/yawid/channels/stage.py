@@ -23,7 +23,8 @@ from yawid.channels.stand_in import OUTPUTS, Heard
 from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.twins import Twins
-from yawid.channels.vehicle import ARDUPILOT, VehicleLock
+from yawid.channels.vehicle import VehicleLock
+from yawid.channels.vtol import LiftMotor, lift_motors
 from yawid.channels.yaw import SOURCES, UNTIMED, YawReader
 from yawid.errors import ConfigError
 from yawid.run_config import RunConfig
@@ -76,7 +77,7 @@ class Channels:
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
             return []
-        self._context.armed_counts = self.lock.vehicle.autopilot == ARDUPILOT
+        self._context.vehicle = self.lock.vehicle
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
             if self.yaw.source in (None, UNTIMED):
@@ -95,13 +96,14 @@ class Channels:
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
         """Cut the block where something told changes the surfaces; yield each stretch with them."""
-        self.surfaces, self.aileron = self._find_surfaces(), self._find("aileron")
+        wings = self._context.wings
+        self.surfaces, self.aileron, wings.lift = self._find_all()
         low = -1
         for order in self._told(messages, parameters):
-            found, aileron = self._find_surfaces(), self._find("aileron")
-            if (found, aileron) != (self.surfaces, self.aileron):
+            found = self._find_all()
+            if found != (self.surfaces, self.aileron, wings.lift):
                 yield _between(messages, low, order), self.surfaces
-                low, self.surfaces, self.aileron = order, found, aileron
+                low, (self.surfaces, self.aileron, wings.lift) = order, found
         yield _between(messages, low, None), self.surfaces
 
     def _told(
@@ -120,6 +122,12 @@ class Channels:
                 self._heard.count(name)
                 yield high
             low = high
+
+    def _find_all(self) -> tuple[tuple[Surface, ...], Surface | None, tuple[LiftMotor, ...]]:
+        """Return the inputs' surfaces, the aileron and the lift motors as they are known now."""
+        assert self.lock.vehicle is not None
+        lift = lift_motors(self.lock.vehicle, self.parameters)
+        return self._find_surfaces(), self._find("aileron"), lift
 
     def _find_surfaces(self) -> tuple[Surface, ...]:
         """Return a surface for every input, or none at all while one is missing."""

@@ -9,7 +9,6 @@ the middle, or at CENT.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +98,7 @@ class Surface:
 
     def normalised(self, part: Part, block: MessageBlock) -> Floats:
         """Return one output (n,) on -1..1, NaN where it is off or absent."""
-        return part.normalised(_raw(self.message, part.number, block.fields))
+        return part.normalised(raw_output(block, part.number))
 
     def rows(self, block: MessageBlock) -> Bools:
         """Return which rows of the message carry this surface at all (port, group)."""
@@ -131,7 +130,9 @@ def _field(message: str, number: int) -> str:
     return f"servo{(number - 1) % 16 + 1}_raw"
 
 
-def _raw(message: str, number: int, fields: NDArray[Any]) -> Floats:
+def raw_output(block: MessageBlock, number: int) -> Floats:
+    """Return one output's raw values (n,)."""
+    message, fields = block.name, block.fields
     if message in _ARRAYS:
         name, first = _ARRAYS[message]
         return np.asarray(fields[name][:, number - first], float)

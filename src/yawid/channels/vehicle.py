@@ -18,6 +18,8 @@ ARDUPILOT = 3
 PX4 = 12
 GENERIC = 0
 FIXED_WING = 1
+VTOL_TYPES = range(19, 26)
+"""MAV_TYPE of what hovers and flies on wings."""
 TYPE_NAMES = {
     0: "generic",
     1: "fixed wing",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Ints, MessageBlock
+from yawid.blocks import Floats, Held, Ints, MessageBlock
 from yawid.channels.clock import OwnClock, Series, boot_us
 from yawid.channels.context import LEAST_AIRSPEED, Context
 from yawid.channels.heading import FINE_STD, WHOLE_DEGREES_STD, HeadingRate
@@ -20,9 +20,13 @@ ABSURD_RAD_S = 50.0
 """No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
 STEEPEST = np.deg2rad(80.0)
 """Beyond this pitch Euler's formula has no heading rate."""
-RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE = range(8)
-"""The columns of a yaw row; those from AIRSPEED on are held from message to message."""
-COLUMNS = ALTITUDE + 1
+UPRIGHT = np.deg2rad(65.0)
+"""Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
+a little over it."""
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, BARRED = range(9)
+"""The columns of a yaw row; those from AIRSPEED on are held from message to message.
+BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be learned from."""
+COLUMNS = BARRED + 1
 
 Fields = NDArray[Any]
 Angles = tuple[Floats, Floats, Floats, Floats, Floats]
@@ -166,6 +170,7 @@ class YawReader:
         held = context.at(block.order)
         speed = np.where(held[:, 0] > LEAST_AIRSPEED, held[:, 0], np.nan)
         turn = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
+        held[:, -1] += int(Held.STEEP) * (np.maximum(np.abs(roll), np.abs(pitch)) > UPRIGHT)
         self.rows += len(block)
         values = np.column_stack([rate, unwrapped, roll, turn, held])
         return Series(block.order, block.received_us, t_us, values)

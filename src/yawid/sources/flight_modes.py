@@ -18,6 +18,10 @@ _PX4_MODES = {
 """PX4's main and sub mode of each nav_state of its own (px4_custom_mode.h, VehicleStatus.msg)."""
 
 
+ARDUPLANE_HOVER = range(17, 24)
+"""ArduPlane's modes that hover, QSTABILIZE to QACRO, as HEARTBEAT.custom_mode."""
+
+
 @cache
 def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
     """Return the name of HEARTBEAT.custom_mode, ``mode N`` where it has none.
