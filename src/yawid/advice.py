@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from yawid.channels.stage import Channels
-from yawid.channels.vehicle import ARDUPILOT, Vehicle
+from yawid.channels.vehicle import ARDUPILOT, WITHOUT_RUDDER, Vehicle
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
-
-_MULTIROTORS = frozenset({2, 3, 4, 13, 14, 15})
 
 
 def what_to_record(reasons: Iterable[str], channels: Channels) -> list[str]:
@@ -30,7 +28,7 @@ def _no_rudder(channels: Channels, vehicle: Vehicle) -> str:
     if channels.surfaces:
         message = channels.surfaces[0].message
         return f"ask for {message} at {ASK_HZ} Hz or more: it tells where the rudder is"
-    if vehicle.type in _MULTIROTORS:
+    if vehicle.type in WITHOUT_RUDDER:
         return f"a {vehicle.type_name} has no rudder to learn from: record an aircraft that has one"
     if vehicle.autopilot == ARDUPILOT and any(channels.parameters.functions().values()):
         return (

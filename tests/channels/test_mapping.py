@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held, MessageBlock
-from yawid.channels.mapping import find_surface
+from yawid.channels.mapping import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import Part, Surface
 from yawid.channels.vehicle import ARDUPILOT, PX4, Vehicle
@@ -251,6 +251,44 @@ def test_without_named_outputs_px4_has_its_control_group():
 
     assert found.source == "ACTUATOR_CONTROL_TARGET.controls[2]"
     assert find_surface("rudder", "auto", PX4_PLANE, ParameterTable(), frozenset()) is None
+
+
+QUADROTOR, TRICOPTER, ROVER, SUBMARINE, GENERIC, TILT_ROTOR = 2, 15, 10, 12, 0, 21
+CONTROLS = frozenset({"ACTUATOR_CONTROL_TARGET", "SERVO_OUTPUT_RAW", "RC_CHANNELS"})
+
+
+def vehicle(kind: int, autopilot: int) -> Vehicle:
+    return Vehicle(sysid=1, compid=1, type=kind, autopilot=autopilot, order=0)
+
+
+@pytest.mark.parametrize("selector", ["auto", "control:2", "servo:4", "vtail:1,2", "rc:4"])
+@pytest.mark.parametrize("kind", [QUADROTOR, TRICOPTER, ROVER, SUBMARINE])
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
+def test_what_turns_without_a_rudder_has_none_by_any_option(autopilot, kind, selector):
+    alike = vehicle(kind, autopilot)
+
+    assert find_surface("rudder", selector, alike, ParameterTable(), CONTROLS) is None
+    assert "has no rudder" in why_no_surface("rudder", alike, ParameterTable())
+
+
+def test_a_quadrotor_whose_parameters_name_a_rudder_has_one():
+    table = ParameterTable()  # a quadplane that calls itself a quadrotor (Q_MAV_TYPE)
+    table.values = {"SERVO4_FUNCTION": 21.0, "SERVO5_FUNCTION": 33.0}
+
+    for selector in ("auto", "servo:4"):
+        found = find_surface("rudder", selector, vehicle(QUADROTOR, ARDUPILOT), table, CONTROLS)
+        assert found.source == "SERVO_OUTPUT_RAW.servo4_raw"
+
+
+def test_control_2_is_a_rudder_by_convention_on_wings_alone():
+    def by(kind: int, selector: str) -> bool:
+        found = find_surface("rudder", selector, vehicle(kind, PX4), ParameterTable(), CONTROLS)
+        return found is not None
+
+    assert by(TILT_ROTOR, "auto")
+    # Nothing says what a generic vehicle is: its owner may.
+    assert not by(GENERIC, "auto")
+    assert by(GENERIC, "control:2")
 
 
 @pytest.mark.parametrize("value", [0, 1, 4, 204, 1100, -1, -400])

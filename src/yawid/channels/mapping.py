@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.stand_in import stick, stick_part
 from yawid.channels.surface import STICKS, Part, Surface
-from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, Vehicle
+from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER, Vehicle, has_wings
 
 AP_RUDDER, AP_AILERON = 21, 4
 AP_VTAIL_LEFT, AP_VTAIL_RIGHT = 79, 80
@@ -33,9 +33,13 @@ def find_surface(
 
     With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has told no
     SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
-    no output ACTUATOR_CONTROL_TARGET, if it is ``heard``. Of a fixed-wing that sends no output at
-    all the pilot's stick stands in, unless its parameters name other surfaces and not this one.
+    no output ACTUATOR_CONTROL_TARGET, if it is ``heard`` and the vehicle has wings. Of a fixed-wing
+    that sends no output at all the pilot's stick stands in, unless its parameters name other
+    surfaces and not this one. What has no rudder by its type has none by an option either, unless
+    its parameters name one.
     """
+    if vehicle.type in WITHOUT_RUDDER and _told(what, vehicle, table, heard) is None:
+        return None
     kind, _, number = selector.partition(":")
     if kind == "servo":
         return Surface("SERVO_OUTPUT_RAW", "option", (_servo(int(number), table),))
@@ -56,14 +60,29 @@ def find_surface(
 def _named(
     what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
 ) -> Surface | None:
-    """Return the output that parameters or convention name."""
-    if vehicle.autopilot == ARDUPILOT:
-        return _ardupilot(what, vehicle, table)
-    named = _px4(what, table, heard)
-    if named is None and "ACTUATOR_CONTROL_TARGET" in heard:
+    """Return the output that parameters or convention name.
+
+    By PX4's convention control 2 is the torque about the yaw axis: of wings the rudder, of anything
+    else the difference of its rotors. A generic vehicle (type 0) says neither, as does a log that
+    has lost its parameters: its rudder has to be named by an option.
+    """
+    told = _told(what, vehicle, table, heard)
+    if told is not None:
+        return told
+    by_convention = vehicle.autopilot != ARDUPILOT and has_wings(vehicle)
+    if by_convention and "ACTUATOR_CONTROL_TARGET" in heard:
         part = Part(CONTROL_INDEX[what], None)
         return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
-    return named
+    return None
+
+
+def _told(
+    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return the output that the parameters name, or ArduPilot's stock one."""
+    if vehicle.autopilot == ARDUPILOT:
+        return _ardupilot(what, vehicle, table)
+    return _px4(what, table, heard)
 
 
 def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
@@ -189,6 +208,11 @@ def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
     if functions:
         found = ", ".join(f"SERVO{n}={f}" for n, f in functions.items())
         return f"none of the servo functions is a {what}; found are {found}"
+    if vehicle.type in WITHOUT_RUDDER:
+        return (
+            f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}: it has no {what}; "
+            "the torque that turns it is none, whatever channel is named"
+        )
     return (
         f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "
         f"on {vehicle.autopilot_name}"

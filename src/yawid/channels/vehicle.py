@@ -20,6 +20,8 @@ GENERIC = 0
 FIXED_WING = 1
 VTOL_TYPES = range(19, 26)
 """MAV_TYPE of what hovers and flies on wings."""
+WITHOUT_RUDDER = frozenset({2, 3, 4, 10, 12, 13, 14, 15, 29, 35, 43})
+"""MAV_TYPE of helicopters and multirotors, ground rover and submarine: what turns them is none."""
 TYPE_NAMES = {
     0: "generic",
     1: "fixed wing",
@@ -44,7 +46,10 @@ TYPE_NAMES = {
     22: "VTOL fixed-rotor",
     26: "gimbal",
     27: "ADS-B receiver",
+    29: "dodecarotor",
     30: "camera",
+    35: "decarotor",
+    43: "multirotor",
 }
 NOT_A_VEHICLE = frozenset({5, 6, 18, 26, 27, 30, 31, 32, 33, 34, 36, 37, 38, 39})
 AUTOPILOT_NAMES = {0: "generic", 3: "ArduPilot", 12: "PX4"}
@@ -69,6 +74,11 @@ class Vehicle:
     def autopilot_name(self) -> str:
         """The autopilot in words."""
         return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot {self.autopilot}")
+
+
+def has_wings(vehicle: Vehicle) -> bool:
+    """Tell whether it flies on wings, always or in part of its flight."""
+    return vehicle.type == FIXED_WING or vehicle.type in VTOL_TYPES
 
 
 @dataclass(slots=True)

@@ -16,7 +16,7 @@ from yawid.blocks import Floats, Held, Ints, MessageBlock
 from yawid.channels.latest import Latest
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import raw_output
-from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, VTOL_TYPES, Vehicle
+from yawid.channels.vehicle import ARDUPILOT, VTOL_TYPES, Vehicle, has_wings
 from yawid.sources.flight_modes import ARDUPLANE_HOVER
 
 AP_MOTORS = range(33, 41)
@@ -40,7 +40,7 @@ class LiftMotor:
 
 def lift_motors(vehicle: Vehicle, table: ParameterTable) -> tuple[LiftMotor, ...]:
     """Return the motors that ArduPlane uses for lift alone; other vehicles have none to name."""
-    if vehicle.autopilot != ARDUPILOT or not _has_wings(vehicle):
+    if vehicle.autopilot != ARDUPILOT or not has_wings(vehicle):
         return ()
     forward = int(table.get("Q_TILT_MASK", 0.0)) | int(table.get("Q_TAILSIT_MOTMX", 0.0))
     found = []
@@ -49,10 +49,6 @@ def lift_motors(vehicle: Vehicle, table: ParameterTable) -> tuple[LiftMotor, ...
             low, high = _range_us(number, table)
             found.append(LiftMotor(number, low + DRIVEN * (high - low)))
     return tuple(found)
-
-
-def _has_wings(vehicle: Vehicle) -> bool:
-    return vehicle.type == FIXED_WING or vehicle.type in VTOL_TYPES
 
 
 def _range_us(number: int, table: ParameterTable) -> tuple[float, float]:
@@ -95,7 +91,7 @@ class Wings:
         """Return the bits of :class:`Held` at places (n,), ``mode`` (n,) being the flight mode."""
         state = self._state.at(order)[:, 0]
         hovers = np.isin(state, HOVER_STATES)
-        if vehicle is not None and _has_wings(vehicle):
+        if vehicle is not None and has_wings(vehicle):
             if vehicle.autopilot == ARDUPILOT:
                 hovers |= np.isin(mode, ARDUPLANE_HOVER)
             elif vehicle.type in VTOL_TYPES:

@@ -1,0 +1,39 @@
+"""Recorded flights that hold commands and outputs, and no rudder that moved the aircraft."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from yawid.cli import main
+
+FLIGHTS = Path(__file__).parents[1] / ".." / "shared" / "flights"
+pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+
+
+def replay(capsys, tmp_path: Path, name: str, *options: object) -> tuple[int, dict[str, str]]:
+    """Return the exit code and the texts of the reasons."""
+    arguments = ["replay", FLIGHTS / name, "--out", tmp_path, "--json", *options]
+    code = main([str(argument) for argument in arguments])
+    summary: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return code, {reason["id"]: reason["text"] for reason in summary["verdict"]["reasons"]}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        (),
+        ("--forgetting", 1, "--method", "rml", "--orders", "2,2,1,2"),
+        ("--rudder", "control:2"),
+        ("--rudder", "servo:1"),
+        ("--rudder", "rc:4", "--inputs", "rudder,aileron"),
+    ],
+)
+def test_a_quadrotors_yaw_torque_is_no_rudder(options: tuple[object, ...], capsys, tmp_path: Path):
+    code, said = replay(capsys, tmp_path, "px4_quad_bench.ulg", *options)
+
+    assert code == 3
+    assert "quadrotor (type 2) on PX4" in said["no_rudder"]
