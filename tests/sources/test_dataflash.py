@@ -192,6 +192,14 @@ def test_altitude_is_the_positions_or_that_of_gps(tmp_path: Path):
     np.testing.assert_array_equal(by_position["alt"], [np.nan, 512.5])
 
 
+def test_whether_it_believes_to_fly_comes_as_the_system_state(tmp_path: Path):
+    log = DataflashLog()
+    log.add("STAT", 1000, 0)
+    log.add("STAT", 2000, 1)
+    mine = columns(written(tmp_path, log.data))["EXTENDED_SYS_STATE"]
+    assert mine["landed_state"].tolist() == [1, 2]
+
+
 def test_modes_and_arming_are_told_where_they_change(tmp_path: Path):
     log = DataflashLog()
     log.add("MODE", 1, 2, 2, 0)

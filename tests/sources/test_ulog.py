@@ -32,10 +32,12 @@ from sources.ulog_writer import ULogFile
 from yawid.channels.stage import WANTED, Channels
 from yawid.channels.vehicle import PX4
 from yawid.errors import SourceError
+from yawid.inspect import inspect
 from yawid.outputs import Outputs
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag, replay
+from yawid.sources.columns import table
 from yawid.sources.flight_modes import mode_name, px4_custom_modes
 from yawid.sources.frames import Decoder
 from yawid.sources.logs import open_log
@@ -117,6 +119,46 @@ def test_the_estimators_speed_goes_before_that_of_gps(tmp_path: Path):
     log.add("vehicle_local_position", 2000, 3.0, 4.0, True)
     mine = columns(written(tmp_path, log.data))["VFR_HUD"]
     assert mine["groundspeed"].tolist() == [5.0]
+
+
+def told(mine: np.ndarray) -> list[tuple[int, int]]:
+    return list(zip(mine["landed_state"].tolist(), mine["vtol_state"].tolist(), strict=True))
+
+
+def test_landed_and_hovering_come_as_the_system_state(tmp_path: Path):
+    log = ULogFile({})
+    log.add("vehicle_land_detected", 1000, True)
+    log.add("vtol_vehicle_status", 2000, 3)
+    log.add("vehicle_land_detected", 3000, False)
+    log.add("vtol_vehicle_status", 4000, 4)
+    mine = columns(written(tmp_path, log.data))["EXTENDED_SYS_STATE"]
+
+    assert told(mine) == [(1, 0), (1, 3), (2, 3), (2, 4)]
+
+
+def test_a_vtol_without_a_status_of_its_own_is_what_its_type_is_just_now(tmp_path: Path):
+    for is_vtol, expected in ((True, [(0, 3), (0, 4)]), (False, [])):
+        log = ULogFile({})
+        for t, kind in ((1000, 1), (2000, 2)):  # rotary wing, fixed wing
+            log.add("vehicle_status", t, 2, 0, 21, 1, is_vtol, kind)
+        mine = columns(written(tmp_path, log.data))
+        assert told(mine.get("EXTENDED_SYS_STATE", table("EXTENDED_SYS_STATE", 0))) == expected
+
+
+@pytest.mark.parametrize(
+    ("landed", "state"), [(True, "on ground"), (False, "airborne"), (None, None)]
+)
+def test_nobody_flies_by_an_airspeed_of_zero_alone(landed, state, tmp_path: Path):
+    log = ULogFile(PARAMETERS)
+    if landed is not None:
+        log.add("vehicle_land_detected", 500, landed)
+    for k in range(1500):
+        log.add("vehicle_angular_velocity", 20_000 * k + 1000, 0, [0, 0, 0.1])
+        log.add("actuator_outputs", 20_000 * k + 1010, [1500, 1500, 1500 + k % 50], 3)
+        log.add("airspeed_validated", 20_000 * k + 1020, 0.0)
+    report, _ = inspect(written(tmp_path, log.data), RunConfig())
+
+    assert {phase.get("state") for phase in report["phases"][-1:]} == {state}
 
 
 def test_angles_are_those_flown(ulg: Path):

@@ -22,6 +22,8 @@ COMPID = 1
 """MAV_COMP_ID_AUTOPILOT1: who writes an on-board log."""
 ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
+LANDED, IN_AIR = 1, 2
+"""MAV_LANDED_STATE."""
 STRAY_US = 10_000_000
 """A time this far from its neighbours' is a damaged one."""
 ANGLES_GAP_US = 1_000_000

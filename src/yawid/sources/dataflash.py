@@ -1,10 +1,11 @@
 """ArduPilot's on-board log (.bin) as the MAVLink messages that the channels read.
 
 RCOU becomes SERVO_OUTPUT_RAW, RCIN RC_CHANNELS, PARM PARAM_VALUE, MODE and ARM HEARTBEAT, CTUN or
-ARSP, GPS and POS VFR_HUD. ATTITUDE has the body's rates from RATE or IMU, a row for each of theirs,
-and the angles of ATT, linear between two of its rows. ArduPlane writes RATE only in VTOL modes; IMU
-is the first gyro as calibrated, its slow drift not taken out as RATE's is. With neither the heading
-of ATT stands in, coarse, as GLOBAL_POSITION_INT. RCOU ends at output 14; later ones are not read.
+ARSP, GPS and POS VFR_HUD, STAT EXTENDED_SYS_STATE. ATTITUDE has the body's rates from RATE or IMU,
+a row for each of theirs, and the angles of ATT, linear between two of its rows. ArduPlane writes
+RATE only in VTOL modes; IMU is the first gyro as calibrated, its slow drift not taken out as RATE's
+is. With neither the heading of ATT stands in, coarse, as GLOBAL_POSITION_INT. RCOU ends at output
+14; later ones are not read.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from yawid.sources.dataflash_state import (
     hud,
     parameters,
     system_id,
+    system_state,
     unix_minus_boot_us,
 )
 from yawid.sources.link import LinkStats
@@ -65,6 +67,7 @@ class DataflashReader:
         self._context = [
             self._untimed("HEARTBEAT", *_from_start(heartbeats(index), self._shift)),
             self._untimed("VFR_HUD", *hud(index)),
+            self._untimed("EXTENDED_SYS_STATE", *system_state(index)),
             self._untimed("PARAM_VALUE", changed, values),
         ]
 

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
-from yawid.sources.columns import ARMED, held, table
+from yawid.sources.columns import ARMED, IN_AIR, LANDED, held, table
 from yawid.sources.dataflash_index import DataflashIndex
 
 Told = tuple[Ints, NDArray[Any]]
 
 NAMES = ("PARM", "MODE", "ARM", "EV", "MSG", "VER")
 """The log's messages read here, beside those with a time that counts."""
-TIMED_NAMES = ("GPS", "CTUN", "ARSP", "NTUN", "POS")
+TIMED_NAMES = ("GPS", "CTUN", "ARSP", "NTUN", "POS", "STAT")
 ARDUPILOT = 3  # MAV_AUTOPILOT
 _TYPE_OF_BUILD = {1: 10, 2: 2, 3: 1, 4: 5, 7: 12, 12: 7, 13: 4}  # VER.BU -> MAV_TYPE
 _TYPE_OF_NAME = {b"Plane": 1, b"Copter": 2, b"Rover": 10, b"Sub": 12, b"Tracker": 5, b"Blimp": 7}
@@ -124,6 +124,16 @@ def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tup
             offsets = index.offsets[name]
             return offsets, index.si(name, index.rows(name, offsets), column)
     return _NONE, np.zeros(0)
+
+
+def system_state(index: DataflashIndex) -> Told:
+    """Return an EXTENDED_SYS_STATE for each time that ArduPlane says whether it believes to fly."""
+    if not index.has("STAT", "isFlying"):
+        return _NONE, table("EXTENDED_SYS_STATE", 0)
+    offsets = index.offsets["STAT"]
+    flies = index.rows("STAT", offsets)["isFlying"] != 0
+    landed = np.where(flies, IN_AIR, LANDED)
+    return offsets, table("EXTENDED_SYS_STATE", len(offsets), landed_state=landed)
 
 
 def _vehicle_type(index: DataflashIndex) -> int:

@@ -3,10 +3,10 @@
 actuator_outputs becomes SERVO_OUTPUT_RAW (its instance is the port), actuator_outputs_sim
 HIL_ACTUATOR_CONTROLS, actuator_controls_0 or in newer logs vehicle_torque_setpoint
 ACTUATOR_CONTROL_TARGET (of a VTOL the fixed-wing's), input_rc RC_CHANNELS, vehicle_status
-HEARTBEAT (``custom_mode`` as it would be sent), airspeed, ground speed and altitude VFR_HUD.
-ATTITUDE has a row for each of vehicle_angular_velocity at its sampling time, with the angles of
-vehicle_attitude, linear between two of its rows; older logs have the rates in vehicle_attitude
-itself, or in sensor_combined.
+HEARTBEAT (``custom_mode`` as it would be sent), airspeed, ground speed and altitude VFR_HUD,
+vehicle_land_detected and vtol_vehicle_status EXTENDED_SYS_STATE. ATTITUDE has a row for each of
+vehicle_angular_velocity at its sampling time, with the angles of vehicle_attitude, linear between
+two of its rows; older logs have the rates in vehicle_attitude itself, or in sensor_combined.
 
 A standard log has actuator_outputs at 10 Hz, vehicle_torque_setpoint at 50: ``--rudder control:2``
 reads the latter.
@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
 from yawid.sources.columns import (
@@ -38,7 +37,18 @@ from yawid.sources.columns import (
 from yawid.sources.flight_modes import px4_custom_modes
 from yawid.sources.link import LinkStats
 from yawid.sources.tlog import CHUNK, Digest
-from yawid.sources.ulog_file import Topic, array, euler, parsed, published, sampled, topics_of
+from yawid.sources.ulog_file import (
+    Rows,
+    Topic,
+    array,
+    euler,
+    parsed,
+    published,
+    sampled,
+    topics_of,
+)
+from yawid.sources.ulog_state import TOPICS as STATE_TOPICS
+from yawid.sources.ulog_state import system_state
 
 MAGIC = b"ULog\x01\x12\x35"
 PX4 = 12  # MAV_AUTOPILOT
@@ -49,6 +59,7 @@ _TOPICS = (
     *("actuator_outputs", "actuator_outputs_sim", "actuator_controls_0", "actuator_controls_1"),
     *("vehicle_torque_setpoint", "input_rc", "airspeed_validated", "airspeed"),
     *("vehicle_local_position", "vehicle_global_position", "vehicle_air_data", *_GPS),
+    *STATE_TOPICS,
 )
 _ARMED_STATE, _FIXED_WING_STATE, _FIXED_WING = 2, 2, 1
 _VTOL_TYPES = range(19, 26)  # MAV_TYPE
@@ -57,8 +68,6 @@ _UNIX_US = 10**15  # no boot time is as late, no flight as early
 _NONE = np.zeros(0, np.int64)
 
 _NO_ROWS: Topic = {"timestamp": _NONE}
-
-Rows = tuple[Ints, NDArray[Any]]
 
 
 class UlogReader:
@@ -116,6 +125,7 @@ class UlogReader:
         yield "HEARTBEAT", self._heartbeats()
         yield "PARAM_VALUE", self._parameters()
         yield "VFR_HUD", self._hud()
+        yield "EXTENDED_SYS_STATE", system_state(self._topics)
         yield "ATTITUDE", self._attitude()
         yield "SERVO_OUTPUT_RAW", self._servos()
         yield "ACTUATOR_CONTROL_TARGET", self._controls()

@@ -16,6 +16,8 @@ from yawid.errors import SourceError
 from yawid.sources.columns import quiet, steady
 
 Topic = Mapping[str, NDArray[Any]]
+Rows = tuple[Ints, NDArray[Any]]
+"""The times of a message's rows in microseconds since boot, and their fields."""
 _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 
 
