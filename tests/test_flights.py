@@ -193,7 +193,7 @@ def test_skywalker_with_its_turns_removed_has_an_estimate_that_nobody_would_act_
     assert 5.0 < estimate["dutch_roll"]["wn_rad_s"] < 7.0
     assert 0.1 < estimate["dutch_roll"]["wn_std"] < 2.0
     assert 5.0 < estimate["fit"]["simulation_held_back_pct"] < 20.0
-    assert "poor_fit" in reasons(summary)
+    assert {"airspeed_changed", "disarmed", "poor_fit"} <= reasons(summary).keys()
     assert "turn_dominated" not in reasons(summary)
 
 

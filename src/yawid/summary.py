@@ -105,7 +105,8 @@ def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
     missing = list(_missing(pipeline))
     if missing:
         return Verdict.of(missing)
-    found = _surface_reasons(channels)
+    found = [Reason(*said) for said in channels.command.texts(channels.lock.vehicle)]
+    found += _surface_reasons(channels)
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
         return Verdict.of([*found, Reason("not_excited", text)])

@@ -13,6 +13,7 @@ import numpy as np
 from yawid.blocks import FrameBlock, MessageBlock, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.clock import Piece, Segmenter, Series
+from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.context import Context
 from yawid.channels.decimate import finer_by
@@ -59,6 +60,7 @@ class Channels:
         self._used: tuple[Surface, ...] = ()
         self._heard = Heard()
         self._context = Context()
+        self.command = Command(*window_us(config))
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
 
@@ -186,13 +188,18 @@ class Channels:
             yaw = yaw.select(~early)
         if len(surface):
             self._used = surfaces
-        return samples + self._segments(yaw, surface)
+        samples += self._segments(yaw, surface)
+        self.command.note(messages)
+        return samples
 
     def _segments(self, yaw: Series, surface: Series) -> list[SampleBlock]:
         if self.watch is not None:
             self.watch(yaw, surface)
-        pieces = self.segmenter.feed(yaw, surface)
-        return [block for piece in pieces for block in self._align(piece)]
+        samples = []
+        for piece in self.segmenter.feed(yaw, surface):
+            self.command.take(piece.yaw)
+            samples += self._align(piece)
+        return samples
 
     def _align(self, piece: Piece) -> list[SampleBlock]:
         if self.startup is not None:
@@ -217,12 +224,18 @@ class Channels:
 
     def _chosen(self, block: SampleBlock) -> list[SampleBlock]:
         """Apply --from and --to, which choose samples and not parameters."""
-        low = -np.inf if self.config.from_s is None else 1e6 * self.config.from_s
-        high = np.inf if self.config.to_s is None else 1e6 * self.config.to_s
+        low, high = window_us(self.config)
         rows = (block.boot_us >= low) & (block.boot_us <= high)
         if rows.all():
             return [block]
         return [block.select(rows)] if rows.any() else []
+
+
+def window_us(config: RunConfig) -> tuple[float, float]:
+    """Return --from and --to in microseconds since boot, infinite where they are not given."""
+    low = -np.inf if config.from_s is None else 1e6 * config.from_s
+    high = np.inf if config.to_s is None else 1e6 * config.to_s
+    return low, high
 
 
 def _same_meaning(old: tuple[Surface, ...], new: tuple[Surface, ...]) -> bool:

@@ -8,6 +8,7 @@ the middle, or at CENT.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,6 +129,20 @@ def _field(message: str, number: int) -> str:
     if message == "RC_CHANNELS_RAW":
         return f"chan{(number - 1) % 8 + 1}_raw"
     return f"servo{(number - 1) % 16 + 1}_raw"
+
+
+def raw_outputs(block: MessageBlock) -> Iterator[tuple[int, Floats]]:
+    """Yield every output's number and raw values (n,), those of SERVO_OUTPUT_RAW port by port."""
+    fields = block.fields
+    if block.name in _ARRAYS:
+        name, first = _ARRAYS[block.name]
+        for i in range(fields[name].shape[1]):
+            yield first + i, np.asarray(fields[name][:, i], float)
+        return
+    for port in np.unique(fields["port"]).tolist():
+        own = fields[fields["port"] == port]
+        for i in range(1, 17):
+            yield 16 * port + i, np.asarray(own[f"servo{i}_raw"], float)
 
 
 def raw_output(block: MessageBlock, number: int) -> Floats:

@@ -1,0 +1,140 @@
+"""Whether the autopilot flew the aircraft at all: its outputs moved, and it was armed.
+
+A log may hold commands that nobody carries out: of an autopilot that was taken along disarmed, or
+whose outputs are blocked by a safety switch. Looked at is only what was told while samples could be
+taken: within --from and --to, and not on the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from yawid.blocks import Floats, Ints, MessageBlock
+from yawid.channels.clock import Series
+from yawid.channels.context import ARMED
+from yawid.channels.latest import Latest
+from yawid.channels.surface import raw_outputs
+from yawid.channels.vehicle import Vehicle
+from yawid.channels.yaw import ON_GROUND
+
+MOVED = 0.002
+"""An output whose values differ by more than this part of them has moved: 3 us of a servo."""
+LEAST_ROWS = 10
+"""Of fewer messages nobody can say that an output stood still."""
+_OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
+_OFF = 65535.0
+
+
+@dataclass(slots=True)
+class Output:
+    """What one message said of one output (numbered from 1) over so many rows."""
+
+    rows: int = 0
+    low: float = math.inf
+    high: float = -math.inf
+
+    def note(self, values: Floats) -> None:
+        """Take in its raw values (n,), n >= 1."""
+        self.rows += len(values)
+        self.low, self.high = (
+            min(self.low, float(values.min())),
+            max(self.high, float(values.max())),
+        )
+
+    @property
+    def moved(self) -> bool:
+        """Whether it did."""
+        return self.high - self.low > MOVED * max(abs(self.low), abs(self.high))
+
+
+@dataclass(slots=True)
+class Command:
+    """Gathers the facts from the stage's messages; ``texts`` says what speaks against the log.
+
+    ``low_us`` and ``high_us`` are --from and --to on the vehicle's clock.
+    """
+
+    low_us: float = -math.inf
+    high_us: float = math.inf
+    outputs: dict[tuple[str, int], Output] = field(default_factory=dict)
+    moved: bool = False
+    armed: bool = False
+    disarmed: bool = False
+    on_board: bool = False
+    _rows: list[tuple[Ints, Floats]] = field(default_factory=list)
+    _sampled: Latest = field(default_factory=lambda: Latest(1))
+    _armed: Latest = field(default_factory=lambda: Latest(1))
+
+    def take(self, yaw: Series) -> None:
+        """Take in rows of yaw: they say where samples can be taken."""
+        sampled = (yaw.t_us >= self.low_us) & (yaw.t_us <= self.high_us)
+        sampled &= yaw.values[:, ON_GROUND] != 1.0
+        self._rows.append((yaw.order, sampled[:, None].astype(float)))
+
+    def note(self, messages: Mapping[str, MessageBlock]) -> None:
+        """Take in the messages among which those rows were."""
+        self._armed.note(
+            messages.get("HEARTBEAT"),
+            lambda f: (f["base_mode"] & ARMED != 0)[:, None].astype(float),
+        )
+        if "HEARTBEAT" in messages:
+            # What an on-board log makes of its own status has no field that only a link carries.
+            names = messages["HEARTBEAT"].fields.dtype.names or ()
+            self.on_board = "system_status" not in names
+        rows, self._rows = self._rows, []
+        if self.moved and self.armed:
+            return
+        for order, sampled in rows:
+            armed = self._armed.at(order[sampled[:, 0] != 0.0])
+            self.armed |= bool((armed == 1.0).any())
+            self.disarmed |= bool((armed == 0.0).any())
+        if rows:
+            self._sampled.add(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+        for name in messages.keys() & set(_OUTPUTS):
+            block = messages[name]
+            self._note_outputs(block.select(self._sampled.at(block.order)[:, 0] == 1.0))
+
+    def _note_outputs(self, block: MessageBlock) -> None:
+        if self.moved:
+            return
+        for number, values in raw_outputs(block):
+            told = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
+            if len(told):
+                output = self.outputs.setdefault((block.name, number), Output())
+                output.note(told)
+                self.moved |= output.moved
+
+    def texts(self, vehicle: Vehicle | None) -> Iterator[tuple[str, str]]:
+        """Yield the reasons, (id, text)."""
+        never_armed = self.disarmed and not self.armed
+        still = {key: output for key, output in self.outputs.items() if output.rows >= LEAST_ROWS}
+        said = []
+        if never_armed and self.on_board:
+            name = "the autopilot" if vehicle is None else vehicle.autopilot_name
+            said.append(f"{name} was not armed at any time")
+        if still and not self.moved:
+            said.append(_still(still))
+        if said:
+            yield "not_in_command", f"{' and '.join(said)}: its commands moved nothing"
+        elif never_armed:
+            yield (
+                "disarmed",
+                "every HEARTBEAT says disarmed while the log was sampled: nothing shows that the "
+                "outputs reached the servos",
+            )
+
+
+def _still(outputs: Mapping[tuple[str, int], Output]) -> str:
+    """Say which outputs (by message and number) stood still, and where."""
+    said = []
+    for message in sorted({message for message, _ in outputs}):
+        own = {number: output for (name, number), output in outputs.items() if name == message}
+        numbers = ", ".join(map(str, sorted(own)))
+        values = sorted({f"{output.low:g}" for output in own.values()})
+        at = f" at {values[0]}" if len(values) == 1 else ""
+        said.append(f"{message} outputs {numbers} stood still{at}")
+    return " and ".join(said)
