@@ -157,9 +157,12 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
         channels, degrees = before["channels"], pipeline.config.rudder_max_deg
-        rates_hz = channels["yaw"]["rate_hz"], channels[pipeline.config.inputs[0]]["rate_hz"]
+        yaw_hz, rudder_hz = (
+            channels[name].get("first_rate_hz", channels[name]["rate_hz"])
+            for name in ("yaw", pipeline.config.inputs[0])
+        )
         unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
-        verdict = bank_verdict(bank, evidence, rates_hz, unit, of_the_log)
+        verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)
     elif run.grid is not None:
         text = "no sample lies within --from and --to"
         verdict = Verdict.of([*of_the_log, Reason("not_excited", text)])

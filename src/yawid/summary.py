@@ -5,13 +5,13 @@ A key that does not apply is absent; no value is ever NaN.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
 from yawid.channels.mapping import why_no_surface
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
+from yawid.channels.startup import RATE_TOLERANCE
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.twins import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.yaw import COARSE, SOURCES
@@ -81,13 +81,32 @@ def _link(pipeline: Pipeline) -> dict[str, int]:
 
 
 def _channels(channels: Channels) -> dict[str, Any]:
-    rates = [] if channels.intervals_us is None else [1e6 / t for t in channels.intervals_us]
+    yaw_rate, surface_rate = _rates(channels)
     found: dict[str, Any] = {}
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
-        found[name] = _surface(surface, channels.twins) | ({"rate_hz": rates[1]} if rates else {})
+        found[name] = _surface(surface, channels.twins) | surface_rate
     if channels.yaw.rows:
-        found["yaw"] = {"source": channels.yaw.label} | ({"rate_hz": rates[0]} if rates else {})
+        found["yaw"] = {"source": channels.yaw.label} | yaw_rate
     return found
+
+
+def _rates(channels: Channels) -> list[dict[str, float]]:
+    """Return what to say of the message rates of yaw and surfaces.
+
+    ``rate_hz`` is that of the first seconds, which chose the grid, unless the whole run's is
+    another by more than their jitter: then it is the whole run's, and the other one stands beside
+    it.
+    """
+    if channels.intervals_us is None:
+        return [{}, {}]
+    told = []
+    for flow, interval_us in zip(channels.flows, channels.intervals_us, strict=True):
+        first_hz, whole_hz = 1e6 / interval_us, flow.rate_hz
+        if abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz:
+            told.append({"rate_hz": whole_hz, "first_rate_hz": first_hz})
+        else:
+            told.append({"rate_hz": first_hz})
+    return told
 
 
 def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
@@ -111,7 +130,7 @@ def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
         return Verdict.of([*found, Reason("not_excited", text)])
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
-    found += changed_rates(yaw_hz, rudder_hz, *_later_rates(channels))
+    found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
     travel_unit = abs(channels.surfaces[0].scale)
     return bank_verdict(bank, evidence, (yaw_hz, rudder_hz), travel_unit, found)
 
@@ -136,15 +155,6 @@ def _missing(pipeline: Pipeline) -> Iterator[Reason]:
         yield Reason("no_rudder", text)
     if channels.yaw.rows == 0:
         yield Reason("no_yaw", f"none of {', '.join(SOURCES)} comes from the vehicle")
-
-
-def _later_rates(channels: Channels) -> tuple[float, float]:
-    """Return the message rates (yaw, rudder) over all the time that both have flowed."""
-    aligner = channels.aligner
-    if aligner is None or aligner.instants == 0:
-        return math.nan, math.nan
-    seconds = aligner.instants * aligner.sample_time_s
-    return channels.yaw.rows / seconds, channels.surface_rows / seconds
 
 
 def _surface_reasons(channels: Channels) -> list[Reason]:

@@ -57,7 +57,6 @@ class Aligner:
     sample_time_s: float
     gaps_us: tuple[float, float]
     gaps: int = 0
-    instants: int = 0
     _yaw: Series = field(default_factory=lambda: Series.empty(COLUMNS))
     _surface: Series = field(default_factory=lambda: Series.empty(0))
     _offset: tuple[Ints, Ints] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -134,7 +133,6 @@ class Aligner:
         first_of_gap = gap & ~np.concatenate([[self._in_gap], gap[:-1]])
         self._next_k, self._in_gap = first_k + n, bool(gap[-1])
         self.gaps += int(first_of_gap.sum())
-        self.instants += n - int(gap.sum())
         yaw[gap], surface[gap] = np.nan, np.nan
         later = self._yaw.order[yaw_row] >= self._surface.order[surface_row]
         rows = Rows(

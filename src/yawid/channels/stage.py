@@ -17,6 +17,7 @@ from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.context import Context
 from yawid.channels.decimate import finer_by
+from yawid.channels.flow import Flow
 from yawid.channels.mapping import find_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.servos import SurfaceReader
@@ -57,6 +58,7 @@ class Channels:
         self.surfaces: tuple[Surface, ...] = ()
         self.aileron: Surface | None = None
         self.surface_rows = 0
+        self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
         self._heard = Heard()
         self._context = Context()
@@ -193,6 +195,8 @@ class Channels:
         return samples
 
     def _segments(self, yaw: Series, surface: Series) -> list[SampleBlock]:
+        for flow, rows in zip(self.flows, (yaw, surface), strict=True):
+            flow.note(rows.t_us)
         if self.watch is not None:
             self.watch(yaw, surface)
         samples = []
