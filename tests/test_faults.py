@@ -112,10 +112,10 @@ def test_frames_that_overtake_each_other():
 
 
 def test_a_boot_clock_that_jumps_ahead_by_447_seconds():
-    """theta: near; link.gaps: 1; link.reboots: 0; nothing is filled in: updates not above clean."""
+    """theta: near; link.clock_steps: 1; link.reboots, gaps: 0; updates not above clean."""
     found = assert_near(shifted(447.0, start_s=MIDDLE_S))
 
-    assert (found["link"]["reboots"], found["link"]["gaps"]) == (0, 1)
+    assert [found["link"][name] for name in ("reboots", "gaps", "clock_steps")] == [0, 0, 1]
     assert found["estimates"]["els"]["updates"] <= clean()["estimates"]["els"]["updates"]
 
 

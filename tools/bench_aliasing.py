@@ -68,7 +68,7 @@ def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> Sa
     columns[:, RATE] = y
     order, none = np.arange(n), np.zeros(1, np.int64)
     yaw = Series(2 * order, t_us, t_us, columns)
-    surface = Series(2 * order + 1, t_us, t_us + 3000, u[:, None])
+    surface = Series(2 * order + 1, t_us, t_us + 3000, np.column_stack([u, np.full(n, np.nan)]))
     count = finer_by(sample_time_s, 1e6 / raw_hz) if way == "band" else 1
     aligner = Aligner(sample_time_s / count, (10e6 / rate_hz, 10e6 / rate_hz))
     band = None if way == "none" else (BAND[0] * rate_hz, BAND[1] * rate_hz)

@@ -61,7 +61,7 @@ def as_summary(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _link(pipeline: Pipeline) -> dict[str, int]:
+def _link(pipeline: Pipeline) -> dict[str, Any]:
     link, segmenter, aligner = (
         pipeline.link,
         pipeline.channels.segmenter,
@@ -77,7 +77,7 @@ def _link(pipeline: Pipeline) -> dict[str, int]:
         "clock_steps": segmenter.clock_steps,
         "gaps": segmenter.silences + (0 if aligner is None else aligner.gaps),
         "unsigned_rejected": link.unsigned_rejected,
-    }
+    } | ({"clock_leap_s": segmenter.leap_us / 1e6} if segmenter.leap_us else {})
 
 
 def _channels(channels: Channels) -> dict[str, Any]:

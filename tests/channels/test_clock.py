@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import struct
+
 import numpy as np
-from flightlog import FlightLog, fly, samples_of
+import pytest
+from flightlog import FlightLog, fly, samples_of, summary_of
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
 from yawid.channels.clock import unwrap_uint32_us
+from yawid.sinks.terminal import origin
 
 
 @given(
@@ -62,6 +66,52 @@ def test_a_small_step_back_is_no_reboot():
 
     segmenter = found.channels.segmenter
     assert (segmenter.reboots, segmenter.clock_steps) == (0, 1)
+
+
+def leaping(by_s: float, *, stamps_too: bool) -> bytes:
+    """Return a flight whose clock goes on by so much in the middle, and the stamps or not."""
+    log, second = fly(still, centred, 20.0), fly(still, centred, 20.0, start_s=30.0 + by_s)
+    if stamps_too:
+        return log.data + second.data
+    shifted, at = bytearray(second.data), 0
+    for size in record_sizes(second.data):
+        stamp = struct.unpack_from(">Q", shifted, at)[0] - round(1e6 * by_s)
+        struct.pack_into(">Q", shifted, at, stamp)
+        at += size
+    return log.data + bytes(shifted)
+
+
+def record_sizes(data: bytes) -> list[int]:
+    """Return the lengths of the records of MAVLink 2, unsigned, from their headers."""
+    sizes, at = [], 0
+    while at < len(data):
+        sizes.append(8 + 12 + data[at + 9])
+        at += sizes[-1]
+    return sizes
+
+
+def test_a_clock_that_leaps_by_minutes_while_the_stamps_do_not_is_reported():
+    summary = summary_of(leaping(447.0, stamps_too=False))
+
+    assert summary["link"]["clock_steps"] == 1
+    assert summary["link"]["clock_leap_s"] == pytest.approx(447.0, abs=0.1)
+    assert "the vehicle's clock leapt by 447 s" in list(origin(summary))[-1]
+
+
+@pytest.mark.parametrize(("by_s", "stamps_too"), [(447.0, True), (40.0, False)])
+def test_a_silence_of_the_link_or_a_shorter_step_is_no_leap(by_s: float, stamps_too: bool):
+    summary = summary_of(leaping(by_s, stamps_too=stamps_too))
+
+    assert (summary["link"]["clock_steps"], summary["link"]["gaps"]) == (0, 1)
+    assert "clock_leap_s" not in summary["link"]
+
+
+def test_a_leap_is_found_however_the_stream_is_cut():
+    data = leaping(447.0, stamps_too=False)
+    found = [
+        samples_of(data, cuts=cuts).channels.segmenter for cuts in ((), range(0, len(data), 53))
+    ]
+    assert [(s.clock_steps, s.leap_us) for s in found] == [(1, found[0].leap_us)] * 2
 
 
 def test_a_repeated_message_changes_nothing():

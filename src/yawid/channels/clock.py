@@ -21,6 +21,8 @@ BACK_STEP_US = 1_000_000
 segment."""
 REBOOT_US = 5_000_000
 """A step back by more than this is called a reboot, by less a clock step."""
+LEAP_US = 60_000_000
+"""A clock that goes on by this much more than the receive stamps has leapt."""
 SILENCE_US = 10_000_000
 """A channel silent for longer than this, while the clock goes on, ends the segment."""
 UNIX_US = 10**15
@@ -78,8 +80,9 @@ class Series:
 class Piece:
     """A stretch of one segment: its rows, and if it opens the segment, why the last one ended.
 
-    ``epoch`` counts the meanings the surfaces have had. ``offset_us`` maps order to Unix minus boot
-    time: the least seen so far in the segment's first seconds.
+    ``epoch`` counts the meanings the surfaces have had, ``boot`` the vehicle's boots from 1.
+    ``offset_us`` maps order to Unix minus boot time: the least seen so far in the segment's first
+    seconds.
     """
 
     opens: bool
@@ -89,6 +92,7 @@ class Piece:
     surface: Series
     offset_order: Ints
     offset_us: Ints
+    boot: int = 1
 
 
 def flow_together(yaw: Series, surface: Series) -> tuple[int, int] | None:
@@ -154,13 +158,19 @@ class OwnClock:
 
 @dataclass(slots=True)
 class Segmenter:
-    """Cuts two series in stream order into pieces of segments."""
+    """Cuts two series in stream order into pieces of segments.
+
+    ``newest`` and ``heard_us`` are each channel's newest vehicle time and receive stamp,
+    ``leap_us`` the longest leap forward that the stamps did not make.
+    """
 
     newest: list[int | None] = field(default_factory=lambda: [None, None])
+    heard_us: list[int] = field(default_factory=lambda: [0, 0])
     began_us: int | None = None
     offset_us: int | None = None
     reboots: int = 0
     clock_steps: int = 0
+    leap_us: int = 0
     silences: int = 0
     epoch: int = 0
     _why: Held = Held.NONE
@@ -190,11 +200,17 @@ class Segmenter:
                 surface.select(rows[good & (kinds == 1)]),
                 offset_order,
                 offset_us,
+                self.reboots + 1,
             )
+            received = merged.received_us[start : start + stop]
+            for k in (0, 1):
+                if len(own := received[kinds == k]):
+                    self.heard_us[k] = int(own[-1])
             start += stop
             is_whole, window = stop == window, 2 * window
             if start < len(kind) and not is_whole:
-                self._break(int(merged.t_us[start]), int(kind[start]))
+                t_us, heard_us = int(merged.t_us[start]), int(merged.received_us[start])
+                self._break(t_us, heard_us, int(kind[start]))
                 window = FIRST_WINDOW
 
     def _until_break(
@@ -218,13 +234,17 @@ class Segmenter:
                 self.newest[k] = int(max(mine.max(), mine[0] if last is None else last))
         return stop, good
 
-    def _break(self, t: int, kind: int) -> None:
+    def _break(self, t: int, heard_us: int, kind: int) -> None:
         own = self.newest[kind]
         step = 0 if own is None else t - own
+        leap = step - (heard_us - self.heard_us[kind])
         if step <= -REBOOT_US:
             self.reboots += 1
         elif step < 0:
             self.clock_steps += 1
+        elif step > 0 and leap > LEAP_US:
+            self.clock_steps += 1
+            self.leap_us = max(self.leap_us, leap)
         else:
             self.silences += 1
         self._restart(Held.REBOOT if step < 0 else Held.GAP)

@@ -84,8 +84,12 @@ def origin(summary: Mapping[str, Any]) -> Iterator[str]:
         how = f" ({channel['how']})" if "how" in channel else ""
         yield f"{name:>8}  {channel['source']}{rate}{how}"
     link = summary["link"]
-    counts = ", ".join(f"{link[n]} {n.replace('_', ' ')}" for n in link if link[n] or n == "frames")
-    yield f"    link  {counts}"
+    leap_s, names = link.get("clock_leap_s"), [n for n in link if n != "clock_leap_s"]
+    counts = ", ".join(
+        f"{link[n]} {n.replace('_', ' ')}" for n in names if link[n] or n == "frames"
+    )
+    leapt = f"; the vehicle's clock leapt by {leap_s:.0f} s" if leap_s else ""
+    yield f"    link  {counts}{leapt}"
 
 
 def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> None:
