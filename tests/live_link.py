@@ -89,6 +89,7 @@ class Session(SimpleNamespace):
     screen: Screen
     ended: list[Ended]
     folder: Path
+    stop: StopFlag
 
     def part(self, suffix: str, name: str = "live") -> Path:
         return self.folder / f"{name}.{suffix}.part"
@@ -112,7 +113,7 @@ def listening(
     thread.start()
     try:
         screen.wait_for("listening")
-        yield Session(port=port, screen=screen, ended=ended, folder=outputs.folder)
+        yield Session(port=port, screen=screen, ended=ended, folder=outputs.folder, stop=stop)
     finally:
         stop.is_set = True
         thread.join(60.0)

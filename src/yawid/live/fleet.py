@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 from yawid.channels.vehicle import AUTOPILOT_INVALID, NOT_A_VEHICLE
@@ -23,6 +25,9 @@ class Sessions(Protocol):
     def feed(self, data: bytes) -> None:
         """Take whole records."""
 
+    def tick(self) -> None:
+        """Bring out what is complete; made to be called several times a second."""
+
     def running(self) -> list[LiveSession]:
         """Return the sessions there are."""
 
@@ -40,12 +45,17 @@ class Single:
         """See :class:`Sessions`."""
         self._session.feed(data)
 
+    def tick(self) -> None:
+        """See :class:`Sessions`."""
+        self._session.tick()
+
     def running(self) -> list[LiveSession]:
         """See :class:`Sessions`."""
         return [self._session]
 
     def finish(self, live: dict[str, Any]) -> list[Ended]:
         """See :class:`Sessions`."""
+        self._session.settle()
         return [self._session.finish(live)]
 
 
@@ -81,7 +91,12 @@ class Fleet:
                     own.append(record)
         for sysid, own in parts.items():
             if own:
-                self._feed_one(sysid, b"".join(own))
+                self._guard(sysid, partial(LiveSession.feed, data=b"".join(own)))
+
+    def tick(self) -> None:
+        """See :class:`Sessions`."""
+        for sysid in self._sessions:
+            self._guard(sysid, LiveSession.tick)
 
     def running(self) -> list[LiveSession]:
         """See :class:`Sessions`."""
@@ -89,8 +104,12 @@ class Fleet:
 
     def finish(self, live: dict[str, Any]) -> list[Ended]:
         """See :class:`Sessions`; where no vehicle was heard, one summary says so."""
-        running = self.running() or [LiveSession(self._setting)]
-        return [session.finish(live) for session in running]
+        for sysid in self._sessions:
+            self._guard(sysid, LiveSession.settle)
+        if not self.running():
+            quiet = replace(self._setting.outputs, rerun="off")
+            return [LiveSession(self._setting._replace(outputs=quiet, state=None)).finish(live)]
+        return [session.finish(live) for session in self.running()]
 
     def _open(self, sysid: int) -> None:
         """Open a session; a vehicle whose saved state is of no use must not stop others."""
@@ -100,12 +119,12 @@ class Fleet:
             self._refused.add(sysid)
             self._setting.say(f"system {sysid}: {error}: neither recorded nor estimated")
 
-    def _feed_one(self, sysid: int, data: bytes) -> None:
-        """Feed one vehicle; one whose link does not fit what was asked for must not stop others."""
+    def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
+        """Serve one vehicle; one whose link does not fit what was asked for stops no other."""
         if sysid in self._refused:
             return
         try:
-            self._sessions[sysid].feed(data)
+            act(self._sessions[sysid])
         except ConfigError as error:
             self._refused.add(sysid)
             self._sessions[sysid].tell(f"{error}: no longer estimated")

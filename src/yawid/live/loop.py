@@ -12,7 +12,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.live.console import Console
 from yawid.live.fleet import Fleet, Sessions, Single
 from yawid.live.session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
-from yawid.live.warming import warm_up
+from yawid.live.warming import Warming
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
@@ -27,6 +27,8 @@ from yawid.sources.udp import UdpTap
 
 READ_S = 0.2
 SILENT_US = 5_000_000
+WARMING_S = 1.0
+"""Estimators that were compiled before are ready sooner than this, and nothing is said of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,23 +82,33 @@ def live(
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
     reading = reading or Reading()
-    setting = Setting(
-        options.endpoint, config, outputs, reading, options.state, console.say, stamps.now
-    )
-    warm_up(config)
-    # This opens a viewer, the slowest of all: afterwards the socket may open.
+    try:
+        # The tap comes first: it queues what is sent while a compiler or a viewer takes its time.
+        with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
+            warming = Warming(config)
+            setting = Setting(
+                options.endpoint, config, outputs, reading, options.state, console.say,
+                stamps.now, warming,
+            )  # fmt: skip
+            return _attend(tap, setting, options, stop, console)
+    finally:
+        console.close()
+
+
+def _attend(
+    tap: Tap, setting: Setting, options: LiveOptions, stop: StopFlag, console: Console
+) -> list[Ended]:
+    """Read the tap until told to stop, close it and finish; what is cut short is left readable."""
     sessions: Sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
-        with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
-            loop = _Loop(tap, sessions, options, console)
-            loop.run(stop)
+        loop = _Loop(tap, sessions, setting.warming, options, console)
+        loop.run(stop)
+        tap.close()
         return loop.finish()
     except BaseException:
         for session in sessions.running():
             session.abort()
         raise
-    finally:
-        console.close()
 
 
 def open_tap(endpoint: Endpoint, stamps: Stamps, *, may_transmit: bool) -> Tap:
@@ -118,14 +130,22 @@ class _Loop:
     """Reads until told to stop; what happens on the link is told and kept for the summary."""
 
     def __init__(
-        self, tap: Tap, sessions: Sessions, options: LiveOptions, console: Console
+        self,
+        tap: Tap,
+        sessions: Sessions,
+        warming: Warming,
+        options: LiveOptions,
+        console: Console,
     ) -> None:
         self._tap = tap
+        self._warming: Warming | None = warming
+        self._warming_said = False
         self._sessions = sessions
         self._console = console
         self._events: list[str] = []
         self._is_silent = self._has_failed = False
         self._begun_us = tap.stamps.now()
+        self._begun_s = time.monotonic()
         seconds = options.seconds
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
@@ -141,8 +161,7 @@ class _Loop:
             if left_s <= 0.0:
                 return
             self._feed(min(READ_S, left_s))
-            for session in self._sessions.running():
-                session.tick()
+            self._sessions.tick()
             self._watch()
             if self._console.is_due():
                 lost = self._dropped()
@@ -153,6 +172,11 @@ class _Loop:
         """Take what is still queued, then finish every session; the tap is closed."""
         while self._tap.waiting:
             self._feed(0.0)
+        if self._warming is not None and self._warming.held and not self._warming.is_over():
+            self._console.say(
+                "ending as soon as the estimator is compiled and what was recorded is estimated; "
+                "a second signal ends at once"
+            )
         for line in self._tap.news:
             self._tell(line)
         if self._tap.dropped or self._tap.socket_dropped:
@@ -199,9 +223,25 @@ class _Loop:
             seconds = SILENT_US // 1_000_000
             text = f"nothing heard for {seconds} s" if self._is_silent else "the link is back"
             self._tell(f"{text} on {self._tap.endpoint}")
+        self._watch_warming()
         if self._rates is not None:
             for line in self._rates.tick(time.monotonic(), self._vehicle()):
                 self._tell(line)
+
+    def _watch_warming(self) -> None:
+        """Say that the estimators are not ready yet, where that takes long, and when they are."""
+        if self._warming is None:
+            return
+        if self._warming.is_over():
+            self._warming = None
+            if self._warming_said:
+                self._console.say("the estimator is ready, what was recorded is estimated now")
+        elif not self._warming_said and time.monotonic() - self._begun_s > WARMING_S:
+            self._warming_said = True
+            self._console.say(
+                "compiling the estimator, once per installation: up to a minute; recording goes "
+                "on, and what was recorded is estimated then"
+            )
 
     def _tell(self, text: str) -> None:
         if len(self._events) < MOST_EVENTS:

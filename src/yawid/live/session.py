@@ -18,6 +18,7 @@ from yawid.live.latency import Latency
 from yawid.live.recording import TlogRecorder
 from yawid.live.state import StateFile
 from yawid.live.viewer import Viewer
+from yawid.live.warming import MOST_HELD, Warming
 from yawid.outputs import Outputs, finish, open_mcap, open_rerun
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
@@ -29,6 +30,7 @@ from yawid.summary import summarise
 
 INPUT_OR_OUTPUT_FAILED = 6
 MOST_EVENTS = 100
+_PIECE = 1 << 20  # bytes: what waited for the estimators is not decoded all at once
 
 
 class Ended(NamedTuple):
@@ -49,6 +51,7 @@ class Setting(NamedTuple):
     state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
+    warming: Warming
 
 
 class LiveSession:
@@ -74,6 +77,7 @@ class LiveSession:
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
         self._opened = False
+        self._waiting = bytearray()
         self._heard = 0
         self._others: set[int] = set()
         self._signing_said = setting.reading.key is not None
@@ -92,12 +96,24 @@ class LiveSession:
         self._setting.say(f"{self._label}{text}")
 
     def feed(self, data: bytes) -> None:
-        """Record the bytes, then estimate; the files are opened with the first of them."""
+        """Record the bytes, then estimate; the files are opened with the first of them.
+
+        While the estimators are being made ready the bytes wait in memory, and where that is full,
+        in the tap's queue.
+        """
         if not self._opened:
             self._open()
         self._sha256.update(data)
         if self._tlog is not None:
             self._tlog.write(data)
+        warming = self._setting.warming
+        if warming.held + len(data) > MOST_HELD:
+            warming.wait()
+        if not warming.is_over():
+            self._waiting += data
+            warming.held += len(data)
+            return
+        self.catch_up()
         before = self.pipeline.samples
         self.pipeline.feed(data)
         newest = self.pipeline.newest
@@ -105,8 +121,20 @@ class LiveSession:
             # Not the first samples of all: they wait for the rate to be known.
             self.latency.add(self._setting.now_us() - newest.received_us)
 
+    def catch_up(self) -> None:
+        """Estimate what waited; it tells nothing of the latency."""
+        if not self._waiting:
+            return
+        waited, self._waiting = bytes(self._waiting), bytearray()
+        self._setting.warming.held -= len(waited)
+        for first in range(0, len(waited), _PIECE):
+            self.pipeline.feed(waited[first : first + _PIECE])
+        self._rate_from = time.monotonic(), self.pipeline.link.frames
+
     def tick(self) -> None:
         """Bring out what is complete; made to be called several times a second."""
+        if self._waiting and self._setting.warming.is_over():
+            self.catch_up()
         if self._tlog is not None:
             self._tlog.look()
         for sink in self.pipeline.sinks:
@@ -118,6 +146,13 @@ class LiveSession:
         if not self._signing_said:
             self._look_for_signatures()
 
+    def settle(self) -> None:
+        """Estimate all there is, what was held back for want of more too."""
+        if self._waiting:
+            self._setting.warming.wait()
+            self.catch_up()
+        self.pipeline.finish()
+
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
         link, now_s = self.pipeline.link, time.monotonic()
@@ -126,7 +161,9 @@ class LiveSession:
         rate = (link.frames - frames) / max(now_s - since_s, 1e-9)
         parts = [f"{self._label}{rate:.0f} msg/s", f"{self.pipeline.samples} samples"]
         found, bank = self.pipeline.modes, self.pipeline.bank
-        if found is None or bank is None:
+        if self._waiting:
+            parts = [f"{self._label}{len(self._waiting)} bytes wait for the estimator"]
+        elif found is None or bank is None:
             parts.append("waiting for rudder and yaw rate")
         else:
             wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
@@ -139,8 +176,7 @@ class LiveSession:
         return ", ".join([*parts, f"lost {link.lost} on the link, {lost}"])
 
     def finish(self, live: dict[str, Any]) -> Ended:
-        """Finish every file; ``live`` is what the tap has to add to the summary."""
-        self.pipeline.finish()
+        """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""
         if not self._signing_said:
             self._look_for_signatures()
         if self._state is not None:
