@@ -97,14 +97,18 @@ class Session(SimpleNamespace):
 
 @contextmanager
 def listening(
-    folder: Path, config: RunConfig = CONFIG, outputs: Outputs | None = None, **options: object
+    folder: Path,
+    config: RunConfig = CONFIG,
+    outputs: Outputs | None = None,
+    line_s: float = 0.2,
+    **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
     port = free_port()
     stop, screen, ended = StopFlag(), Screen(), []
     asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
     asked = replace(asked, **options)
-    outputs, line_s = outputs or Outputs(folder, "live"), 0.2
+    outputs = outputs or Outputs(folder, "live")
 
     def listen() -> None:
         ended.extend(live(asked, config, outputs, stop, Console(screen, line_s)))

@@ -169,17 +169,6 @@ def test_what_was_still_queued_when_the_session_ends_is_recorded_too(tmp_path: P
     assert session.ended[0].summary["link"]["frames"] == len(sent)
 
 
-def test_a_line_that_updates_is_cleared_for_one_that_stays():
-    screen = Screen()
-    screen.isatty = lambda: True  # type: ignore[method-assign]
-    console = Console(screen)
-    console.show("12 msg/s, 3 samples")
-    console.say("the link is back")
-    console.close()
-
-    assert screen.getvalue().endswith("\r\x1b[2Kyawid: the link is back\n12 msg/s, 3 samples\n")
-
-
 def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
     with listening(tmp_path) as session:
         sent = frames(20.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 import time
 from typing import TextIO
 
@@ -15,6 +16,7 @@ class Console:
     """Writes to ``stream``; only on a terminal does a line update in place.
 
     ``period_s`` is the time between two states of the line, by default that of the stream's kind.
+    Any thread may use it: lines come whole.
     """
 
     def __init__(self, stream: TextIO, period_s: float | None = None) -> None:
@@ -24,10 +26,12 @@ class Console:
         self._period_s = usual_s if period_s is None else period_s
         self._next_s = time.monotonic() + self._period_s
         self._shown = ""
+        self._lock = threading.Lock()
 
     def say(self, text: str) -> None:
         """Write a line that stays."""
-        self._write(f"{_CLEAR if self._shown else ''}yawid: {text}\n{self._shown}")
+        with self._lock:
+            self._write(f"{_CLEAR if self._shown else ''}yawid: {text}\n{self._shown}")
 
     def is_due(self) -> bool:
         """Whether it is time for the next state of the line."""
@@ -36,17 +40,19 @@ class Console:
     def show(self, line: str) -> None:
         """Show where the session stands: in place on a terminal, else as a line of its own."""
         self._next_s = time.monotonic() + self._period_s
-        if self._is_terminal:
-            self._shown = line[: shutil.get_terminal_size().columns - 1]
-            self._write(_CLEAR + self._shown)
-        else:
-            self._write(f"yawid: {line}\n")
+        with self._lock:
+            if self._is_terminal:
+                self._shown = line[: shutil.get_terminal_size().columns - 1]
+                self._write(_CLEAR + self._shown)
+            else:
+                self._write(f"yawid: {line}\n")
 
     def close(self) -> None:
         """Leave the line that updates: what follows stands below it."""
-        if self._shown:
-            self._shown = ""
-            self._write("\n")
+        with self._lock:
+            if self._shown:
+                self._shown = ""
+                self._write("\n")
 
     def _write(self, text: str) -> None:
         try:

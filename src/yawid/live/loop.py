@@ -163,9 +163,11 @@ class _Loop:
             self._feed(min(READ_S, left_s))
             self._sessions.tick()
             self._watch()
-            if self._console.is_due():
+            running = self._sessions.running()
+            stopped = [session for session in running if session.stopped()]
+            if stopped or self._console.is_due():
                 lost = self._dropped()
-                lines = [session.line(lost) for session in self._sessions.running()]
+                lines = [session.line(lost) for session in running]
                 self._console.show(" | ".join(lines) or "no vehicle yet")
 
     def finish(self) -> list[Ended]:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from yawid.blocks import Status
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import SinkError
 from yawid.estimation.bank import Bank
 from yawid.live.guard import Guarded
 from yawid.live.latency import Latency
 from yawid.live.recording import TlogRecorder
+from yawid.live.standing import Standing
 from yawid.live.state import StateFile
 from yawid.live.viewer import Viewer
 from yawid.live.warming import MOST_HELD, Warming
@@ -81,7 +80,7 @@ class LiveSession:
         self._heard = 0
         self._others: set[int] = set()
         self._signing_said = setting.reading.key is not None
-        self._rate_from = time.monotonic(), 0
+        self._standing = Standing()
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -106,6 +105,7 @@ class LiveSession:
         self._sha256.update(data)
         if self._tlog is not None:
             self._tlog.write(data)
+        self._standing.received_us = self._setting.now_us()
         warming = self._setting.warming
         if warming.held + len(data) > MOST_HELD:
             warming.wait()
@@ -129,7 +129,7 @@ class LiveSession:
         self._setting.warming.held -= len(waited)
         for first in range(0, len(waited), _PIECE):
             self.pipeline.feed(waited[first : first + _PIECE])
-        self._rate_from = time.monotonic(), self.pipeline.link.frames
+        self._standing.skip(self.pipeline.link.frames)
 
     def tick(self) -> None:
         """Bring out what is complete; made to be called several times a second."""
@@ -153,27 +153,14 @@ class LiveSession:
             self.catch_up()
         self.pipeline.finish()
 
+    def stopped(self) -> bool:
+        """Whether samples have stopped since this was last asked: the line is due at once."""
+        return self._standing.stopped(self.pipeline, self._setting.now_us())
+
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
-        link, now_s = self.pipeline.link, time.monotonic()
-        since_s, frames = self._rate_from
-        self._rate_from = now_s, link.frames
-        rate = (link.frames - frames) / max(now_s - since_s, 1e-9)
-        parts = [f"{self._label}{rate:.0f} msg/s", f"{self.pipeline.samples} samples"]
-        found, bank = self.pipeline.modes, self.pipeline.bank
-        if self._waiting:
-            parts = [f"{self._label}{len(self._waiting)} bytes wait for the estimator"]
-        elif found is None or bank is None:
-            parts.append("waiting for rudder and yaw rate")
-        else:
-            wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
-            last = bank.last[self._setting.config.method]
-            parts += [
-                f"ωn {wn:.4g} ± {wn_std:.2g} rad/s",
-                f"ζ {zeta:.3g} ± {zeta_std:.2g}",
-                Status(int(last.status[-1])).name.lower().replace("_", " "),
-            ]
-        return ", ".join([*parts, f"lost {link.lost} on the link, {lost}"])
+        stands = self._standing.line(self.pipeline, len(self._waiting), self._setting.now_us())
+        return f"{self._label}{stands}, lost {self.pipeline.link.lost} on the link, {lost}"
 
     def finish(self, live: dict[str, Any]) -> Ended:
         """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""

@@ -1,0 +1,69 @@
+"""Where a session stands, in one line."""
+
+from __future__ import annotations
+
+import time
+
+from yawid.blocks import Status
+from yawid.pipeline import Pipeline
+
+QUIET_S = 1.5
+"""So long without anything, and what was last estimated is no longer how things stand."""
+
+
+class Standing:
+    """Makes the line of one session; ``received_us`` is when its last bytes came, 0 before."""
+
+    def __init__(self) -> None:
+        self.received_us = 0
+        self._rate_from = time.monotonic(), 0
+        self._is_idle = False
+
+    def skip(self, frames: int) -> None:
+        """Count the rate from here: so many frames have been read, and not at the link's pace."""
+        self._rate_from = time.monotonic(), frames
+
+    def line(self, pipeline: Pipeline, waiting: int, now_us: int) -> str:
+        """Return how much comes and what it gives; ``waiting`` bytes are not estimated yet."""
+        if waiting:
+            return f"{waiting} bytes wait for the estimator{self._quiet(now_us)}"
+        frames, now_s = pipeline.link.frames, time.monotonic()
+        since_s, before = self._rate_from
+        self._rate_from = now_s, frames
+        rate = (frames - before) / max(now_s - since_s, 1e-9)
+        parts = [f"{rate:.0f} msg/s", f"{pipeline.samples} samples"]
+        found, bank = pipeline.modes, pipeline.bank
+        if found is None or bank is None:
+            return ", ".join([*parts, f"waiting for rudder and yaw rate{self._quiet(now_us)}"])
+        wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
+        parts += [f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"]
+        return ", ".join([*parts, self._status(pipeline, now_us)])
+
+    def _status(self, pipeline: Pipeline, now_us: int) -> str:
+        """Return what the estimator does, or since when it has nothing to do it with."""
+        assert pipeline.bank is not None
+        if quiet := self._quiet(now_us):
+            return quiet.removeprefix(", ")
+        if idle_s := _idle_s(pipeline, now_us):
+            return f"no sample for {idle_s:.0f} s"
+        last = pipeline.bank.last[pipeline.config.method]
+        return Status(int(last.status[-1])).name.lower().replace("_", " ")
+
+    def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
+        """Whether samples have stopped since this was last asked."""
+        was_idle, self._is_idle = self._is_idle, _idle_s(pipeline, now_us) > 0.0
+        return self._is_idle and not was_idle
+
+    def _quiet(self, now_us: int) -> str:
+        quiet_s = (now_us - self.received_us) / 1e6
+        if not self.received_us or quiet_s < QUIET_S:
+            return ""
+        return f", nothing received for {quiet_s:.0f} s"
+
+
+def _idle_s(pipeline: Pipeline, now_us: int) -> float:
+    """Return how long no sample has come, 0 while they come or before the first."""
+    if pipeline.bank is None or pipeline.newest is None:
+        return 0.0
+    idle_s = (now_us - int(pipeline.newest.received_us[-1])) / 1e6
+    return idle_s if idle_s > QUIET_S + 2.0 * pipeline.bank.sample_time_s else 0.0
