@@ -19,6 +19,7 @@ from yawid.live import Console, Ended, LiveOptions, live
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
+from yawid.sources.reading import Reading
 
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
@@ -101,6 +102,7 @@ def listening(
     config: RunConfig = CONFIG,
     outputs: Outputs | None = None,
     line_s: float = 0.2,
+    reading: Reading | None = None,
     **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
@@ -111,7 +113,7 @@ def listening(
     outputs = outputs or Outputs(folder, "live")
 
     def listen() -> None:
-        ended.extend(live(asked, config, outputs, stop, Console(screen, line_s)))
+        ended.extend(live(asked, config, outputs, stop, Console(screen, line_s), reading))
 
     thread = threading.Thread(target=listen)
     thread.start()

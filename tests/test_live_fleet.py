@@ -13,6 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.outputs import Outputs
 from yawid.session import StopFlag, replay
 from yawid.sources.frames import Decoder
+from yawid.sources.reading import Reading
+from yawid.sources.signing import SigningKey
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:
@@ -100,18 +102,21 @@ def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_
     assert [e.summary["vehicle"]["sysid"] for e in session.ended] == [1]
 
 
-def test_a_vehicle_whose_saved_state_is_no_state_does_not_stop_the_others(tmp_path: Path):
-    (tmp_path / "state-2").write_text("hello")
-    sent = mixed(frames(20.0, sysid=1), frames(20.0, sysid=2))
+def test_a_state_that_goes_bad_while_a_session_runs_costs_no_vehicle_its_record(tmp_path: Path):
+    sent = {sysid: frames(20.0, sysid=sysid) for sysid in (1, 2)}
     with listening(tmp_path, every_vehicle=True, state=tmp_path / "state") as session:
-        send(sent, session.port)
-        session.screen.wait_for("system 2: ")
-        session.screen.wait_for("tracking")
+        (tmp_path / "state-2").write_text("hello")
+        send(mixed(*sent.values()), session.port)
+        for sysid in sent:
+            wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent[sysid]))
 
-    [ended] = session.ended
-    assert ended.summary["vehicle"]["sysid"] == 1
+    ended = {e.summary["vehicle"]["sysid"]: e for e in session.ended}
+    assert {sysid: e.exit_code == 6 for sysid, e in ended.items()} == {1: False, 2: True}
+    assert all(e.summary["estimates"]["els"]["updates"] > 100 for e in ended.values())
     assert session.screen.getvalue().count("is no saved state") == 1
+    assert "no saved state" in ended[2].summary["live"]["failed"][0]
     assert (tmp_path / "state-2").read_text() == "hello"
+    assert (tmp_path / "state-1").exists()
 
 
 def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Path):
@@ -129,3 +134,46 @@ def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Pat
     said = [text for text in session.screen.getvalue().splitlines() if "two addresses" in text]
     assert len(said) == 1
     assert all(f"127.0.0.1:{port}" in said[0] for port in ports)
+
+
+def signed_again(sent: list[bytes], key: bytes) -> list[bytes]:
+    """The same messages of the same sender, signed."""
+    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    link.signing.secret_key, link.signing.timestamp, link.signing.sign_outgoing = key, 1, True
+    reader, signed = mavlink.MAVLink(None), []
+    for frame in sent:
+        message = reader.decode(bytearray(frame))
+        link.seq = message.get_seq()
+        signed.append(bytes(message.pack(link)))
+    return signed
+
+
+def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path):
+    key, stranger = bytes(range(32)), frames(4.0, sysid=2)
+    own = signed_again(frames(20.0), key)
+    forged = signed_again(frames(4.0), bytes(32))  # by another key
+    with listening(tmp_path, reading=Reading(key=SigningKey(key)), every_vehicle=True) as session:
+        send([*forged, *stranger, *own, *stranger], session.port)
+        wait_for_size(
+            session.part("tlog", "live-1"), tlog_size([*forged, *stranger, *own, *stranger])
+        )
+
+    [ended] = session.ended
+    assert ended.summary["vehicle"]["sysid"] == 1
+    assert ended.summary["link"]["unsigned_rejected"] == len(forged) + 2 * len(stranger)
+    assert {path.name for path in tmp_path.iterdir()} == {"live-1.tlog", "live-1.mcap"}
+    assert session.screen.getvalue().count("system 2: its HEARTBEAT is not signed") == 1
+
+
+def test_with_a_key_rates_are_asked_for_in_signed_frames(tmp_path: Path):
+    key = bytes(range(32))
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        listening(tmp_path, reading=Reading(key=SigningKey(key)), request_hz=50.0) as session,
+    ):
+        vehicle.settimeout(30.0)
+        send(signed_again(frames(1.0), key), session.port, vehicle)
+        asked = vehicle.recv(300)
+    strict = mavlink.MAVLink(None)
+    strict.signing.secret_key, strict.signing.timestamp = key, 1
+    assert strict.decode(bytearray(asked)).get_type() == "COMMAND_LONG"

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from live_link import (
+    CONFIG,
+    Screen,
+    frames,
+    free_port,
+    listening,
+    send,
+    tlog_size,
+    wait_for_size,
+)
 
+from yawid.cli import main
 from yawid.errors import ConfigError
+from yawid.estimation import saving
 from yawid.estimation.armax import RecursiveArmax
-from yawid.live import Ended
+from yawid.live import Console, Ended, LiveOptions, live
+from yawid.live import state as state_file
 from yawid.live.state import StateFile
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
+from yawid.session import StopFlag
 
 
 def fly(
@@ -81,7 +95,12 @@ def test_another_configuration_is_refused_at_once_with_the_reason(tmp_path: Path
         StateFile(state, replace(CONFIG, memory=30.0), print)
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", b"{}\n", b'{"version": 1}\nabc'])
+NO_SIZES = json.dumps(
+    {"version": state_file.VERSION, "sizes": [7], "key": {"configuration": 0}, "saved_s": 0}
+).encode()
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"{}\n", b'{"version": 1}\nabc', NO_SIZES])
 def test_a_file_that_is_no_state_is_refused_and_left_alone(content: bytes, tmp_path: Path):
     path = tmp_path / "notes.txt"
     path.write_bytes(content)
@@ -112,3 +131,64 @@ def test_a_state_that_cannot_be_written_is_one_line_and_exit_code_6(tmp_path: Pa
         session.screen.wait_for("cannot write")
     assert session.ended[0].exit_code == 6
     assert session.screen.getvalue().count("cannot write") == 1
+
+
+def rewritten(state: Path, old: str, new: str) -> None:
+    """A state as another version would have written it: in the sizes that its head says."""
+    head, _, body = state.read_bytes().partition(b"\n")
+    assert old.encode() in head + body
+    assert len(old) == len(new)
+    state.write_bytes(head.replace(old.encode(), new.encode()) + b"\n" + body.replace(
+        old.encode(), new.encode()
+    ))  # fmt: skip
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> Path:
+    """What a session has learnt of system 1."""
+    fly(tmp_path, tmp_path / "state", "before", frames(15.0))
+    return tmp_path / "state"
+
+
+@pytest.mark.parametrize("every_vehicle", [False, True])
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (state_file.VERSION, state_file.VERSION[:-1] + "0"),
+        (saving.VERSION, saving.VERSION[:-1] + "0"),
+        ('"config": {"orders"', '"config": {"order_"'),
+    ],
+)
+def test_a_state_of_another_version_is_refused_before_anything_is_received(
+    old: str, new: str, every_vehicle: bool, state: Path
+):
+    rewritten(state, old, new)
+    content = state.read_bytes()
+    if every_vehicle:
+        state.rename(state.with_name("state-1"))
+    options = LiveOptions(
+        f"udpin:127.0.0.1:{free_port()}", seconds=0.1, state=state, every_vehicle=every_vehicle
+    )
+    screen = Screen()
+    with pytest.raises(ConfigError, match="remove it or take another file") as refused:
+        live(options, CONFIG, Outputs(state.parent / "out", "x"), StopFlag(), Console(screen))
+    assert "\n" not in str(refused.value)
+    assert "listening" not in screen.getvalue()
+    assert list((state.parent / "out").iterdir()) == []
+    assert state.with_name("state-1" if every_vehicle else "state").read_bytes() == content
+
+
+@pytest.mark.parametrize("every_vehicle", [False, True])
+@pytest.mark.parametrize("place", ["gone/state", "file/state"])
+def test_a_state_that_cannot_be_written_is_refused_before_anything_is_received(
+    place: str, every_vehicle: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "file").write_text("")
+    sysid = ["--sysid", "all"] if every_vehicle else []
+    endpoint = f"udpin:127.0.0.1:{free_port()}"
+    arguments = ["--state", str(tmp_path / place), "--out", str(tmp_path / "out"), *sysid]
+    code = main(["live", endpoint, "--seconds", "0.1", *arguments])
+    said = capsys.readouterr()
+    assert (code, said.out) == (6, "")
+    assert said.err.count("\n") == 1
+    assert str(tmp_path / place) in said.err

@@ -12,6 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.sources.endpoints import Endpoint
 from yawid.sources.rates import RateRequests
+from yawid.sources.reading import Reading
+from yawid.sources.signing import SigningKey
 from yawid.sources.udp import UdpTap
 
 VEHICLE = (3, 1)
@@ -28,6 +30,26 @@ def link() -> Iterator[SimpleNamespace]:
         requests = RateRequests(tap, 50.0)
         codec = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
         yield SimpleNamespace(vehicle=vehicle, tap=tap, requests=requests, codec=codec)
+
+
+KEY = bytes(range(32))
+
+
+@pytest.fixture
+def signed_link(link: SimpleNamespace) -> SimpleNamespace:
+    """Requests that have the key, and a vehicle that does not sign yet."""
+    link.requests = RateRequests(link.tap, 50.0, Reading(key=SigningKey(KEY)))
+    return link
+
+
+def frames_sent(link: SimpleNamespace) -> list[bytes]:
+    """What the vehicle has received."""
+    found: list[bytes] = []
+    try:
+        while True:
+            found.append(link.vehicle.recv(2048))
+    except BlockingIOError:
+        return found
 
 
 def say(link: SimpleNamespace, *messages: object) -> None:
@@ -144,3 +166,34 @@ def test_a_refusal_is_said_with_its_reason(link: SimpleNamespace) -> None:
     [line] = link.requests.tick(0.1, VEHICLE)
     assert "denied" in line
     assert "0.8 of SCHED_LOOP_RATE" in line
+
+
+def test_with_a_key_each_request_is_signed_now_and_newer_than_the_last(
+    signed_link: SimpleNamespace,
+) -> None:
+    say(signed_link, heartbeat())
+    before = int((time.time() - 1_420_070_400) * 100_000)
+    signed_link.requests.tick(0.0, VEHICLE)
+    signed_link.requests.tick(1.0, VEHICLE)
+    signed_link.requests.tick(10.0, VEHICLE)
+    sent = frames_sent(signed_link)
+
+    vehicle = mavlink.MAVLink(None)  # it refuses what is unsigned, wrongly signed or replayed
+    vehicle.signing.secret_key, vehicle.signing.timestamp = KEY, before - 1
+    asked_for = [vehicle.decode(bytearray(frame)).param1 for frame in sent]
+    assert asked_for == [30.0, 36.0, 30.0]
+    with pytest.raises(mavlink.MAVError, match="signature"):
+        vehicle.decode(bytearray(sent[0]))
+    stamps = [int.from_bytes(frame[-12:-6], "little") for frame in sent]
+    assert before <= stamps[0] < stamps[1] < stamps[2] < before + 60 * 100_000
+
+
+def test_with_a_key_an_unsigned_answer_is_none(signed_link: SimpleNamespace) -> None:
+    say(signed_link, heartbeat())
+    signed_link.requests.tick(0.0, VEHICLE)
+    say(signed_link, answer(0))
+    assert "answer" not in signed_link.requests.summary()["ATTITUDE"]
+    signed_link.codec.signing.sign_outgoing = True
+    signed_link.codec.signing.secret_key, signed_link.codec.signing.timestamp = KEY, 1
+    say(signed_link, answer(0))
+    assert signed_link.requests.summary()["ATTITUDE"]["answer"] == "accepted"

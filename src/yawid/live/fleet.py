@@ -9,8 +9,9 @@ from functools import partial
 from typing import Any, Protocol
 
 from yawid.channels.vehicle import AUTOPILOT_INVALID, NOT_A_VEHICLE
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, SinkError
 from yawid.live.session import Ended, LiveSession, Setting, for_vehicle
+from yawid.live.state import check_states
 from yawid.sources.framing import MAGIC_V1, STAMP_SIZE, frame_size
 from yawid.sources.tap import sysid_of
 
@@ -62,16 +63,25 @@ class Single:
 class Fleet:
     """A session for each system id whose HEARTBEAT says that it flies, opened with the first.
 
+    Where there is a key the HEARTBEAT must be signed with it.
+
     Each has what a ground station would have of its vehicle: the vehicle's own records, and those
     of everybody who is no vehicle (ground stations, radios, or who has not said yet), also the
     last of them from before it was opened. Without any vehicle nothing is recorded.
+
+    Raises:
+        ConfigError: the state of some vehicle does not fit.
+        SinkError: states cannot be written.
     """
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
+        if setting.state is not None:
+            check_states(setting.state, setting.config)
         self._sessions: dict[int, LiveSession] = {}
         self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
         self._refused: set[int] = set()
+        self._unsigned: set[int] = set()
 
     def feed(self, data: bytes) -> None:
         """See :class:`Sessions`."""
@@ -80,7 +90,7 @@ class Fleet:
         }
         for record in records(data):
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
-            if sysid not in parts and is_vehicle(record[STAMP_SIZE:]):
+            if sysid not in parts and self._is_vehicle(record[STAMP_SIZE:]):
                 parts[sysid] = [r for of, r in self._early if of == sysid or of not in parts]
                 self._open(sysid)
             if sysid in parts:
@@ -111,13 +121,29 @@ class Fleet:
             return [LiveSession(self._setting._replace(outputs=quiet, state=None)).finish(live)]
         return [session.finish(live) for session in self.running()]
 
+    def _is_vehicle(self, frame: bytes) -> bool:
+        if not is_vehicle(frame):
+            return False
+        key = self._setting.reading.key
+        if key is None or key.has_signed(frame):
+            return True
+        sysid = sysid_of(frame)
+        if sysid not in self._unsigned:
+            self._unsigned.add(sysid)
+            self._setting.say(
+                f"system {sysid}: its HEARTBEAT is not signed with the key: no session"
+            )
+        return False
+
     def _open(self, sysid: int) -> None:
-        """Open a session; a vehicle whose saved state is of no use must not stop others."""
+        """Open a session; a state that has gone bad since the start costs no more than itself."""
         try:
             self._sessions[sysid] = for_vehicle(self._setting, sysid)
-        except ConfigError as error:
-            self._refused.add(sysid)
-            self._setting.say(f"system {sysid}: {error}: neither recorded nor estimated")
+        except (ConfigError, SinkError) as error:
+            session = for_vehicle(self._setting._replace(state=None), sysid)
+            session.failures.append(str(error))
+            session.tell(f"{error}: estimated anew, the state is not kept")
+            self._sessions[sysid] = session
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
         """Serve one vehicle; one whose link does not fit what was asked for stops no other."""

@@ -76,7 +76,7 @@ def live(
     Raises:
         ConfigError: the state to resume from does not fit, or the rate asked for is too high.
         SourceError: the endpoint cannot be opened.
-        SinkError: the folder cannot be made.
+        SinkError: the folder cannot be made, or the state not be written there.
     """
     endpoint, stamps = parse_endpoint(options.endpoint), Stamps()
     with os_errors_as_sink_error(outputs.folder):
@@ -101,7 +101,7 @@ def _attend(
     """Read the tap until told to stop, close it and finish; what is cut short is left readable."""
     sessions: Sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
-        loop = _Loop(tap, sessions, setting.warming, options, console)
+        loop = _Loop(tap, sessions, setting.warming, options, setting.reading, console)
         loop.run(stop)
         tap.close()
         return loop.finish()
@@ -135,6 +135,7 @@ class _Loop:
         sessions: Sessions,
         warming: Warming,
         options: LiveOptions,
+        reading: Reading,
         console: Console,
     ) -> None:
         self._tap = tap
@@ -149,7 +150,7 @@ class _Loop:
         seconds = options.seconds
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
-        self._rates = None if hz is None else RateRequests(tap, hz)
+        self._rates = None if hz is None else RateRequests(tap, hz, reading)
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until told to stop, the time is up, or the endpoint fails."""

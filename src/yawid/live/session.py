@@ -15,7 +15,7 @@ from yawid.live.guard import Guarded
 from yawid.live.latency import Latency
 from yawid.live.recording import TlogRecorder
 from yawid.live.standing import Standing
-from yawid.live.state import StateFile
+from yawid.live.state import StateFile, of_vehicle
 from yawid.live.viewer import Viewer
 from yawid.live.warming import MOST_HELD, Warming
 from yawid.outputs import Outputs, finish, open_mcap, open_rerun
@@ -58,6 +58,7 @@ class LiveSession:
 
     Raises:
         ConfigError: the state to resume from does not fit.
+        SinkError: it could not be written.
     """
 
     def __init__(self, setting: Setting, label: str = "") -> None:
@@ -275,6 +276,6 @@ def for_vehicle(setting: Setting, sysid: int) -> LiveSession:
     own = setting._replace(
         config=replace(setting.config, sysid=sysid),
         outputs=outputs,
-        state=None if state is None else state.with_name(f"{state.name}-{sysid}"),
+        state=None if state is None else of_vehicle(state, sysid),
     )
     return LiveSession(own, f"system {sysid}: ")

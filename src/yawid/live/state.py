@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -18,10 +19,11 @@ from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
-from yawid.sinks.base import Pace, sync
+from yawid.sinks.base import Pace, os_errors_as_sink_error, sync
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0
+_ANEW = "remove it or take another file for --state to start anew"
 # Which samples and what is read off the model, not what is made of them.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "servo_tau")
 
@@ -34,7 +36,8 @@ class StateFile:
     the session then starts anew, and the file is kept as ``<path>.old``.
 
     Raises:
-        ConfigError: the file is there and is no state, or of another configuration.
+        ConfigError: the file is there and is no state, or of another version or configuration.
+        SinkError: it could not be written.
     """
 
     def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
@@ -45,6 +48,7 @@ class StateFile:
         self._tell = tell
         self._pace = Pace(SAVE_S)
         self._keep_old = False
+        check_writable(path)
         self._head, self._saved = _read(path)
         if self._head is not None:
             reason = _difference({"configuration": _settings(config)}, self._head["key"])
@@ -57,13 +61,11 @@ class StateFile:
             return
         head, self._head = self._head, None
         reason = _difference(_key(bank, channels), head["key"])
-        estimators = {}
-        if not reason:
-            estimators = {m: RecursiveArmax.from_bytes(data) for m, data in self._saved.items()}
-            if {m: e.config for m, e in estimators.items()} != {
-                m: e.config for m, e in bank.estimators.items()
-            }:
-                reason = "the estimators are set up differently"
+        estimators = self._saved
+        if not reason and {m: e.config for m, e in estimators.items()} != {
+            m: e.config for m, e in bank.estimators.items()
+        }:
+            reason = "the estimators are set up differently"
         if reason:
             self._keep_old = True
             self._tell(f"the state in {self._path} does not fit, starting anew: {reason}")
@@ -104,8 +106,35 @@ class StateFile:
             self._tell(f"{self.failure}: the state is not kept")
 
 
-def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, bytes]]:
-    """Return the head and each estimator's bytes; None where there is no file yet."""
+def check_writable(path: Path) -> None:
+    """Find out before a flight whether a state can be kept there.
+
+    Raises:
+        SinkError: it cannot.
+    """
+    with os_errors_as_sink_error(path), tempfile.TemporaryFile(dir=path.absolute().parent):
+        pass
+
+
+def of_vehicle(path: Path, sysid: int) -> Path:
+    """Return the state of one of several vehicles."""
+    return path.with_name(f"{path.name}-{sysid}")
+
+
+def check_states(path: Path, config: RunConfig) -> None:
+    """Find out before a flight whether the states of all vehicles are of use and can be kept.
+
+    Raises:
+        ConfigError, SinkError: as :class:`StateFile` does.
+    """
+    check_writable(path)
+    for own in (of_vehicle(path, sysid) for sysid in range(256)):
+        if own.exists():
+            StateFile(own, config, lambda _: None)
+
+
+def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]:
+    """Return the head and each estimator; None where there is no file yet."""
     try:
         head_line, _, body = path.read_bytes().partition(b"\n")
     except FileNotFoundError:
@@ -114,17 +143,20 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, bytes]]:
         raise ConfigError(f"cannot read the state {path}: {error.strerror}") from error
     try:
         head: dict[str, Any] = json.loads(head_line)
-        version, sizes = head["version"], head["sizes"]
-        head["key"]["configuration"], head["saved_s"] + 0.0
+        version, sizes = head["version"], dict(head["sizes"])
+        head["key"]["configuration"], head["saved_s"] + 0.0, sum(sizes.values())
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path} is no saved state: take another file for --state") from error
     if version != VERSION:
-        raise ConfigError(f"{path} was saved as {version!r}, this is {VERSION!r}")
+        raise ConfigError(f"{path} was saved as {version!r}, this is {VERSION!r}: {_ANEW}")
     if sum(sizes.values()) != len(body):
-        raise ConfigError(f"{path} is cut short: remove it to start anew")
+        raise ConfigError(f"{path} is cut short: {_ANEW}")
     saved, at = {}, 0
     for method, size in sizes.items():
-        saved[method] = body[at : at + size]
+        try:
+            saved[method] = RecursiveArmax.from_bytes(body[at : at + size])
+        except (ConfigError, KeyError, TypeError) as error:
+            raise ConfigError(f"the {method} in {path} is of no use ({error}): {_ANEW}") from error
         at += size
     return head, saved
 

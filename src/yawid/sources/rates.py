@@ -7,11 +7,13 @@ again where it falls behind.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
 from yawid.blocks import MessageBlock
-from yawid.sources.frames import Decoder
+from yawid.sources.reading import Reading
+from yawid.sources.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S
 from yawid.sources.tap import Tap
 
 ASKED_HZ = 50.0
@@ -49,14 +51,17 @@ class RateRequests:
 
     Feed it the session's records; :meth:`tick` asks, at most every ``AGAIN_S``, and returns what
     there is to say: an answer, and the rate achieved beside the one asked for where it changes.
+    With a key what is sent is signed, and only signed answers and messages count.
     """
 
-    def __init__(self, tap: Tap, hz: float = ASKED_HZ) -> None:
+    def __init__(self, tap: Tap, hz: float = ASKED_HZ, reading: Reading | None = None) -> None:
+        reading = reading or Reading()
         self.hz = hz
         self.wishes = {name: Wish(number) for name, number in MESSAGES.items()}
         self._tap = tap
-        self._decoder = Decoder({*MESSAGES, "COMMAND_ACK"})
-        self._mavlink = _writer()
+        self._decoder = reading.decoder({*MESSAGES, "COMMAND_ACK"})
+        self._key = reading.key
+        self._mavlink = _writer(signs=self._key is not None)
         self._news: list[str] = []
         self._window_s: float | None = None
         self._beat_s = float("-inf")
@@ -158,12 +163,19 @@ class RateRequests:
             wish.count = 0
 
     def _pack(self, message: Any) -> bytes:
+        signing = self._mavlink.signing
+        # Each stamp is newer than the last: packing counts it on by one.
+        signing.timestamp = max(signing.timestamp, int((time.time() - EPOCH_S) * TICKS_PER_S))
         frame: bytes = message.pack(self._mavlink)
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
-        return frame
+        return frame if self._key is None else self._key.sign(frame)
 
 
-def _writer() -> Any:
+def _writer(*, signs: bool) -> Any:
+    """Return pymavlink's encoder; it lays out signed frames, the signature in them is not ours."""
     from pymavlink.dialects.v20 import ardupilotmega
 
-    return ardupilotmega.MAVLink(None, srcSystem=_OWN_SYSID, srcComponent=_OWN_COMPID)
+    writer = ardupilotmega.MAVLink(None, srcSystem=_OWN_SYSID, srcComponent=_OWN_COMPID)
+    writer.signing.sign_outgoing = signs
+    writer.signing.secret_key = bytes(KEY_SIZE)
+    return writer

@@ -16,11 +16,13 @@ import numpy as np
 
 from yawid.blocks import Bytes
 from yawid.errors import ConfigError
-from yawid.sources.framing import CRC_SIZE, SIGNATURE_SIZE, Frames
+from yawid.sources.framing import CRC_SIZE, MAGIC_V2, SIGNATURE_SIZE, SIGNED, Frames
 
 KEY_SIZE = 32
+EPOCH_S = 1_420_070_400  # 2015, in Unix time
+TICKS_PER_S = 100_000
 _HASH_SIZE = 6
-_NEW_STREAM_MAY_LAG = 60 * 100_000  # in the signature's 10 us
+_NEW_STREAM_MAY_LAG = 60 * TICKS_PER_S
 _LARGEST_FILE = 4096
 _HEX = re.compile(rb"[0-9a-fA-F]{64}")
 
@@ -69,6 +71,17 @@ class SigningKey:
         begun = self._begun.copy()
         begun.update(signed)
         return hmac.compare_digest(begun.digest()[: len(signature)], signature)
+
+    def has_signed(self, frame: bytes) -> bool:
+        """Return whether a whole frame bears this key's signature, of whatever time."""
+        is_signed = frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
+        return is_signed and self.signs(frame[:-_HASH_SIZE], frame[-_HASH_SIZE:])
+
+    def sign(self, frame: bytes) -> bytes:
+        """Return a frame laid out as signed ones are, its last bytes being the signature now."""
+        begun = self._begun.copy()
+        begun.update(frame[:-_HASH_SIZE])
+        return frame[:-_HASH_SIZE] + begun.digest()[:_HASH_SIZE]
 
 
 class Signing:
