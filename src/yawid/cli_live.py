@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 ASKED_HZ = 50.0
 _ENDPOINT = (
     "udpin:HOST:PORT, udpbcast:HOST:PORT, mcast:, tcp:HOST:PORT or a serial port such as "
-    "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates"
+    "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates; IPv6 as udpin:[::1]:14560"
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from yawid.sources.endpoints import written
 from yawid.sources.inbox import Address
 
 TOGETHER_US = 5_000_000
@@ -34,7 +35,7 @@ class Addresses:
             if len(known) > 1:
                 self._told.add(sysid)
                 del self._heard_us[sysid]
-                places = " and ".join(f"{host}:{port}" for host, port in known)
+                places = " and ".join(written(*place) for place in known)
                 news.append(
                     f"system {sysid} is sent from two addresses, {places}: a forged or doubled "
                     "stream, or two vehicles with one id; both are recorded and estimated"

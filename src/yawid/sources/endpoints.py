@@ -11,7 +11,8 @@ from yawid.errors import ConfigError
 Kind = Literal["udpin", "udpout", "udpbcast", "mcast", "tcp", "serial"]
 MULTICAST = ("239.255.145.50", 14550)  # ArduPilot's group, and pymavlink's default
 BAUD = 57600
-_HOST_PORT = re.compile(r"(udpin|udpout|udpbcast|tcp):([^:\s]+):(\d+)")
+_HOST_PORT = re.compile(r"(udpin|udpout|udpbcast|tcp):([^:\s\[\]]+):(\d+)")
+_HOST6_PORT = re.compile(r"(udpin|udpout|tcp):\[([\da-fA-F.]*:[\da-fA-F:.]*(?:%[\w.-]+)?)\]:(\d+)")
 _MULTICAST = re.compile(r"mcast:(?:(?:(\d+(?:\.\d+){3}):)?(\d+))?")
 _SERIAL = re.compile(r"(/dev/[^,\s]+|COM\d+)(?:,(\d+))?")
 _UNSUPPORTED = ("tcpin", "uds", "unix", "ws", "wss")
@@ -19,7 +20,10 @@ _UNSUPPORTED = ("tcpin", "uds", "unix", "ws", "wss")
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A host and a port, or a serial device and its baud rate. Port 0 lets the system choose."""
+    """A host and a port, or a serial device and its baud rate. Port 0 lets the system choose.
+
+    A host with a colon is an IPv6 address; it is written in brackets.
+    """
 
     host: str
     port: int
@@ -28,7 +32,17 @@ class Endpoint:
     def __str__(self) -> str:
         if self.kind == "serial":
             return f"{self.host},{self.port}"
-        return f"{self.kind}:{self.host}:{self.port}"
+        return f"{self.kind}:{written(self.host, self.port)}"
+
+    @property
+    def is_ipv6(self) -> bool:
+        """Whether the host is an IPv6 address."""
+        return ":" in self.host
+
+
+def written(host: str, port: int) -> str:
+    """Return an address as it is written: IPv6 in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def parse_endpoint(text: str) -> Endpoint:
@@ -46,7 +60,7 @@ def parse_endpoint(text: str) -> Endpoint:
         if not 0 < baud < 1 << 31:
             raise ConfigError(f"{text!r}: {baud} is no baud rate, write {match[1]},{BAUD}")
         return Endpoint(match[1], baud, "serial")
-    if match := _HOST_PORT.fullmatch(text):
+    if match := _HOST_PORT.fullmatch(text) or _HOST6_PORT.fullmatch(text):
         kind: dict[str, Kind] = {
             "udpin": "udpin",
             "udpout": "udpout",
@@ -57,6 +71,11 @@ def parse_endpoint(text: str) -> Endpoint:
     named = text.partition(":")[0]
     if named in _UNSUPPORTED:
         raise ConfigError(f"{text!r}: {named} is not supported, {_spellings(text)}")
+    if text.count(":") > 2:
+        raise ConfigError(
+            f"{text!r}: an IPv6 address stands in brackets, after udpin, udpout or tcp: write "
+            "udpin:[::1]:14560 (from this machine) or udpin:[::]:14560 (from the network)"
+        )
     raise ConfigError(f"{text!r} does not say where to listen, {_spellings(text)}")
 
 

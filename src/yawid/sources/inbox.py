@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 
 Address = tuple[str, int]
+"""Host and port; an IPv6 host that is one only on its link says on which: ``fe80::1%2``."""
 Heard = tuple[list[int], list[bytes], list[Address]]
 """Stamps, datagrams and senders, as many of each."""
 QUEUE = 200_000  # datagrams: a minute and more of a busy link

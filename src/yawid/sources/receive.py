@@ -28,6 +28,7 @@ _SO_TIMESTAMP = 29  # Linux: each datagram comes with the time at which the syst
 _WAIT_FOR_ONE = 0x10000
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
 _MOST_SENDERS = 4096
+_NAME_SIZE = 32  # bytes for a struct sockaddr_in6, which has 28
 _NO_DATAGRAM = (errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED)
 
 
@@ -76,7 +77,8 @@ class OneByOne:
         """See :class:`Receiver`."""
         # Silence, or the other end of udpout is not there yet.
         with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
-            return _untold([self._socket.recvfrom(_LONGEST)])
+            data, sender = self._socket.recvfrom(_LONGEST)
+            return _untold([(data, _address(*sender))])
         return NOTHING
 
     def take(self) -> Arrivals:
@@ -84,12 +86,18 @@ class OneByOne:
         heard: list[tuple[bytes, Address]] = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             while len(heard) < MOST:
-                heard.append(self._socket.recvfrom(_LONGEST, _DONT_WAIT))
+                data, sender = self._socket.recvfrom(_LONGEST, _DONT_WAIT)
+                heard.append((data, _address(*sender)))
         return _untold(heard)
 
 
 def _untold(heard: list[tuple[bytes, Address]]) -> Arrivals:
     return Arrivals([0] * len(heard), [data for data, _ in heard], [sender for _, sender in heard])
+
+
+def _address(host: str, port: int, _flow: int = 0, scope: int = 0) -> Address:
+    """Return what Python calls a sender of either family as an address."""
+    return (f"{host}%{scope}" if scope and "%" not in host else host), port
 
 
 class _Piece(ctypes.Structure):  # struct iovec
@@ -115,14 +123,22 @@ class _Told(ctypes.Structure):  # struct cmsghdr and the struct timeval it heads
     )  # fmt: skip
 
 
-class _Senders(dict[int, Address]):
-    """The address that the first eight bytes of a struct sockaddr_in, as a number, stand for."""
+class _Senders(dict[int | bytes, Address]):
+    """The address that a name stands for.
 
-    def __missing__(self, name: int) -> Address:
-        raw = name.to_bytes(8, sys.byteorder)
+    A name is the first eight bytes of a struct sockaddr_in as a number, or those of a sockaddr_in6.
+    """
+
+    def __missing__(self, name: int | bytes) -> Address:
         if len(self) >= _MOST_SENDERS:
             self.clear()
-        self[name] = socket.inet_ntoa(raw[4:]), int.from_bytes(raw[2:4], "big")
+        raw = name if isinstance(name, bytes) else name.to_bytes(8, sys.byteorder)
+        port = int.from_bytes(raw[2:4], "big")
+        if isinstance(name, bytes):
+            scope = int.from_bytes(raw[24:28], sys.byteorder)
+            self[name] = _address(socket.inet_ntop(socket.AF_INET6, raw[8:24]), port, 0, scope)
+        else:
+            self[name] = socket.inet_ntoa(raw[4:]), port
         return self[name]
 
 
@@ -144,18 +160,20 @@ class ManyAtOnce:
         # Of memory as NumPy takes it, in huge pages, all would be used at once.
         memory = mmap.mmap(-1, MOST * _LONGEST, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         data = np.frombuffer(memory, np.uint8).reshape(MOST, _LONGEST)
-        names = np.zeros((MOST, 2), np.uint64)
+        names = np.zeros((MOST, _NAME_SIZE // 8), np.uint64)
         told, pieces = np.zeros(MOST, np.dtype(_Told)), np.zeros(MOST, np.dtype(_Piece))
         pieces["base"], pieces["size"] = _places(data), _LONGEST
         messages = np.zeros(MOST, np.dtype(_Message))
         headers = messages["header"]
-        headers["name"], headers["name_size"] = _places(names), 16
+        headers["name"], headers["name_size"] = _places(names), _NAME_SIZE
         headers["pieces"], headers["n_pieces"], headers["told"] = _places(pieces), 1, _places(told)
         self._at = messages.ctypes.data
         self._kept = pieces, messages  # the system is told where they are: they must not go
         # Views of what it fills in. They are read by Python and not by NumPy: just after waking
         # up a few dozen rows cost less so.
-        self._view, self._sizes, self._names = data.data.cast("B"), messages["size"], names[:, 0]
+        self._view, self._sizes = data.data.cast("B"), messages["size"]
+        is_ipv6 = udp.family == socket.AF_INET6
+        self._names = names.view(f"V{_NAME_SIZE}")[:, 0] if is_ipv6 else names[:, 0]
         self._seconds, self._us, self._told_sizes = (
             told["seconds"],
             told["us"],

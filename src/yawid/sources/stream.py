@@ -1,10 +1,11 @@
-"""The live tap on a stream of bytes: TCP and serial ports, opened as pymavlink opens them."""
+"""The live tap on a stream of bytes: TCP, and serial ports as pymavlink opens them."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import io
+import socket
 from typing import Any
 
 from yawid.errors import SourceError
@@ -16,6 +17,7 @@ from yawid.sources.tap import Tap, magic_at
 _READ = 4096
 _IDLE_S = 0.005
 _AGAIN_S = 2.0  # between attempts to get a lost connection back
+_CONNECT_S = 3.0  # longer than one lost packet; a session that is to end waits for it
 
 
 class StreamTap(Tap):
@@ -49,14 +51,11 @@ class StreamTap(Tap):
 
     def _take(self) -> bytes:
         """Return what has come, b"" if nothing; an OSError means the connection is gone."""
-        if self.endpoint.kind == "serial":
-            data: bytes = self._connection.recv(_READ)
-            return data
         try:
-            data = self._connection.port.recv(_READ)
+            data: bytes = self._connection.recv(_READ)
         except BlockingIOError:
             return b""
-        if not data:
+        if not data and self.endpoint.kind == "tcp":
             raise ConnectionResetError(errno.ECONNRESET, "closed by the other end")
         return data
 
@@ -70,7 +69,7 @@ class StreamTap(Tap):
 
     def _send(self, frame: bytes, address: Address) -> None:
         if self.endpoint.kind == "tcp":
-            self._connection.port.send(frame)
+            self._connection.send(frame)
         else:
             self._connection.write(frame)
 
@@ -79,18 +78,21 @@ class StreamTap(Tap):
 
 
 def connect(endpoint: Endpoint) -> Any:
-    """Return pymavlink's connection to the endpoint.
+    """Return a socket connected to the endpoint, or pymavlink's serial connection.
 
     Raises:
         OSError: it cannot be had.
         SourceError: pyserial, which serial ports need, is not installed.
     """
+    if endpoint.kind == "tcp":
+        link = socket.create_connection((endpoint.host, endpoint.port), _CONNECT_S)
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return link
     # Importing mavutil changes the environment and takes 0.1 s: only those pay who need it.
     from pymavlink import mavutil
 
     with contextlib.redirect_stdout(io.StringIO()):  # it tells its troubles to stdout
-        if endpoint.kind == "tcp":
-            return mavutil.mavtcp(f"{endpoint.host}:{endpoint.port}", retries=1)
         try:
             return mavutil.mavserial(endpoint.host, baud=endpoint.port)
         except ImportError as error:

@@ -29,7 +29,8 @@ class UdpTap(Tap):
 
     def _open(self) -> None:
         self._socket = open_socket(self.endpoint)
-        self.address: Address = self._socket.getsockname()
+        host, port, *_ = self._socket.getsockname()
+        self.address: Address = host, port
         self._receiver = make_receiver(self._socket)
         self.receive_buffer: int = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._dropped_at_close: int | None = None
@@ -109,7 +110,13 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
     Raises:
         SourceError: the address cannot be listened on; the message gives the remedy.
     """
-    tap = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    family = socket.AF_INET6 if endpoint.is_ipv6 else socket.AF_INET
+    try:
+        tap = socket.socket(family, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise SourceError(
+            f"{endpoint} cannot be listened on: {_remedy(endpoint, error)}"
+        ) from error
     try:
         tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _POLL)
@@ -122,6 +129,8 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
             group = socket.inet_aton(endpoint.host) + socket.inet_aton("0.0.0.0")
             tap.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
         else:
+            if endpoint.is_ipv6:  # [::] is not 0.0.0.0 too: what is written is what is opened
+                tap.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             # No SO_REUSEADDR: with it the next program could take the port unseen.
             tap.bind((endpoint.host, endpoint.port))
     except OSError as error:
@@ -134,9 +143,12 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
 def _remedy(endpoint: Endpoint, error: OSError) -> str:
     unknown = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
     if unknown and endpoint.kind == "udpin":
-        return f"{endpoint.host} is no address of this machine, use 127.0.0.1 or 0.0.0.0"
+        own = "::1 or ::" if endpoint.is_ipv6 else "127.0.0.1 or 0.0.0.0"
+        return f"{endpoint.host} is no address of this machine, use {own}"
     if error.errno == errno.EADDRINUSE:
         return f"port {endpoint.port} is in use, end the program that has it or take another port"
+    if error.errno == errno.EAFNOSUPPORT:
+        return "this machine has no IPv6, use an address such as 127.0.0.1"
     if error.errno == errno.EACCES:
         return f"port {endpoint.port} needs privileges, use a port above 1023"
     return error.strerror or str(error)
