@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 from collections.abc import Callable, Mapping
@@ -74,8 +75,10 @@ class Viewer:
         self._end(lambda sink: sink.finish(summary, attachments))
 
     def abort(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.abort`."""
-        self._end(lambda sink: sink.abort())
+        """See :meth:`yawid.sinks.base.Sink.abort`; what ends at once waits for no viewer."""
+        for call in (lambda sink: sink.abort(), None):
+            with contextlib.suppress(queue.Full):
+                self._calls.put_nowait(call)
 
     def _hand(self, call: Call) -> bool:
         try:
