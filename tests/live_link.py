@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
 from yawid.live import Console, Ended, LiveOptions, live
+from yawid.live.warming import warm_up
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
@@ -96,6 +98,12 @@ class Session(SimpleNamespace):
         return self.folder / f"{name}.{suffix}.part"
 
 
+@cache
+def compiled() -> None:
+    """Have the estimators compiled: no test but those of the compiler is to wait for one."""
+    warm_up(CONFIG)
+
+
 @contextmanager
 def listening(
     folder: Path,
@@ -106,6 +114,7 @@ def listening(
     **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
+    compiled()
     port = free_port()
     stop, screen, ended = StopFlag(), Screen(), []
     asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)

@@ -14,7 +14,17 @@ from pathlib import Path
 import fly_jsbsim
 import pytest
 from jsbsim_flight import FlightPlan
-from live_link import CONFIG, Screen, frames, free_port, listening, send, tlog_size, wait_for_size
+from live_link import (
+    CONFIG,
+    Screen,
+    compiled,
+    frames,
+    free_port,
+    listening,
+    send,
+    tlog_size,
+    wait_for_size,
+)
 from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import Link
@@ -110,6 +120,7 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path: Path):
+    compiled()
     port = free_port()
     arguments = [f"udpin:127.0.0.1:{port}", "--out", str(tmp_path), "--json"]
     process = subprocess.Popen(

@@ -37,7 +37,7 @@ def test_what_comes_while_the_estimator_is_compiled_is_recorded_at_once_and_esti
     with listening(tmp_path) as session:
         send(early, session.port)
         wait_for_size(session.part("tlog"), tlog_size(early))
-        session.screen.wait_for("compiling the estimator")
+        session.screen.wait_for("the estimator is being made ready")
         session.screen.wait_for(f"{tlog_size(early)} bytes wait for the estimator")
         compiler.set()
         session.screen.wait_for("the estimator is ready")
@@ -62,7 +62,7 @@ def test_a_session_told_to_stop_while_it_compiles_is_complete_all_the_same(
         send(sent, session.port)
         wait_for_size(session.part("tlog"), tlog_size(sent))
         session.stop.is_set = True
-        session.screen.wait_for("ending as soon as the estimator is compiled")
+        session.screen.wait_for("ending as soon as the estimator is ready")
         compiler.set()
     [ended] = session.ended
     again, verdict = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())

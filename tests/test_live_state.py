@@ -25,7 +25,7 @@ from yawid.estimation import saving
 from yawid.estimation.armax import RecursiveArmax
 from yawid.live import Console, Ended, LiveOptions, live
 from yawid.live import state as state_file
-from yawid.live.state import StateFile
+from yawid.live.state import StateFile, check_states
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag
@@ -120,6 +120,8 @@ def test_a_state_cut_short_is_refused(tmp_path: Path):
 def test_the_reference_engine_cannot_be_saved(tmp_path: Path):
     with pytest.raises(ConfigError, match="--engine numba"):
         StateFile(tmp_path / "state", replace(CONFIG, engine="filterpy"), print)
+    with pytest.raises(ConfigError, match="--engine numba"):
+        check_states(tmp_path / "state", replace(CONFIG, engine="filterpy"))
 
 
 def test_a_state_that_cannot_be_written_is_one_line_and_exit_code_6(tmp_path: Path):

@@ -16,6 +16,7 @@ from fly_jsbsim import Stamped
 from mcap.reader import make_reader
 from send_tlog import stamped_frames
 
+from yawid.live.warming import warm_up
 from yawid.outputs import Outputs
 from yawid.run_config import RunConfig
 from yawid.session import StopFlag, replay
@@ -78,6 +79,7 @@ def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: f
         "--out",
         str(folder),
     ]
+    warm_up(RunConfig())  # a compiler would still be at work when the session is killed
     with subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ) as process:
         assert process.stderr is not None
         assert b"listening" in process.stderr.readline()

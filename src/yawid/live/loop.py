@@ -177,7 +177,7 @@ class _Loop:
             self._feed(0.0)
         if self._warming is not None and self._warming.held and not self._warming.is_over():
             self._console.say(
-                "ending as soon as the estimator is compiled and what was recorded is estimated; "
+                "ending as soon as the estimator is ready and has what was recorded; "
                 "a second signal ends at once"
             )
         for line in self._tap.news:
@@ -238,12 +238,12 @@ class _Loop:
         if self._warming.is_over():
             self._warming = None
             if self._warming_said:
-                self._console.say("the estimator is ready, what was recorded is estimated now")
+                self._console.say("the estimator is ready")
         elif not self._warming_said and time.monotonic() - self._begun_s > WARMING_S:
             self._warming_said = True
             self._console.say(
-                "compiling the estimator, once per installation: up to a minute; recording goes "
-                "on, and what was recorded is estimated then"
+                "the estimator is being made ready (compiled, the first time: up to a minute); "
+                "recording goes on, and what was recorded is estimated then"
             )
 
     def _tell(self, text: str) -> None:

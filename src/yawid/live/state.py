@@ -41,14 +41,12 @@ class StateFile:
     """
 
     def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
-        if config.engine != "numba":
-            raise ConfigError(f"--state needs --engine numba: {config.engine} cannot be saved")
         self.failure: str | None = None
         self._path = path
         self._tell = tell
         self._pace = Pace(SAVE_S)
         self._keep_old = False
-        check_writable(path)
+        check_place(path, config)
         self._head, self._saved = _read(path)
         if self._head is not None:
             reason = _difference({"configuration": _settings(config)}, self._head["key"])
@@ -106,12 +104,15 @@ class StateFile:
             self._tell(f"{self.failure}: the state is not kept")
 
 
-def check_writable(path: Path) -> None:
+def check_place(path: Path, config: RunConfig) -> None:
     """Find out before a flight whether a state can be kept there.
 
     Raises:
-        SinkError: it cannot.
+        ConfigError: estimators of this configuration cannot be saved.
+        SinkError: it could not be written.
     """
+    if config.engine != "numba":
+        raise ConfigError(f"--state needs --engine numba: {config.engine} cannot be saved")
     with os_errors_as_sink_error(path), tempfile.TemporaryFile(dir=path.absolute().parent):
         pass
 
@@ -127,7 +128,7 @@ def check_states(path: Path, config: RunConfig) -> None:
     Raises:
         ConfigError, SinkError: as :class:`StateFile` does.
     """
-    check_writable(path)
+    check_place(path, config)
     for own in (of_vehicle(path, sysid) for sysid in range(256)):
         if own.exists():
             StateFile(own, config, lambda _: None)
