@@ -65,7 +65,7 @@ def test_a_dead_link_is_said_at_once_with_its_time_and_is_no_longer_tracking(tmp
     # A line every ten minutes: what is said is said because the samples have stopped.
     with listening(tmp_path, line_s=600.0) as session:
         send(frames(20.0), session.port)
-        session.screen.wait_for("nothing received for")
+        session.screen.wait_for("yawid: nothing received for")
         assert "tracking" not in session.screen.getvalue()
         send(frames(10.0, first_s=120.0), session.port)
         session.screen.wait_for("598 samples")
@@ -82,11 +82,13 @@ def test_a_vehicle_that_falls_silent_beside_its_ground_station_is_not_tracking(t
         send(frames(20.0), session.port, link)
         session.screen.wait_for("tracking")
         patience = time.monotonic() + 20.0
-        while "no sample for" not in session.screen.getvalue():
+        while "yawid: no sample for" not in session.screen.getvalue():
             assert time.monotonic() < patience, last_line(session.screen)
             send([beat], session.port, link)
             time.sleep(0.1)
-    assert "nothing received" not in session.screen.getvalue()
+    said = session.screen.getvalue()
+    assert not [text for text in said.splitlines() if "no sample" in text and "tracking" in text]
+    assert "nothing received" not in said
 
 
 def test_a_link_nobody_has_sent_on_is_waited_for(tmp_path: Path):

@@ -24,41 +24,40 @@ class Standing:
         self._rate_from = time.monotonic(), frames
 
     def line(self, pipeline: Pipeline, waiting: int, now_us: int) -> str:
-        """Return how much comes and what it gives; ``waiting`` bytes are not estimated yet."""
-        if waiting:
-            return f"{waiting} bytes wait for the estimator{self._quiet(now_us)}"
+        """Return how much comes and what it gives; ``waiting`` bytes are not estimated yet.
+
+        Where nothing comes any more that stands first: a narrow terminal cuts the rest off.
+        """
         frames, now_s = pipeline.link.frames, time.monotonic()
         since_s, before = self._rate_from
         self._rate_from = now_s, frames
+        quiet = self._quiet(pipeline, now_us)
+        if waiting:
+            return ", ".join([*quiet, f"{waiting} bytes wait for the estimator"])
         rate = (frames - before) / max(now_s - since_s, 1e-9)
-        parts = [f"{rate:.0f} msg/s", f"{pipeline.samples} samples"]
+        parts = [*quiet, f"{rate:.0f} msg/s", f"{pipeline.samples} samples"]
         found, bank = pipeline.modes, pipeline.bank
         if found is None or bank is None:
-            return ", ".join([*parts, f"waiting for rudder and yaw rate{self._quiet(now_us)}"])
+            return ", ".join([*parts, "waiting for rudder and yaw rate"])
         wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
         parts += [f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"]
-        return ", ".join([*parts, self._status(pipeline, now_us)])
-
-    def _status(self, pipeline: Pipeline, now_us: int) -> str:
-        """Return what the estimator does, or since when it has nothing to do it with."""
-        assert pipeline.bank is not None
-        if quiet := self._quiet(now_us):
-            return quiet.removeprefix(", ")
-        if idle_s := _idle_s(pipeline, now_us):
-            return f"no sample for {idle_s:.0f} s"
-        last = pipeline.bank.last[pipeline.config.method]
-        return Status(int(last.status[-1])).name.lower().replace("_", " ")
+        if not quiet:
+            last = bank.last[pipeline.config.method]
+            parts.append(Status(int(last.status[-1])).name.lower().replace("_", " "))
+        return ", ".join(parts)
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
         """Whether samples have stopped since this was last asked."""
         was_idle, self._is_idle = self._is_idle, _idle_s(pipeline, now_us) > 0.0
         return self._is_idle and not was_idle
 
-    def _quiet(self, now_us: int) -> str:
+    def _quiet(self, pipeline: Pipeline, now_us: int) -> list[str]:
+        """Return what is to be said of a link or a vehicle that has fallen silent, if it has."""
         quiet_s = (now_us - self.received_us) / 1e6
-        if not self.received_us or quiet_s < QUIET_S:
-            return ""
-        return f", nothing received for {quiet_s:.0f} s"
+        if self.received_us and quiet_s > QUIET_S:
+            return [f"nothing received for {quiet_s:.0f} s"]
+        idle_s = _idle_s(pipeline, now_us)
+        return [f"no sample for {idle_s:.0f} s"] if idle_s else []
 
 
 def _idle_s(pipeline: Pipeline, now_us: int) -> float:
