@@ -79,7 +79,7 @@ def replay_run(
         with progress(sys.stderr, mcap.name, size) as advance:
             for samples in _samples(run, config):
                 pipeline.estimate(samples)
-                advance(size * len(samples) / run.rows)
+                advance(size * len(samples) / max(run.rows, 1))
                 if stop.is_set:
                     break
         summary, verdict = _summary(run, pipeline)
@@ -144,7 +144,8 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
     with run.path.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     before = run.summary
-    origin = before.get("source", {name: before[name] for name in ("log", "sha256")})
+    own = {name: before[name] for name in ("log", "sha256", "bytes_read") if name in before}
+    origin = before.get("source", own)
     kept = ("duration_s", "vehicle", "link", "channels")
     summary: dict[str, Any] = {"log": str(run.path.absolute()), "sha256": sha256}
     summary |= {"source": origin} | {name: before[name] for name in kept if name in before}
@@ -156,10 +157,12 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         summary["estimates"] = {}
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
-        channels, degrees = before["channels"], pipeline.config.rudder_max_deg
+        degrees = pipeline.config.rudder_max_deg
+        # What was recovered knows of the grid alone, which is no faster than the messages were.
+        least_hz, channels = 1.0 / bank.sample_time_s, before["channels"]
+        yaw, rudder = (channels.get(name, {}) for name in ("yaw", pipeline.config.inputs[0]))
         yaw_hz, rudder_hz = (
-            channels[name].get("first_rate_hz", channels[name]["rate_hz"])
-            for name in ("yaw", pipeline.config.inputs[0])
+            each.get("first_rate_hz", each.get("rate_hz", least_hz)) for each in (yaw, rudder)
         )
         unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
         verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)

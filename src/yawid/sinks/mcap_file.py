@@ -48,7 +48,9 @@ def _as_record(value: str | Mapping[str, object]) -> dict[str, str]:
         if isinstance(entry, Mapping):
             record |= {f"{name}.{inner}": text for inner, text in _as_record(entry).items()}
         else:
-            record[name] = entry if isinstance(entry, str) else json.dumps(entry)
+            # A file's name may hold bytes that are no UTF-8.
+            text = entry if isinstance(entry, str) else json.dumps(entry)
+            record[name] = text.encode("utf-8", "backslashreplace").decode()
     return record
 
 

@@ -7,10 +7,7 @@ format, which is refused instead of being misread.
 
 from __future__ import annotations
 
-import json
-import math
 import struct
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -28,11 +25,12 @@ from zstandard import ZstdError
 
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SourceError
-from yawid.run_config import RunConfig, check_settings
+from yawid.run_config import RunConfig
 from yawid.sinks.base import LogLevel
 from yawid.sinks.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.recover import is_bomb
 from yawid.sinks.rows import RowLayout
+from yawid.sinks.run_facts import Grid, checked, read_config, read_grid, read_summary
 from yawid.sinks.schemas import descriptor, descriptor_in, is_older, message_class
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -59,16 +57,6 @@ class LogLine:
     unix_ns: int
     level: LogLevel
     text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Names of parameters, inputs and methods (the primary first), and the sample time."""
-
-    parameters: tuple[str, ...]
-    inputs: tuple[str, ...]
-    methods: tuple[str, ...]
-    sample_time_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +123,13 @@ class McapRun:
                     layouts[topic] = _layout(schema, message.data)
                 if topic == topics[0]:
                     if len(log_ns) == BLOCK_ROWS:
-                        yield _joined(layouts, waiting), np.array(log_ns, np.int64)
+                        found = checked(_joined(layouts, waiting), self.grid)
+                        yield found, np.array(log_ns, np.int64)
                         log_ns = []
                     log_ns.append(message.log_time)
                 waiting[topic].append(message.data)
             if log_ns:
-                yield _joined(layouts, waiting), np.array(log_ns, np.int64)
+                yield checked(_joined(layouts, waiting), self.grid), np.array(log_ns, np.int64)
 
 
 def is_mcap(path: Path) -> bool:
@@ -174,9 +163,15 @@ def open_run(path: Path) -> McapRun:
             rows = _count(reader)
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
-    summary = _summary(path, attachments)
-    config = _config(path, attachments)
-    return McapRun(path, summary, metadata, attachments, config, _grid(path, metadata), log, rows)
+    if "summary.json" not in attachments:
+        raise SourceError(f"{path} holds no summary: the run was cut off; replay its log instead")
+    try:
+        summary = read_summary(attachments["summary.json"])
+        config = read_config(attachments.get("configuration.toml"))
+        grid = read_grid(metadata.get("grid"), config)
+    except ValueError as error:
+        raise SourceError(f"{path} is not as yawid writes it: {error}") from error
+    return McapRun(path, summary, metadata, attachments, config, grid, log, rows)
 
 
 @contextmanager
@@ -250,43 +245,9 @@ def _log_lines(reader: McapReader) -> Iterator[LogLine]:
     for _, _, message in reader.iter_messages([LOG]):
         line: Any = message_class("foxglove.Log").FromString(message.data)
         level = _LOG_LEVELS.get(line.level, "info")
+        if message.log_time >= 2**63:
+            raise ValueError("a log line has no time")
         yield LogLine(message.log_time, level, line.message)
-
-
-def _summary(path: Path, attachments: Mapping[str, bytes]) -> Mapping[str, Any]:
-    if "summary.json" not in attachments:
-        raise SourceError(f"{path} holds no summary: the run was cut off; replay its log instead")
-    try:
-        summary = json.loads(attachments["summary.json"])
-    except ValueError as error:
-        raise SourceError(f"{path}: its summary is no JSON: {error}") from error
-    if not isinstance(summary, dict) or not {"verdict", "link", "channels"} <= summary.keys():
-        raise SourceError(f"{path}: its summary is none of yawid's")
-    return summary
-
-
-def _config(path: Path, attachments: Mapping[str, bytes]) -> RunConfig:
-    try:
-        settings = tomllib.loads(attachments["configuration.toml"].decode())
-        return RunConfig(**check_settings(settings, str(path)))
-    except (KeyError, ValueError) as error:  # ConfigError is a ValueError
-        raise SourceError(f"{path}: its configuration cannot be used: {error}") from error
-
-
-def _grid(path: Path, metadata: Mapping[str, Mapping[str, str]]) -> Grid | None:
-    record = metadata.get("grid")
-    if record is None:
-        return None
-    try:
-        parameters, inputs, methods = (
-            tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
-        )
-        sample_time_s = float(record["sample_time_s"])
-    except (KeyError, ValueError) as error:
-        raise SourceError(f"{path}: its grid cannot be read: {error}") from error
-    if not (0.0 < sample_time_s < math.inf and parameters and inputs and methods):
-        raise SourceError(f"{path}: its grid makes no sense: {dict(record)}")
-    return Grid(parameters, inputs, methods, sample_time_s)
 
 
 def _count(reader: McapReader) -> int:
