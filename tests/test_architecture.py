@@ -9,7 +9,7 @@ import pytest
 
 SRC = Path(__file__).parents[1] / "src" / "yawid"
 STAGES = [
-    ("__init__", "errors", "blocks", "config", "run_config"),
+    ("__init__", "errors", "stop", "standard_streams", "blocks", "config", "run_config"),
     ("plant",),
     ("sources",),
     ("channels",),

@@ -25,7 +25,7 @@ from mcap.reader import make_reader
 from yawid.cli import main
 from yawid.outputs import Outputs, finish, open_mcap
 from yawid.pipeline import Pipeline
-from yawid.regress.case import Case
+from yawid.regress.case import Case, find_cases
 from yawid.regress.check import regress
 from yawid.run_config import RunConfig
 from yawid.summary import summarise
@@ -130,7 +130,7 @@ def test_the_number_of_workers_changes_nothing(tmp_path: Path):
             shutil.copytree(CASES / name, folder / name)
             (folder / name / "expected.csv").write_text("k,t\n0,0\n")
             (folder / name / "expected.json").write_text("{}")
-        outcomes = list(regress(folder, [], workers=workers))
+        outcomes = list(regress(find_cases(folder, []), workers=workers))
         rows = [Path(o.files["actual"]).read_bytes() for o in outcomes]
         found.append(([(o.name, o.wrong) for o in outcomes], rows))
 

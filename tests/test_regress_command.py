@@ -11,7 +11,7 @@ import pytest
 
 from yawid.cli import main
 from yawid.golden import read_csv
-from yawid.regress.case import Case
+from yawid.regress.case import Case, find_cases
 from yawid.regress.check import Outcome, check_case, regress
 from yawid.regress.reports import write_junit
 
@@ -191,7 +191,7 @@ def test_one_broken_case_does_not_keep_the_others_from_being_told(folder: Path):
     changed = text.replace("[options]", "[options]\nrate = 90", 1)
     (folder / "c172p_gcs_rates" / "case.toml").write_text(changed)
 
-    outcomes = list(regress(folder, []))
+    outcomes = list(regress(find_cases(folder, [])))
 
     assert [o.code for o in outcomes] == [2, 0]
     assert "--rate 90 is above the log's own rate" in outcomes[0].wrong[0]

@@ -21,14 +21,15 @@ from yawid.blocks import SampleBlock
 from yawid.errors import ConfigError, NotIdentifiable, SinkError
 from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
-from yawid.outputs import Outputs, open_sinks, whole_or_none
+from yawid.outputs import Outputs, keep_as_interrupted, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
 from yawid.results.judge import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.run_config import RunConfig
-from yawid.session import StopFlag
+from yawid.session import cut_short
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.progress import progress
+from yawid.stop import StopFlag
 from yawid.summary import as_summary
 from yawid.verdict_estimate import Evidence
 
@@ -62,28 +63,38 @@ def replay_run(
     ``settings`` overrule those of the run; ``automatic`` chooses the orders by the samples.
 
     Raises:
+        Interrupted: told to stop before there was anything to keep.
         SourceError: the file cannot be read, was not finished or is not a run's.
         ConfigError: a setting asks for other samples than the file holds.
         SinkError: an output cannot be written.
     """
-    run = open_run(mcap)
+    with stop.raising():
+        run = open_run(mcap)
     if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
         raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
     config = changed(run, settings)
     if automatic:
-        config = _with_orders(run, config)
+        with stop.raising():
+            config = _with_orders(run, config)
     pipeline = Pipeline(config)
     pipeline.sinks = open_sinks(config, outputs)
-    with whole_or_none(pipeline.sinks, outputs):
-        size = mcap.stat().st_size
+    size, rows, is_whole = mcap.stat().st_size, 0, True
+    with whole_or_none(pipeline.sinks):
         with progress(sys.stderr, mcap.name, size) as advance:
             for samples in _samples(run, config):
-                pipeline.estimate(samples)
-                advance(size * len(samples) / max(run.rows, 1))
                 if stop.is_set:
+                    is_whole = False
                     break
+                pipeline.estimate(samples)
+                rows += len(samples)
+                advance(size * len(samples) / max(run.rows, 1))
         summary, verdict = _summary(run, pipeline)
-        _finish(run, pipeline, summary, outputs)
+        files = outputs.files()
+        if not is_whole:
+            read = size * rows // max(run.rows, 1)  # as the samples lie in the file, evenly
+            summary, verdict = cut_short(summary, verdict, stop.name, (read, size))
+            files = keep_as_interrupted(pipeline.sinks, outputs)
+        _finish(run, pipeline, summary, files)
     return summary, verdict
 
 
@@ -175,8 +186,10 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
     return summary, verdict
 
 
-def _finish(run: McapRun, pipeline: Pipeline, summary: dict[str, Any], outputs: Outputs) -> None:
-    summary["files"] = outputs.files()
+def _finish(
+    run: McapRun, pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str]
+) -> None:
+    summary["files"] = files
     attachments = {
         "configuration.toml": pipeline.config.to_toml().encode(),
         "parameters.txt": run.attachments.get("parameters.txt", b""),

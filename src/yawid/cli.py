@@ -1,15 +1,15 @@
 """The command line: arguments to a configuration, errors to one line and an exit code.
 
 Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
-rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed. Results go
-to stdout, everything else to stderr. Heavy imports wait until a command needs them.
+rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 130 and 143
+interrupted by SIGINT and SIGTERM. Results go to stdout, everything else to stderr. Heavy imports
+wait until a command needs them.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -42,13 +42,15 @@ from yawid.errors import (
 )
 from yawid.regress.command import add_regress
 from yawid.regress.command import run as run_regress
+from yawid.standard_streams import make_ready, mute, show
+from yawid.stop import Interrupted, StopFlag
 
 if TYPE_CHECKING:
     from yawid.outputs import Outputs
     from yawid.run_config import RunConfig
-    from yawid.session import StopFlag
     from yawid.sources.reading import Reading
 
+INTERRUPTED = 130
 _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
     (ConfigError, 2),
     (ChannelError, 3),
@@ -94,22 +96,30 @@ def _parser() -> argparse.ArgumentParser:
 def _replay(arguments: argparse.Namespace) -> int:
     from yawid.again import replay_run
     from yawid.outputs import output_names
-    from yawid.session import StopFlag
     from yawid.sinks.mcap_run import is_mcap
 
     automatic, config = auto_orders(arguments), config_of(arguments)
     _warn_of_compiling()
     reading = reading_of(arguments)
-    codes = []
+    codes: list[int] = []
+    unreached: list[Path] = []
     with StopFlag().installed() as stop:
         for log, name in zip(arguments.logs, output_names(arguments.logs), strict=True):
             if stop.is_set:
-                break
+                unreached.append(log)
+                continue
             outputs = outputs_of(arguments, name)
             run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
             if is_mcap(log):
                 run = partial(replay_run, log, settings_of(arguments), outputs, stop, automatic)
-            codes.append(_told(run, arguments.json, _print_summary))
+            try:
+                codes.append(_told(run, arguments.json, _print_summary))
+            except Interrupted:
+                unreached.append(log)
+    if unreached:
+        _say(f"{stop.name}: not reached: {', '.join(map(str, unreached))}")
+    if unreached or (stop.is_set and INTERRUPTED in codes):
+        return stop.exit_code  # of SIGTERM another than the verdict's
     return max(codes, default=0)
 
 
@@ -139,7 +149,8 @@ def _replay_one(
     if automatic:
         from yawid.collect import with_orders
 
-        config = with_orders(log, config, reading)
+        with stop.raising():
+            config = with_orders(log, config, reading)
     return replay(log, config, outputs, stop, reading)
 
 
@@ -151,7 +162,7 @@ def _orders(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(report), flush=True)
     else:
-        print_orders(report, sys.stdout)
+        show(print_orders, report)
     return 0
 
 
@@ -184,9 +195,9 @@ def _regress(arguments: argparse.Namespace) -> int:
 def _told(
     run: Callable[[], tuple[dict[str, Any], Any]],
     as_json: bool,
-    show: Callable[[dict[str, Any], TextIO], None],
+    page: Callable[[dict[str, Any], TextIO], None],
 ) -> int:
-    """Do one run and print what came of it, for people by ``show``; return its code."""
+    """Do one run and print what came of it, for people as a page; return its code."""
     try:
         summary, verdict = run()
     except YawidError as error:
@@ -194,13 +205,16 @@ def _told(
     if as_json:
         print(json.dumps(summary), flush=True)
     else:
-        show(summary, sys.stdout)
+        show(page, summary)
     code: int = verdict.exit_code
     return code
 
 
 def _say(text: str) -> None:
-    print(f"yawid: {text}", file=sys.stderr, flush=True)
+    try:
+        print(f"yawid: {text}", file=sys.stderr, flush=True)
+    except OSError:
+        mute(sys.stderr)
 
 
 def _explained(error: YawidError) -> int:
@@ -210,15 +224,31 @@ def _explained(error: YawidError) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    arguments = _parser().parse_args(argv)
     try:
-        code: int = arguments.run(arguments)
+        make_ready()
+        with StopFlag(raises=True).installed():
+            return _run(argv)
     except YawidError as error:
         return _explained(error)
+    except Interrupted as stopped:
+        _say("interrupted: there is nothing of it to keep")
+        return stopped.exit_code
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         # The reader of our stdout has gone; nothing more can be said there.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        mute(sys.stdout)
         return 6
+    except OSError as error:
+        # Whoever opens a file says himself what is wrong with it.
+        mute(sys.stdout)
+        return _explained(SinkError(f"{error.filename or 'stdout'}: {error.strerror or error}"))
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    try:
+        arguments = _parser().parse_args(argv)
+        code: int = arguments.run(arguments)
+    finally:
+        sys.stdout.flush()
     return code

@@ -8,6 +8,7 @@ the value and the column's root mean square; NaN equals NaN.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -82,12 +83,13 @@ class RowsSink:
         """Nothing is open."""
 
 
-def write_csv(path: Path, columns: list[str], rows: list[list[float]]) -> None:
-    """Write a table as text that ``git diff`` can show."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([f"{value:.9g}" for value in row] for row in rows)
+def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:
+    """Return a table as text that ``git diff`` can show."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([f"{value:.9g}" for value in row] for row in rows)
+    return text.getvalue().encode()
 
 
 def read_csv(path: Path) -> tuple[list[str], Floats]:

@@ -7,7 +7,7 @@ import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Sink, check_free
 from yawid.sinks.mcap_file import McapSink
 from yawid.sinks.rerun_sink import RerunSink
 
@@ -61,22 +61,37 @@ def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
         SinkError: the folder or a file cannot be written.
     """
     sinks: list[Sink] = [open_mcap(config, outputs)]
-    with whole_or_none(sinks, outputs):
+    with whole_or_none(sinks):
         sinks += open_rerun(outputs)
     return sinks
 
 
 @contextmanager
-def whole_or_none(sinks: Sequence[Sink], outputs: Outputs) -> Iterator[None]:
+def whole_or_none(sinks: Sequence[Sink]) -> Iterator[None]:
     """Drop what was written of a run that fails: its source is still there, half is of no use."""
     try:
         yield
     except BaseException:
         for sink in sinks:
-            sink.abort()
-        for path in outputs.files().values():
-            Path(f"{path}.part").unlink(missing_ok=True)
+            if isinstance(sink, McapSink | RerunSink):
+                sink.discard()
+            else:
+                sink.abort()
         raise
+
+
+def keep_as_interrupted(sinks: Sequence[Sink], outputs: Outputs) -> dict[str, str]:
+    """Have the files of a run that was cut short bear a name that says so; return their paths.
+
+    Raises:
+        SinkError: such a file exists and is not to be overwritten.
+    """
+    kept = replace(outputs, name=f"{outputs.name}.interrupted")
+    for sink in sinks:
+        if isinstance(sink, McapSink | RerunSink) and sink.path is not None:
+            sink.path = kept.path(sink.path.suffix)
+            check_free(sink.path, force=outputs.force)
+    return kept.files()
 
 
 def open_mcap(config: RunConfig, outputs: Outputs) -> McapSink:

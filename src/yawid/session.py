@@ -1,45 +1,21 @@
-"""One replay, from the log to its finished files, and how a run is told to stop."""
+"""One replay, from the log to its finished files."""
 
 from __future__ import annotations
 
 import hashlib
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
-from yawid.outputs import Outputs, finish, open_sinks, whole_or_none
+from yawid.outputs import Outputs, finish, keep_as_interrupted, open_sinks, whole_or_none
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import Verdict
+from yawid.results.reasons import Reason, Verdict
 from yawid.run_config import RunConfig
 from yawid.sinks.progress import progress
 from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
-from yawid.summary import summarise
-
-
-class StopFlag:
-    """Set by SIGINT or SIGTERM; a run then finishes its files and its summary as usual."""
-
-    def __init__(self) -> None:
-        self.is_set = False
-
-    def _set(self, number: int, frame: FrameType | None) -> None:
-        self.is_set = True
-
-    @contextmanager
-    def installed(self) -> Iterator[StopFlag]:
-        """Catch the two signals while the context lasts."""
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        before = [signal.signal(number, self._set) for number in numbers]
-        try:
-            yield self
-        finally:
-            for number, handler in zip(numbers, before, strict=True):
-                signal.signal(number, handler)
+from yawid.stop import StopFlag as StopFlag  # and who replays by Python finds it here
+from yawid.summary import as_summary, summarise
 
 
 def replay(
@@ -51,7 +27,10 @@ def replay(
 ) -> tuple[dict[str, Any], Verdict]:
     """Replay one log; return its summary and verdict.
 
+    Told to ``stop`` it keeps what it has read, by names and with a verdict that say so.
+
     Raises:
+        Interrupted: told to stop before there was anything to keep.
         SourceError: the log cannot be read.
         SinkError: an output cannot be written.
         ConfigError: what is asked for does not fit the log.
@@ -59,19 +38,40 @@ def replay(
     digest = hashlib.sha256()
     reading = reading or Reading()
     pipeline = Pipeline(config, reading=reading)
-    reader = open_log(log, pipeline.decoder, reading.form)
-    pipeline.source = reader
+    with stop.raising():
+        pipeline.source = reader = open_log(log, pipeline.decoder, reading.form)
     pipeline.sinks = open_sinks(config, outputs)
-    with whole_or_none(pipeline.sinks, outputs):
-        with progress(sys.stderr, log.name, log.stat().st_size) as advance:
+    total, taken, is_whole = log.stat().st_size, 0, True
+    with whole_or_none(pipeline.sinks):
+        with progress(sys.stderr, log.name, total) as advance:
             for size, frames in reader.read(digest):
-                pipeline.take(frames)
-                advance(size)
                 if stop.is_set:
+                    is_whole = False
                     break
+                pipeline.take(frames)
+                taken += size
+                advance(size)
         pipeline.finish()
         if (said := reading.unchecked(pipeline.link)) is not None:
             sys.stderr.write(f"yawid: {said}\n")
         summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())
-        finish(pipeline, summary, outputs.files())
+        files = outputs.files()
+        if not is_whole:
+            summary, verdict = cut_short(summary, verdict, stop.name, (taken, total))
+            files = keep_as_interrupted(pipeline.sinks, outputs)
+        finish(pipeline, summary, files)
     return summary, verdict
+
+
+def cut_short(
+    summary: dict[str, Any], verdict: Verdict, signal: str, read_bytes: tuple[int, int]
+) -> tuple[dict[str, Any], Verdict]:
+    """Return summary and verdict of a run that a signal ended: a part of a log answers for no log.
+
+    ``read_bytes`` are those read and those there are; there is no hash of the log.
+    """
+    read, total = read_bytes
+    text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"
+    verdict = Verdict.of([Reason("interrupted", text), *verdict.reasons])
+    told = {("bytes_read" if key == "sha256" else key): summary[key] for key in summary}
+    return told | {"bytes_read": read, "verdict": as_summary(verdict)}, verdict

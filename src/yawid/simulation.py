@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from yawid.errors import ConfigError, SinkError
+from yawid.errors import ConfigError
 from yawid.outputs import Outputs, finish, open_mcap, whole_or_none
 from yawid.pipeline import Pipeline
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
 from yawid.run_config import RunConfig
+from yawid.sinks.base import check_free, write_whole
 from yawid.sources.simulated import Flight, tlog_of
 from yawid.summary import summarise
 
@@ -55,14 +56,8 @@ def simulate_to_file(
     if out.suffix == ".mcap":
         _mcap(simulation, out, rate_hz, force)
         return simulation
-    if out.exists() and not force:
-        raise SinkError(f"{out} exists: --force overwrites it")
-    part = out.with_name(out.name + ".part")
-    try:
-        part.write_bytes(writers[out.suffix](simulation))
-        part.replace(out)
-    except OSError as error:
-        raise SinkError(f"cannot write {out}: {error.strerror}") from error
+    check_free(out, force=force)
+    write_whole({out: writers[out.suffix](simulation)}, force=force)
     return simulation
 
 
@@ -90,7 +85,7 @@ def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> Non
     pipeline = Pipeline(config)
     outputs = Outputs(out.parent, out.stem, force=force)
     pipeline.sinks = [open_mcap(config, outputs)]
-    with whole_or_none(pipeline.sinks, outputs):
+    with whole_or_none(pipeline.sinks):
         pipeline.feed(_tlog(simulation))
         pipeline.finish()
         summary, _ = summarise(pipeline, str(out), "")

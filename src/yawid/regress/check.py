@@ -20,11 +20,11 @@ from yawid.golden import (
     Mismatch,
     compare_summaries,
     compare_tables,
+    csv_of,
     read_csv,
     split_tolerances,
-    write_csv,
 )
-from yawid.regress.case import Case, Replayed, find_cases
+from yawid.regress.case import Case, Replayed
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
 PARALLEL_BYTES = 50_000_000
@@ -36,7 +36,8 @@ class Outcome:
     """What came of one case.
 
     ``wrong`` says what differs, worst first; nothing where the case matches. ``code`` is its exit
-    code: 0, 1 (differs), 2 (the case does not fit its log) or 6 (its log cannot be read).
+    code: 0, 1 (differs), 2 (the case does not fit its log), 6 (its log cannot be read), 130 or 143
+    (not reached).
     """
 
     name: str
@@ -52,16 +53,12 @@ class Outcome:
         return self.code == 0
 
 
-def regress(folder: Path, names: Sequence[str], workers: int | None = None) -> Iterator[Outcome]:
+def regress(cases: Sequence[Case], workers: int | None = None) -> Iterator[Outcome]:
     """Replay cases and compare; yield what came of each, in their order.
 
     ``workers`` is the number of processes (None: one for each core where the logs are large, else
     one alone), no more than there are cases.
-
-    Raises:
-        ConfigError: there is no such case.
     """
-    cases = find_cases(folder, names)
     count = min(workers or _worthwhile(cases), len(cases))
     if count == 1:
         return map(check_case, cases)
@@ -136,7 +133,7 @@ def _leave(
         picture.unlink(missing_ok=True)
         if not differs:
             return
-        write_csv(actual, replayed.columns, replayed.rows)
+        actual.write_bytes(csv_of(replayed.columns, replayed.rows))
         files["actual"] = str(actual.absolute())
         columns, expected, now = tables
         if columns == replayed.columns and len(expected) and len(now):

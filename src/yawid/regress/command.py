@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from yawid.errors import ConfigError
+from yawid.stop import Interrupted
 
 if TYPE_CHECKING:
     from yawid.regress.check import Outcome
@@ -88,14 +90,22 @@ def _new(arguments: argparse.Namespace, settings: Mapping[str, Any], say: Say) -
 
 
 def _compare(arguments: argparse.Namespace, say: Say) -> int:
-    from yawid.regress.check import regress
+    from yawid.regress.case import find_cases
+    from yawid.regress.check import Outcome, regress
     from yawid.regress.reports import as_json, exit_code, write_junit
 
+    cases = find_cases(arguments.folder, arguments.cases)
     outcomes: list[Outcome] = []
-    for outcome in regress(arguments.folder, arguments.cases, arguments.workers):
-        outcomes.append(outcome)
-        if not arguments.json:
-            _tell(outcome, say)
+    try:
+        for outcome in regress(cases, arguments.workers):
+            outcomes.append(outcome)
+            if not arguments.json:
+                _tell(outcome, say)
+    except Interrupted as stopped:
+        unreached = cases[len(outcomes) :]
+        sys.stderr.write(f"yawid: not reached: {', '.join(case.name for case in unreached)}\n")
+        code, why = stopped.exit_code, ("interrupted: not compared",)
+        outcomes += [Outcome(case.name, case.folder.absolute(), code, why) for case in unreached]
     if arguments.json:
         say(json.dumps(as_json(outcomes)))
     if arguments.junit is not None:

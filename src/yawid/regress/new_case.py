@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from yawid.blocks import FrameBlock, Ints
 from yawid.channels.clock import boot_us
 from yawid.channels.stage import WANTED
 from yawid.channels.yaw import SOURCES, UNTIMED
-from yawid.errors import ConfigError, SinkError, SourceError, YawidError
+from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.regress.case import Case
 from yawid.run_config import RunConfig, check_settings
+from yawid.sinks.base import os_errors_as_sink_error
 from yawid.sources.frames import Decoder
 from yawid.sources.framing import STAMP_SIZE, frame_size
 from yawid.sources.logs import SUFFIXES, log_suffix
@@ -62,7 +64,9 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
             f"{log}: {len(kept)} bytes of what yawid reads, a case has less than {MOST_BYTES}: "
             "choose a stretch by --from and --to"
         )
-    origin = f"{log.name}, sha256 {hashlib.sha256(data).hexdigest()}"
+    # A file's name may hold bytes that are no text.
+    called = log.name.encode("utf-8", "backslashreplace").decode()
+    origin = f"{called}, sha256 {hashlib.sha256(data).hexdigest()}"
     origin += "" if kept is data else ", trimmed by yawid regress --new"
     return _written(place, f"log{suffix}", kept, origin, options)
 
@@ -80,26 +84,24 @@ def _on_board(log: Path) -> bytes:
 
 def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
     """Write the case, replay it once for its floor, and leave nothing where that fails."""
-    head = (
-        f"origin = {json.dumps(origin)}\n"
-        'licence = "not stated: whose log is it, and who may have it?"\n'
-        f'sha256 = "{hashlib.sha256(log).hexdigest()}"\n'
-    )
-    told = "".join(f"{key} = {json.dumps(value)}\n" for key, value in options.items())
-    files = {name: log, "case.toml": f"{head}floor = 0\n\n[options]\n{told}".encode()}
-    try:
+    told = {
+        "origin": origin,
+        "licence": "not stated: whose log is it, and who may have it?",
+        "sha256": hashlib.sha256(log).hexdigest(),
+        "floor": 0,
+        "options": dict(options),
+    }
+    with os_errors_as_sink_error(place):
         place.mkdir(parents=True)
-        for file, content in files.items():
-            (place / file).write_bytes(content)
-        floor = int(FLOOR_SHARE * Case.read(place).replay().updates)
-        final = f"{head}floor = {floor}\n\n[options]\n{told}"
-        (place / "case.toml").write_text(final, encoding="utf-8")
-    except OSError as error:
-        raise SinkError(f"cannot write {place}: {error.strerror}") from error
-    except YawidError:
-        for file in files:
-            (place / file).unlink(missing_ok=True)
-        place.rmdir()
+    try:
+        (place / name).write_bytes(log)
+        (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
+        told["floor"] = int(FLOOR_SHARE * Case.read(place).replay().updates)
+        (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
+    except BaseException as error:
+        shutil.rmtree(place, ignore_errors=True)  # it is ours: mkdir made it
+        if isinstance(error, OSError):
+            raise SinkError(f"cannot write {place}: {error.strerror}") from error
         raise
     return Case.read(place)
 

@@ -57,9 +57,10 @@ def _as_record(value: str | Mapping[str, object]) -> dict[str, str]:
 class McapSink:
     """Writes ``<path>.part`` at once and gives it the name ``path`` when finished.
 
-    ``metadata`` becomes one record per name; a text is held under the key ``text``. ``log_time`` is
-    the vehicle's time mapped to Unix, never decreasing on a topic; ``publish_time`` is the receive
-    stamp. For each sample the order in the file is sample, estimates, modes.
+    ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text is held
+    under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
+    topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
+    estimates, modes.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -72,7 +73,7 @@ class McapSink:
         *,
         force: bool = False,
     ) -> None:
-        self._path = path
+        self.path = path
         self._part, self._stream = open_part(path, force=force)
         self._pace = Pace(FLUSH_S)
         self._schemas: dict[str, int] = {}
@@ -85,8 +86,7 @@ class McapSink:
         try:
             self._open(metadata)
         except SinkError:
-            self.abort()
-            self._part.unlink(missing_ok=True)  # nothing in it, and it would stand in the way
+            self.discard()  # nothing in it, and it would stand in the way
             raise
 
     def start(
@@ -164,7 +164,8 @@ class McapSink:
         with os_errors_as_sink_error(self._part):
             verdict = verdict_message(summary["verdict"])
             self._writer.add_message(self._verdict_channel, last_ns, verdict)
-            source = {name: summary[name] for name in ("log", "sha256") if name in summary}
+            names = ("log", "sha256", "bytes_read")
+            source = {name: summary[name] for name in names if name in summary}
             self._add_record("source", source)
             for name in ("vehicle", "channels", "link"):
                 self._add_record(name, summary.get(name, {}))
@@ -175,7 +176,7 @@ class McapSink:
             self._writer.close()
             sync(self._stream)
             self._stream.close()
-            self._part.replace(self._path)
+            self._part.replace(self.path)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
@@ -189,6 +190,12 @@ class McapSink:
         for closed in (self._writer, self._stream):
             with contextlib.suppress(OSError):
                 closed.close()
+
+    def discard(self) -> None:
+        """Abort and remove what was written; it is this sink's own, nobody else may."""
+        self.abort()
+        with contextlib.suppress(OSError):
+            self._part.unlink(missing_ok=True)
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):

@@ -29,10 +29,8 @@ def view(
     )
     try:
         _show(run, sink)
-    except BaseException as error:
-        sink.abort()
-        if save is not None and not (isinstance(error, SinkError) and "exists" in str(error)):
-            save.with_name(save.name + ".part").unlink(missing_ok=True)
+    except BaseException:
+        sink.discard()
         raise
 
 

@@ -173,7 +173,7 @@ def _link(summary: Mapping[str, Any], data: ReportData | None) -> Iterator[str]:
 
 
 def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
-    keys = ("log", "sha256")
+    keys = ("log", "sha256", "bytes_read")
     origin = {key: run.summary[key] for key in keys if key in run.summary}
     source = run.summary.get("source", {})
     origin |= {f"samples from, {key}": source[key] for key in keys if key in source}

@@ -21,8 +21,9 @@ FLUSH_S: Final = 0.5  # of wall time between two batches to a viewer
 class RerunSink:
     """Shows a run in Rerun; ``target`` is ``save``, ``spawn`` or the address of a viewer.
 
-    ``path`` is the .rrd of ``save`` (``<path>.part`` until finished). A viewer that cannot be had
-    or goes away costs one call of ``warn`` and nothing else, unless it is ``needed``.
+    ``path`` is the .rrd of ``save``: ``<path>.part`` until finished, and may be changed until then.
+    A viewer that cannot be had or goes away costs one call of ``warn`` and nothing else, unless it
+    is ``needed``.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, it cannot be written, or there is no
@@ -43,7 +44,7 @@ class RerunSink:
         self._needed = needed
         self._pace = Pace(FLUSH_S)
         self._view: RerunView | None = None
-        self._path = path if target == "save" else None
+        self.path = path if target == "save" else None
         self._part: Path | None = None
         if target == "save":
             if path is None:
@@ -53,8 +54,7 @@ class RerunSink:
         try:
             self._view = _open_view(self._part or target, name)
         except Exception as error:
-            if self._part is not None:
-                self._part.unlink(missing_ok=True)  # nothing in it, and it would stand in the way
+            self.discard()  # nothing in it, and it would stand in the way
             self._failed(error)
 
     def start(
@@ -87,15 +87,22 @@ class RerunSink:
         """See :meth:`yawid.sinks.base.Sink.finish`; attachments are for files that keep them."""
         self._attempt(lambda view: view.finish(summary))
         self._view = None
-        if self._part is not None and self._path is not None:
-            with os_errors_as_sink_error(self._path):
-                self._part.replace(self._path)
+        if self._part is not None and self.path is not None:
+            with os_errors_as_sink_error(self.path):
+                self._part.replace(self.path)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
         with contextlib.suppress(SinkError):
             self._attempt(lambda view: view.close())
         self._view = None
+
+    def discard(self) -> None:
+        """Abort and remove what was written; it is this sink's own, nobody else may."""
+        self.abort()
+        if self._part is not None:
+            with contextlib.suppress(OSError):
+                self._part.unlink(missing_ok=True)
 
     def _attempt(self, act: Callable[[RerunView], None]) -> None:
         if self._view is None:

@@ -1,0 +1,75 @@
+"""Standard output and standard error as they may be: closed, full, of ASCII only, or a pipe."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Callable
+from typing import Any, TextIO
+
+from yawid.errors import SinkError
+
+PLAIN = {"±": "+-", "ω": "w", "ζ": "zeta", "σ": "sigma", "²": "2", "–": "-", "…": "..."}
+"""What yawid prints, for a terminal that cannot show it."""
+REPLACED = "yawid"
+"""The name under which Python's codecs know how."""
+
+
+def make_ready() -> None:
+    """See to it that no text that is written to either stream can fail for what it holds.
+
+    Raises:
+        SinkError: standard output is closed.
+    """
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=REPLACED)
+    if sys.stdout is None:
+        raise SinkError("stdout is closed, so nobody would get the answer; > /dev/null drops it")
+
+
+def show(page: Callable[[Any, TextIO], None], content: Any) -> None:
+    """Print a page to stdout as one piece.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    text = _Page()
+    page(content, text)
+    sys.stdout.write(text.getvalue())
+    sys.stdout.flush()
+
+
+def mute(stream: TextIO) -> None:
+    """Drop what a stream that failed still holds: else it fails once more when Python ends."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class _Page(io.StringIO):
+    """Text for stdout, as wide and coloured as if it were written there line by line."""
+
+    def isatty(self) -> bool:
+        return sys.stdout.isatty()
+
+
+def _replaced(error: UnicodeError) -> tuple[bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return b"".join(map(_shown, text)), error.end
+
+
+def _shown(character: str) -> bytes:
+    # A file's name may hold bytes that are no text; they go out as they came in, to be copied.
+    if "\udc80" <= character <= "\udcff":
+        return bytes([ord(character) - 0xDC00])
+    return PLAIN.get(character, "?").encode()
+
+
+codecs.register_error(REPLACED, _replaced)
