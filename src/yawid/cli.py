@@ -42,7 +42,7 @@ from yawid.errors import (
 )
 from yawid.regress.command import add_regress
 from yawid.regress.command import run as run_regress
-from yawid.standard_streams import make_ready, mute, show
+from yawid.standard_streams import bring_out, make_ready, mute, show
 from yawid.stop import Interrupted, StopFlag
 
 if TYPE_CHECKING:
@@ -250,5 +250,5 @@ def _run(argv: Sequence[str] | None) -> int:
         arguments = _parser().parse_args(argv)
         code: int = arguments.run(arguments)
     finally:
-        sys.stdout.flush()
+        bring_out()
     return code

@@ -45,6 +45,19 @@ def show(page: Callable[[Any, TextIO], None], content: Any) -> None:
     sys.stdout.flush()
 
 
+def bring_out() -> None:
+    """Bring out what both streams still hold; Python itself would do so where nobody can answer.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    try:
+        sys.stderr.flush()
+    except OSError:
+        mute(sys.stderr)
+    sys.stdout.flush()
+
+
 def mute(stream: TextIO) -> None:
     """Drop what a stream that failed still holds: else it fails once more when Python ends."""
     with contextlib.suppress(OSError, ValueError):
