@@ -72,6 +72,6 @@ def cut_short(
     """
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"
-    verdict = Verdict.of([Reason("interrupted", text), *verdict.reasons])
+    verdict = Verdict.of([Reason("interrupted", text), *verdict.reasons], verdict.method)
     told = {("bytes_read" if key == "sha256" else key): summary[key] for key in summary}
     return told | {"bytes_read": read, "verdict": as_summary(verdict)}, verdict
