@@ -40,6 +40,7 @@ ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
     ("--servo-tau", float, "SECONDS", "the servo's lag, to know its pole (the fastest real one)"),
     ("--from", float, "S", "first second since boot to estimate from"),
     ("--to", float, "S", "last second since boot to estimate from"),
+    ("--boot", int, "N", "only the vehicle's Nth boot in the log, from 1 (all)"),
     ("--sysid", _sysid, "N", "system id of the vehicle, where several are heard (live: or all)"),
 )
 

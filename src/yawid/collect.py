@@ -36,7 +36,9 @@ def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> lis
         blocks += [] if frames is None else channels.feed(frames)
     frames = decoder.finish()
     blocks += [] if frames is None else channels.feed(frames)
-    return blocks + channels.finish()
+    blocks += channels.finish()
+    channels.boots.check(config)
+    return blocks
 
 
 def run_through(
@@ -62,6 +64,7 @@ def run_through(
     for _, frames in reader.read(digest):
         pipeline.take(frames)
     pipeline.finish()
+    pipeline.channels.boots.check(config)
     return pipeline, digest.hexdigest()
 
 

@@ -108,7 +108,7 @@ def inspect(
     found: list[Stretch] = []
     if pipeline.bank is not None and pipeline.channels.surfaces:
         found = stretches(log, config, reading)
-    kept = ("log", "sha256", "duration_s", "vehicle", "link", "channels")
+    kept = ("log", "sha256", "duration_s", "vehicle", "vehicles", "boots", "link", "channels")
     report = {key: whole.summary[key] for key in kept if key in whole.summary}
     link = pipeline.link
     report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}

@@ -23,6 +23,7 @@ SELECTORS = {
 }
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
+_INTEGERS = ("sysid", "boot")
 _FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
 
 
@@ -33,7 +34,8 @@ class RunConfig:
     ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
     ``rate`` in Hz (None: 20, or the rate of the slower channel), ``band`` in Hz (None: no filter),
     ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
-    (None: one unit is half the travel), ``servo_tau`` the servo's lag in seconds (None: unknown).
+    (None: one unit is half the travel), ``servo_tau`` the servo's lag in seconds (None: unknown),
+    ``boot`` the only boot of the vehicle whose samples count, from 1 (None: all of them).
 
     Raises:
         ConfigError: a value outside its limits.
@@ -58,6 +60,14 @@ class RunConfig:
     from_s: float | None = None
     to_s: float | None = None
     sysid: int | None = None
+    boot: int | None = None
+
+    @property
+    def window_us(self) -> tuple[float, float]:
+        """``from_s`` and ``to_s`` in microseconds since boot, infinite where they are not given."""
+        low = -math.inf if self.from_s is None else 1e6 * self.from_s
+        high = math.inf if self.to_s is None else 1e6 * self.to_s
+        return low, high
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "orders", tuple(self.orders))
@@ -109,6 +119,8 @@ class RunConfig:
             object.__setattr__(self, "band", tuple(self.band))
             if len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf:
                 raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {self.band!r}")
+        if self.boot is not None and self.boot < 1:
+            raise ConfigError(f"--boot counts from 1, got {self.boot!r}")
         for name in ("from_s", "to_s"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
@@ -197,7 +209,7 @@ def _typed(name: str, value: Any, where: str) -> Any:
         except (TypeError, ValueError) as error:
             raise ConfigError(f"{where}: {name} must be a list, got {value!r}") from error
     numeric = name in _FLOATS
-    wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name == "sysid" else (str,)
+    wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name in _INTEGERS else (str,)
     if not isinstance(value, wanted) or isinstance(value, bool):
         raise ConfigError(f"{where}: {name} must be {wanted[-1].__name__}, got {value!r}")
     return value

@@ -52,6 +52,10 @@ def replay(
                 taken += size
                 advance(size)
         pipeline.finish()
+        if not stop.is_set:
+            pipeline.channels.boots.check(config)
+        if (warning := pipeline.channels.boots.warning(config)) is not None:
+            sys.stderr.write(f"yawid: {warning}\n")
         if (said := reading.unchecked(pipeline.link)) is not None:
             sys.stderr.write(f"yawid: {said}\n")
         summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())

@@ -40,6 +40,13 @@ def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any]
             "type": vehicle.type,
             "autopilot": vehicle.autopilot,
         }
+    if len(vehicles := channels.lock.vehicles) > 1:
+        summary["vehicles"] = vehicles
+    if len(boots := channels.boots.spans_us) > 1:
+        summary["boots"] = [
+            {"boot": number, "from": first / 1e6, "to": last / 1e6}
+            for number, (first, last) in boots.items()
+        ]
     summary["link"] = _link(pipeline)
     summary["channels"] = _channels(channels)
     evidence: dict[str, Evidence] = {}

@@ -2,7 +2,7 @@
 
 A log may hold commands that nobody carries out: of an autopilot that was taken along disarmed, or
 whose outputs are blocked by a safety switch. Looked at is only what was told while samples could be
-taken: within --from and --to, and not on the ground.
+taken: in the boot and the stretch asked for, and not on the ground.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.clock import Series
+from yawid.channels.clock import Piece
 from yawid.channels.context import ARMED
 from yawid.channels.latest import Latest
 from yawid.channels.surface import raw_outputs
 from yawid.channels.vehicle import Vehicle
 from yawid.channels.yaw import ON_GROUND
+from yawid.run_config import RunConfig
 
 MOVED = 0.002
 """An output whose values differ by more than this part of them has moved: 3 us of a servo."""
@@ -55,11 +56,10 @@ class Output:
 class Command:
     """Gathers the facts from the stage's messages; ``texts`` says what speaks against the log.
 
-    ``low_us`` and ``high_us`` are --from and --to on the vehicle's clock.
+    What is sampled is chosen as the ``config`` says.
     """
 
-    low_us: float = -math.inf
-    high_us: float = math.inf
+    config: RunConfig
     outputs: dict[tuple[str, int], Output] = field(default_factory=dict)
     moved: bool = False
     armed: bool = False
@@ -69,10 +69,11 @@ class Command:
     _sampled: Latest = field(default_factory=lambda: Latest(1))
     _armed: Latest = field(default_factory=lambda: Latest(1))
 
-    def take(self, yaw: Series) -> None:
-        """Take in rows of yaw: they say where samples can be taken."""
-        sampled = (yaw.t_us >= self.low_us) & (yaw.t_us <= self.high_us)
-        sampled &= yaw.values[:, ON_GROUND] != 1.0
+    def take(self, piece: Piece) -> None:
+        """Take in a piece of a segment: its rows of yaw say where samples can be taken."""
+        yaw, (low_us, high_us) = piece.yaw, self.config.window_us
+        sampled = (yaw.t_us >= low_us) & (yaw.t_us <= high_us)
+        sampled &= (yaw.values[:, ON_GROUND] != 1.0) & (self.config.boot in (None, piece.boot))
         self._rows.append((yaw.order, sampled[:, None].astype(float)))
 
     def note(self, messages: Mapping[str, MessageBlock]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from yawid.blocks import FrameBlock, MessageBlock, SampleBlock
 from yawid.channels.align import Aligner
+from yawid.channels.boots import Boots
 from yawid.channels.clock import Piece, Segmenter, Series
 from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner
@@ -62,7 +63,8 @@ class Channels:
         self._used: tuple[Surface, ...] = ()
         self._heard = Heard()
         self._context = Context()
-        self.command = Command(*window_us(config))
+        self.command = Command(config)
+        self.boots = Boots()
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
 
@@ -201,7 +203,8 @@ class Channels:
             self.watch(yaw, surface)
         samples = []
         for piece in self.segmenter.feed(yaw, surface):
-            self.command.take(piece.yaw)
+            self.command.take(piece)
+            self.boots.note(piece.boot, piece.yaw)
             samples += self._align(piece)
         return samples
 
@@ -211,7 +214,7 @@ class Channels:
         assert self.aligner is not None
         block = self.aligner.feed(piece)
         conditioned = None if block is None else self.conditioner.feed(block)
-        return [] if conditioned is None else self._chosen(conditioned)
+        return [] if conditioned is None else self._chosen(conditioned, piece.boot)
 
     def _begin(self, startup: StartUp) -> list[SampleBlock]:
         """Fix the rate and align what was kept until now."""
@@ -226,20 +229,15 @@ class Channels:
         self.conditioner = Conditioner(self.config, sample_time_s, count)
         return [block for piece in startup.pieces for block in self._align(piece)]
 
-    def _chosen(self, block: SampleBlock) -> list[SampleBlock]:
-        """Apply --from and --to, which choose samples and not parameters."""
-        low, high = window_us(self.config)
+    def _chosen(self, block: SampleBlock, boot: int) -> list[SampleBlock]:
+        """Apply --boot, --from and --to, which choose samples and not parameters."""
+        if self.config.boot not in (None, boot):
+            return []
+        low, high = self.config.window_us
         rows = (block.boot_us >= low) & (block.boot_us <= high)
         if rows.all():
             return [block]
         return [block.select(rows)] if rows.any() else []
-
-
-def window_us(config: RunConfig) -> tuple[float, float]:
-    """Return --from and --to in microseconds since boot, infinite where they are not given."""
-    low = -np.inf if config.from_s is None else 1e6 * config.from_s
-    high = np.inf if config.to_s is None else 1e6 * config.to_s
-    return low, high
 
 
 def _same_meaning(old: tuple[Surface, ...], new: tuple[Surface, ...]) -> bool:

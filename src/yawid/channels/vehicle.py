@@ -88,6 +88,7 @@ class VehicleLock:
     sysid: int | None = None
     vehicle: Vehicle | None = None
     heard: dict[tuple[int, int], int] = field(default_factory=dict)
+    autopilots: dict[tuple[int, int], int] = field(default_factory=dict)
     _parameters: list[MessageBlock] = field(default_factory=list)
 
     def filter(self, frames: FrameBlock) -> tuple[dict[str, MessageBlock], list[MessageBlock]]:
@@ -119,9 +120,10 @@ class VehicleLock:
 
     def _note_heartbeats(self, block: MessageBlock) -> None:
         kinds, autopilots = block.fields["type"], block.fields["autopilot"]
-        senders = np.stack([block.sysid, block.compid, kinds], axis=1)
-        for sysid, compid, kind in np.unique(senders, axis=0).tolist():
+        senders = np.stack([block.sysid, block.compid, kinds, autopilots], axis=1)
+        for sysid, compid, kind, autopilot in np.unique(senders, axis=0).tolist():
             self.heard.setdefault((sysid, compid), kind)
+            self.autopilots.setdefault((sysid, compid), autopilot)
         if self.vehicle is not None:
             return
         flies = (autopilots != AUTOPILOT_INVALID) & ~np.isin(kinds, list(NOT_A_VEHICLE))
@@ -136,6 +138,16 @@ class VehicleLock:
                 autopilot=int(autopilots[i]),
                 order=int(block.order[i]),
             )
+
+    @property
+    def vehicles(self) -> list[dict[str, int]]:
+        """Every vehicle heard, by its address: sysid, compid, type and autopilot."""
+        return [
+            {"sysid": sysid, "compid": compid, "type": kind, "autopilot": autopilot}
+            for (sysid, compid), kind in sorted(self.heard.items())
+            if (autopilot := self.autopilots[sysid, compid]) != AUTOPILOT_INVALID
+            and kind not in NOT_A_VEHICLE
+        ]
 
     def why_none(self) -> str:
         """Say who was heard instead of a vehicle."""

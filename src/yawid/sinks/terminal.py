@@ -10,7 +10,11 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from yawid.channels.vehicle import TYPE_NAMES
+
 WIDTH = 80
+MOST_BOOTS = 4
+"""Further boots are left to --json."""
 
 
 def print_summary(summary: Mapping[str, Any], stream: TextIO) -> None:
@@ -90,6 +94,23 @@ def origin(summary: Mapping[str, Any]) -> Iterator[str]:
     )
     leapt = f"; the vehicle's clock leapt by {leap_s:.0f} s" if leap_s else ""
     yield f"    link  {counts}{leapt}"
+    if "vehicles" in summary:
+        yield f"vehicles  {_vehicles(summary)}"
+    if "boots" in summary:
+        each = [f"{b['boot']}: {b['from']:.0f} to {b['to']:.0f} s" for b in summary["boots"]]
+        yield f"   boots  {', '.join(each[:MOST_BOOTS])}{', ...' * (len(each) > MOST_BOOTS)}"
+
+
+def _vehicles(summary: Mapping[str, Any]) -> str:
+    """Name every vehicle in the log, and which of them is answered."""
+    locked = summary.get("vehicle", {})
+    answered = locked.get("sysid"), locked.get("compid")
+    named = [
+        f"{each['sysid']}/{each['compid']} {TYPE_NAMES.get(each['type'], 'unknown')}"
+        + (" (answered)" if (each["sysid"], each["compid"]) == answered else "")
+        for each in summary["vehicles"]
+    ]
+    return f"{', '.join(named)}: choose another by --sysid"
 
 
 def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> None:
