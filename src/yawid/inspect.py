@@ -310,7 +310,8 @@ def _trial(log: Path, config: RunConfig, reading: Reading) -> Trial:
 def _rate(trial: Trial, later_hz: float) -> float:
     """Return the nice rate nearest to sixteen samples per period, no more than the log has."""
     channels: Mapping[str, Any] = trial.summary["channels"]
-    own = min(later_hz, *(channels[name]["rate_hz"] for name in channels))
+    first = [each.get("first_rate_hz", each["rate_hz"]) for each in channels.values()]
+    own = min(later_hz, *first)
     wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0
     target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
     allowed = [rate for rate in NICE_RATES_HZ if rate <= own * 1.02]
