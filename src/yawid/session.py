@@ -52,7 +52,7 @@ def replay(
                 taken += size
                 advance(size)
         pipeline.finish()
-        if not stop.is_set:
+        if is_whole:
             pipeline.channels.boots.check(config)
         if (warning := pipeline.channels.boots.warning(config)) is not None:
             sys.stderr.write(f"yawid: {warning}\n")

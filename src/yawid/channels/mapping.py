@@ -1,19 +1,20 @@
 """Which outputs are the rudder and the aileron, by what the vehicle's parameters say.
 
-ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), PX4 by PWM_MAIN_FUNCn, which
-names a servo, and CA_SV_CSi_TYPE, which names the control surface that servo moves.
+ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), ArduPlane before 3.8 by the
+stick of the same number, PX4 by PWM_MAIN_FUNCn, which names a servo, and CA_SV_CSi_TYPE, which
+names the control surface that servo moves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
-from yawid.channels.parameters import ParameterTable
+from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
 from yawid.channels.stand_in import stick, stick_part
 from yawid.channels.surface import STICKS, Part, Surface
 from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER, Vehicle, has_wings
 
-AP_RUDDER, AP_AILERON = 21, 4
 AP_VTAIL_LEFT, AP_VTAIL_RIGHT = 79, 80
 AP_ELEVON_LEFT, AP_ELEVON_RIGHT = 77, 78
 AP_FLAPERON_LEFT, AP_FLAPERON_RIGHT = 24, 25
@@ -41,11 +42,12 @@ def find_surface(
     if vehicle.type in WITHOUT_RUDDER and _told(what, vehicle, table, heard) is None:
         return None
     kind, _, number = selector.partition(":")
+    outputs = _Outputs.of(vehicle, table)
     if kind == "servo":
-        return Surface("SERVO_OUTPUT_RAW", "option", (_servo(int(number), table),))
+        return Surface("SERVO_OUTPUT_RAW", "option", (outputs.servo(int(number)),))
     if kind == "vtail":
         left, right = (int(n) for n in number.split(","))
-        return Surface("SERVO_OUTPUT_RAW", "option", _vtail(left, right, table))
+        return Surface("SERVO_OUTPUT_RAW", "option", outputs.vtail(left, right))
     if kind == "control":
         return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
     if kind == "rc":
@@ -88,67 +90,90 @@ def _told(
 def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
     """Tell whether the parameters name any surface at all."""
     if vehicle.autopilot == ARDUPILOT:
-        return bool(table.functions())
+        return bool(_Outputs.of(vehicle, table).functions)
     return any(f"CA_SV_CS{i}_TYPE" in table.values for i in range(8))
 
 
+@dataclass(frozen=True, slots=True)
+class _Outputs:
+    """ArduPilot's outputs by the names that its parameters have for them.
+
+    ArduPlane before 3.8 has RCn_MIN, _TRIM, _MAX and _REV in place of SERVOn_.
+    """
+
+    table: ParameterTable
+    is_old: bool
+
+    @staticmethod
+    def of(vehicle: Vehicle, table: ParameterTable) -> _Outputs:
+        is_plane = vehicle.autopilot == ARDUPILOT and vehicle.type == FIXED_WING
+        return _Outputs(table, is_plane and table.is_old_plane)
+
+    @property
+    def functions(self) -> dict[int, int]:
+        return self.table.old_functions() if self.is_old else self.table.functions()
+
+    @property
+    def prefix(self) -> str:
+        return "RC" if self.is_old else "SERVO"
+
+    def servo(self, number: int, weight: float = 1.0) -> Part:
+        travel, reverse, _ = self.table.travel(f"{self.prefix}{number}")
+        return Part(number, travel, reverse, weight)
+
+    def vtail(self, left: int, right: int) -> tuple[Part, ...]:
+        """Invert left = (elevator + rudder) * gain, right = (elevator - rudder) * gain."""
+        weight = 0.5 / self.mixing
+        return self.servo(left, weight), self.servo(right, -weight)
+
+    @property
+    def mixing(self) -> float:
+        """The mixer's factor of rudder or aileron: MIXING_GAIN, more with an offset > 0."""
+        gain, offset = self.table.get("MIXING_GAIN", 0.5), self.table.get("MIXING_OFFSET", 0.0)
+        mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
+        return mixing if 0.0 < mixing < 100.0 else 0.5
+
+
 def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:
-    functions = table.functions()
+    outputs = _Outputs.of(vehicle, table)
+    functions = outputs.functions
     if not functions:
         if vehicle.type != FIXED_WING:
             return None
-        return Surface("SERVO_OUTPUT_RAW", "assumed", (_servo(STOCK_SERVO[what], table),))
+        return Surface("SERVO_OUTPUT_RAW", "assumed", (outputs.servo(STOCK_SERVO[what]),))
     servo_of: dict[int, int] = {}
     for servo, function in functions.items():
         servo_of.setdefault(function, servo)
     single = AP_RUDDER if what == "rudder" else AP_AILERON
     twins = [n for n, function in functions.items() if function == single][1:]
-    parts = _ap_rudder(servo_of, table) if what == "rudder" else _ap_aileron(servo_of, table)
+    parts = _ap_rudder(servo_of, outputs) if what == "rudder" else _ap_aileron(servo_of, outputs)
     if not parts:
         return None
-    told = all(table.travel(f"SERVO{part.number}")[2] for part in parts)
+    told = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
     how = "parameter" if told else "parameter, travel assumed"
-    alike = tuple(_servo(number, table) for number in twins)
+    alike = tuple(outputs.servo(number) for number in twins)
     return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
 
-def _ap_rudder(servo_of: dict[int, int], table: ParameterTable) -> tuple[Part, ...]:
+def _ap_rudder(servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
     if AP_RUDDER in servo_of:
-        return (_servo(servo_of[AP_RUDDER], table),)
+        return (outputs.servo(servo_of[AP_RUDDER]),)
     if AP_VTAIL_LEFT in servo_of and AP_VTAIL_RIGHT in servo_of:
-        return _vtail(servo_of[AP_VTAIL_LEFT], servo_of[AP_VTAIL_RIGHT], table)
+        return outputs.vtail(servo_of[AP_VTAIL_LEFT], servo_of[AP_VTAIL_RIGHT])
     return ()
 
 
-def _ap_aileron(servo_of: dict[int, int], table: ParameterTable) -> tuple[Part, ...]:
+def _ap_aileron(servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
     if AP_AILERON in servo_of:
-        return (_servo(servo_of[AP_AILERON], table),)
+        return (outputs.servo(servo_of[AP_AILERON]),)
     if AP_ELEVON_LEFT in servo_of and AP_ELEVON_RIGHT in servo_of:
-        weight = 0.5 / _mixing(table)
+        weight = 0.5 / outputs.mixing
         left, right = servo_of[AP_ELEVON_LEFT], servo_of[AP_ELEVON_RIGHT]
-        return _servo(left, table, -weight), _servo(right, table, weight)
+        return outputs.servo(left, -weight), outputs.servo(right, weight)
     if AP_FLAPERON_LEFT in servo_of and AP_FLAPERON_RIGHT in servo_of:
         left, right = servo_of[AP_FLAPERON_LEFT], servo_of[AP_FLAPERON_RIGHT]
-        return _servo(left, table, 0.5), _servo(right, table, 0.5)
+        return outputs.servo(left, 0.5), outputs.servo(right, 0.5)
     return ()
-
-
-def _vtail(left: int, right: int, table: ParameterTable) -> tuple[Part, ...]:
-    """Invert left = (elevator + rudder) * gain, right = (elevator - rudder) * gain."""
-    weight = 0.5 / _mixing(table)
-    return _servo(left, table, weight), _servo(right, table, -weight)
-
-
-def _mixing(table: ParameterTable) -> float:
-    """Return the mixer's factor of rudder or aileron: MIXING_GAIN, more with an offset > 0."""
-    gain, offset = table.get("MIXING_GAIN", 0.5), table.get("MIXING_OFFSET", 0.0)
-    mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
-    return mixing if 0.0 < mixing < 100.0 else 0.5
-
-
-def _servo(number: int, table: ParameterTable, weight: float = 1.0) -> Part:
-    travel, reverse, _ = table.travel(f"SERVO{number}")
-    return Part(number, travel, reverse, weight)
 
 
 def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | None:
@@ -204,9 +229,15 @@ def _px4_outputs(function: int, table: ParameterTable) -> Iterator[tuple[str, in
 
 def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
     """Say what was found where a surface should have been."""
-    functions = {n: f for n, f in table.functions().items() if f}
+    outputs = _Outputs.of(vehicle, table)
+    functions = {n: f for n, f in outputs.functions.items() if f}
+    if outputs.is_old and what == "rudder":
+        return (
+            "VTAIL_OUTPUT mixes rudder and elevator, and which way is not known here: name the "
+            "outputs by --rudder vtail:L,R, or by servo:N one that is the rudder alone"
+        )
     if functions:
-        found = ", ".join(f"SERVO{n}={f}" for n, f in functions.items())
+        found = ", ".join(f"{outputs.prefix}{n}={f}" for n, f in functions.items())
         return f"none of the servo functions is a {what}; found are {found}"
     if vehicle.type in WITHOUT_RUDDER:
         return (

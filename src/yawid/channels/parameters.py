@@ -18,11 +18,17 @@ STOCK_TRAVEL_US: Travel = (1100.0, 1500.0, 1900.0)
 PX4_TRAVEL_US: Travel = (1000.0, 1500.0, 2000.0)
 """PX4's defaults of PWM_MAIN_MINn and PWM_MAIN_MAXn, and their middle."""
 _RELEVANT = re.compile(
-    r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)|RC[1-9]\d?_(MIN|TRIM|MAX|REV|REVERSED)"
-    r"|RC_?MAP_(YAW|ROLL)|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
+    r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)"
+    r"|RC[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REV|REVERSED)"
+    r"|RC_?MAP_(YAW|ROLL)|VTAIL_OUTPUT|ELEVON_(OUTPUT|MIXING)|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
     r"|Q_(M_PWM_(MIN|MAX)|THR_(MIN|MAX)_PWM|TILT_MASK|TAILSIT_MOTMX)"
 )
 _FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION")
+_OLD_FUNCTION = re.compile(r"RC([1-9]\d?)_FUNCTION")
+_SERVO = re.compile(r"SERVO[1-9]\d?_.*")
+_OLD_REVERSE = re.compile(r"RC[1-9]\d?_REV")
+AP_RUDDER, AP_AILERON = 21, 4
+"""SERVOn_FUNCTION of a rudder and an aileron."""
 
 
 _INTEGERS = range(1, 9)
@@ -50,6 +56,7 @@ class ParameterTable:
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
         self._functions: dict[int, int] | None = None
+        self._is_old: bool | None = None
 
     def changes(self, block: MessageBlock) -> Iterator[int]:
         """Take PARAM_VALUE rows in, one by one; yield the order of each that may matter."""
@@ -59,7 +66,7 @@ class ParameterTable:
             changed = self.values.get(name) != value
             self.values[name] = value
             if changed and _RELEVANT.fullmatch(name):
-                self._functions = None
+                self._functions = self._is_old = None
                 yield order
 
     def get(self, name: str, default: float) -> float:
@@ -79,6 +86,36 @@ class ParameterTable:
         for name, value in self.values.items():
             match = _FUNCTION.fullmatch(name)
             if match is not None and math.isfinite(value):
+                found[int(match[1])] = int(value)
+        return dict(sorted(found.items()))
+
+    @property
+    def is_old_plane(self) -> bool:
+        """Whether an ArduPlane that told these is older than 3.8: RCn_ stands for the outputs too.
+
+        Newer ones have RCn_REVERSED for the sticks and SERVOn_ for the outputs.
+        """
+        if self._is_old is None:
+            is_old = any(_OLD_REVERSE.fullmatch(name) for name in self.values)
+            self._is_old = is_old and not any(_SERVO.fullmatch(name) for name in self.values)
+        return self._is_old
+
+    def old_functions(self) -> dict[int, int]:
+        """Return output number -> function of an ArduPlane before 3.8.
+
+        Its first outputs are what the stick of the same number is, unless it mixes them; the
+        others have a function of their own.
+        """
+        mixes_tail = self.get("VTAIL_OUTPUT", 0.0) != 0.0
+        mixes_wing = self.get("ELEVON_OUTPUT", 0.0) != 0.0 or self.get("ELEVON_MIXING", 0.0) != 0.0
+        found = {}
+        if not mixes_wing:
+            found[int(self.get("RCMAP_ROLL", 1.0))] = AP_AILERON
+        if not mixes_tail:
+            found[int(self.get("RCMAP_YAW", 4.0))] = AP_RUDDER
+        for name, value in self.values.items():
+            match = _OLD_FUNCTION.fullmatch(name)
+            if match is not None and math.isfinite(value) and int(match[1]) not in found:
                 found[int(match[1])] = int(value)
         return dict(sorted(found.items()))
 
