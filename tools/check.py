@@ -1,9 +1,10 @@
 """The one command a developer runs: tests, format, lint, types, in the environment at hand.
 
-    python tools/check.py [--fast]
+    python tools/check.py [--fast | --long]
 
-``--fast`` leaves out what is marked slow or mutation. All of them run; the exit code is that of the
-first that fails.
+``--fast`` leaves out what is marked slow or mutation; ``--long`` adds what is marked long, which is
+to be run before an issue is called resolved. All of them run; the exit code is that of the first
+that fails.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ ROOT = Path(__file__).resolve().parents[1]
 TYPED = ("src", "tools")
 
 
-def commands(fast: bool) -> list[list[str]]:
+def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     """Return the command lines; the first is the README's own test command."""
     python = sys.executable
     tests = [python, "-m", "pytest", "-n", "2"]
     return [
-        [*tests, "-m", "not slow and not mutation"] if fast else tests,
+        [*tests, "-m", "not slow and not mutation and not long"] if fast else tests,
+        *([[python, "-m", "pytest", "-m", "long"]] if long else []),
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],
         [python, "-m", "mypy", "--strict", *TYPED],
@@ -33,9 +35,11 @@ def commands(fast: bool) -> list[list[str]]:
 def main() -> int:
     """Run them all; return the first exit code that is not zero."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fast", action="store_true", help="leave out the slow tests")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--fast", action="store_true", help="leave out the slow tests")
+    which.add_argument("--long", action="store_true", help="add what the gate leaves out")
     codes = []
-    for command in commands(parser.parse_args().fast):
+    for command in commands(**vars(parser.parse_args())):
         print("$", " ".join(["python", *command[1:]]), flush=True)
         environment = os.environ | {"MPLBACKEND": "Agg"}
         codes.append(subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode)

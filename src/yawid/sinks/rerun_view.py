@@ -63,7 +63,7 @@ class RerunView:
         if isinstance(target, Path):
             self._recording.save(target, default_blueprint=first)
         else:
-            address = _spawn_viewer() if target == "spawn" else target
+            address = _spawn_viewer(self._recording) if target == "spawn" else target
             _check_listening(address)
             self._recording.connect_grpc(address, default_blueprint=first)
         self._recording.send_recording_name(name)
@@ -207,14 +207,15 @@ def _unix_times(unix_ns: Ints) -> rr.TimeColumn:
     return rr.TimeColumn("unix_time", timestamp=unix_ns.astype("datetime64[ns]"))
 
 
-def _spawn_viewer() -> str:
+def _spawn_viewer(recording: rr.RecordingStream) -> str:
     """Start a viewer, or find one that listens already, and return its address."""
     if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
         # Without this rerun starts a viewer that dies, and waits six seconds for it.
         raise RuntimeError("there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)")
     # The viewer comes with rerun-sdk, in an environment that need not be on PATH.
     executable = shutil.which("rerun", path=str(Path(sys.executable).parent))
-    rr.spawn(port=DEFAULT_PORT, connect=False, executable_path=executable)
+    # It asks whether the recording is enabled, and without one takes that for a no.
+    rr.spawn(port=DEFAULT_PORT, connect=False, executable_path=executable, recording=recording)
     return f"rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
 
 
