@@ -21,6 +21,7 @@ from yawid.run_config import RunConfig
 from yawid.summary import summarise
 from yawid.verdict import (
     changed_rates,
+    damper_reasons,
     feedback_reasons,
     flight_reasons,
     input_reasons,
@@ -207,6 +208,23 @@ def test_an_input_that_only_reacts_is_named():
     assert said(damper, hold) == [both]
 
 
+def test_what_opposes_the_yaw_and_follows_it_is_a_damper_and_not_the_aircraft():
+    assert ids(damper_reasons(0.85, -0.2)) == {"mode_not_driven"}
+    assert ids(damper_reasons(0.85, 0.2)) == set()  # a rudder that reacts and turns the nose
+    assert ids(damper_reasons(0.6, -0.2)) == set()  # a reversed servo that somebody moves
+
+
+def test_gusts_are_no_poor_fit_where_the_rudder_clearly_drives_the_mode():
+    gusts = evidence(simulation_pct=20.0, held_back_pct=-5.0)
+
+    assert ids(estimate_reasons("rml", gusts)) == {"poor_fit"}
+    assert ids(estimate_reasons("rml", gusts, is_driven=True)) == set()
+    vague = evidence(simulation_pct=20.0, dutch_roll=np.array([2.4, 0.2, 0.2, 0.02]))
+    assert ids(estimate_reasons("rml", vague, is_driven=True)) == {"poor_fit"}
+    worse = evidence(simulation_pct=10.0)
+    assert ids(estimate_reasons("rml", worse, is_driven=True)) == {"poor_fit"}
+
+
 def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():
     def closed_loop(case):
         config = RunConfig(rate=10.0, forgetting=1.0, inputs=("rudder", "aileron"))
@@ -226,7 +244,8 @@ def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():
         ({"status": Status.DIVERGED}, {"diverged"}),
         ({"updates": 0}, {"not_excited"}),
         ({"dutch_roll": np.full(4, np.nan)}, {"not_converged"}),
-        ({"dutch_roll": np.array([2.4, 1.0, 0.2, 0.02])}, {"not_converged"}),
+        ({"dutch_roll": np.array([2.4, 0.25, 0.2, 0.02])}, {"not_converged"}),
+        ({"dutch_roll": np.array([2.4, 0.05, 0.2, 0.16])}, {"not_converged"}),
         ({"dutch_roll": np.array([2.4, np.nan, 0.2, 0.02])}, {"not_converged"}),
         ({"whiteness_p": 1e-5}, {"coloured_residuals"}),
         ({"early_response": -0.3}, {"wrong_sign"}),

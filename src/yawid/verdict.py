@@ -172,6 +172,21 @@ def feedback_reasons(inputs: tuple[str, ...], history: History) -> Iterator[Reas
         yield Reason("closed_loop", text)
 
 
+def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
+    """Judge whether a yaw damper was identified in place of the aircraft.
+
+    A rudder that yaw rate and roll explain, and that turns the nose the other way, opposes the yaw:
+    what is found is the controller upside down. ``share`` is of :func:`reaction_shares`,
+    ``early_response`` of the step response, as in the evidence of an estimate.
+    """
+    if share > CLOSED_LOOP and early_response < 0.0:
+        yield Reason(
+            "mode_not_driven",
+            f"the rudder opposes the yaw as a yaw damper does (yaw rate and roll explain "
+            f"{100 * share:.0f} % of it): what was found is the damper, not the aircraft",
+        )
+
+
 def reaction_shares(history: History) -> list[float]:
     """Return of each input the part (0 to 1) that yaw rate, roll and the roll before explain."""
     before = np.concatenate([[np.nan], history.roll[:-1]])

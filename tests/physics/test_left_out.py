@@ -31,7 +31,7 @@ def flown(seed: int, gusts: float) -> History:
     if gusts == 0.0:  # a roll that has no part in the yaw
         roll = np.cumsum(0.01 * rng.standard_normal(N))
     rudder = u[:, [INPUTS.index("-delta_h")]]
-    return History(rudder, y, roll, np.zeros(N), np.full(N, 50.0), {})
+    return History(rudder, y, roll, np.zeros(N), np.full(N, 50.0), *np.full((2, N), np.nan), {})
 
 
 def p_of(history: History, config: EstimatorConfig = CONFIG) -> float:

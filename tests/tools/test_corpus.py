@@ -275,7 +275,7 @@ def test_made_logs_are_judged_into_a_table_beside_their_truth(tmp_path: Path) ->
     flight, ground = rows
     assert flight["usable"]
     assert abs(flight["error"]) < 0.05
-    assert flight["coherence"] > 0.5
+    assert flight["coherence_margin_rml"] > 0.3
     assert flight["true_wn"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-5)
     assert not ground["usable"]
     assert ground["group"] == "parked"
@@ -287,7 +287,7 @@ def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> Non
     def row(kind: str, usable: bool, error: float | None, coherence: float) -> dict[str, Any]:
         return {
             "name": f"{kind}{coherence}", "kind": kind, "group": "g", "run": "default",
-            "usable": usable, "reasons": "poor_fit", "error": error, "coherence": coherence,
+            "usable": usable, "reasons": "poor_fit", "error": error, "coherence_margin_els": coherence - 0.7,
         }  # fmt: skip
 
     rows = [
@@ -304,4 +304,4 @@ def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> Non
     assert "g 1 of 2 unexcited0.1" in told
     assert "g 4 2 1 1 excited0.3 [poor_fit]" in told
     assert "none 1 1 1" in told
-    assert "coherence < 0.7 0 1 0" in told
+    assert "coherence below chance 0 1 0" in told

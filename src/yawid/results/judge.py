@@ -12,6 +12,7 @@ from yawid.results.coherence import Coherence, coherence_at
 from yawid.results.excitation import Excitation, around, excitation
 from yawid.results.reasons import Reason, Verdict
 from yawid.verdict import (
+    damper_reasons,
     excitation_reasons,
     feedback_reasons,
     flight_reasons,
@@ -28,7 +29,7 @@ from yawid.verdict_estimate import (
 
 CLEAR = 0.1
 """A squared coherence so far above chance is clear."""
-REACTS = 0.3
+REACTS = 0.7
 """A rudder of which yaw rate and roll explain more may be moved by what it is said to move."""
 BETTER = 0.5
 """Another method answers in place of the first where its sigma of wn is below this part of it."""
@@ -107,6 +108,7 @@ def bank_verdict(
         *input_reasons(config.inputs, history.u, travel_unit),
         *flight_reasons(history, config.turn),
         *feedback_reasons(config.inputs, history),
+        *damper_reasons(reaction_shares(history)[0], evidence[answers].early_response),
         *judged.reasons[answers],
         *agreement_reasons(evidence, judged.refused),
     ]
