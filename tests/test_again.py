@@ -101,11 +101,14 @@ def test_a_run_is_not_overwritten_by_its_own_replay(
     assert first.read_bytes() == before
 
 
-def test_a_stretch_without_samples_is_not_excited(first: Path, tmp_path: Path) -> None:
+def test_a_stretch_without_samples_is_a_usage_error_that_says_what_there_is(
+    first: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ["replay", str(first), "--out", str(tmp_path), "--from", "1e6", "--to", "2e6"]
-    assert main([*arguments, "--json"]) == 5
-    reasons = summary_of(tmp_path / first.name)["verdict"]["reasons"]
-    assert [reason["id"] for reason in reasons] == ["not_excited"]
+    assert main([*arguments, "--json"]) == 2
+    said = capsys.readouterr().err
+    assert f"--from 1e+06 --to 2e+06 is outside {first}, which covers " in said
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_run_that_was_cut_off_is_one_line(

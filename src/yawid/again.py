@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import SampleBlock
+from yawid.channels.boots import outside
 from yawid.errors import ConfigError, NotIdentifiable, SinkError
 from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
@@ -88,6 +89,8 @@ def replay_run(
                 pipeline.estimate(samples)
                 rows += len(samples)
                 advance(size * len(samples) / max(run.rows, 1))
+        if is_whole and pipeline.bank is None and run.grid is not None:
+            raise outside(config, f"{mcap}, which covers {_covered(run)}")
         summary, verdict = _summary(run, pipeline)
         files = outputs.files()
         if not is_whole:
@@ -123,6 +126,15 @@ def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
             f"{run.path} holds no {' and '.join(config.inputs)}: replay the log itself"
         )
     return config
+
+
+def _covered(run: McapRun) -> str:
+    """Return what the samples of a run cover, in words."""
+    t_us = [block.boot_us[[0, -1]] for block in run.samples() if len(block)]
+    if not t_us:
+        return "nothing"
+    low, high = np.min(t_us) / 1e6, np.max(t_us) / 1e6
+    return f"{low:.1f} to {high:.1f} s"
 
 
 def _samples(run: McapRun, config: RunConfig) -> Iterator[SampleBlock]:
@@ -178,8 +190,7 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
         verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)
     elif run.grid is not None:
-        text = "no sample lies within --from and --to"
-        verdict = Verdict.of([*of_the_log, Reason("not_excited", text)])
+        verdict = Verdict.of(of_the_log)
     else:
         verdict = Verdict.of(reasons)
     summary["verdict"] = as_summary(verdict)

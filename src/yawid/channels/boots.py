@@ -13,6 +13,13 @@ MOST = 1000
 without end."""
 
 
+def outside(config: RunConfig, what: str) -> ConfigError:
+    """Return the error of a stretch that lies outside ``what``, which says what it covers."""
+    ends = (("from", config.from_s), ("to", config.to_s))
+    given = " ".join(f"--{name} {value:g}" for name, value in ends if value is not None)
+    return ConfigError(f"{given} is outside {what} since boot")
+
+
 @dataclass(slots=True)
 class Boots:
     """First and last time in us since boot at which the yaw was told, by the boot's number from 1.
@@ -50,14 +57,7 @@ class Boots:
         asked = [self.spans_us[n] for n in self.spans_us if config.boot in (None, n)]
         low, high = config.window_us
         if not any(low <= last and first <= high for first, last in asked):
-            given = [
-                f"--{name} {value:g}"
-                for name, value in (("from", config.from_s), ("to", config.to_s))
-                if value is not None
-            ]
-            raise ConfigError(
-                f"{' '.join(given)} is outside the log, which covers {self.text} since boot"
-            )
+            raise outside(config, f"the log, which covers {self.text}")
 
     def warning(self, config: RunConfig) -> str | None:
         """Return what is to be said where --from and --to cut several boots alike."""
