@@ -71,6 +71,8 @@ class Command:
 
     def take(self, piece: Piece) -> None:
         """Take in a piece of a segment: its rows of yaw say where samples can be taken."""
+        if self.moved and self.armed:  # nothing is left to be found out
+            return
         yaw, (low_us, high_us) = piece.yaw, self.config.window_us
         sampled = (yaw.t_us >= low_us) & (yaw.t_us <= high_us)
         sampled &= (yaw.values[:, ON_GROUND] != 1.0) & (self.config.boot in (None, piece.boot))
@@ -78,6 +80,8 @@ class Command:
 
     def note(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the messages among which those rows were."""
+        if self.moved and self.armed:
+            return
         self._armed.note(
             messages.get("HEARTBEAT"),
             lambda f: (f["base_mode"] & ARMED != 0)[:, None].astype(float),
@@ -87,8 +91,6 @@ class Command:
             names = messages["HEARTBEAT"].fields.dtype.names or ()
             self.on_board = "system_status" not in names
         rows, self._rows = self._rows, []
-        if self.moved and self.armed:
-            return
         for order, sampled in rows:
             armed = self._armed.at(order[sampled[:, 0] != 0.0])
             self.armed |= bool((armed == 1.0).any())

@@ -18,8 +18,8 @@ LEAST_AIRSPEED = 5.0
 """Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
 ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
-LANDED, IN_AIR = 1, (2, 3, 4)
-"""MAV_LANDED_STATE: on the ground; in the air, taking off or landing."""
+LANDED = 1
+"""MAV_LANDED_STATE: on the ground. Larger ones are in the air, taking off and landing."""
 
 
 @dataclass(slots=True)
@@ -66,7 +66,7 @@ class Context:
         counts = self.vehicle is not None and self.vehicle.autopilot == ARDUPILOT
         disarmed = (armed == 0.0) & counts
         grounded = slow & ((air < LEAST_AIRSPEED) | disarmed) | ~fast & (landed == LANDED)
-        flying = fast | (air >= LEAST_AIRSPEED) | np.isin(landed, IN_AIR)
+        flying = fast | (air >= LEAST_AIRSPEED) | (landed > LANDED)
         return np.where(grounded, 1.0, np.where(flying, 0.0, np.nan))
 
 

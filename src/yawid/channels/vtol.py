@@ -25,8 +25,8 @@ DRIVEN = 0.05
 """A motor above this part of its range is driven: ArduPilot's motors that are armed and idle stand
 at their minimum in forward flight."""
 MOTOR_TRAVEL_US = 1000.0, 2000.0
-FORWARD_STATE, HOVER_STATES = 4, (1, 2, 3)
-"""MAV_VTOL_STATE: on wings; in transition to them, from them, and without them."""
+FORWARD_STATE = 4
+"""MAV_VTOL_STATE: on wings. Smaller ones are without them and between, 0 says nothing."""
 OUTPUTS_PER_PORT = 16
 
 
@@ -90,10 +90,10 @@ class Wings:
     def held(self, order: Ints, mode: Floats, vehicle: Vehicle | None) -> Ints:
         """Return the bits of :class:`Held` at places (n,), ``mode`` (n,) being the flight mode."""
         state = self._state.at(order)[:, 0]
-        hovers = np.isin(state, HOVER_STATES)
+        hovers = (state > 0.0) & (state < FORWARD_STATE)
         if vehicle is not None and has_wings(vehicle):
             if vehicle.autopilot == ARDUPILOT:
-                hovers |= np.isin(mode, ARDUPLANE_HOVER)
+                hovers |= (mode >= ARDUPLANE_HOVER.start) & (mode < ARDUPLANE_HOVER.stop)
             elif vehicle.type in VTOL_TYPES:
                 # Its rudder is one in forward flight alone: what does not say so is none.
                 hovers |= state != FORWARD_STATE
