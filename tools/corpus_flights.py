@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from case_recipes import Made
 from jsbsim_flight import LEAD_IN_S, STEP_S, Flight, FlightPlan, excitation
-from jsbsim_truth import linear_dutch_roll
+from jsbsim_truth import linear_dutch_rolls
 from log_surgery import join
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -117,7 +117,8 @@ def flown_log(plan: FlightPlan, link: Link, hands: Hands, severity: int = 0, **t
     """Fly; return the log and its truth: the Dutch roll at the mean airspeed and altitude flown.
 
     The linearisation is closed with the roll hold that was flown, and with nothing that ``hands``
-    feed back. ``told`` is told besides.
+    feed back; ``dutch_roll_open_loop``, that of the airframe alone, is what a model finds that has
+    the aileron as an input. ``told`` is told besides.
 
     Raises:
         FlightError: the aircraft cannot be trimmed or flown as asked.
@@ -130,7 +131,7 @@ def flown_log(plan: FlightPlan, link: Link, hands: Hands, severity: int = 0, **t
         log,
         {
             "aircraft": plan.aircraft,
-            "dutch_roll": linear_dutch_roll(mean),
+            **linear_dutch_rolls(mean),
             "severity": severity,
             "seed": link.seed,
             "airspeed_m_s": round(speed_kt * KNOT, 3),
@@ -172,7 +173,7 @@ def excited(number: int) -> Made:
         manoeuvre=manoeuvre,
         amplitude=round(float(rng.uniform(0.1, 0.3)), 3),
     )
-    mode = linear_dutch_roll(plan)
+    mode = linear_dutch_rolls(plan)["dutch_roll"]
     assert mode is not None, plan
     plan = replace(plan, step_s=round(0.3 * math.tau / mode["wn_rad_s"], 3))
     hands, stirred = Hands(rudder=excitation(plan)), bool(rng.random() < 0.25)

@@ -42,10 +42,14 @@ def truth(plan: FlightPlan) -> dict[str, Any]:
     }
 
 
-def linear_dutch_roll(plan: FlightPlan) -> Mode | None:
-    """Return the ``dutch_roll`` of :func:`truth` alone, which costs one trim."""
-    _, closed, rudder = _with_roll_hold(plan, trimmed(plan))
-    return dutch_roll(closed, rudder, LATERAL.index("R"))
+def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
+    """Return of :func:`truth` only what the linearisation tells, which costs one trim."""
+    A, closed, rudder = _with_roll_hold(plan, trimmed(plan))
+    r = LATERAL.index("R")
+    return {
+        "dutch_roll": dutch_roll(closed, rudder, r),
+        "dutch_roll_open_loop": dutch_roll(A, rudder, r),
+    }
 
 
 def _with_roll_hold(

@@ -30,7 +30,7 @@ from yawid.sources.flight_modes import mode_name
 from yawid.sources.reading import Reading
 from yawid.sources.senders import SenderStats
 from yawid.summary import as_summary, summarise
-from yawid.verdict import LEAST_RATE_HZ
+from yawid.verdict import LEAST_RATE_HZ, reaction_shares
 
 BRIDGE_S = 20.0
 """Excited stretches this near to each other are one."""
@@ -38,6 +38,8 @@ BEFORE_S = 2.0
 """A stretch begins so long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
 SAMPLES_PER_PERIOD = 16.0
+MOST_REACTION = 0.5
+"""An aileron of which yaw rate and roll explain more only holds the wings level: no input."""
 WORTH_PCT = 2.0
 """How many points of the simulated fit a further input must bring."""
 BOTH = ("rudder", "aileron")
@@ -69,11 +71,15 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A replay without outputs: its configuration, what came of it, and whether it may be used."""
+    """A replay without outputs: its configuration, what came of it, and whether it may be used.
+
+    ``aileron_reacts`` is the part of an aileron among the inputs that yaw rate and roll explain.
+    """
 
     config: RunConfig
     summary: dict[str, Any]
     verdict: Verdict
+    aileron_reacts: float = 0.0
 
     @property
     def wn_rad_s(self) -> float:
@@ -253,14 +259,16 @@ def _best(log: Path, whole: Trial, reading: Reading, stretch: Stretch, later_hz:
     noticeably better than the rudder alone. Every option was tried as it is recommended; where no
     trial may be used and the ``whole`` log as asked for may, that is it.
     """
-    config = replace(
-        whole.config, memory=None, forgetting=1.0, from_s=stretch.from_s, to_s=stretch.to_s
-    )
-    best = _trial(log, replace(config, inputs=("rudder",)), reading)
-    with suppress(ConfigError):  # no aileron, or in another message
-        both = _trial(log, replace(config, inputs=BOTH), reading)
-        if both.simulation_pct > best.simulation_pct + WORTH_PCT:
-            best = both
+    config = replace(whole.config, from_s=stretch.from_s, to_s=stretch.to_s)
+    if config.memory is None and config.forgetting is None:
+        config = replace(config, forgetting=1.0)
+    best = _trial(log, config, reading)
+    if config.inputs != BOTH:
+        with suppress(ConfigError):  # no aileron, or in another message
+            both = _trial(log, replace(config, inputs=BOTH), reading)
+            worth = both.simulation_pct > best.simulation_pct + WORTH_PCT
+            if worth and both.aileron_reacts < MOST_REACTION:
+                best = both
     if whole.config.rate is None:
         rate = _rate(best, later_hz)
         with suppress(ConfigError):  # a rate that jitters below what it seemed
@@ -281,10 +289,12 @@ def _mended(log: Path, trial: Trial, reading: Reading) -> Trial | None:
             remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
     if not remedy:
         return None
-    highest = 0.45 / float(trial.summary["estimates"][trial.verdict.method]["sample_time_s"])
+    own_hz = 1.0 / float(trial.summary["estimates"][trial.verdict.method]["sample_time_s"])
+    if "rate" in remedy:
+        remedy["rate"] = max(NICE_RATES_HZ[0], min(remedy["rate"], own_hz))
     if "band" in remedy:
         low, high = remedy["band"]
-        remedy["band"] = (low, min(high, float(f"{highest:.2g}")))
+        remedy["band"] = (low, min(high, float(f"{0.45 * remedy.get('rate', own_hz):.2g}")))
     try:
         tried = _trial(log, replace(trial.config, **remedy), reading)
     except ConfigError:
@@ -304,7 +314,10 @@ def _trial(log: Path, config: RunConfig, reading: Reading) -> Trial:
     Raises:
         ConfigError: the channels or the rate do not fit.
     """
-    return Trial(config, *summarise(run_through(log, config, reading=reading)[0], "", ""))
+    pipeline, _ = run_through(log, config, reading=reading)
+    is_both = pipeline.bank is not None and config.inputs == BOTH
+    reacts = reaction_shares(pipeline.bank.history())[1] if is_both and pipeline.bank else 0.0
+    return Trial(config, *summarise(pipeline, "", ""), reacts)
 
 
 def _rate(trial: Trial, later_hz: float) -> float:

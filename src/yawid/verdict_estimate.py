@@ -21,6 +21,8 @@ drives: strong gusts leave 8 to 40 % of fit to answers that are right to 3 %."""
 WHITE_P = 0.01
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
+RATE_OF_BAND = 5.0
+"""A band asks for a grid of so many times its upper corner: a finer one sees too little move."""
 MOVING_SHARE = 0.08
 """Part of itself by which an estimate may still move at the end, if its sigma allows no more."""
 
@@ -125,15 +127,18 @@ def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reas
     """Judge whether the rudder has a part in the mode found; too short a record abstains."""
     if found is None or found.driven:
         return
-    band = found.band_hz
-    advice = "" if band is None else f"; try --band {band[0]:.2g},{band[1]:.2g}"
+    band, advice, remedy = found.band_hz, "", {}
+    if band is not None:
+        rate = float(f"{RATE_OF_BAND * band[1]:.2g}")
+        advice = f"; try --band {band[0]:.2g},{band[1]:.2g} with --rate {rate:g}"
+        remedy = {"band": tuple(float(f"{edge:.2g}") for edge in band), "rate": rate}
     yield Reason(
         "mode_not_driven",
         f"the rudder does not drive the mode found at {wn_rad_s:.3g} rad/s "
         f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): squared coherence {found.squared:.2f}, and "
         f"{found.limit:.2f} comes by chance; {100 * found.peak_share:.0f} % of the yaw-rate power "
         f"stands at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
-        {} if band is None else {"band": tuple(float(f"{edge:.2g}") for edge in band)},
+        remedy,
     )
 
 

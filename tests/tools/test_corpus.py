@@ -64,6 +64,8 @@ def test_the_truth_of_a_calm_flight_is_the_linearisation_that_a_pulse_confirms()
     assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
         found["dutch_roll"]["wn_rad_s"], rel=2e-3
     )
+    bare = found["dutch_roll_open_loop"]
+    assert told["dutch_roll_open_loop"]["zeta"] == pytest.approx(bare["zeta"], abs=2e-3)
     assert told["dutch_roll"]["zeta"] == pytest.approx(found["dutch_roll"]["zeta"], abs=2e-3)
     assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
         found["dutch_roll_pulse"]["wn_rad_s"], rel=5e-3
@@ -78,7 +80,7 @@ def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() ->
     told = made.truth
 
     assert told["airspeed_m_s"] == pytest.approx(speeds.mean(), rel=1e-3)
-    trimmed = jsbsim_truth.linear_dutch_roll(SHORT)["wn_rad_s"]
+    trimmed = jsbsim_truth.linear_dutch_rolls(SHORT)["dutch_roll"]["wn_rad_s"]
     share = told["airspeed_m_s"] / (SHORT.speed_kt * 0.514444)
     assert abs(share - 1.0) > 0.005
     assert told["dutch_roll"]["wn_rad_s"] / trimmed == pytest.approx(share, abs=0.01)
@@ -259,7 +261,9 @@ def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path:
         assert found["zeta"] == pytest.approx(true["zeta"], abs=0.03)
 
 
-def test_made_logs_are_judged_into_a_table_beside_their_truth(tmp_path: Path) -> None:
+def test_made_logs_are_judged_into_a_table_beside_their_truth(
+    tmp_path: Path, flown: dict[str, Any]
+) -> None:
     link = Link(attitude_hz=20.0, servo_hz=20.0)
     plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=40.0, step_s=0.64)
     made = flights.flown_log(
@@ -268,26 +272,33 @@ def test_made_logs_are_judged_into_a_table_beside_their_truth(tmp_path: Path) ->
     (tmp_path / "excited_000.tlog").write_bytes(made.log)
     truth = {"name": "excited_000", "kind": "excited", **made.truth}
     (tmp_path / "excited_000.json").write_text(json.dumps(truth))
+    corpus.save(tmp_path, "unexcited_003", "unexcited", flown["mixed"])
     corpus.write(tmp_path, ("unexcited", list(quiet.KINDS).index("parked")))
 
     rows = corpus.judge(tmp_path, ["forgetting"], jobs=1)
 
-    flight, ground = rows
+    flight, mixed, ground = rows
     assert flight["usable"]
     assert abs(flight["error"]) < 0.05
     assert flight["coherence_margin_rml"] > 0.3
     assert flight["true_wn"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-5)
+    assert flight["stroke_pct"] > 20.0
+    assert mixed["stroke_pct"] < 5.0
     assert not ground["usable"]
     assert ground["group"] == "parked"
     with (tmp_path / "judged.csv").open(newline="") as file:
-        assert [row["name"] for row in csv.DictReader(file)] == ["excited_000", "unexcited_011"]
+        names = [row["name"] for row in csv.DictReader(file)]
+    assert names == ["excited_000", "unexcited_003", "unexcited_011"]
 
 
 def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> None:
     def row(kind: str, usable: bool, error: float | None, coherence: float) -> dict[str, Any]:
         return {
             "name": f"{kind}{coherence}", "kind": kind, "group": "g", "run": "default",
-            "usable": usable, "reasons": "poor_fit", "error": error, "coherence_margin_els": coherence - 0.7,
+            "usable": usable, "reasons": "poor_fit", "error": error,
+            "coherence_margin_els": coherence - 0.7,
+            "method": "rml", "true_wn": 2.0, "wn_std_rml": 0.1,
+            "wn_rml": 2.0 * (1.0 + (error or 0.0)),
         }  # fmt: skip
 
     rows = [
@@ -302,6 +313,6 @@ def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> Non
     told = [" ".join(line.split()) for line in judge.counts(rows).splitlines()]
 
     assert "g 1 of 2 unexcited0.1" in told
-    assert "g 4 2 1 1 excited0.3 [poor_fit]" in told
+    assert "g 4 2 1 1 1 excited0.3 [poor_fit]" in told
     assert "none 1 1 1" in told
     assert "coherence below chance 0 1 0" in told
