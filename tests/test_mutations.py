@@ -1,4 +1,4 @@
-"""Thirty seeded defects (tools/defects.py), and the test that must notice each."""
+"""Thirty-six seeded defects (tools/defects.py), and the test that must notice each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thirty small defects, as a hurried change might bring them in: where, what for what, and why."""
+"""Thirty-six small defects, as a hurried change might bring them in: where, what for what, and why."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ CONTRACT = "tests/estimation/test_armax_contract.py::"
 SURFACE = "tests/channels/test_mapping.py::"
 ALIGN = "tests/channels/test_align.py::"
 YAW = "tests/channels/test_yaw.py::"
+RESULTS = "tests/results/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +219,7 @@ DEFECTS = (
         "verdict.py",
         "if close > COLLINEAR:",
         "if close > 1.0 + COLLINEAR:",
-        "tests/test_verdict.py::test_inputs_must_move_and_not_together",
+        "tests/test_verdict.py::test_inputs_must_be_there_and_not_move_together_nor_at_their_stops",
     ),
     Defect(
         "a replayed signature accepted once more",
@@ -233,5 +234,47 @@ DEFECTS = (
         "(np.abs(actual - expected) <= allowed)",
         "(np.abs(actual - expected) <= 1e6 * allowed)",
         "tests/test_regress_command.py::test_a_mismatch_is_exit_1_and_leaves_rows_and_picture_and_the_way_to_update",
+    ),
+    Defect(
+        "a rudder that is the aileron's copy counts as moved",
+        "results/excitation.py",
+        "np.minimum(own, whole)",
+        "whole",
+        RESULTS + "test_excitation.py::test_a_rudder_mixed_from_the_aileron_has_no_part_of_its_own",
+    ),
+    Defect(
+        "the fit on held-back data is not looked at",
+        "verdict_estimate.py",
+        "if held_back < LEAST_HELD_BACK_PCT:",
+        "if held_back < -1e9 * LEAST_HELD_BACK_PCT:",
+        "tests/test_verdict.py::test_the_estimate_itself_is_judged",
+    ),
+    Defect(
+        "an autopilot that was never armed is believed",
+        "channels/command.py",
+        "never_armed = self.disarmed and not self.armed",
+        "never_armed = False",
+        "tests/channels/test_command.py::test_an_on_board_log_disarmed_throughout_is_refused",
+    ),
+    Defect(
+        "a quadrotor's yaw torque is taken for a rudder",
+        "channels/mapping.py",
+        "vehicle.autopilot != ARDUPILOT and has_wings(vehicle)",
+        "vehicle.autopilot != ARDUPILOT",
+        SURFACE + "test_control_2_is_a_rudder_by_convention_on_wings_alone",
+    ),
+    Defect(
+        "nobody asks whether the rudder drives the mode",
+        "results/judge.py",
+        "*coherence_reasons(wn, found),",
+        "*coherence_reasons(wn, None),",
+        RESULTS + "test_judge.py::test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit",
+    ),
+    Defect(
+        "an interrupted replay passes for a whole one",
+        "session.py",
+        "is_whole = False",
+        "is_whole = True",
+        "tests/test_interrupted.py::test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name",
     ),
 )

@@ -18,12 +18,13 @@ _FLY = (
     "fly wings level at a steady airspeed and move the rudder left and right by 10 to 30 % of its "
     "travel: a 3-2-1-1 whose 2 lasts half a Dutch-roll period, or doublets, ten of them"
 )
-_OWN = "move the rudder by itself: by the pedals while the stick rests"
+_DOUBLETS = ": doublets or a 3-2-1-1 with 10 to 30 % of its travel"
+_OWN = "move the rudder by itself, by the pedals while the stick rests" + _DOUBLETS
 _OWN_ON = {
-    ARDUPILOT: "move the rudder by itself: on ArduPlane KFF_RDDRMIX = 0 for the manoeuvre, or by "
-    "the pedals while the stick rests",
-    PX4: "move the rudder by itself: on PX4 FW_RLL_TO_YAW_FF = 0 for the manoeuvre, or by the "
-    "pedals in Manual while the stick rests",
+    ARDUPILOT: "move the rudder by itself, on ArduPlane with KFF_RDDRMIX = 0 for the manoeuvre or "
+    "by the pedals while the stick rests" + _DOUBLETS,
+    PX4: "move the rudder by itself, on PX4 with FW_RLL_TO_YAW_FF = 0 for the manoeuvre or by the "
+    "pedals in Manual while the stick rests" + _DOUBLETS,
 }
 _RATES = (
     f"ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at {ASK_HZ} Hz or more: {{}}; the on-board "

@@ -1,0 +1,77 @@
+"""The verdict as a whole, on flights with a known truth and on logs that cannot answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import corpus_quiet
+import pytest
+
+from yawid.collect import run_through, with_orders
+from yawid.inspect import inspect
+from yawid.results.reasons import Verdict
+from yawid.run_config import RunConfig
+from yawid.summary import summarise
+
+TRUE_WN = 1.287
+"""By JSBSim's own linearisation at the mean speed flown, of the flight with the line."""
+
+
+@pytest.fixture(scope="module")
+def lined(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("lined") / "line.tlog"
+    path.write_bytes(corpus_quiet.lined().log)
+    return path
+
+
+def judged(log: Path, config: RunConfig) -> Verdict:
+    return summarise(run_through(log, config)[0], "", "")[1]
+
+
+def test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit(lined: Path):
+    """It was 15.2 rad/s, usable, with fits of 60 and 57 %."""
+    stretch = RunConfig(rate=25.0, forgetting=1.0, from_s=35.0, to_s=148.0)
+
+    for config in (RunConfig(), stretch):
+        texts = {reason.id: reason.text for reason in judged(lined, config).reasons}
+        assert "2.40 Hz" in texts["mode_not_driven"]
+        assert "--band 0.0" in texts["mode_not_driven"]
+
+
+@pytest.mark.slow
+def test_choosing_the_orders_by_the_log_does_not_make_the_line_usable(lined: Path):
+    verdict = judged(lined, with_orders(lined, RunConfig()))
+
+    assert "mode_not_driven" in {reason.id for reason in verdict.reasons}
+
+
+@pytest.mark.slow
+def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: Path):
+    report, verdict = inspect(lined, RunConfig())
+
+    assert verdict.usable
+    config = RunConfig(
+        forgetting=1.0,
+        rate=report["recommend"]["rate"],
+        band=tuple(float(edge) for edge in report["recommend"]["band"].split(",")),
+        from_s=report["recommend"]["from"],
+        to_s=report["recommend"]["to"],
+    )
+    summary, again = summarise(run_through(lined, config)[0], "", "")
+    answer = summary["estimates"][again.method]["dutch_roll"]
+    assert again == verdict
+    assert answer["wn_rad_s"] == pytest.approx(TRUE_WN, rel=0.03)
+
+
+REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", range(len(corpus_quiet.KINDS)), ids=list(corpus_quiet.KINDS))
+def test_what_nobody_excited_is_not_usable(kind: int, tmp_path: Path):
+    """One of each kind; tools/corpus.py judges fifteen of each."""
+    log = tmp_path / "quiet.tlog"
+    log.write_bytes(corpus_quiet.unexcited(kind).log)
+
+    for config in (RunConfig(), RunConfig(forgetting=1.0), REMEDY):
+        assert not judged(log, config).usable
