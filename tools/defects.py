@@ -1,4 +1,4 @@
-"""Thirty-six small defects, as a hurried change might bring them in: where, what for what, and why."""
+"""Thirty-six small defects as a hurried change might bring them in: where, what, and why."""
 
 from __future__ import annotations
 
