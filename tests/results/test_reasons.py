@@ -62,3 +62,14 @@ def test_the_first_fatal_reason_of_the_table_decides_the_code():
     assert [r.id for r in verdict.reasons][: len(CONTRACT)] == list(CONTRACT)
     assert verdict.exit_code == 130
     assert not verdict.usable
+
+
+def test_the_readme_has_the_table_row_by_row():
+    readme = (SRC.parents[1] / "README.md").read_text(encoding="utf-8")
+
+    rows = [line for line in readme.splitlines() if line.startswith("| `")]
+    expected = [
+        f"| `{kind.id}` | {kind.exit_code or 'warning'} | {kind.now} |" for kind in KINDS.values()
+    ]
+    first = rows.index(expected[0])
+    assert rows[first : first + len(expected)] == expected
