@@ -154,8 +154,8 @@ DEFECTS = (
     Defect(
         "V-tail's elevator taken for its rudder",
         "channels/mapping.py",
-        "return _servo(left, table, weight), _servo(right, table, -weight)",
-        "return _servo(left, table, weight), _servo(right, table, weight)",
+        "return self.servo(left, weight), self.servo(right, -weight)",
+        "return self.servo(left, weight), self.servo(right, weight)",
         SURFACE + "test_a_v_tail_is_unmixed_as_ardupilot_mixed_it",
     ),
     Defect(
