@@ -136,6 +136,9 @@ def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
         return Verdict.of([*found, Reason("not_excited", text)])
+    if channels.used == 0:
+        names = [str(flag.name).lower().replace("_", " ") for flag in channels.held]
+        found.append(Reason("not_excited", f"every sample is held: {', '.join(names)}"))
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
     travel_unit = abs(channels.surfaces[0].scale)

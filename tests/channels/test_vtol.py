@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, Samples, samples_of
+from flightlog import FlightLog, Samples, samples_of, summary_of
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -98,6 +98,15 @@ def test_a_px4_vtol_that_does_not_say_how_it_flies_is_held():
     parameters = {"CA_SV_CS0_TYPE": 4, "PWM_MAIN_FUNC4": 201}
     data = flown([], [state(4)], parameters=parameters, kind=TILT_ROTOR, autopilot=PX4, mode=0)
     assert halves(data) == ({Held.HOVER}, {0})
+
+
+def test_where_every_sample_is_held_the_verdict_says_why():
+    data = flown([beat(19)], [beat(18)], parameters=QUAD, motors=(DRIVEN, DRIVEN))
+    reasons = {r["id"]: r["text"] for r in summary_of(data)["verdict"]["reasons"]}
+
+    assert reasons["not_excited"] == "every sample is held: hover, lift motors"
+    half = {r["id"]: r["text"] for r in summary_of(flown([], [beat(19)]))["verdict"]["reasons"]}
+    assert "every sample" not in half.get("not_excited", "")
 
 
 @pytest.mark.parametrize(

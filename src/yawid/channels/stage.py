@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from yawid.blocks import FrameBlock, MessageBlock, SampleBlock
+from yawid.blocks import FrameBlock, Held, MessageBlock, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.boots import Boots
 from yawid.channels.clock import Piece, Segmenter, Series
@@ -42,6 +42,7 @@ class Channels:
     """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
 
     ``watch`` is shown the rows of yaw and surfaces in the order heard, and changes nothing.
+    ``used`` counts the samples that update the estimators, ``held`` says why others did not.
 
     Raises:
         ConfigError: the rate asked for is above the log's own.
@@ -59,6 +60,7 @@ class Channels:
         self.surfaces: tuple[Surface, ...] = ()
         self.aileron: Surface | None = None
         self.surface_rows = 0
+        self.used, self.held = 0, Held.NONE
         self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
         self._heard = Heard()
@@ -235,9 +237,12 @@ class Channels:
             return []
         low, high = self.config.window_us
         rows = (block.boot_us >= low) & (block.boot_us <= high)
-        if rows.all():
-            return [block]
-        return [block.select(rows)] if rows.any() else []
+        if not rows.any():
+            return []
+        chosen = block if rows.all() else block.select(rows)
+        self.used += int((chosen.held == 0).sum())
+        self.held |= Held(int(np.bitwise_or.reduce(chosen.held)))
+        return [chosen]
 
 
 def _same_meaning(old: tuple[Surface, ...], new: tuple[Surface, ...]) -> bool:
