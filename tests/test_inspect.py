@@ -293,3 +293,15 @@ def test_orders_reads_frames_without_stamps_too(tmp_path: Path, capsys):
     of_frames = json.loads(capsys.readouterr().out)
     assert main(["orders", str(C172P), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recommended"] == of_frames["recommended"]
+
+
+def test_the_line_of_a_log_of_several_boots_names_the_boot(tmp_path: Path, capsys):
+    """Whose --from and --to would else cut every boot alike."""
+    log = ROOT / "replay_logs" / "c172p_reboot" / "log.tlog"
+
+    code, report = inspected(log, tmp_path, capsys)
+
+    longest = max(report["excited"], key=lambda each: each["to"] - each["from"])
+    assert code == 0
+    assert report["recommend"]["boot"] == longest["boot"]
+    assert f"--boot {longest['boot']}" in report["command"]

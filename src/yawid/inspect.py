@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from yawid.advice import what_to_record
-from yawid.blocks import Floats
+from yawid.blocks import Floats, Ints
+from yawid.channels.boots import Boots
 from yawid.channels.clock import REBOOT_US
 from yawid.channels.decimate import RATE_SLACK
 from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
@@ -113,7 +114,7 @@ def inspect(
     whole = Trial(config, *summarise(pipeline, str(log.absolute()), sha256))
     found: list[Stretch] = []
     if pipeline.bank is not None and pipeline.channels.surfaces:
-        found = stretches(log, config, reading)
+        found = stretches(log, config, reading, pipeline.channels.boots)
     kept = ("log", "sha256", "duration_s", "vehicle", "vehicles", "boots", "link", "channels")
     report = {key: whole.summary[key] for key in kept if key in whole.summary}
     link = pipeline.link
@@ -135,7 +136,9 @@ def inspect(
     if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.seconds)
         later_hz = min(each["rate_hz"] for each in report["rates"].values())
-        chosen = _best(log, whole, reading, longest, later_hz)
+        several = len(pipeline.channels.boots.spans_us) > 1
+        asked = replace(config, boot=longest.boot) if several else config
+        chosen = _best(log, replace(whole, config=asked), reading, longest, later_hz)
         report["recommend"] = said_options(chosen.config)
         report["command"] = command_line(log, chosen.config, reading)
     ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
@@ -213,7 +216,7 @@ def _phase(phase: Phase, vehicle: Vehicle) -> dict[str, Any]:
     return told
 
 
-def stretches(log: Path, config: RunConfig, reading: Reading) -> list[Stretch]:
+def stretches(log: Path, config: RunConfig, reading: Reading, boots: Boots) -> list[Stretch]:
     """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
 
     A reboot and a change of flight mode end a stretch.
@@ -231,14 +234,32 @@ def stretches(log: Path, config: RunConfig, reading: Reading) -> list[Stretch]:
     unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
     rudder = np.where(np.isfinite(y), u, np.nan)
     moved = excitation(rudder, aileron, mode, unit, blocks[0].sample_time_s)
-    boots = 1 + np.cumsum(np.diff(t_s, prepend=t_s[0]) < -REBOOT_US / 1e6)
+    numbers = _boot_numbers(t_s, boots)
     known = np.where(np.isnan(mode), -1.0, mode)
-    meaning = np.cumsum((np.diff(boots, prepend=1) != 0) | (np.diff(known, prepend=known[0]) != 0))
+    meaning = np.cumsum(
+        (np.diff(numbers, prepend=numbers[0]) != 0) | (np.diff(known, prepend=known[0]) != 0)
+    )
     return [
         stretch
         for rows in np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(meaning)) + 1)
-        for stretch in _joined(t_s[rows], int(boots[rows[0]]), moved.excited[rows])
+        for stretch in _joined(t_s[rows], int(numbers[rows[0]]), moved.excited[rows])
     ]
+
+
+def _boot_numbers(t_s: Floats, boots: Boots) -> Ints:
+    """Return the number of the boot of each sample (n,), in seconds since boot: one after another.
+
+    A boot without samples is passed over, by the times that each covers.
+    """
+    runs = np.cumsum(np.diff(t_s, prepend=t_s[0]) < -REBOOT_US / 1e6)
+    numbers = np.ones(len(t_s), np.int64)
+    spans = iter(sorted(boots.spans_us.items()))
+    for run in range(int(runs[-1]) + 1):
+        rows = runs == run
+        first, last = 1e6 * float(t_s[rows].min()), 1e6 * float(t_s[rows].max())
+        within = (n for n, (a, b) in spans if a - REBOOT_US <= first and last <= b + REBOOT_US)
+        numbers[rows] = next(within, run + 1)
+    return numbers
 
 
 def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Stretch]:

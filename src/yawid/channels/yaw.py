@@ -20,7 +20,7 @@ ABSURD_RAD_S = 50.0
 """No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
 STEEPEST = np.deg2rad(80.0)
 """Beyond this pitch Euler's formula has no heading rate."""
-UPRIGHT = np.deg2rad(65.0)
+UPRIGHT = np.deg2rad(60.0)
 """Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
 a little over it."""
 RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, BARRED = range(9)
