@@ -60,7 +60,7 @@ MOST_REMEDIES = 2
 class Stretch:
     """Where the rudder moved on its own, in seconds since boot, in the boot of that number."""
 
-    boot: int
+    boot: int | None
     from_s: float
     to_s: float
 
@@ -136,9 +136,8 @@ def inspect(
     if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.seconds)
         later_hz = min(each["rate_hz"] for each in report["rates"].values())
-        several = len(pipeline.channels.boots.spans_us) > 1
-        asked = replace(config, boot=longest.boot) if several else config
-        chosen = _best(log, replace(whole, config=asked), reading, longest, later_hz)
+        boot = longest.boot if len(pipeline.channels.boots.spans_us) > 1 else config.boot
+        chosen = _best(log, whole, reading, replace(longest, boot=boot), later_hz)
         report["recommend"] = said_options(chosen.config)
         report["command"] = command_line(log, chosen.config, reading)
     ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
@@ -280,7 +279,7 @@ def _best(log: Path, whole: Trial, reading: Reading, stretch: Stretch, later_hz:
     noticeably better than the rudder alone. Every option was tried as it is recommended; where no
     trial may be used and the ``whole`` log as asked for may, that is it.
     """
-    config = replace(whole.config, from_s=stretch.from_s, to_s=stretch.to_s)
+    config = replace(whole.config, boot=stretch.boot, from_s=stretch.from_s, to_s=stretch.to_s)
     if config.memory is None and config.forgetting is None:
         config = replace(config, forgetting=1.0)
     best = _trial(log, config, reading)

@@ -48,7 +48,7 @@ def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "interval", told.replace("(", "(5-95 %: ", 1)
     if phases := report.get("phases"):
         yield "phases", _phases(phases)
-    windows = [f"{w['from']:g} to {w['to']:g} s" for w in report["excited"]]
+    windows = [_window(each) for each in report["excited"]]
     yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
     if "answerable" in report:
         most, well = (report["answerable"][f"wn_{kind}_rad_s"] for kind in ("max", "well"))
@@ -95,6 +95,11 @@ def _phase(phase: Mapping[str, Any]) -> str:
     boot = f"boot {phase['boot']}: " if phase["boot"] > 1 else ""
     words = [str(phase[key]) for key in ("mode", "state") if key in phase]
     return " ".join((f"{boot}{phase['from']:.0f} to {phase['to']:.0f} s", *words))
+
+
+def _window(stretch: Mapping[str, Any]) -> str:
+    boot = f"boot {stretch['boot']}: " if stretch["boot"] > 1 else ""
+    return f"{boot}{stretch['from']:g} to {stretch['to']:g} s"
 
 
 def _first(texts: Sequence[str], most: int) -> str:
