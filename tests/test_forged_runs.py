@@ -235,3 +235,12 @@ def test_a_log_whose_name_is_no_text_is_replayed_and_so_is_its_run(tmp_path: Pat
     first = replayed(log, tmp_path / "first", "--rate", 10)
     second = replayed(first, tmp_path / "second")
     assert summary_of(second)["estimates"] == summary_of(first)["estimates"]
+
+
+def test_a_reason_that_this_version_does_not_know_is_shown_and_not_judged_again(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    forged = forge(run, tmp_path / "f.mcap", summary=with_("verdict.reasons.0.id", "too_hot"))
+    assert main(["replay", str(forged), "--out", str(tmp_path / "out")]) == 6
+    assert "unknown to this version: too_hot" in capsys.readouterr().err
+    assert main(["view", str(forged), "--save", str(tmp_path / "v.rrd")]) == 0

@@ -19,7 +19,7 @@ import numpy as np
 
 from yawid.blocks import SampleBlock
 from yawid.channels.boots import outside
-from yawid.errors import ConfigError, NotIdentifiable, SinkError
+from yawid.errors import ConfigError, NotIdentifiable, SinkError, SourceError
 from yawid.model_summary import method_summary
 from yawid.offline.orders import candidates, compare_orders, recommended
 from yawid.outputs import Outputs, keep_as_interrupted, open_sinks, whole_or_none
@@ -173,7 +173,10 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
     summary: dict[str, Any] = {"log": str(run.path.absolute()), "sha256": sha256}
     summary |= {"source": origin} | {name: before[name] for name in kept if name in before}
     evidence: dict[str, Evidence] = {}
-    reasons = [Reason(r["id"], r["text"]) for r in before["verdict"]["reasons"]]
+    said = before["verdict"]["reasons"]
+    if unknown := sorted({r["id"] for r in said} - KINDS.keys()):
+        raise SourceError(f"{run.path} gives reasons unknown to this version: {', '.join(unknown)}")
+    reasons = [Reason(r["id"], r["text"]) for r in said]
     of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
     bank = pipeline.bank
     if bank is not None:

@@ -50,6 +50,10 @@ _DAMAGE: Final = (
 )  # fmt: skip
 
 
+class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
+    """Samples without what was made of them, as a recovered file may have."""
+
+
 @dataclass(frozen=True, slots=True)
 class LogLine:
     """One line for people, as it was written during the run."""
@@ -164,7 +168,9 @@ def open_run(path: Path) -> McapRun:
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     if "summary.json" not in attachments:
-        raise SourceError(f"{path} holds no summary: the run was cut off; replay its log instead")
+        raise SourceError(
+            f"{path} holds no summary: its run was cut off; replay the log itself, or yawid recover"
+        )
     try:
         summary = read_summary(attachments["summary.json"])
         config = read_config(attachments.get("configuration.toml"))
@@ -179,8 +185,10 @@ def _damage_told(path: Path) -> Iterator[None]:
     """Turn what the libraries raise on damaged bytes into one line."""
     try:
         yield
+    except Incomplete as error:
+        raise SourceError(f"{path}: {error}: yawid replay of it estimates them again") from error
     except _DAMAGE as error:
-        reason = str(error).partition("\n")[0]
+        reason = str(error).partition("\n")[0] or "it ends too early"
         raise SourceError(
             f"{path} is damaged or was never finished ({reason}): "
             "yawid recover makes a whole file of what there is"
@@ -226,11 +234,12 @@ def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -
     """Return the rows (n,) of each topic and forget the messages.
 
     Raises:
-        ValueError: the topics do not have as many messages each, or of different sizes.
+        Incomplete: the topics do not have as many messages each.
+        ValueError: the messages of a topic have different sizes.
     """
     counts = {len(messages) for messages in waiting.values()}
     if len(counts) != 1:
-        raise ValueError("some of the samples lack their estimates")
+        raise Incomplete("some of its samples lack their estimates")
     rows = []
     for topic, messages in waiting.items():
         layout = layouts[topic]

@@ -17,6 +17,7 @@ from yawid import __version__
 from yawid.errors import SinkError
 from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap_known import DAMAGE, Known, known, records
+from yawid.sinks.remains import NAMES, SUMMARY, Remains
 
 LARGEST_CHUNK: Final = 64 << 20
 """Unpacked; yawid writes a chunk a second."""
@@ -54,7 +55,8 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
     Only what can be vouched for is copied: chunks and attachments whose checksum holds, and of
     them the messages of channels that yawid writes (:func:`yawid.sinks.mcap_known.known`). What
     follows a damaged record length cannot be found again. Metadata have no checksum and are copied
-    as found.
+    as found. A file without a summary, or with one that tells of more than was copied, gets one
+    that says so (:mod:`yawid.sinks.remains`).
 
     Raises:
         SinkError: nothing can be had from ``path_in``, or a file cannot be read or written.
@@ -70,7 +72,7 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
         part, out = open_part(path_out, force=force, suffix=".recovered.part")
         try:
             with out, os_errors_as_sink_error(part):
-                recovered = _Copy(out, known(stream)).run(stream)
+                recovered = _Copy(out, known(stream), path_in).run(stream)
                 sync(out)
             if not recovered.counts:
                 told = f" ({recovered.left_out})" if recovered.left_out else ""
@@ -107,12 +109,15 @@ def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
 class _Copy:
     """One run from a stream of records to a new file; schema and channel numbers are given anew."""
 
-    def __init__(self, out: BinaryIO, trusted: Known) -> None:
+    def __init__(self, out: BinaryIO, trusted: Known, path_in: Path) -> None:
         self._writer = Writer(out, compression=CompressionType.ZSTD)
         self._known = trusted
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._result = Recovered()
+        self._path_in = path_in
+        self._newest_ns = 0
+        self._remains = Remains()
 
     def run(self, stream: BinaryIO) -> Recovered:
         self._writer.start(profile="", library=LIBRARY)
@@ -124,14 +129,24 @@ class _Copy:
                 case Chunk():
                     self._copy_chunk(record)
                 case Metadata():
+                    self._remains.metadata.setdefault(record.name, record.metadata)
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment():
                     self._copy_attachment(record, stream)
                 case _:  # schemas and channels are known; indexes and statistics are made anew
                     pass
-        self._writer.finish()
         self._result.channels = self._known.refused
+        self._tell()
+        self._writer.finish()
         return self._result
+
+    def _tell(self) -> None:
+        """Write what the file says of itself."""
+        lost = bool(self._result.chunks or self._result.messages)
+        told = self._remains.told(self._path_in, self._result.left_out, lost=lost)
+        for name, data in told.items():
+            kind = "application/json" if name == SUMMARY else "application/toml"
+            self._writer.add_attachment(self._newest_ns, self._newest_ns, name, kind, data)
 
     def _copy_chunk(self, chunk: Chunk) -> None:
         inside = _chunk_records(chunk)
@@ -156,6 +171,8 @@ class _Copy:
             message.sequence,
         )
         self._result.counts[channel.topic] += 1
+        self._newest_ns = max(message.log_time, self._newest_ns)
+        self._remains.add(channel.topic, message.log_time, message.data)
 
     def _copy_attachment(self, attachment: Attachment, stream: BinaryIO) -> None:
         builder = RecordBuilder()
@@ -163,6 +180,9 @@ class _Copy:
         stream.seek(-4, 1)  # its checksum, which the library skips
         if stream.read(4) != bytes(builder.end())[-4:]:
             self._result.attachments += 1
+            return
+        if attachment.name in NAMES:
+            self._remains.attachments[attachment.name] = attachment.data
             return
         self._writer.add_attachment(
             attachment.create_time,

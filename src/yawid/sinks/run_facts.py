@@ -161,10 +161,11 @@ _SUMMARY: Final = {
     "duration_s?": _number,
     "source?": {},
     "vehicle?": {},
-    "link": {},
-    "channels": {"*": {"source": _text, "rate_hz?": _positive}},
+    "link": {"clock_leap_s?": _number},
+    "channels": {"*": {"source": _text, "rate_hz?": _positive, "first_rate_hz?": _positive}},
     "estimates?": {"*": _ESTIMATE},
     "verdict": {
+        "method?": _text,
         "usable": _truth,
         "reasons": [{"id": _text, "weight": _text, "text": _text}],
     },

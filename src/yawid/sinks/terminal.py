@@ -93,7 +93,8 @@ def origin(summary: Mapping[str, Any]) -> Iterator[str]:
         f"{link[n]} {n.replace('_', ' ')}" for n in names if link[n] or n == "frames"
     )
     leapt = f"; the vehicle's clock leapt by {leap_s:.0f} s" if leap_s else ""
-    yield f"    link  {counts}{leapt}"
+    if counts or leapt:  # of a recovered run nobody knows
+        yield f"    link  {counts}{leapt}"
     if "vehicles" in summary:
         yield f"vehicles  {_vehicles(summary)}"
     if "boots" in summary:
