@@ -23,9 +23,10 @@ def forge(
     toml: Callable[[str], str] = _as_is,
     metadata: Callable[[str, dict[str, str]], dict[str, str]] = lambda name, record: record,
     message: Callable[[str, int, bytes], bytes] = lambda topic, number, data: data,
+    keeps: Callable[[str], bool] = lambda topic: True,
     log_time: Callable[[str, int], int] = lambda topic, time: time,
 ) -> Path:
-    """Copy an MCAP, each of its parts through a function; None for a summary leaves it out."""
+    """Copy an MCAP, each of its parts through a function; ``keeps`` chooses topics."""
     with source.open("rb") as stream, out.open("wb") as target:
         reader, writer = make_reader(stream), Writer(target, compression=CompressionType.ZSTD)
         writer.start(profile="", library="forged")
@@ -34,6 +35,8 @@ def forge(
         for schema, channel, record in reader.iter_messages(log_time_order=False):
             assert schema is not None
             topic = channel.topic
+            if not keeps(topic):
+                continue
             if topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[topic] = writer.register_channel(

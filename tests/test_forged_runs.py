@@ -184,6 +184,14 @@ def test_log_lines_without_a_time_are_refused(
     assert capsys.readouterr().err.count("\n") == 1
 
 
+def test_a_run_without_its_samples_is_refused(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    forged = forge(run, tmp_path / "f.mcap", keeps=lambda topic: "log" in topic)
+    assert main(["replay", str(forged), "--out", str(tmp_path / "out")]) == 6
+    assert "holds no sample: replay the log itself" in capsys.readouterr().err
+
+
 def test_a_file_that_counts_no_samples_is_read_all_the_same(run: Path, tmp_path: Path) -> None:
     mute = tmp_path / "mute.mcap"
     with mute.open("wb") as target:

@@ -90,6 +90,8 @@ def replay_run(
                 rows += len(samples)
                 advance(size * len(samples) / max(run.rows, 1))
         if is_whole and pipeline.bank is None and run.grid is not None:
+            if config.from_s is None and config.to_s is None:
+                raise SourceError(f"{mcap} holds no sample: replay the log itself")
             raise outside(config, f"{mcap}, which covers {_covered(run)}")
         summary, verdict = _summary(run, pipeline)
         files = outputs.files()
