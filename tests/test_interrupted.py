@@ -167,6 +167,21 @@ def test_a_regression_tells_the_cases_it_compared_and_names_the_others(tmp_path:
     assert 'errors="2"' in (tmp_path / "r.xml").read_text()
 
 
+def test_an_update_that_was_stopped_names_the_cases_that_keep_their_references(
+    tmp_path: Path,
+) -> None:
+    cases = [tmp_path / name for name in ("a", "b")]
+    for case in cases:
+        shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", case)
+    before = (cases[1] / "case.toml").read_bytes()
+    done = yawid_with("SIGINT", 2, "regress", *cases, "--update", "--why", "x")
+
+    assert (done.returncode, done.stdout) == (130, "updated  a\n")
+    assert done.stderr == "yawid: not updated: b\n"
+    assert (cases[1] / "case.toml").read_bytes() == before
+    assert not list(tmp_path.glob("*/*.part"))
+
+
 def test_a_second_signal_ends_at_once() -> None:
     """Also what never looks whether it is to stop, as a loop of numba's does not."""
     script = (

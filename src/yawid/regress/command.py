@@ -58,7 +58,10 @@ def run(arguments: argparse.Namespace, settings: Mapping[str, Any], say: Say) ->
     if arguments.update:
         from yawid.regress.update import update
 
-        update(arguments.folder, arguments.cases, arguments.why, say)
+        try:
+            update(arguments.folder, arguments.cases, arguments.why, say)
+        except Interrupted as stopped:
+            return stopped.exit_code  # those updated before stay so
         return 0
     return _compare(arguments, say)
 
