@@ -215,13 +215,13 @@ def test_what_opposes_the_yaw_and_follows_it_is_a_damper_and_not_the_aircraft():
 
 
 def test_gusts_are_no_poor_fit_where_the_rudder_clearly_drives_the_mode():
-    gusts = evidence(simulation_pct=20.0, held_back_pct=-5.0)
+    gusts = evidence(simulation_pct=21.0, held_back_pct=-5.0)
 
     assert ids(estimate_reasons("rml", gusts)) == {"poor_fit"}
     assert ids(estimate_reasons("rml", gusts, is_driven=True)) == set()
-    vague = evidence(simulation_pct=20.0, dutch_roll=np.array([2.4, 0.2, 0.2, 0.02]))
+    vague = evidence(simulation_pct=21.0, dutch_roll=np.array([2.4, 0.2, 0.2, 0.02]))
     assert ids(estimate_reasons("rml", vague, is_driven=True)) == {"poor_fit"}
-    worse = evidence(simulation_pct=10.0)
+    worse = evidence(simulation_pct=19.0)
     assert ids(estimate_reasons("rml", worse, is_driven=True)) == {"poor_fit"}
 
 

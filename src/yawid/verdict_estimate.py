@@ -15,9 +15,9 @@ LEAST_SIMULATION_PCT = 40.0
 LEAST_HELD_BACK_PCT = 30.0
 """A free-running model that tells less of the yaw rate than this has learned something else: good
 flights have 73 to 95 %."""
-IN_GUSTS_PCT, IN_GUSTS_WN = 15.0, 0.05
+IN_GUSTS_PCT, IN_GUSTS_WN = 20.0, 0.05
 """... but for the simulated fit and the relative sigma of wn of a mode that the rudder clearly
-drives: strong gusts leave 8 to 40 % of fit to answers that are right to 3 %."""
+drives: strong gusts leave 20 to 40 % of fit to answers that are right to 5 %."""
 WHITE_P = 0.01
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
@@ -54,8 +54,9 @@ def estimate_reasons(
 ) -> Iterator[Reason]:
     """Judge one estimate by itself.
 
-    ``is_driven`` tells that rudder and yaw rate are clearly coherent at the mode found and the
-    rudder does not merely react: then gusts may hide its effect from the fit and leave wn right.
+    ``is_driven`` tells that rudder and yaw rate are clearly coherent at the mode found, that the
+    rudder does not merely react and that the methods agree on wn: then gusts may hide its effect
+    from the fit and leave wn right.
     """
     if evidence.status == Status.DIVERGED:
         yield Reason("diverged", f"{method} did not stay finite")

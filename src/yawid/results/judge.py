@@ -31,6 +31,8 @@ CLEAR = 0.1
 """A squared coherence so far above chance is clear."""
 REACTS = 0.7
 """A rudder of which yaw rate and roll explain more may be moved by what it is said to move."""
+ALIKE = 1.1
+"""Methods whose wn differ by less than this factor agree on it."""
 BETTER = 0.5
 """Another method answers in place of the first where its sigma of wn is below this part of it."""
 
@@ -68,7 +70,9 @@ def judge_methods(
     moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
     excited = np.where(around(moved.excited, bank.sample_time_s), rudder, np.nan)
     coherence, reasons = {}, {}
-    excites = reaction_shares(history)[0] < REACTS
+    found_wn = [float(evidence[method].dutch_roll[0]) for method in bank.methods]
+    alike = max(found_wn) < ALIKE * min(found_wn)
+    excites = reaction_shares(history)[0] < REACTS and alike
     for method in bank.methods:
         mode = evidence[method].dutch_roll
         wn = float(mode[0])

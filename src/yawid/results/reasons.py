@@ -75,7 +75,7 @@ class ReasonKind:
 
 
 _TABLE: Final = (
-    ReasonKind("interrupted", 130, "run", "Run it again to the end."),
+    ReasonKind("interrupted", 130, "run", "Replay the log itself, to its end."),
     ReasonKind(
         "no_vehicle", 3, "log", "Record the vehicle's own stream, its HEARTBEAT included.",
         "record the vehicle's own HEARTBEAT: log on the link to the aircraft itself",
