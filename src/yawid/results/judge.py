@@ -70,8 +70,8 @@ def judge_methods(
     moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
     excited = np.where(around(moved.excited, bank.sample_time_s), rudder, np.nan)
     coherence, reasons = {}, {}
-    found_wn = [float(evidence[method].dutch_roll[0]) for method in bank.methods]
-    alike = max(found_wn) < ALIKE * min(found_wn)
+    found_wn = np.array([evidence[method].dutch_roll[0] for method in bank.methods])
+    alike = bool(found_wn.max() < ALIKE * found_wn.min())
     excites = reaction_shares(history)[0] < REACTS and alike
     for method in bank.methods:
         mode = evidence[method].dutch_roll
