@@ -78,6 +78,8 @@ def replay_run(
         with stop.raising():
             config = _with_orders(run, config)
     pipeline = Pipeline(config)
+    if run.grid is not None:
+        pipeline.modes_of = run.grid.autopilot, run.grid.vehicle_type
     pipeline.sinks = open_sinks(config, outputs)
     size, rows, is_whole = mcap.stat().st_size, 0, True
     with whole_or_none(pipeline.sinks):

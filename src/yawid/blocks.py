@@ -106,14 +106,15 @@ class SampleBlock:
     ``k`` (n,) grid index; ``boot_us`` (n,) vehicle time in microseconds; ``unix_ns`` (n,) the same
     mapped to Unix time, never decreasing; ``received_us`` (n,) receive stamp of the message that
     completed the sample. ``u`` (n, n_inputs) mean deflection over ``[t_k, t_k+1)`` in units of half
-    the travel and ``y`` (n,) yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not
-    zero. ``yaw`` and ``roll`` (n,) in rad (yaw unwrapped); ``turn`` (n,) the turn rate in rad/s
-    that bank and airspeed imply; ``airspeed`` (n,) in m/s. ``noted`` (n,) are bits of
-    :class:`Noted`, ``held`` (n,) of :class:`Held`. ``epoch`` (n,) counts how often the meaning of
+    the travel, the rudder's in rad where ``--rudder-max-deg`` says how far it moves, and ``y`` (n,)
+    yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not zero. ``yaw`` and ``roll``
+    (n,) in rad (yaw unwrapped); ``turn`` (n,) the turn rate in rad/s that bank and airspeed imply;
+    ``airspeed`` (n,) in m/s. ``noted`` (n,) are bits of :class:`Noted`, ``held`` (n,) of
+    :class:`Held`. ``epoch`` (n,) counts how often the meaning of
     ``u`` changed: the estimators start anew with each.
 
-    For whoever judges the samples: ``aileron`` (n,) in units of half its travel as ``u``, whether
-    it is an input or not; ``mode`` (n,) HEARTBEAT.custom_mode; ``on_ground`` (n,) 1 or 0;
+    For whoever judges the samples: ``aileron`` (n,) always in units of half its travel,
+    whether it is an input or not; ``mode`` (n,) HEARTBEAT.custom_mode; ``on_ground`` (n,) 1 or 0;
     ``altitude`` (n,) in m. Each is NaN where nothing tells it, and holds no sample.
     """
 

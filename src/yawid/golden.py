@@ -19,7 +19,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
 from yawid.errors import ConfigError
-from yawid.sinks.base import LogLevel
+from yawid.sinks.base import Grid, LogLevel
 
 EXACT = ("k", "t", "held", "status")
 VALUE_TOLERANCE = 1e-6
@@ -38,20 +38,14 @@ class RowsSink:
     newest: list[float] = field(default_factory=list)
     _second: int = -1
 
-    def start(
-        self,
-        parameter_names: tuple[str, ...],
-        inputs: tuple[str, ...],
-        methods: tuple[str, ...],
-        sample_time_s: float,
-    ) -> None:
+    def start(self, grid: Grid) -> None:
         """Name the columns."""
-        self.columns = ["k", "t", "held", *inputs, "yaw_rate"]
-        for method in methods:
+        self.columns = ["k", "t", "held", *grid.inputs, "yaw_rate"]
+        for method in grid.methods:
             per_sample = ("status", "y_hat", "innovation", "residual", "noise_std")
             self.columns += [f"{method}.{name}" for name in per_sample]
-            self.columns += [f"{method}.{name}" for name in parameter_names]
-            self.columns += [f"{method}.{name}_std" for name in parameter_names]
+            self.columns += [f"{method}.{name}" for name in grid.parameters]
+            self.columns += [f"{method}.{name}_std" for name in grid.parameters]
         self.columns += ["wn", "wn_std", "zeta", "zeta_std"]
 
     def write(

@@ -16,7 +16,7 @@ from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
 from yawid.physics.rows import PhysicsRows
 from yawid.run_config import RunConfig
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Grid, Sink, rudder_unit
 from yawid.sources.link import LinkStats
 from yawid.sources.reading import Reading
 
@@ -60,6 +60,9 @@ class Pipeline:
         self.modes: ModesBlock | None = None
         self.newest: SampleBlock | None = None
         self.samples = 0
+        self.modes_of = (0, 0)
+        """Autopilot and vehicle type where no HEARTBEAT passes through, as with a file of results.
+        """
 
     @property
     def link(self) -> LinkStats:
@@ -104,6 +107,19 @@ class Pipeline:
             servo_tau_s=self.config.servo_tau,
         )
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
+        grid = Grid(
+            names,
+            self.config.inputs,
+            self.bank.methods,
+            sample_time_s,
+            rudder_unit(self.config.rudder_max_deg),
+            *self._modes_of(),
+        )
         for sink in self.sinks:
-            sink.start(names, self.config.inputs, self.bank.methods, sample_time_s)
+            sink.start(grid)
         return self.bank
+
+    def _modes_of(self) -> tuple[int, int]:
+        """Return the autopilot and the vehicle type whose flight modes the samples bear."""
+        vehicle = self.channels.lock.vehicle
+        return self.modes_of if vehicle is None else (vehicle.autopilot, vehicle.type)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
-from sinks.sink_blocks import METHODS, PARAMETERS, SAMPLE_TIME_S, VERDICT, Blocks, cut
+from sinks.sink_blocks import GRID, PARAMETERS, VERDICT, Blocks, cut
 
 from yawid.sinks.mcap_file import McapSink
 
@@ -24,7 +25,7 @@ SUMMARY = {
 
 def open_sink(path: Path, n_inputs: int = 1, parameters: tuple[str, ...] = PARAMETERS) -> McapSink:
     sink = McapSink(path, {"configuration": {"rate": 20.0, "method": "els"}, "note": "by hand"})
-    sink.start(parameters, INPUTS[:n_inputs], METHODS, SAMPLE_TIME_S)
+    sink.start(replace(GRID, parameters=parameters, inputs=INPUTS[:n_inputs]))
     return sink
 
 

@@ -11,9 +11,7 @@ import pytest
 import rerun_cli
 from rerun.chunk import RrdReader
 from sinks.sink_blocks import (
-    METHODS,
-    PARAMETERS,
-    SAMPLE_TIME_S,
+    GRID,
     START_NS,
     VERDICT,
     Blocks,
@@ -29,7 +27,7 @@ VIEWER = str(Path(rerun_cli.__file__).with_name("rerun"))
 
 def run(sink: RerunSink, blocks: Blocks, edges: list[int] | None = None) -> None:
     sink.log(START_NS, "info", "before the grid is known")
-    sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+    sink.start(GRID)
     for block in cut(blocks, edges or []):
         sink.write(*block)
         sink.flush()

@@ -14,6 +14,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 from yawid.physics.derivatives import NAMES
+from yawid.sinks.base import Grid
 
 PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")
 METHODS = ("els", "rml")
@@ -26,6 +27,7 @@ VERDICT = {
         {"id": "rudder_assumed", "weight": "warning", "text": "servo 4 taken for the rudder"},
     ],
 }
+GRID = Grid(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S, autopilot=3, vehicle_type=1)
 Blocks = tuple[SampleBlock, dict[str, EstimateBlock], ModesBlock]
 
 
@@ -51,7 +53,7 @@ def make_samples(n: int, n_inputs: int, rng: np.random.Generator) -> SampleBlock
         held=held,
         epoch=np.arange(n) // 50,
         aileron=rng.normal(size=n),
-        mode=rng.integers(0, 20, n).astype(float),
+        mode=np.full(n, 10.0),
         on_ground=rng.integers(0, 2, n).astype(float),
         altitude=rng.uniform(0.0, 500.0, n),
     )

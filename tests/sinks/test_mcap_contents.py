@@ -14,6 +14,7 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 from mcap.reader import make_reader
 from sinks.mcap_reading import SUMMARY, column, decoded, open_sink, write_file
 from sinks.sink_blocks import (
+    GRID,
     START_NS,
     VERDICT,
     make_blocks,
@@ -118,7 +119,7 @@ def test_log_time_never_decreases_on_a_topic(tmp_path: Path) -> None:
         log_times = [m.log_time for m, _ in messages]
         if topic == "/yawid/log":
             assert log_times == [START_NS, START_NS]
-        elif topic != "/yawid/verdict":
+        elif topic not in ("/yawid/mode", "/yawid/verdict"):
             np.testing.assert_array_equal(log_times, expected)
 
 
@@ -205,6 +206,22 @@ def test_metadata_names_every_unit_of_a_field_that_exists(tmp_path: Path) -> Non
     fields = {name for name in records["units"] if not name.startswith("Reason.")}
     assert fields <= known
     assert {"Sample.yaw_rate", "Estimate.noise_std", "Modes.dutch_roll_wn"} <= fields
+
+
+@pytest.mark.parametrize("unit", ["half travel", "rad"])
+def test_units_are_those_that_the_rudder_was_estimated_in(tmp_path: Path, unit: str) -> None:
+    sink = McapSink(tmp_path / "a.mcap", {})
+    sink.start(replace(GRID, rudder_unit=unit))
+    sink.finish(SUMMARY, {})
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    units = records["units"]
+    assert records["grid"]["rudder_unit"] == unit
+    assert units["Sample.rudder"].startswith(f"{unit};")
+    assert units["Sample.aileron"].startswith("half travel")
+    assert units["Modes.K"].startswith(f"rad/s per {unit},")
+    assert units["Modes.a_my_delta_h_std"] == f"1/s^2 per {unit}"
+    assert not any("{" in text for text in units.values())
 
 
 def rerun_executable() -> str:

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -37,7 +39,31 @@ def test_for_each_sample_the_order_is_sample_estimates_modes(tmp_path: Path) -> 
     n = 4
     topics = [topic for topic, *_ in raw(write_file(tmp_path / "a.mcap", make_blocks(n=n)))]
     row = ["/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes"]
-    assert topics == [*(row * n), "/yawid/verdict"]
+    assert topics == ["/yawid/mode", *(row * n), "/yawid/verdict"]
+
+
+@pytest.mark.parametrize("edges", [[], list(range(60)), [2, 20, 41]])
+def test_the_flight_mode_stands_by_name_wherever_it_changes_however_blocks_are_cut(
+    tmp_path: Path, edges: list[int]
+) -> None:
+    samples, estimates, modes = make_blocks(n=60)
+    mode = np.zeros(60)
+    mode[:2], mode[20:41], mode[50] = np.nan, 10.0, 77.0
+    samples = replace(samples, mode=mode)
+    found = decoded(write_file(tmp_path / "a.mcap", (samples, estimates, modes), edges))
+    told = [(round(1e6 * each.boot_time), each.name) for _, each in found["/yawid/mode"]]
+    names = ["unknown", "MANUAL", "AUTO", "MANUAL", "mode 77", "MANUAL"]
+    rows = [0, 2, 20, 41, 50, 51]
+    assert told == list(zip(samples.boot_us[rows].tolist(), names, strict=True))
+    assert [m.log_time for m, _ in found["/yawid/mode"]] == samples.unix_ns[rows].tolist()
+    assert [each.custom_mode for _, each in found["/yawid/mode"]][1:] == [0, 10, 0, 77, 0]
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
+    assert max(spans) < 1_000_000_000
+    write_file(tmp_path / "b.mcap", (samples, estimates, modes))
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
 def test_no_chunk_is_longer_than_a_second_and_none_is_one_sample(tmp_path: Path) -> None:
@@ -152,11 +178,11 @@ def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path) -> None:
 DISK_FILLS_UP = """
 import resource, sys
 from pathlib import Path
-from sinks.sink_blocks import METHODS, PARAMETERS, SAMPLE_TIME_S, VERDICT, make_blocks
+from sinks.sink_blocks import GRID, VERDICT, make_blocks
 from yawid.errors import SinkError
 from yawid.sinks.mcap_file import McapSink
 sink = McapSink(Path(sys.argv[1]), {})
-sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+sink.start(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (8000, resource.RLIM_INFINITY))
 sink.write(*make_blocks(n=19))
 try:

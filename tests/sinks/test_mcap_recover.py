@@ -16,9 +16,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from sinks.mcap_reading import decoded, raw
 from sinks.sink_blocks import (
-    METHODS,
-    PARAMETERS,
-    SAMPLE_TIME_S,
+    GRID,
     VERDICT,
     make_blocks,
     script_environment,
@@ -35,7 +33,7 @@ PER_SAMPLE = 4  # messages: sample, two estimates, modes
 
 def write_file(path: Path, n: int = 100) -> Path:
     sink = McapSink(path, {"configuration": {"rate": 20.0}})
-    sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+    sink.start(GRID)
     sink.write(*make_blocks(n=n))
     sink.finish({"verdict": VERDICT}, {"summary.json": b"{}"})
     return path
@@ -54,10 +52,10 @@ def chunk_places(path: Path) -> list[tuple[int, int]]:
 WRITER = """
 import sys
 from pathlib import Path
-from sinks.sink_blocks import METHODS, PARAMETERS, SAMPLE_TIME_S, cut, make_blocks
+from sinks.sink_blocks import GRID, cut, make_blocks
 from yawid.sinks.mcap_file import McapSink
 sink = McapSink(Path(sys.argv[1]), {"configuration": {"rate": 20.0}})
-sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+sink.start(GRID)
 n = int(sys.argv[2])
 for block in cut(make_blocks(n=n), list(range(n))):
     sink.write(*block)
@@ -88,7 +86,7 @@ def test_kill_9_loses_at_most_a_second(tmp_path: Path) -> None:
     assert found == written[: len(found)].tolist()
     assert written[-1] - found[-1] <= 1_000_000_000
     topics = ("/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes")
-    assert counts == dict.fromkeys(topics, len(found))
+    assert counts == dict.fromkeys(topics, len(found)) | {"/yawid/mode": 1}
     assert part.exists()
 
 
@@ -123,7 +121,9 @@ def test_a_damaged_chunk_is_left_out_and_the_others_stay(tmp_path: Path) -> None
     (tmp_path / "bad.mcap").write_bytes(data)
     recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     chunk = 20 * PER_SAMPLE
-    assert raw(tmp_path / "out.mcap") == rows[: 2 * chunk] + rows[3 * chunk :]
+    assert (
+        raw(tmp_path / "out.mcap") == rows[: 1 + 2 * chunk] + rows[1 + 3 * chunk :]
+    )  # first the mode
 
 
 def test_what_is_left_out_is_said(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     (tmp_path / "bad.mcap").write_bytes(data[:-100])
     found = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap", force=True)
     assert set(found.counts) == {
-        "/yawid/sample", "/yawid/estimate", "/yawid/modes", "/yawid/verdict"
+        "/yawid/sample", "/yawid/estimate", "/yawid/modes", "/yawid/mode", "/yawid/verdict"
     }  # fmt: skip
     assert (found.chunks, found.channels, found.messages) == (1, 2, 80)
     assert found.left_out == (

@@ -31,6 +31,13 @@ def test_its_samples_are_there_and_what_it_lacks_is_unknown():
     for name in ("aileron", "mode", "on_ground", "altitude"):
         assert all(np.isnan(getattr(block, name)).all() for block in samples)
     assert all(np.isfinite(block.y[block.held == 0]).all() for block in samples)
+    assert run.grid is not None
+    assert (run.grid.rudder_unit, run.grid.autopilot, run.grid.vehicle_type) == (
+        "half travel",
+        0,
+        0,
+    )
+    assert (run.grid.mode_name(np.nan), run.grid.mode_name(10.0)) == ("unknown", "mode 10")
 
 
 def test_it_is_estimated_again_to_what_it_said(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from rerun.chunk import RrdReader
 from sinks.rerun_reading import SUMMARY, VIEWER, fail, recorded, save, statics, values
 from sinks.sink_blocks import (
-    METHODS,
+    GRID,
     PARAMETERS,
     SAMPLE_TIME_S,
     VERDICT,
@@ -59,6 +59,11 @@ def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
     [names] = statics(path, "/parameters/theta", "SeriesLines:names")
     assert names == list(PARAMETERS)
     assert statics(path, "/input", "SeriesLines:names") == [["rudder [half travel]"]]
+    in_rad = RerunSink("save", name="flight", warn=fail, path=tmp_path / "b.rrd")
+    in_rad.start(replace(GRID, inputs=("rudder", "aileron"), rudder_unit="rad"))
+    in_rad.finish(SUMMARY, {})
+    named = statics(tmp_path / "b.rrd", "/input", "SeriesLines:names")
+    assert named == [["rudder [rad]", "aileron [half travel]"]]
     for entity, columns in recorded(path).items():
         if "Scalars:scalars" in columns:
             [colours] = statics(path, entity, "SeriesLines:colors")
@@ -88,9 +93,10 @@ def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Pa
     held = np.zeros(30, np.int64)
     held[10:13] = Held.GAP | Held.ON_GROUND
     noted = np.zeros(30, np.int64)
-    noted[[5, 20]] = Noted.MODE_CHANGED
     noted[24:26], noted[26:28] = Noted.NOT_EXCITED, Noted.NOT_EXCITED | Noted.AIRSPEED_CHANGED
-    samples = replace(samples, held=held, noted=noted)
+    mode = np.zeros(30)
+    mode[:2], mode[5:20] = np.nan, 10.0
+    samples = replace(samples, held=held, noted=noted, mode=mode)
     entities = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
 
     def lane(name: str) -> list[tuple[int, str]]:
@@ -108,7 +114,7 @@ def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Pa
         (26, "used, airspeed changed, not excited"),
         (28, "used"),
     ]
-    assert lane("flight_mode") == [(0, "mode 1"), (5, "mode 2"), (20, "mode 3")]
+    assert lane("flight_mode") == [(0, "unknown"), (2, "MANUAL"), (5, "AUTO"), (20, "MANUAL")]
     assert lane("estimator")[0] == (0, "warming up")
 
 
@@ -189,7 +195,7 @@ def test_the_file_bears_its_final_name_only_when_finished(tmp_path: Path) -> Non
 
 def test_an_aborted_recording_keeps_what_it_had(tmp_path: Path) -> None:
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
-    sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+    sink.start(GRID)
     sink.write(*make_blocks(n=30))
     sink.abort()
     assert not (tmp_path / "a.rrd").exists()
@@ -209,11 +215,11 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, how: str) -> 
 DISK_FILLS_UP = """
 import resource, sys
 from pathlib import Path
-from sinks.sink_blocks import METHODS, PARAMETERS, SAMPLE_TIME_S, VERDICT, make_blocks
+from sinks.sink_blocks import GRID, VERDICT, make_blocks
 from yawid.errors import SinkError
 from yawid.sinks.rerun_sink import RerunSink
 sink = RerunSink("save", name="flight", warn=print, path=Path(sys.argv[1]))
-sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+sink.start(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
 try:
     sink.write(*make_blocks(n=3000))

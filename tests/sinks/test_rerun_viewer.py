@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 from sinks.rerun_reading import SUMMARY, VIEWER, fail, recorded, run, values
 from sinks.sink_blocks import (
-    METHODS,
-    PARAMETERS,
-    SAMPLE_TIME_S,
+    GRID,
     START_NS,
     make_blocks,
     run_script,
@@ -75,7 +73,7 @@ def test_a_viewer_that_dies_is_one_warning_and_the_run_goes_on() -> None:
     blocks = make_blocks(n=300)
     with viewer("--serve-grpc") as (address, process):
         sink = RerunSink(address, name="flight", warn=warnings.append)
-        sink.start(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S)
+        sink.start(GRID)
         sink.write(*blocks)
         sink.flush()
         assert warnings == []
@@ -93,7 +91,7 @@ def test_a_viewer_that_died_is_noticed_by_the_next_flush() -> None:
     samples, estimates, modes = make_blocks(n=30)
     with viewer("--serve-grpc") as (address, process):
         view = RerunView(address, "flight")
-        view.start(PARAMETERS, ("rudder",), SAMPLE_TIME_S)
+        view.start(GRID)
         view.write(samples, estimates["els"], modes)
         view.flush()
         process.kill()

@@ -8,7 +8,7 @@ from typing import Any
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.sinks.base import LogLevel, Pace, Sink
+from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 
 LOOK_S = 1.0
 
@@ -27,15 +27,9 @@ class Guarded:
         self._tell = tell
         self._look = Pace(LOOK_S)
 
-    def start(
-        self,
-        parameter_names: tuple[str, ...],
-        inputs: tuple[str, ...],
-        methods: tuple[str, ...],
-        sample_time_s: float,
-    ) -> None:
+    def start(self, grid: Grid) -> None:
         """See :meth:`yawid.sinks.base.Sink.start`."""
-        self._attempt(lambda: self._sink.start(parameter_names, inputs, methods, sample_time_s))
+        self._attempt(lambda: self._sink.start(grid))
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock

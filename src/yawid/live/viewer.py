@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.sinks.base import LogLevel, Pace, Sink
+from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 
 WAITING = 512
 """Calls that may wait for the viewer; what comes on top is skipped and counted."""
@@ -43,15 +43,9 @@ class Viewer:
         self._thread = threading.Thread(target=self._run, name="yawid-viewer", daemon=True)
         self._thread.start()
 
-    def start(
-        self,
-        parameter_names: tuple[str, ...],
-        inputs: tuple[str, ...],
-        methods: tuple[str, ...],
-        sample_time_s: float,
-    ) -> None:
+    def start(self, grid: Grid) -> None:
         """See :meth:`yawid.sinks.base.Sink.start`; a viewer that comes later is told too."""
-        self._begin = lambda sink: sink.start(parameter_names, inputs, methods, sample_time_s)
+        self._begin = lambda sink: sink.start(grid)
         self._hand(self._begin)
 
     def write(

@@ -1,6 +1,7 @@
 """From theta to the yaw channel of paper eq. 22-23: K, T, omega, xi and the four derivatives.
 
-With r the yaw rate and u the rudder (positive nose right, the paper's -delta_H), eq. 22 at gamma =
+With r the yaw rate and u the rudder (positive nose right, the paper's -delta_H; in half travel or,
+where ``--rudder-max-deg`` gives it, in rad, and K and a_delta per the same), eq. 22 at gamma =
 0 is r' = -a_omega r - a_beta beta + a_delta u, beta' = r - a_z beta, and eq. 23 for the rate
 
     r/u = K (T s + 1) omega^2 / (s^2 + 2 xi omega s + omega^2),

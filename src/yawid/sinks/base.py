@@ -2,17 +2,56 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal, Protocol
+from typing import BinaryIO, Final, Literal, Protocol
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
+from yawid.sources.flight_modes import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
+HALF_TRAVEL: Final = "half travel"
+"""The unit of a surface of which nobody says how far it moves; the aileron's always."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """What the rows of a run mean, the same from its first row to its last.
+
+    ``parameters`` (p,) names theta, ``inputs`` (n_inputs,) the columns of u, ``methods`` the
+    estimators, the first asked for before the others. The rudder is in ``rudder_unit``, the aileron
+    in half travel. ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers, by which a flight
+    mode has its name; 0 where unknown.
+    """
+
+    parameters: tuple[str, ...]
+    inputs: tuple[str, ...]
+    methods: tuple[str, ...]
+    sample_time_s: float
+    rudder_unit: str = HALF_TRAVEL
+    autopilot: int = 0
+    vehicle_type: int = 0
+
+    def unit_of(self, surface: str) -> str:
+        """Return the unit of an input."""
+        return self.rudder_unit if surface == "rudder" else HALF_TRAVEL
+
+    def mode_name(self, custom_mode: float) -> str:
+        """Return the name of HEARTBEAT.custom_mode, ``unknown`` where that is NaN."""
+        if math.isnan(custom_mode):
+            return "unknown"
+        return mode_name(self.autopilot, self.vehicle_type, int(custom_mode))
+
+
+def rudder_unit(max_deg: float | None) -> str:
+    """Return the unit of a rudder of which ``--rudder-max-deg`` is known or not."""
+    return HALF_TRAVEL if max_deg is None else "rad"
 
 
 class Sink(Protocol):
@@ -24,14 +63,8 @@ class Sink(Protocol):
     error and leaves what there is as readable as it can be.
     """
 
-    def start(
-        self,
-        parameter_names: tuple[str, ...],
-        inputs: tuple[str, ...],
-        methods: tuple[str, ...],
-        sample_time_s: float,
-    ) -> None:
-        """Name the parameters (p,), the inputs (n_inputs,) and the methods, the primary first."""
+    def start(self, grid: Grid) -> None:
+        """Say what the rows will mean."""
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock

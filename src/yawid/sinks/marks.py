@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status
 from yawid.physics.modes import discrete_poles
+from yawid.sinks.base import Grid
 
 PLANE_S = 2.0
 WHITENESS_S = 20.0
@@ -59,29 +60,27 @@ class Whiteness:
 class Marks:
     """Derives the marks of one run, block after block."""
 
-    def __init__(self, parameter_names: tuple[str, ...], sample_time_s: float) -> None:
-        self._na = sum(name[0] == "a" for name in parameter_names)
-        self._nb = sum(name[0] == "b" and name[1:].isdigit() for name in parameter_names)
-        self._plane_step = max(1, round(PLANE_S / sample_time_s))
-        self._white_step = max(1, round(WHITENESS_S / sample_time_s))
-        self._window = max(4 * LAGS, round(WINDOW_S / sample_time_s))
+    def __init__(self, grid: Grid) -> None:
+        self._mode_name = grid.mode_name
+        self._na = sum(name[0] == "a" for name in grid.parameters)
+        self._nb = sum(name[0] == "b" and name[1:].isdigit() for name in grid.parameters)
+        self._plane_step = max(1, round(PLANE_S / grid.sample_time_s))
+        self._white_step = max(1, round(WHITENESS_S / grid.sample_time_s))
+        self._window = max(4 * LAGS, round(WINDOW_S / grid.sample_time_s))
         self._residuals = np.empty(0)
         self._states: dict[str, str] = {}
-        self._modes = 1
-        self._changing = False
 
     def changes(self, samples: SampleBlock, estimate: EstimateBlock) -> Iterator[Change]:
         """Yield the changes of every lane within the block; a run's first row is always one."""
-        codes = np.column_stack([samples.held, estimate.status, samples.noted])
+        # Unknown is NaN, which is never equal to itself.
+        modes = np.nan_to_num(samples.mode, nan=-1.0)
+        codes = np.column_stack([samples.held, estimate.status, samples.noted, modes])
         for row in [0, *(np.flatnonzero((codes[1:] != codes[:-1]).any(axis=1)) + 1).tolist()]:
-            held, status, noted = (int(code) for code in codes[row])
-            changing = bool(noted & Noted.MODE_CHANGED)
-            self._modes += changing and not self._changing
-            self._changing = changing
+            held, status, noted = (int(code) for code in codes[row, :3])
             now = {
                 "estimator": _STATUS[Status(status)],
                 "samples": _sample_text(held, noted),
-                "flight_mode": f"mode {self._modes}",
+                "flight_mode": self._mode_name(samples.mode[row]),
             }
             for lane, state in now.items():
                 if self._states.get(lane) != state:

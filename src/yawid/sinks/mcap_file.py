@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from yawid import __version__
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.sinks.base import LogLevel, Pace, open_part, os_errors_as_sink_error, sync
+from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap_chunks import ChunkWriter, Topic
 from yawid.sinks.messages import (
     Written,
     estimate_rows,
     joined,
     log_message,
+    mode_message,
     modes_rows,
     sample_rows,
     verdict_message,
@@ -60,7 +63,7 @@ class McapSink:
     ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text is held
     under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
     topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
-    estimates, modes.
+    estimates, modes; before it the flight mode where it is another.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -78,7 +81,7 @@ class McapSink:
         self._pace = Pace(FLUSH_S)
         self._schemas: dict[str, int] = {}
         self._records: set[str] = set()
-        self._inputs: tuple[str, ...] = ()
+        self._mode: float | None = None
         self._estimate_channels: dict[str, int] = {}
         self._sample_ns = self._log_ns = self._rows = 0
         self._waiting: list[Written] = []
@@ -89,26 +92,27 @@ class McapSink:
             self.discard()  # nothing in it, and it would stand in the way
             raise
 
-    def start(
-        self,
-        parameter_names: tuple[str, ...],
-        inputs: tuple[str, ...],
-        methods: tuple[str, ...],
-        sample_time_s: float,
-    ) -> None:
+    def start(self, grid: Grid) -> None:
         """See :meth:`yawid.sinks.base.Sink.start`; the names also stand with each channel."""
-        self._inputs = inputs
-        names = {"inputs": " ".join(inputs), "sample_time_s": repr(sample_time_s)}
-        parameters = {"parameters": " ".join(parameter_names)}
+        self._grid = grid
+        record = {
+            name: " ".join(value) if isinstance(value, tuple) else str(value)
+            for name, value in asdict(grid).items()
+        }
+        names = {name: record[name] for name in ("inputs", "sample_time_s")}
+        parameters = {"parameters": record["parameters"]}
+        first = grid.methods[0]
         with os_errors_as_sink_error(self._part):
-            self._add_record("grid", names | parameters | {"methods": " ".join(methods)})
+            self._add_record("units", units(grid.rudder_unit))
+            self._add_record("grid", record)
             self._sample_channel = self._channel("/yawid/sample", names)
-            for method in methods:
-                topic = "/yawid/estimate" + ("" if method == methods[0] else f"/{method}")
+            for method in grid.methods:
+                topic = "/yawid/estimate" + ("" if method == first else f"/{method}")
                 self._estimate_channels[method] = self._channel(
                     topic, {"method": method} | parameters
                 )
-            self._modes_channel = self._channel("/yawid/modes", {"method": methods[0]})
+            self._modes_channel = self._channel("/yawid/modes", {"method": first})
+            self._mode_channel = self._channel("/yawid/mode")
             self._stream.flush()
 
     def write(
@@ -127,7 +131,7 @@ class McapSink:
         samples, estimates, modes = joined(self._waiting)
         self._waiting = []
         topics = [
-            Topic(self._sample_channel, sample_rows(samples, self._inputs)),
+            Topic(self._sample_channel, sample_rows(samples, self._grid.inputs)),
             *(
                 Topic(self._estimate_channels[method], estimate_rows(samples, estimate))
                 for method, estimate in estimates.items()
@@ -137,9 +141,31 @@ class McapSink:
         log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._sample_ns))
         publish_ns = np.maximum(samples.received_us, 0) * 1000
         with os_errors_as_sink_error(self._part):
-            self._writer.add_rows(topics, log_ns, publish_ns, self._rows)
+            for rows in self._named_modes(samples, log_ns):
+                part = [Topic(topic.channel, topic.rows[rows]) for topic in topics]
+                first = self._rows + rows.start
+                self._writer.add_rows(part, log_ns[rows], publish_ns[rows], first)
         self._rows += len(samples)
         self._sample_ns = int(log_ns[-1])
+
+    def _named_modes(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
+        """Write the flight mode wherever it is another; yield the rows from there to the next."""
+        known = np.nan_to_num(samples.mode, nan=-1.0)  # or unknown were another at every row
+        before = np.concatenate([[known[0] if self._mode is None else self._mode], known[:-1]])
+        changed = known != before
+        changed[0] |= self._mode is None
+        starts = np.flatnonzero(changed).tolist()
+        if not changed[0]:
+            yield slice(0, starts[0] if starts else len(known))
+        for row, stop in pairwise([*starts, len(known)]):
+            boot_s, mode = samples.boot_us[row] / 1e6, float(samples.mode[row])
+            message = mode_message(boot_s, mode, self._grid.mode_name(mode))
+            now_ns = int(log_ns[row])
+            if self._writer.would_end(now_ns, now_ns):
+                self._writer.end_chunk()
+            self._writer.add_message(self._mode_channel, now_ns, message)
+            yield slice(row, stop)
+        self._mode = float(known[-1])
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""
@@ -202,7 +228,6 @@ class McapSink:
             self._writer.start(LIBRARY)
             for name, value in metadata.items():
                 self._add_record(name, value)
-            self._add_record("units", units())
             self._log_channel = self._channel("/yawid/log")
             self._verdict_channel = self._channel("/yawid/verdict")
             self._stream.flush()

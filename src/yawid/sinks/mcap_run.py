@@ -26,11 +26,11 @@ from zstandard import ZstdError
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SourceError
 from yawid.run_config import RunConfig
-from yawid.sinks.base import LogLevel
+from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.recover import is_bomb
 from yawid.sinks.rows import RowLayout
-from yawid.sinks.run_facts import Grid, checked, read_config, read_grid, read_summary
+from yawid.sinks.run_facts import checked, read_config, read_grid, read_summary
 from yawid.sinks.schemas import descriptor, descriptor_in, is_older, message_class
 
 MAGIC: Final = b"\x89MCAP0\r\n"

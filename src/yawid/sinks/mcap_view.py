@@ -36,8 +36,7 @@ def view(
 
 def _show(run: McapRun, sink: RerunSink) -> None:
     if run.grid is not None:
-        grid = run.grid
-        sink.start(grid.parameters, grid.inputs, grid.methods, grid.sample_time_s)
+        sink.start(run.grid)
     for block in run.blocks():
         sink.write(block.samples, block.estimates, block.modes)
     for line in run.log:

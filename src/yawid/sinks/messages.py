@@ -119,6 +119,14 @@ def log_message(unix_ns: int, level: LogLevel, text: str) -> bytes:
     return bytes(message.SerializeToString(deterministic=True))
 
 
+def mode_message(boot_s: float, custom_mode: float, name: str) -> bytes:
+    """Return one ``yawid.Mode``."""
+    message: Any = message_class("yawid.Mode")(  # as above
+        boot_time=boot_s, custom_mode=custom_mode, name=name
+    )
+    return bytes(message.SerializeToString(deterministic=True))
+
+
 def verdict_message(verdict: Mapping[str, Any]) -> bytes:
     """Return one ``yawid.Verdict`` from the summary's ``{usable, reasons[{id, weight, text}]}``."""
     message: Any = message_class("yawid.Verdict")()  # as above

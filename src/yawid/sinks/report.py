@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from yawid.errors import SourceError
-from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
+from yawid.sinks.base import Grid, open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.report_data import ReportData, gather
 from yawid.sinks.report_model import bode_picture, poles_picture, residuals_picture, step_picture
@@ -16,14 +16,14 @@ from yawid.sinks.report_time import fit_picture, link_picture, modes_picture, pa
 from yawid.sinks.report_words import cards, headline
 
 PHYSICS_UNITS = {
-    "K": "static gain, yaw rate per rudder",
+    "K": "static gain, rad/s per {rudder}",
     "T_theta_s": "numerator time constant, s",
     "omega_beta": "natural frequency, rad/s",
     "xi_beta": "damping ratio",
     "a_z_beta": "side force by sideslip, 1/s",
     "a_my_omega_y": "yaw damping, 1/s",
     "a_my_beta": "weathercock stability, 1/s²",
-    "a_my_delta_h": "rudder effectiveness, 1/s² per unit",
+    "a_my_delta_h": "rudder effectiveness, 1/s² per {rudder}",
     "servo_tau_s": "lag of the servo, s",
     "reduction_error": "misfit, 0.3 to 3 ωn",
 }
@@ -75,22 +75,24 @@ def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]
         others = dict(list(summary["estimates"].items())[1:])
         yield pictures(
             "Does the model tell what was measured?",
-            [fit_picture(data, fit), residuals_picture(data.judged, fit.get("whiteness_p"))],
+            [
+                fit_picture(data, fit, run.grid),
+                residuals_picture(data.judged, fit.get("whiteness_p")),
+            ],
         )
         yield pictures(
             "What was learnt, and when",
-            [modes_picture(data, others), parameters_picture(data, run.grid.parameters)],
+            [modes_picture(data, others), parameters_picture(data, run.grid)],
         )
-        unit = "1 rad" if run.config.rudder_max_deg is not None else "half of its travel"
         yield pictures(
             "What the model says of the aircraft",
             [
-                bode_picture(data, mode, len(run.grid.inputs)),
+                bode_picture(data, mode, run.grid),
                 poles_picture(data.model),
-                step_picture(data.model, mode, unit),
+                step_picture(data.model, mode, run.grid),
             ],
         )
-        yield tables("Numbers", _numbers(summary, run.grid.parameters))
+        yield tables("Numbers", _numbers(summary, run.grid))
     yield tables("Channels and link", _link(summary, data))
     if data is not None:
         yield pictures("", [link_picture(data)]).replace("<h2></h2>\n", "")
@@ -112,12 +114,12 @@ def _origin(run: McapRun) -> str:
     return " · ".join(parts)
 
 
-def _numbers(summary: Mapping[str, Any], parameters: tuple[str, ...]) -> Iterator[str]:
+def _numbers(summary: Mapping[str, Any], run_grid: Grid) -> Iterator[str]:
     estimates = summary["estimates"]
     methods = [method.upper() for method in estimates]
     rows = [
         (name, *(_value(e["theta"], e.get("theta_std", {}), name) for e in estimates.values()))
-        for name in parameters
+        for name in run_grid.parameters
     ]
     yield grid("Parameters, ± σ", ("", *methods), rows)
     fits = (
@@ -127,9 +129,9 @@ def _numbers(summary: Mapping[str, Any], parameters: tuple[str, ...]) -> Iterato
         ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
     )  # fmt: skip
     rows = [(text, *(_number(e["fit"], key) for e in estimates.values())) for text, key in fits]
-    counts = [
-        (key, *(str(e[key]) for e in estimates.values())) for key in ("updates", "held")
-    ]  # fmt: skip
+    # What is held is also each sample whose lags are not known: the first ones, and after a break.
+    names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
+    counts = [(text, *(str(e[key]) for e in estimates.values())) for key, text in names.items()]
     yield grid("Fit", ("", *methods), [*rows, *counts])
     primary = next(iter(estimates.values()))
     modes = [
@@ -144,7 +146,7 @@ def _numbers(summary: Mapping[str, Any], parameters: tuple[str, ...]) -> Iterato
     if physics:
         rows = [
             (
-                f"{name}: {PHYSICS_UNITS.get(name, '')}",
+                f"{name}: {PHYSICS_UNITS.get(name, '').format(rudder=run_grid.rudder_unit)}",
                 _number(entry, "value"),
                 _number(entry, "std"),
             )
@@ -169,7 +171,7 @@ def _link(summary: Mapping[str, Any], data: ReportData | None) -> Iterator[str]:
     if data is not None:
         for title, counts in (("held", data.events.counts), ("noted", data.events.notes)):
             said = {name: f"{count} samples" for name, count in counts.items()}
-            yield table(title, said or {"samples": f"none {title}"})
+            yield table(f"samples {title}, by reason", said or {"any": "no sample"})
 
 
 def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:

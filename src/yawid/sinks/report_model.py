@@ -15,6 +15,7 @@ from matplotlib.ticker import StrMethodFormatter
 from yawid.blocks import Floats
 from yawid.errors import YawidError
 from yawid.offline.nonparametric import FrequencyResponse, frequency_response
+from yawid.sinks.base import Grid
 from yawid.sinks.report_curves import (
     correlation,
     frequency_band,
@@ -85,7 +86,7 @@ def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
         )
 
 
-def bode_picture(data: ReportData, mode: Mapping[str, float], n_inputs: int) -> Picture:
+def bode_picture(data: ReportData, mode: Mapping[str, float], grid: Grid) -> Picture:
     """Frequency response of rudder to yaw rate with its band, against the spectral estimate."""
     model = data.model
     spectral = _spectral(data.judged, model, mode)
@@ -110,7 +111,7 @@ def bode_picture(data: ReportData, mode: Mapping[str, float], n_inputs: int) -> 
                 ax.axvline(mode["wn_rad_s"] / (2.0 * np.pi), color=GREY, linewidth=0.9, ls="--")
         upper.set_xscale("log")
         upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        upper.set_ylabel("gain [dB, rad/s]")
+        upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
         lower.set_ylabel("phase [deg]")
         lower.set_xlabel("frequency [Hz]")
         _room(upper, gain_db)
@@ -124,7 +125,7 @@ def bode_picture(data: ReportData, mode: Mapping[str, float], n_inputs: int) -> 
     )
     if spectral is None:
         look = "The record is too short for a spectral estimate to compare with. Band: 2 sigma."
-    if n_inputs > 1:
+    if len(grid.inputs) > 1:
         look += " The points leave the aileron out of account."
     title = "Frequency response, rudder to yaw rate"
     return Picture("bode", title, look, drawn("bode", draw, (5.6, 4.4)))
@@ -164,7 +165,7 @@ def _room(ax: Axes, line: Floats) -> None:
     ax.set_ylim(low - room, high + room)
 
 
-def step_picture(model: Model, mode: Mapping[str, float], unit: str) -> Picture:
+def step_picture(model: Model, mode: Mapping[str, float], grid: Grid) -> Picture:
     """Yaw rate after a unit step of the rudder, with its band."""
     period_s = 2.0 * np.pi / mode["wn_rad_s"] if "wn_rad_s" in mode else 2.0
     steps = int(np.clip(4.0 * period_s / model.sample_time_s, 20, 2000))
@@ -181,9 +182,9 @@ def step_picture(model: Model, mode: Mapping[str, float], unit: str) -> Picture:
         ax.set_xlim(0.0, t[-1])
 
     look = (
-        f"The yaw rate after the rudder steps by {unit}, nose right. The first swing must go up "
-        "(down: a sign is wrong), and its swings are what the aircraft would do. Late values lean "
-        "on the spiral mode, which no short record shows. Band: 2 sigma."
+        f"The yaw rate after the rudder steps by 1 {grid.rudder_unit}, nose right. The first swing "
+        "must go up (down: a sign is wrong), and its swings are what the aircraft would do. Late "
+        "values lean on the spiral mode, which no short record shows. Band: 2 sigma."
     )
     return Picture("step", "Step response", look, drawn("step", draw))
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from yawid.blocks import Floats
+from yawid.sinks.base import Grid
 from yawid.sinks.report_data import Judged, ReportData
 from yawid.sinks.report_pictures import (
     BLUE,
@@ -28,7 +29,7 @@ FIT_WINDOW_S = 30.0
 TIME_LABEL = "time since boot [s]"
 
 
-def fit_picture(data: ReportData, fit: Mapping[str, float]) -> Picture:
+def fit_picture(data: ReportData, fit: Mapping[str, float], grid: Grid) -> Picture:
     """Rudder and yaw rate where the rudder moved most: measured, one step ahead, simulated."""
     judged = data.judged
     rows = _most_moved(judged, round(FIT_WINDOW_S / data.model.sample_time_s))
@@ -37,7 +38,7 @@ def fit_picture(data: ReportData, fit: Mapping[str, float]) -> Picture:
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2.4])
         upper.plot(t, judged.u[rows, 0], color=GREEN, drawstyle="steps-post")
-        upper.set_ylabel("rudder")
+        upper.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
         lower.plot(t, judged.y[rows], color=BLUE, label="measured")
         lower.plot(t, judged.y_hat[rows], color=ORANGE, linewidth=0.9, label="one step ahead")
         lower.plot(t, judged.simulated[rows], color=RED, linewidth=0.9, label="simulated")
@@ -72,10 +73,11 @@ def _most_moved(judged: Judged, width: int) -> slice:
     return slice(first, first + width)
 
 
-def parameters_picture(data: ReportData, names: tuple[str, ...]) -> Picture:
+def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
     """Theta over time with its 2 sigma band, a panel for each polynomial."""
-    track = data.track
-    groups = [("A", "a"), ("B", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
+    track, names = data.track, run_grid.parameters
+    unit = " or ".join(dict.fromkeys(run_grid.unit_of(name) for name in run_grid.inputs))
+    groups = [("A", "a"), (f"B [rad/s per {unit}]", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
     panels = [(title, [i for i, n in enumerate(names) if _group(n) == g]) for title, g in groups]
     panels = [(title, columns) for title, columns in panels if columns]
 

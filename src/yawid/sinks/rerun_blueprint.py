@@ -25,9 +25,6 @@ LANES: Final[Mapping[str, Mapping[str, Rgba]]] = {
         "diverged": RED,
     },
     "samples": {USED: _USED},
-    "flight_mode": {
-        f"mode {i}": (69 + 40 * (i % 2), 90 + 40 * (i % 2), 120, 255) for i in range(1, 41)
-    },
 }
 SHARED_TIME_AXIS: Final = UUID("5c0dca6a-e63f-9cf7-f657-2602590474cc")
 _ANGLE: Final = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -36,7 +33,7 @@ _ANGLE: Final = np.linspace(0.0, 2.0 * np.pi, 181)
 def blueprint() -> rrb.Blueprint:
     """Return the panels: what went in and came out, what was learnt, what it is worth."""
     flight = rrb.Vertical(
-        _lines("Rudder and aileron [half of the travel]", "/input"),
+        _lines("Rudder and aileron", "/input"),
         _lines("Yaw rate [rad/s]: measured, predicted", "/yaw_rate"),
         _lines("Innovation [rad/s]", "/innovation"),
         rrb.StateTimelineView(
@@ -50,7 +47,7 @@ def blueprint() -> rrb.Blueprint:
     learnt = rrb.Vertical(
         _lines("Dutch roll: natural frequency [rad/s]", "/dutch_roll/wn"),
         _lines("Dutch roll: damping ratio", "/dutch_roll/zeta"),
-        _lines("Parameters (b: rad/s per half of the travel)", "/parameters"),
+        _lines("Parameters (b: rad/s per unit of its input)", "/parameters"),
         row_shares=[3, 3, 4],
     )
     return rrb.Blueprint(

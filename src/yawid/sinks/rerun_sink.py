@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.sinks.base import LogLevel, Pace, open_part, os_errors_as_sink_error
+from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error
 
 if TYPE_CHECKING:
     from yawid.sinks.rerun_view import RerunView
@@ -57,15 +57,9 @@ class RerunSink:
             self.discard()  # nothing in it, and it would stand in the way
             self._failed(error)
 
-    def start(
-        self,
-        parameter_names: tuple[str, ...],
-        inputs: tuple[str, ...],
-        methods: tuple[str, ...],
-        sample_time_s: float,
-    ) -> None:
-        """See the protocol; of the ``methods`` only the first is drawn."""
-        self._attempt(lambda view: view.start(parameter_names, inputs, sample_time_s))
+    def start(self, grid: Grid) -> None:
+        """See the protocol; of its methods only the first is drawn."""
+        self._attempt(lambda view: view.start(grid))
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock

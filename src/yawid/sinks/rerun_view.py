@@ -21,7 +21,7 @@ import rerun as rr
 from rerun.encodings import TensorDataBatch
 
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
-from yawid.sinks.base import LogLevel
+from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.marks import LAGS, Change, Marks, Plane, Whiteness
 from yawid.sinks.rerun_blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.series import (
@@ -70,12 +70,10 @@ class RerunView:
         log_furniture(self._recording)
         self._show_verdict("No verdict yet: the run goes on.\n")
 
-    def start(
-        self, parameter_names: tuple[str, ...], inputs: tuple[str, ...], sample_time_s: float
-    ) -> None:
+    def start(self, grid: Grid) -> None:
         """Name and colour the lines."""
-        self._marks = Marks(parameter_names, sample_time_s)
-        for entity, style in series_styles(inputs, parameter_names).items():
+        self._marks = Marks(grid)
+        for entity, style in series_styles(grid).items():
             self._recording.log(entity, rr.SeriesLines(**style), static=True)
         poles = rr.LineStrips2D.from_fields(colors=MEASURED, radii=rr.Radius.ui_points(1.2))
         zeros = rr.Points2D.from_fields(colors=PREDICTED, radii=rr.Radius.ui_points(4.0))

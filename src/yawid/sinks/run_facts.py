@@ -10,7 +10,6 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -18,22 +17,13 @@ import numpy as np
 from yawid.blocks import Status
 from yawid.estimation.polynomials import parameter_names
 from yawid.run_config import RunConfig, check_settings
+from yawid.sinks.base import Grid, rudder_unit
 from yawid.sinks.messages import Rows
 
 LARGEST: Final = 1e300
 """Of a number in a summary: an estimate that diverged is still shown, infinity is not."""
 LARGEST_SAMPLE: Final = 9e9
 """Of a value in a sample; seconds of Unix time are such values, and go into integers of ns."""
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Names of parameters, inputs and methods (the primary first), and the sample time."""
-
-    parameters: tuple[str, ...]
-    inputs: tuple[str, ...]
-    methods: tuple[str, ...]
-    sample_time_s: float
 
 
 def read_config(data: bytes | None) -> RunConfig:
@@ -54,6 +44,8 @@ def read_config(data: bytes | None) -> RunConfig:
 def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | None:
     """Return the grid that a file's metadata tell, None where the run never came to one.
 
+    Files of 0.1.0 do not say whose modes the flight modes are: those keep their numbers.
+
     Raises:
         ValueError: it makes no sense, or is not of the configuration.
     """
@@ -63,7 +55,9 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
         parameters, inputs, methods = (
             tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
         )
-        grid = Grid(parameters, inputs, methods, float(record["sample_time_s"]))
+        autopilot, kind = (int(record.get(name, "0")) for name in ("autopilot", "vehicle_type"))
+        unit, sample_time_s = rudder_unit(config.rudder_max_deg), float(record["sample_time_s"])
+        grid = Grid(parameters, inputs, methods, sample_time_s, unit, autopilot, kind)
     except (KeyError, ValueError) as error:
         raise ValueError(f"its grid cannot be read: {error!r}") from error
     names = parameter_names(config.armax_orders(), config.inputs, bias=True)

@@ -28,14 +28,14 @@ _SCALARS: Final = {
 }
 _PACKAGE = "yawid"
 _YAW_UNITS: Final = {
-    "K": "rad/s per half of the travel, of the last whole second; NaN where eq. 23 does not hold",
+    "K": "rad/s per {rudder}, of the last whole second; NaN where eq. 23 does not hold",
     "T_theta_s": "s",
     "omega_beta": "rad/s",
     "xi_beta": "1",
     "a_z_beta": "1/s",
     "a_my_omega_y": "1/s",
     "a_my_beta": "1/s^2",
-    "a_my_delta_h": "1/s^2 per half of the travel",
+    "a_my_delta_h": "1/s^2 per {rudder}",
     "servo_tau_s": "s; NaN where no real pole is the servo's",
 }
 YAW_CHANNEL: Final = tuple(
@@ -45,7 +45,8 @@ YAW_CHANNEL: Final = tuple(
 
 _NOTED = ", ".join(f"{flag.value} {str(flag.name).lower().replace('_', ' ')}" for flag in Noted)
 
-# message -> (field, type, unit); [] is repeated; a type with a dot is a message, Status the enum.
+# message -> (field, type, unit); [] is repeated; a type with a dot is a message, Status the enum;
+# {rudder} stands for the unit of the rudder.
 TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
     "HeldReasons": tuple((str(flag.name).lower(), "bool", "") for flag in Held),
     "Sample": (
@@ -55,9 +56,13 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("epoch", "fixed32", "count of changes in the meaning of u"),
         ("held", "fixed32", "bits as in held_reasons, 0: the estimators saw this sample"),
         ("held_reasons", ".yawid.HeldReasons", ""),
-        ("u", "double[]", "half of the travel, mean over [t, t + sample_time_s)"),
-        ("rudder", "double", "half of the travel; NaN where it is no input"),
-        ("aileron", "double", "half of the travel, input or not; NaN where unknown"),
+        (
+            "u",
+            "double[]",
+            "rudder: {rudder}, aileron: half travel; mean over [t, t + sample_time_s)",
+        ),
+        ("rudder", "double", "{rudder}; NaN where it is no input"),
+        ("aileron", "double", "half travel, input or not; NaN where unknown"),
         ("yaw_rate", "double", "rad/s"),
         ("yaw", "double", "rad, unwrapped"),
         ("roll", "double", "rad"),
@@ -73,7 +78,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("status", "Status", ""),
         ("held", "fixed32", "bits as in held_reasons"),
         ("held_reasons", ".yawid.HeldReasons", ""),
-        ("theta", "double[]", "a, c: 1; b: rad/s per half of the travel; bias: rad/s"),
+        ("theta", "double[]", "a, c: 1; b: rad/s per unit of its input as in u; bias: rad/s"),
         ("theta_std", "double[]", "as theta"),
         ("y_hat", "double", "rad/s, one step ahead"),
         ("innovation", "double", "rad/s, a priori"),
@@ -100,6 +105,11 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("text", "string", ""),
     ),
     "Verdict": (("usable", "bool", ""), ("reasons", ".yawid.Reason[]", "")),
+    "Mode": (
+        ("boot_time", "double", "s, clock of the vehicle"),
+        ("custom_mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
+        ("name", "string", "as the autopilot calls it"),
+    ),
 }
 
 TOPICS: Final[Mapping[str, str]] = {
@@ -107,16 +117,17 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/estimate": "yawid.Estimate",
     **{f"/yawid/estimate/{method}": "yawid.Estimate" for method in METHODS},
     "/yawid/modes": "yawid.Modes",
+    "/yawid/mode": "yawid.Mode",
     "/yawid/verdict": "yawid.Verdict",
     "/yawid/log": "foxglove.Log",
 }
 """Every topic of our files and the message on it."""
 
 
-def units() -> dict[str, str]:
+def units(rudder_unit: str) -> dict[str, str]:
     """Return the unit of every field that has one, by ``Message.field``."""
     return {
-        f"{message}.{field}": unit
+        f"{message}.{field}": unit.replace("{rudder}", rudder_unit)
         for message, fields in TABLE.items()
         for field, _, unit in fields
         if unit

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
+from yawid.sinks.base import Grid
 from yawid.sinks.report_words import cards
 
 Rgba = tuple[int, int, int, int]
@@ -55,23 +56,21 @@ def _banded(name: str, colour: Rgba) -> dict[str, Any]:
     )
 
 
-def series_styles(
-    inputs: tuple[str, ...], parameter_names: tuple[str, ...]
-) -> dict[str, dict[str, Any]]:
+def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
     """Return names, colours and widths of the lines of every entity, in column order."""
-    p = len(parameter_names)
+    p = len(grid.parameters)
     colours = [PALETTE[i % len(PALETTE)] for i in range(p)]
     return {
         "input": _style(
-            [f"{name} [half travel]" for name in inputs],
-            [INPUTS.get(name, NEUTRAL) for name in inputs],
-            [LINE_WIDTH] * len(inputs),
+            [f"{name} [{grid.unit_of(name)}]" for name in grid.inputs],
+            [INPUTS.get(name, NEUTRAL) for name in grid.inputs],
+            [LINE_WIDTH] * len(grid.inputs),
         ),
         "yaw_rate": _style(
             ["measured [rad/s]", "predicted [rad/s]"], [MEASURED, PREDICTED], [LINE_WIDTH] * 2
         ),
         "innovation": _banded("innovation [rad/s]", PREDICTED),
-        "parameters/theta": _style(list(parameter_names), colours, [LINE_WIDTH] * p),
+        "parameters/theta": _style(list(grid.parameters), colours, [LINE_WIDTH] * p),
         "parameters/band": _style(
             [BAND] * (2 * p), [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
         ),
