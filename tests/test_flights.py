@@ -178,7 +178,7 @@ def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, "skywalker_manual_a")
 
     assert code == 5
-    assert "+0.8" in reasons(summary)["turn_dominated"]
+    assert "+0.79" in reasons(summary)["turn_dominated"]
     assert summary["channels"]["rudder"]["source"] == "ACTUATOR_CONTROL_TARGET.controls[2]"
 
 

@@ -129,7 +129,7 @@ def test_samples_are_held_while_lift_motors_are_driven(parameters, motors, held)
     assert halves(data) == ({0}, {Held.LIFT_MOTORS if held else 0})
 
 
-@pytest.mark.parametrize(("bank_deg", "held"), [(61.0, False), (66.0, True), (-66.0, True)])
+@pytest.mark.parametrize(("bank_deg", "held"), [(59.0, False), (61.0, True), (-61.0, True)])
 def test_samples_of_a_steep_bank_are_held(bank_deg: float, held: bool):
     data = flown([], [], banks=(0.0, np.deg2rad(bank_deg)))
     assert halves(data) == ({0}, {Held.STEEP if held else 0})

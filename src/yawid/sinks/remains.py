@@ -17,7 +17,8 @@ from google.protobuf.message import DecodeError
 
 from yawid.physics.modes import finite
 from yawid.run_config import RunConfig, check_settings
-from yawid.sinks.run_facts import Grid, read_grid, read_summary
+from yawid.sinks.base import Grid
+from yawid.sinks.run_facts import read_grid, read_summary
 from yawid.sinks.schemas import TOPICS, message_class
 
 SAMPLE: Final = "/yawid/sample"
