@@ -13,7 +13,7 @@ from yawid.sinks.report_data import ReportData, gather
 from yawid.sinks.report_model import bode_picture, poles_picture, residuals_picture, step_picture
 from yawid.sinks.report_page import first_screen, grid, page, pictures, table, tables
 from yawid.sinks.report_time import fit_picture, link_picture, modes_picture, parameters_picture
-from yawid.sinks.report_words import cards, headline
+from yawid.sinks.report_words import answer_and_others, answering, cards, headline, percent
 
 PHYSICS_UNITS = {
     "K": "static gain, rad/s per {rudder}",
@@ -60,7 +60,9 @@ def report(run: McapRun) -> str:
     """
     name = Path(str(run.summary.get("log", run.path.name))).name
     try:
-        return page(f"{name} - yawid report", _sections(run, name, gather(run)))
+        return page(
+            f"{name} - yawid report", _sections(run, name, gather(run, answering(run.summary)))
+        )
     except (KeyError, TypeError, AttributeError) as error:
         text = f"{run.path}: its summary is not as yawid writes it: {error!r}"
         raise SourceError(text) from error
@@ -69,10 +71,9 @@ def report(run: McapRun) -> str:
 def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]:
     summary = run.summary
     yield first_screen(name, _origin(run), headline(summary), cards(summary), summary["verdict"])
-    primary: Mapping[str, Any] = next(iter(summary.get("estimates", {}).values()), {})
+    primary, others = answer_and_others(summary)
     if data is not None and run.grid is not None and primary:
         mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
-        others = dict(list(summary["estimates"].items())[1:])
         yield pictures(
             "Does the model tell what was measured?",
             [
@@ -106,8 +107,8 @@ def _origin(run: McapRun) -> str:
     parts = [f"{summary.get('duration_s', 0.0):.0f} s of log"]
     if vehicle:
         parts.append(f"vehicle {vehicle.get('sysid')}/{vehicle.get('compid')}")
-    primary = next(iter(summary.get("estimates", {}).values()), None)
-    if primary is not None:
+    primary, _ = answer_and_others(summary)
+    if primary:
         orders = ",".join(str(primary["orders"][key]) for key in ("na", "nb", "nc", "nk"))
         rate = 1.0 / primary["sample_time_s"]
         parts.append(f"{primary['method'].upper()}, orders na,nb,nc,nk = {orders} at {rate:.3g} Hz")
@@ -116,7 +117,9 @@ def _origin(run: McapRun) -> str:
 
 def _numbers(summary: Mapping[str, Any], run_grid: Grid) -> Iterator[str]:
     estimates = summary["estimates"]
-    methods = [method.upper() for method in estimates]
+    primary, others = answer_and_others(summary)
+    answers = " answers" if others and summary["verdict"]["usable"] else ""
+    methods = [m.upper() + ("" if m in others else answers) for m in estimates]
     rows = [
         (name, *(_value(e["theta"], e.get("theta_std", {}), name) for e in estimates.values()))
         for name in run_grid.parameters
@@ -128,12 +131,11 @@ def _numbers(summary: Mapping[str, Any], run_grid: Grid) -> Iterator[str]:
         ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
         ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
     )  # fmt: skip
-    rows = [(text, *(_number(e["fit"], key) for e in estimates.values())) for text, key in fits]
+    rows = [(text, *(_fit(e["fit"], key) for e in estimates.values())) for text, key in fits]
     # What is held is also each sample whose lags are not known: the first ones, and after a break.
     names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
     counts = [(text, *(str(e[key]) for e in estimates.values())) for key, text in names.items()]
     yield grid("Fit", ("", *methods), [*rows, *counts])
-    primary = next(iter(estimates.values()))
     modes = [
         (
             mode["kind"],
@@ -162,6 +164,12 @@ def _value(values: Mapping[str, float], sigmas: Mapping[str, float], name: str) 
 
 def _number(values: Mapping[str, float], name: str) -> str:
     return f"{values[name]:.4g}" if name in values else "–"
+
+
+def _fit(values: Mapping[str, float], name: str) -> str:
+    if name in values and name.endswith("_pct"):
+        return percent(values[name], ".4g")
+    return _number(values, name)
 
 
 def _link(summary: Mapping[str, Any], data: ReportData | None) -> Iterator[str]:

@@ -28,6 +28,7 @@ from yawid.blocks import (
 from yawid.config import ArmaxOrders
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import simulate
+from yawid.physics.modes import modes as physics_modes
 from yawid.sinks.mcap_run import McapRun
 
 TRACK_POINTS = 600
@@ -35,7 +36,7 @@ TRACK_POINTS = 600
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The final model of the primary method: theta (p,), its covariance (p, p), what it belongs to.
+    """The final model of the method drawn: theta (p,), its covariance (p, p), what it belongs to.
 
     ``same`` tells whether estimating again gave the file's own theta to the bit.
     """
@@ -106,15 +107,19 @@ class ReportData:
     events: Events
 
 
-def gather(run: McapRun) -> ReportData | None:
+def gather(run: McapRun, method: str | None = None) -> ReportData | None:
     """Return what is drawn of a run, or None where it has no rows or nothing was estimated.
+
+    ``method`` is the estimator to draw, the run's first unless told.
 
     Raises:
         SourceError: the file is damaged.
     """
     if run.grid is None or not run.rows or run.config.bank_methods() != run.grid.methods:
         return None
-    gatherer = _Gatherer(run, run.grid.methods[0], run.grid.sample_time_s)
+    if method not in run.grid.methods:
+        method = run.grid.methods[0]
+    gatherer = _Gatherer(run, method, run.grid.sample_time_s)
     for block in run.blocks():
         gatherer.add(block.samples, block.estimates[gatherer.method], block.modes)
     return gatherer.result()
@@ -131,23 +136,36 @@ class _Gatherer:
         self._last = np.empty(0)
 
     def add(self, samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock) -> None:
-        for rows in _epochs(samples.epoch):
-            self._bank.run(samples.select(rows))
+        again = [
+            self._bank.run(samples.select(rows))[self.method].rows
+            for rows in _epochs(samples.epoch)
+        ]
         live = (estimate.status != Status.WARMING_UP)[:, None]
         thin = slice(-self._rows % self._stride, None, self._stride)
         columns = (
             samples.boot_us[:, None] / 1e6,
             np.where(live, estimate.theta, np.nan),
             np.where(live, estimate.theta_std, np.nan),
-            modes.dutch_roll,
         )
-        self._thin.append(tuple(column[thin].copy() for column in columns))
+        dutch_roll = modes.dutch_roll[thin].copy()
+        if self.method != self._bank.methods[0]:  # the file's modes are those of the first
+            estimates = EstimateBlock(np.concatenate(again)[thin], estimate.p)
+            dutch_roll = self._modes(estimates)
+        self._thin.append((*(column[thin].copy() for column in columns), dutch_roll))
         delay_s = (samples.received_us - samples.unix_ns / 1e3) / 1e6
         self._full.append(
             (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s)
         )
         self._rows += len(samples)
         self._last = estimate.theta[-1].copy()
+
+    def _modes(self, estimates: EstimateBlock) -> Floats:
+        """Return the Dutch roll (n, 4) of estimates with their covariance."""
+        config = self._bank.estimators[self.method].config
+        mean_output = self._bank.config.output == "yaw"
+        return physics_modes(
+            estimates, config.orders, config.sample_time_s, mean_output=mean_output
+        ).dutch_roll
 
     def result(self) -> ReportData | None:
         block = self._bank.last[self.method]

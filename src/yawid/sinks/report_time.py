@@ -24,8 +24,13 @@ from yawid.sinks.report_pictures import (
     sensible_limits,
     thin_lines,
 )
+from yawid.sinks.report_words import percent
 
 FIT_WINDOW_S = 30.0
+OUTSIDE = 10.0
+"""A line that is so many heights of the picture above or below it is not drawn on."""
+MOST_NAMED = 9
+"""Lines of a panel that its legend names: more leave no room for the lines."""
 TIME_LABEL = "time since boot [s]"
 
 
@@ -33,22 +38,30 @@ def fit_picture(data: ReportData, fit: Mapping[str, float], grid: Grid) -> Pictu
     """Rudder and yaw rate where the rudder moved most: measured, one step ahead, simulated."""
     judged = data.judged
     rows = _most_moved(judged, round(FIT_WINDOW_S / data.model.sample_time_s))
-    t = judged.t[rows]
+    t, y, y_hat = judged.t[rows], judged.y[rows], judged.y_hat[rows]
+    low, high = _limits(y)
+    room = OUTSIDE * (high - low)
+    # A model that explodes leaves the picture: no axis holds what it becomes.
+    simulated, y_hat = (
+        np.where((line > low - room) & (line < high + room), line, np.nan)
+        for line in (judged.simulated[rows], y_hat)
+    )
 
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2.4])
         upper.plot(t, judged.u[rows, 0], color=GREEN, drawstyle="steps-post")
         upper.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
-        lower.plot(t, judged.y[rows], color=BLUE, label="measured")
-        lower.plot(t, judged.y_hat[rows], color=ORANGE, linewidth=0.9, label="one step ahead")
-        lower.plot(t, judged.simulated[rows], color=RED, linewidth=0.9, label="simulated")
+        lower.plot(t, y, color=BLUE, label="measured")
+        lower.plot(t, y_hat, color=ORANGE, linewidth=0.9, label="one step ahead")
+        lower.plot(t, simulated, color=RED, linewidth=0.9, label="simulated")
         lower.set_ylabel("yaw rate [rad/s]")
+        lower.set_ylim(low, high)
         lower.set_xlabel(TIME_LABEL)
         figure.legend(*lower.get_legend_handles_labels(), loc="outside upper right", ncols=3)
         mark_events(lower, data.events)
 
     numbers = [
-        f"{name} {fit[key]:.0f} %"
+        f"{name} {percent(fit[key], '.0f')} %"
         for name, key in (("one step ahead", "one_step_pct"), ("simulated", "simulation_pct"))
         if key in fit
     ]
@@ -59,6 +72,16 @@ def fit_picture(data: ReportData, fit: Mapping[str, float], grid: Grid) -> Pictu
         "Shown: the 30 s in which the rudder moved most."
     )
     return Picture("fit", "Fit: measured, predicted, simulated", look, drawn("fit", draw))
+
+
+def _limits(y: Floats) -> tuple[float, float]:
+    """Return limits of the y axis that leave room around what was measured."""
+    known = y[np.isfinite(y)]
+    if not len(known):
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    room = 0.4 * max(high - low, 1e-3)
+    return low - room, high + room
 
 
 def _most_moved(judged: Judged, width: int) -> slice:
@@ -85,9 +108,9 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
         grid = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for ax, (title, columns) in zip(grid.flat, panels, strict=False):
             lines = []
-            for shade, i in zip(_shades(len(columns)), columns, strict=True):
+            for count, (shade, i) in enumerate(zip(_shades(len(columns)), columns, strict=True)):
                 theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
-                ax.plot(track.t, theta, color=shade, label=names[i])
+                ax.plot(track.t, theta, color=shade, label=names[i] if count < MOST_NAMED else None)
                 band(ax, track.t, theta - spread, theta + spread, shade)
                 lines += [theta]
             sensible_limits(ax, *lines)

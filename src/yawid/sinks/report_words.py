@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
+from yawid.estimation.fit import WORST_PCT
 from yawid.results.reasons import KINDS
+
+MOST_HEADLINE = 160
+"""Characters of a reason that the headline repeats; it stands whole below."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,11 +26,32 @@ class Card:
     notes: tuple[str, ...]
 
 
-def cards(summary: Mapping[str, Any]) -> list[Card]:
-    """Return the answers to the four questions; numbers stand for the primary method."""
+def answering(summary: Mapping[str, Any]) -> str | None:
+    """Return the method whose estimate is the answer, None where nothing was estimated.
+
+    The verdict says which; in runs of older versions it is the first.
+    """
     estimates = summary.get("estimates", {})
-    primary: Mapping[str, Any] = next(iter(estimates.values()), {})
-    others = dict(list(estimates.items())[1:])
+    method: str | None = summary["verdict"].get("method")
+    return method if method in estimates else next(iter(estimates), None)
+
+
+def answer_and_others(
+    summary: Mapping[str, Any],
+) -> tuple[Mapping[str, Any], dict[str, Mapping[str, Any]]]:
+    """Return the estimate that is the answer, empty where there is none, and the others by name."""
+    others = dict(summary.get("estimates", {}))
+    return others.pop(answering(summary), {}), others
+
+
+def percent(value: float, spec: str = ".1f") -> str:
+    """Return a fit in percent; of a model that explodes only that it does."""
+    return format(value, spec) if value > WORST_PCT else f"< {WORST_PCT:.0f}"
+
+
+def cards(summary: Mapping[str, Any]) -> list[Card]:
+    """Return the answers to the four questions; numbers are those of the method that answers."""
+    primary, others = answer_and_others(summary)
     mode = primary.get("dutch_roll", {})
     if not summary["verdict"]["usable"]:
         mode = {name: value for name, value in mode.items() if name != "level"}
@@ -51,7 +78,7 @@ def headline(summary: Mapping[str, Any]) -> str:
     if not summary["verdict"]["usable"]:
         # The first fatal reason is the one that decides.
         why = next((reason["text"] for reason in _fatal(summary)), "the reasons stand below")
-        return f"This log cannot say how the yaw answers the rudder: {_first_words(why)}."
+        return f"This log cannot say how the yaw answers the rudder: {_first_sentences(why)}"
     if "wn_rad_s" not in mode:
         return "No Dutch roll was identified from this log."
     wn, zeta = mode["wn_rad_s"], mode["zeta"]
@@ -62,9 +89,8 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 
 def _mode(summary: Mapping[str, Any]) -> Mapping[str, float]:
-    """Return the primary method's Dutch roll, empty where there is none."""
-    primary: Mapping[str, Any] = next(iter(summary.get("estimates", {}).values()), {})
-    mode: Mapping[str, float] = primary.get("dutch_roll", {})
+    """Return the Dutch roll of the method that answers, empty where there is none."""
+    mode: Mapping[str, float] = answer_and_others(summary)[0].get("dutch_roll", {})
     return mode
 
 
@@ -123,6 +149,8 @@ def _sure(summary: Mapping[str, Any], primary: Mapping[str, Any]) -> Card:
     if "updates" in primary:
         seconds = primary["updates"] * primary["sample_time_s"]
         notes.append(f"learnt from {_duration(seconds)} of flight")
+    if not summary["verdict"]["usable"]:
+        return Card("How sure?", "Not usable", "whatever the sigma says", tuple(notes))
     if "wn_std" not in mode or "zeta_std" not in mode:
         return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
     wn_pct = 200.0 * mode["wn_std"] / mode["wn_rad_s"]
@@ -166,5 +194,9 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
-def _first_words(text: str) -> str:
-    return text if len(text) <= 120 else text[:117].rsplit(" ", 1)[0] + " …"
+def _first_sentences(text: str) -> str:
+    """Return so many whole sentences or clauses as a headline bears, the first in any case."""
+    sentences = re.split(r"(?<=[.;?!]) +", text)
+    count = max(sum(end <= MOST_HEADLINE for end in accumulate(len(s) + 1 for s in sentences)), 1)
+    said = " ".join(sentences[:count]).rstrip(".;")
+    return said if said.endswith(("?", "!")) else f"{said}."

@@ -9,7 +9,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.sinks.base import Grid
-from yawid.sinks.report_words import cards
+from yawid.sinks.report_words import answering, cards
 
 Rgba = tuple[int, int, int, int]
 
@@ -115,6 +115,9 @@ def verdict_markdown(summary: Mapping[str, Any]) -> str:
     """Return the verdict of the JSON summary for the text panel: the answer, then the reasons."""
     verdict = summary["verdict"]
     lines = ["# Usable" if verdict["usable"] else "# Not usable"]
+    method, first = answering(summary), next(iter(summary.get("estimates", {})), "")
+    if method is not None and method != first:
+        lines.append(f"Answered by {method.upper()}; the lines drawn are those of {first.upper()}.")
     lines += [
         f"- {card.question.rstrip('?')}: **{card.answer}** {card.spread}".rstrip()
         for card in cards(summary)[:3]

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from yawid.channels.vehicle import TYPE_NAMES
+from yawid.sinks.report_words import answering, percent
 
 WIDTH = 80
 MOST_BOOTS = 4
@@ -23,7 +24,7 @@ def print_summary(summary: Mapping[str, Any], stream: TextIO) -> None:
     console.print(Text(str(summary["log"]), style="bold"))
     print_verdict(console, summary["verdict"])
     if summary.get("estimates"):
-        console.print(_estimates_table(summary["estimates"]))
+        console.print(_estimates_table(summary))
     for line in origin(summary):
         console.print(Text(line))
     for kind, path in summary.get("files", {}).items():
@@ -41,11 +42,14 @@ def print_verdict(console: Console, verdict: Mapping[str, Any]) -> None:
         console.print(Padding(line, (0, 0, 0, 2), expand=False))
 
 
-def _estimates_table(estimates: Mapping[str, Any]) -> Table:
+def _estimates_table(summary: Mapping[str, Any]) -> Table:
+    estimates = summary["estimates"]
+    answers = answering(summary) if summary["verdict"]["usable"] else None
     table = Table(box=None, pad_edge=False)
     table.add_column("± is one sigma")
     for method in estimates:
-        table.add_column(method.upper(), justify="right")
+        marked = " answers" if method == answers and len(estimates) > 1 else ""
+        table.add_column(method.upper() + marked, justify="right")
     rows: dict[str, list[str]] = {}
     for estimate in estimates.values():
         for name, text in _estimate_rows(estimate).items():
@@ -61,10 +65,10 @@ def _estimate_rows(estimate: Mapping[str, Any]) -> dict[str, str]:
     return {
         "Dutch roll wn, rad/s": _with_sigma(mode, "wn_rad_s", "wn_std"),
         "Dutch roll zeta": _with_sigma(mode, "zeta", "zeta_std"),
-        "fit one step, %": _number(fit, "one_step_pct", ".1f"),
-        "fit simulated, %": _number(fit, "simulation_pct", ".1f"),
-        "fit on held-back data, %": _number(fit, "simulation_held_back_pct", ".1f"),
-        "updates / held": f"{estimate['updates']} / {estimate['held']}",
+        "fit one step, %": _percent(fit, "one_step_pct"),
+        "fit simulated, %": _percent(fit, "simulation_pct"),
+        "fit on held-back data, %": _percent(fit, "simulation_held_back_pct"),
+        "samples learnt from / others": f"{estimate['updates']} / {estimate['held']}",
         "na,nb,nc,nk at rate": ",".join(str(orders[o]) for o in ("na", "nb", "nc", "nk"))
         + f" at {1.0 / estimate['sample_time_s']:.3g} Hz",
     }
@@ -79,6 +83,10 @@ def _with_sigma(values: Mapping[str, float], name: str, sigma: str) -> str:
 
 def _number(values: Mapping[str, float], name: str, spec: str) -> str:
     return format(values[name], spec) if name in values else "-"
+
+
+def _percent(values: Mapping[str, float], name: str) -> str:
+    return percent(values[name]) if name in values else "-"
 
 
 def origin(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -125,7 +133,7 @@ def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> N
         mode = candidate.get("dutch_roll", {})
         table.add_row(
             ",".join(str(candidate[name]) for name in ("na", "nb", "nc", "nk")),
-            _number(candidate, "simulation_pct", ".1f"),
+            _percent(candidate, "simulation_pct"),
             _number(candidate, "bic", ".0f"),
             _number(candidate, "aic", ".0f"),
             _number(candidate, "whiteness_p", ".2g"),
