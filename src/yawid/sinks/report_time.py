@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from yawid.blocks import Floats
@@ -156,12 +157,7 @@ def modes_picture(data: ReportData, others: Mapping[str, Mapping[str, Any]]) -> 
             for method, estimate in others.items():
                 level = estimate.get("dutch_roll", {}).get(key)
                 if level is not None:
-                    ax.axhline(level, color=GREY, linewidth=0.9, linestyle="--")
-                    ax.annotate(
-                        f"{method.upper()} at the end: {level:.3g}", (0.99, level),
-                        xycoords=("axes fraction", "data"), ha="right", va="bottom",
-                        fontsize=8, color="#555555",
-                    )  # fmt: skip
+                    _level(ax, level, f"{method.upper()} at the end: {level:.3g}")
             ax.set_ylabel(label)
             mark_events(ax, data.events)
         axes[-1].set_xlabel(TIME_LABEL)
@@ -172,6 +168,19 @@ def modes_picture(data: ReportData, others: Mapping[str, Mapping[str, Any]]) -> 
         "has a sigma that is too small."
     )
     return Picture("modes", "Dutch roll over time", look, drawn("modes", draw))
+
+
+def _level(ax: Axes, level: float, text: str) -> None:
+    """Draw and name a level; one that is off the picture is named at its edge."""
+    low, high = ax.get_ylim()
+    if low < level < high:
+        ax.axhline(level, color=GREY, linewidth=0.9, linestyle="--")
+    else:
+        text += ", off the picture"
+    ax.annotate(
+        text, (0.99, min(max(level, low), high)), xycoords=("axes fraction", "data"), ha="right",
+        va="top" if level >= high else "bottom", fontsize=8, color="#555555",
+    )  # fmt: skip
 
 
 def link_picture(data: ReportData) -> Picture:
