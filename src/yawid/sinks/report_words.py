@@ -180,8 +180,9 @@ def _damped(zeta: float) -> str:
         return "unstable: each swing grows"
     if zeta >= 1.0:
         return "it does not swing"
-    left = math.exp(-2.0 * math.pi * zeta / math.sqrt(1.0 - zeta * zeta))
-    return f"each swing leaves {100.0 * left:.2g} % of the one before"
+    left_pct = 100.0 * math.exp(-2.0 * math.pi * zeta / math.sqrt(1.0 - zeta * zeta))
+    said = format(left_pct, ".0f" if left_pct >= 10.0 else ".2g")
+    return f"each swing leaves {said} % of the one before"
 
 
 def _period(wn_rad_s: float, zeta: float) -> float:
