@@ -8,10 +8,14 @@ import threading
 import time
 from pathlib import Path
 
+from finished_runs import C172P
 from live_link import Screen, frames, listening, send
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.live import Console
+from yawid.live.standing import Standing
+from yawid.pipeline import Pipeline
+from yawid.run_config import RunConfig
 
 
 class Terminal(io.StringIO):
@@ -94,3 +98,15 @@ def test_a_vehicle_that_falls_silent_beside_its_ground_station_is_not_tracking(t
 def test_a_link_nobody_has_sent_on_is_waited_for(tmp_path: Path):
     with listening(tmp_path) as session:
         session.screen.wait_for("waiting for rudder and yaw rate, lost 0")
+
+
+def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
+    pipeline = Pipeline(RunConfig(rate=10.0))
+    pipeline.feed(C172P.read_bytes()[:38_000])
+    assert pipeline.modes is not None
+    assert pipeline.newest is not None
+
+    line = Standing().line(pipeline, 0, int(pipeline.newest.received_us[-1]))
+
+    assert "no Dutch roll yet" in line
+    assert "nan" not in line

@@ -69,6 +69,17 @@ def test_a_full_stdout_is_one_line_and_exit_6(folder: Path, tmp_path: Path, name
 
 
 @FULL
+@pytest.mark.parametrize("arguments", [["--help"], ["replay", "--help"], ["--version"]])
+def test_help_that_nobody_gets_is_exit_6_without_a_buffer_too(
+    folder: Path, tmp_path: Path, arguments: list[str]
+) -> None:
+    code, _, error = yawid(folder, tmp_path, arguments, "> /dev/full", PYTHONUNBUFFERED="1")
+
+    assert code == 6, error
+    assert error == b"yawid: stdout: No space left on device\n"
+
+
+@FULL
 def test_what_was_finished_before_stdout_failed_is_there(folder: Path, tmp_path: Path) -> None:
     yawid(folder, tmp_path, COMMANDS["replay"], "> /dev/full")
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]

@@ -16,7 +16,7 @@ from yawid.collect import run_through
 from yawid.estimation.bank import History
 from yawid.estimation.collinearity import closeness
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import Reason, Verdict
+from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.run_config import RunConfig
 from yawid.summary import summarise
 from yawid.verdict import (
@@ -325,3 +325,34 @@ def test_a_reversed_servo_is_a_warning_in_the_whole_run():
 
     assert "wrong_sign" not in run(+1)
     assert "wrong_sign" in run(-1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said", "unsaid"),
+    [
+        ({"simulation_pct": 20.0}, "at least 40 % is needed; turns or gusts", "30"),
+        ({"held_back_pct": 10.0}, "at least 30 % is needed; the rudder rested there", "gusts"),
+        (
+            {"simulation_pct": 20.0, "held_back_pct": 10.0},
+            "at least 40 and 30 % are needed",
+            "is n",
+        ),
+    ],
+)
+def test_a_poor_fit_names_the_limit_that_it_misses_and_a_cause_that_fits(changes, said, unsaid):
+    (found,) = estimate_reasons("els", evidence(**changes))
+
+    assert found.id == "poor_fit"
+    assert said in found.text
+    assert unsaid not in found.text
+
+
+def test_a_p_value_too_small_for_a_float_is_not_called_zero():
+    (found,) = estimate_reasons("els", evidence(whiteness_p=0.0))
+
+    assert found.id == "coloured_residuals"
+    assert "p < 1e-300" in found.text
+
+
+def test_what_to_do_about_a_wrong_sign_does_not_name_the_sign_that_may_stand_there_already():
+    assert "nose-left" not in KINDS["wrong_sign"].now

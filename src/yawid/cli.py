@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from yawid import __version__
 from yawid.cli_live import add_live, add_recover, run_live, run_recover
 from yawid.cli_options import (
+    OneLineParser,
     add_estimator_options,
     add_format,
     add_outputs,
@@ -61,27 +62,29 @@ _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog="yawid", description="How does this aircraft's yaw answer its rudder, right now?"
     )
     parser.add_argument("--version", action="version", version=f"yawid {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    replay = commands.add_parser("replay", help="estimate from recorded tlogs")
-    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path)
+    replay = commands.add_parser("replay", help="estimate from recorded flights")
+    kinds = "tlog, dataflash .BIN, PX4 .ulg (extra ulog) or the MCAP of a finished run"
+    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
     add_format(replay)
     add_outputs(replay)
     replay.set_defaults(run=_replay)
     add_live(commands, add_outputs).set_defaults(run=_live)
     add_recover(commands).set_defaults(run=run_recover)
     inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
-    inspect.add_argument("log", metavar="LOG", type=Path)
+    recorded = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
+    inspect.add_argument("log", metavar="LOG", type=Path, help=recorded)
     inspect.add_argument("--json", action="store_true", help="print one JSON object")
     add_format(inspect)
     add_signing(inspect)
     add_estimator_options(inspect)
     inspect.set_defaults(run=_inspect)
     orders = commands.add_parser("orders", help="compare orders and delays on a log")
-    orders.add_argument("log", metavar="LOG", type=Path)
+    orders.add_argument("log", metavar="LOG", type=Path, help=recorded)
     orders.add_argument("--json", action="store_true", help="print one JSON object")
     add_format(orders)
     add_signing(orders)
@@ -158,6 +161,8 @@ def _orders(arguments: argparse.Namespace) -> int:
     from yawid.collect import orders_report
     from yawid.sinks.terminal import print_orders
 
+    if arguments.orders is not None:
+        raise ConfigError("--orders: yawid orders compares them all; leave it out")
     report = orders_report(arguments.log, config_of(arguments), reading_of(arguments))
     if arguments.json:
         print(json.dumps(report), flush=True)

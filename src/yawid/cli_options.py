@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from yawid.errors import ConfigError
 
@@ -15,14 +16,39 @@ if TYPE_CHECKING:
     from yawid.sources.reading import Reading
 
 DEFAULT_OUT = "yawid-out"
+FORGETTING = frozenset({"memory", "forgetting"})
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong, and where the options stand."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Write help: argparse would pass over a stdout that is full, as if all were well."""
+        if file is not sys.stdout:
+            super()._print_message(message, file)
+            return
+        file.write(message)
+        file.flush()
+
+    def error(self, message: str) -> NoReturn:
+        """Write the line to stderr and exit with 2."""
+        self.exit(2, f"yawid: {message}; {self.prog} --help lists what there is\n")
 
 
 def _sysid(text: str) -> int | str:
-    return text if text == "all" else int(text)
+    try:
+        return text if text == "all" else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be 1 to 255 (live: or all), got {text!r}") from None
 
 
 ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
-    ("--orders", str, "NA,NB,NC,NK", "orders, nb and nk for every input; auto in replay (3,3,2,1)"),
+    (
+        "--orders",
+        str,
+        "NA,NB,NC,NK",
+        "orders, nb and nk for every input; replay: or auto (3,3,2,1)",
+    ),
     ("--method", str, "els|rml", "the estimator asked for (els)"),
     ("--also", str, "METHOD|none", "a second estimator beside it (rml)"),
     ("--engine", str, "numba|filterpy", "what computes the recursion (numba)"),
@@ -30,28 +56,39 @@ ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
     ("--forgetting", float, "LAMBDA", "forgetting factor instead of a memory; 1 keeps everything"),
     ("--rate", float, "HZ", "rate of the grid (20, or the slower channel's where that is lower)"),
     ("--inputs", str, "rudder[,aileron]", "inputs of the model (rudder)"),
-    ("--output", str, "yaw-rate|heading-rate|yaw", "what is taken as the answer (yaw-rate)"),
+    ("--output", str, "yaw-rate|heading-rate|yaw", "what the model's output is (yaw-rate)"),
     ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (off)"),
     ("--turn", str, "keep|remove", "subtract the turn rate that bank and airspeed imply (keep)"),
-    ("--rudder", str, "CHANNEL", "auto, servo:N, control:K or rc:N (auto)"),
-    ("--aileron", str, "CHANNEL", "the same for the aileron (auto)"),
-    ("--rudder-sign", str, "nose-right|nose-left", "where positive rudder turns the nose"),
+    ("--rudder", str, "CHANNEL", "auto, servo:N, vtail:L,R, control:K or rc:N (auto)"),
+    ("--aileron", str, "CHANNEL", "the same for the aileron, without vtail (auto)"),
+    (
+        "--rudder-sign",
+        str,
+        "nose-right|nose-left",
+        "where positive rudder turns the nose (nose-right)",
+    ),
     ("--rudder-max-deg", float, "DEG", "rudder at full travel, to have gains per radian"),
     ("--servo-tau", float, "SECONDS", "the servo's lag, to know its pole (the fastest real one)"),
     ("--from", float, "S", "first second since boot to estimate from"),
     ("--to", float, "S", "last second since boot to estimate from"),
     ("--boot", int, "N", "only the vehicle's Nth boot in the log, from 1 (all)"),
-    ("--sysid", _sysid, "N", "system id of the vehicle, where several are heard (live: or all)"),
+    ("--sysid", _sysid, "N", "system id of the vehicle, where there are several (live: or all)"),
 )
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
     """Add the options of a command that writes results, the estimator's among them."""
-    parser.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR")
+    parser.add_argument(
+        "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR",
+        help=f"folder of what is written ({DEFAULT_OUT})",
+    )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     parser.add_argument("--json", action="store_true", help="print one JSON object per log")
     parser.add_argument(
-        "--rerun", default="off", metavar="off|save|spawn|URL", help="a Rerun recording or viewer"
+        "--rerun",
+        default="off",
+        metavar="off|save|spawn|URL",
+        help="a Rerun recording or viewer (off)",
     )
     add_signing(parser)
     add_estimator_options(parser)
@@ -67,13 +104,18 @@ def add_signing(parser: argparse.ArgumentParser) -> None:
 def add_format(parser: argparse.ArgumentParser) -> None:
     """Add the option that says what kind of file a log is."""
     parser.add_argument(
-        "--format", default="auto", metavar="auto|tlog|raw", help="raw: frames without stamps"
+        "--format",
+        default="auto",
+        metavar="auto|tlog|raw",
+        help="raw: frames without stamps (auto)",
     )
 
 
 def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what is estimated, and from which channels."""
-    parser.add_argument("--config", type=Path, metavar="FILE", help="options from a TOML file")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="these options from a TOML file"
+    )
     for name, kind, metavar, text in ESTIMATOR_OPTIONS:
         parser.add_argument(name, type=kind, metavar=metavar, help=text)
 
@@ -98,7 +140,10 @@ def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     from yawid.run_config import check_settings, settings_from_toml
 
     settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    return settings | check_settings(given_options(arguments), "the command line")
+    given = check_settings(given_options(arguments), "the command line")
+    if given.keys() & FORGETTING:  # two names of one thing: the one given overrules both
+        settings = {name: value for name, value in settings.items() if name not in FORGETTING}
+    return settings | given
 
 
 def given_options(arguments: argparse.Namespace) -> dict[str, Any]:

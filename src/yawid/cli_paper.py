@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from yawid.offline.step_response import FirstOrder, SecondOrder
 
 PARAMETERS = {"first": ("K", "T"), "second": ("k", "D", "q")}
+MOST_SAMPLES = 5_000_000
+"""A day at 50 Hz, and what fits into the memory of a small machine."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 
@@ -20,7 +22,9 @@ def add_commands(commands: Any) -> None:
     """Add both commands to the parser's."""
     step = commands.add_parser("step", help="a first- or second-order model of a step response")
     step.add_argument("file", type=Path, metavar="FILE.csv", help="columns t and y")
-    step.add_argument("--model", choices=tuple(PARAMETERS), help="(the one that fits better)")
+    step.add_argument(
+        "--model", choices=tuple(PARAMETERS), help="its order (the one that fits better)"
+    )
     step.add_argument("--u0", type=float, default=1.0, help="height of the step (1)")
     step.add_argument("--step-time", type=float, default=0.0, metavar="S", help="its time (0)")
     step.add_argument("--json", action="store_true", help="print one JSON object")
@@ -28,13 +32,22 @@ def add_commands(commands: Any) -> None:
     simulate = commands.add_parser("simulate", help="fly a reference plant of the paper to a file")
     simulate.add_argument("plant", choices=("yaw", "lateral", "rigid-body"))
     simulate.add_argument("--out", type=Path, required=True, metavar="FILE", help="csv, tlog, mcap")
-    simulate.add_argument("--input", default="3211", help="step, impulse, doublet, 3211, prbs, ...")
-    simulate.add_argument("--amplitude", type=float, default=0.05, metavar="RAD")
-    simulate.add_argument("--unit", type=float, default=0.7, metavar="S", help="its unit of time")
-    simulate.add_argument("--seconds", type=float, default=120.0)
-    simulate.add_argument("--rate", type=float, default=50.0, metavar="HZ")
-    simulate.add_argument("--noise", type=float, default=0.0, metavar="RAD/S")
-    simulate.add_argument("--seed", type=int, default=0)
+    simulate.add_argument(
+        "--input", default="3211", metavar="KIND",
+        help="step, impulse, doublet, 3211, prbs, sweep or multisine (3211)",
+    )  # fmt: skip
+    simulate.add_argument(
+        "--amplitude", type=float, default=0.05, metavar="RAD", help="of the rudder (0.05)"
+    )
+    simulate.add_argument(
+        "--unit", type=float, default=0.7, metavar="S", help="its unit of time (0.7)"
+    )
+    simulate.add_argument("--seconds", type=float, default=120.0, metavar="N", help="length (120)")
+    simulate.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="samples (50)")
+    simulate.add_argument(
+        "--noise", type=float, default=0.0, metavar="RAD/S", help="of the yaw rate, white (0)"
+    )
+    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="of what is drawn (0)")
     simulate.add_argument("--force", action="store_true", help="overwrite a file that exists")
     simulate.set_defaults(run=_simulate)
 
@@ -90,6 +103,12 @@ def _simulate(arguments: argparse.Namespace) -> int:
 
     if not 1.0 <= arguments.rate <= 1000.0:
         raise ConfigError(f"--rate must lie in 1 to 1000 Hz, got {arguments.rate!r}")
+    if not 1.0 / arguments.rate <= arguments.seconds <= MOST_SAMPLES / arguments.rate:
+        least, most = 1.0 / arguments.rate, MOST_SAMPLES / arguments.rate
+        raise ConfigError(
+            f"--seconds must lie in {least:g} to {most:.0f} at {arguments.rate:g} Hz, "
+            f"got {arguments.seconds!r}"
+        )
     excitation = Excitation(
         kind=arguments.input,
         amplitude=arguments.amplitude,

@@ -32,6 +32,8 @@ def _view(arguments: argparse.Namespace) -> int:
 
     if arguments.save is not None and arguments.to is not None:
         raise ConfigError("--save and --to: choose one")
+    if arguments.to is not None and not arguments.to.startswith("rerun+http"):
+        raise ConfigError(f"--to must be rerun+http://HOST:PORT/proxy, got {arguments.to!r}")
     view(arguments.mcap, arguments.save, arguments.to or "spawn", force=arguments.force)
     if arguments.save is not None:
         print(arguments.save.absolute(), flush=True)

@@ -13,13 +13,14 @@ import numpy as np
 from yawid.blocks import SampleBlock
 from yawid.channels.clock import Series
 from yawid.channels.stage import WANTED, Channels
-from yawid.errors import NotIdentifiable
+from yawid.errors import ChannelError, NotIdentifiable, YawidError
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
 from yawid.pipeline import Pipeline
 from yawid.run_config import RunConfig
 from yawid.sinks.base import Sink
 from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
+from yawid.summary import summarise
 
 
 def collect(log: Path, config: RunConfig, reading: Reading | None = None) -> list[SampleBlock]:
@@ -74,13 +75,14 @@ def try_orders(
     """Return every structure tried on a log, best simulation first, and the one to use.
 
     Raises:
+        ChannelError: the log has no vehicle, rudder or yaw.
         NotIdentifiable: the log has too few samples.
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
     blocks = collect(log, config, reading)
     if not blocks:
-        raise NotIdentifiable(f"{log}: no sample has both rudder and yaw rate")
+        raise _why_nothing(log, config, reading)
     u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
     tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
     found = compare_orders(u, y, blocks[0].sample_time_s, tried)
@@ -88,11 +90,25 @@ def try_orders(
 
 
 def with_orders(log: Path, config: RunConfig, reading: Reading | None = None) -> RunConfig:
-    """Return the configuration with the orders that suit the log (``--orders auto``)."""
-    _, chosen = try_orders(log, config, reading)
+    """Return the configuration with the orders that suit the log (``--orders auto``).
+
+    Where nothing can be compared it stays as it is: the verdict of the replay then says why.
+    """
+    try:
+        _, chosen = try_orders(log, config, reading)
+    except (ChannelError, NotIdentifiable):
+        return config
     orders = chosen.orders
     nb = orders.nb[0] - int(config.output == "yaw")
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
+
+
+def _why_nothing(log: Path, config: RunConfig, reading: Reading | None) -> YawidError:
+    """Return what a replay's verdict says of a log without samples."""
+    _, verdict = summarise(run_through(log, config, reading=reading)[0], "", "")
+    first = verdict.reasons[0]
+    kind = ChannelError if first.kind.exit_code == 3 else NotIdentifiable
+    return kind(f"{log}: {first.id}: {first.text}")
 
 
 def orders_report(log: Path, config: RunConfig, reading: Reading | None = None) -> dict[str, Any]:

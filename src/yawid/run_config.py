@@ -24,6 +24,12 @@ SELECTORS = {
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 _INTEGERS = ("sysid", "boot")
+_LISTS: dict[str, tuple[type, str]] = {
+    "orders": (int, "na,nb,nc,nk, four whole numbers (replay --orders auto: by the log)"),
+    "inputs": (str, "rudder or rudder,aileron"),
+    "band": (float, "LO,HI in Hz"),
+}
+_KINDS = {float: "a number", int: "a whole number", str: "a text"}
 _FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
 
 
@@ -78,7 +84,9 @@ class RunConfig:
 
     def _check_model(self) -> None:
         if len(self.orders) != 4:
-            raise ConfigError(f"--orders must be na,nb,nc,nk, got {self.orders!r}")
+            raise ConfigError(
+                f"--orders must be na,nb,nc,nk, got {','.join(map(str, self.orders))}"
+            )
         if self.orders[3] == 0:
             text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
             raise ConfigError(f"--orders: {text}")
@@ -113,12 +121,15 @@ class RunConfig:
             if value is not None and not 0.0 < value < math.inf:
                 option = name.replace("_", "-")
                 raise ConfigError(f"--{option} must be > 0 and finite, got {value!r}")
+        if self.rudder_max_deg is not None and self.rudder_max_deg > 90.0:
+            raise ConfigError(f"--rudder-max-deg must be at most 90, got {self.rudder_max_deg!r}")
         if self.rate is not None and not 0.1 <= self.rate <= 1000.0:
             raise ConfigError(f"--rate must lie in 0.1 to 1000 Hz, got {self.rate!r}")
         if self.band is not None:
             object.__setattr__(self, "band", tuple(self.band))
             if len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf:
-                raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {self.band!r}")
+                given = ",".join(f"{edge:g}" for edge in self.band)
+                raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {given}")
         if self.boot is not None and self.boot < 1:
             raise ConfigError(f"--boot counts from 1, got {self.boot!r}")
         for name in ("from_s", "to_s"):
@@ -140,10 +151,18 @@ class RunConfig:
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
 
     def forgetting_factor(self, sample_time_s: float) -> float:
-        """Return lambda = exp(-Ts / memory), or what was asked for."""
+        """Return lambda = exp(-Ts / memory), or what was asked for.
+
+        Raises:
+            ConfigError: the memory is so short that nothing of it is left.
+        """
         if self.forgetting is not None:
             return self.forgetting
-        return math.exp(-sample_time_s / (self.memory or DEFAULT_MEMORY_S))
+        factor = math.exp(-sample_time_s / (self.memory or DEFAULT_MEMORY_S))
+        if factor == 0.0:
+            text = f"is far below one sample of {sample_time_s:g} s: give some periods of the mode"
+            raise ConfigError(f"--memory {self.memory!r} {text}")
+        return factor
 
     def estimator(self, method: str, sample_time_s: float) -> EstimatorConfig:
         """Return the configuration of one estimator of the bank."""
@@ -192,26 +211,28 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
     for raw, value in loaded.items():
         name = {"from": "from_s", "to": "to_s"}.get(raw, raw.replace("-", "_"))
         if name not in known:
-            raise ConfigError(
-                f"{where}: unknown setting {raw!r}; known are {', '.join(sorted(known))}"
-            )
+            options = sorted(each.removesuffix("_s").replace("_", "-") for each in known)
+            raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
         settings[name] = _typed(name, value, where)
     return settings
 
 
 def _typed(name: str, value: Any, where: str) -> Any:
-    lists: dict[str, type] = {"orders": int, "inputs": str, "band": float}
-    if name in lists:
-        parts = value.split(",") if isinstance(value, str) else value
-        kind = lists[name]
+    if name in _LISTS:
+        kind, wanted_list = _LISTS[name]
         try:
-            return tuple(kind(part) for part in parts)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(f"{where}: {name} must be a list, got {value!r}") from error
+            parts = value.split(",") if isinstance(value, str) else tuple(value)
+            typed = tuple(kind(part) for part in parts)
+        except (TypeError, ValueError):
+            parts = typed = ()
+        # 3.5 is no order, and 3 none to put in its place.
+        if not typed or not (isinstance(value, str) or typed == parts):
+            raise ConfigError(f"{where}: {name} must be {wanted_list}, got {value!r}")
+        return typed
     numeric = name in _FLOATS
     wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name in _INTEGERS else (str,)
     if not isinstance(value, wanted) or isinstance(value, bool):
-        raise ConfigError(f"{where}: {name} must be {wanted[-1].__name__}, got {value!r}")
+        raise ConfigError(f"{where}: {name} must be {_KINDS[wanted[-1]]}, got {value!r}")
     return value
 
 

@@ -152,7 +152,9 @@ def _missing(pipeline: Pipeline) -> Iterator[Reason]:
     if vehicle is None:
         rejected = pipeline.link.unsigned_rejected
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
-        yield Reason("no_vehicle", channels.lock.why_none() + keyed)
+        nothing = "not one MAVLink frame came: is it the right address or file?"
+        why = channels.lock.why_none() if pipeline.link.frames or rejected else nothing
+        yield Reason("no_vehicle", why + keyed)
         return
     # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.
     unheard = channels.surface_rows == 0 and channels.yaw.rows > 0

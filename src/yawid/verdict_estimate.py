@@ -95,16 +95,21 @@ def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
     wn, wn_std = float(evidence.dutch_roll[0]), float(evidence.dutch_roll[1])
     if is_driven and simulated >= IN_GUSTS_PCT and wn_std < IN_GUSTS_WN * wn:
         return
-    low = []
+    low, least = [], []
     if simulated < LEAST_SIMULATION_PCT:
         low.append(f"{max(simulated, 0.0):.0f} % of the yaw rate (free run)")
+        least.append(f"{LEAST_SIMULATION_PCT:.0f}")
     if held_back < LEAST_HELD_BACK_PCT:
-        low.append(f"{max(held_back, 0.0):.0f} % of what was held back")
+        low.append(f"{max(held_back, 0.0):.0f} % of what was held back, the last third")
+        least.append(f"{LEAST_HELD_BACK_PCT:.0f}")
     if low:
+        why = "turns or gusts hide the rudder's effect"
+        if simulated >= LEAST_SIMULATION_PCT:
+            why = "the rudder rested there, or the aircraft flew otherwise"
         yield Reason(
             "poor_fit",
-            f"the inputs explain only {' and '.join(low)}: at least {LEAST_SIMULATION_PCT:.0f} and "
-            f"{LEAST_HELD_BACK_PCT:.0f} % are needed; turns or gusts hide the rudder's effect",
+            f"the inputs explain only {' and '.join(low)}: at least {' and '.join(least)} % "
+            f"{'is' if len(least) == 1 else 'are'} needed; {why}",
         )
 
 
@@ -113,15 +118,20 @@ def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
     if evidence.whiteness_p < WHITE_P:
         yield Reason(
             "coloured_residuals",
-            f"the residuals are not white (p = {evidence.whiteness_p:.1e}): "
+            f"the residuals are not white ({_p(evidence.whiteness_p)}): "
             "the model leaves something out",
         )
     elif evidence.roll_p < WHITE_P:
         yield Reason(
             "coloured_residuals",
-            f"the residuals follow the roll (p = {evidence.roll_p:.1e}), which the model leaves "
+            f"the residuals follow the roll ({_p(evidence.roll_p)}), which the model leaves "
             "out: sigma may not cover what that does to wn and zeta",
         )
+
+
+def _p(value: float) -> str:
+    """Write a p-value; what a float cannot tell from 0 is below its least."""
+    return f"p = {value:.1e}" if value > 0.0 else "p < 1e-300"
 
 
 def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:

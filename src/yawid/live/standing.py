@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 from yawid.blocks import Status
@@ -40,7 +41,10 @@ class Standing:
         if found is None or bank is None:
             return ", ".join([*parts, "waiting for rudder and yaw rate"])
         wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
-        parts += [f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"]
+        if math.isfinite(wn):
+            parts += [f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"]
+        else:
+            parts.append("no Dutch roll yet")
         if not quiet:
             last = bank.last[pipeline.config.method]
             parts.append(Status(int(last.status[-1])).name.lower().replace("_", " "))

@@ -146,7 +146,9 @@ _TABLE: Final = (
     ReasonKind(
         "airspeed_changed", 0, "samples", "Estimate each speed by itself: --from, --to."
     ),
-    ReasonKind("wrong_sign", 0, "estimate", "Try --rudder-sign nose-left."),
+    ReasonKind(
+        "wrong_sign", 0, "estimate", "Check the servo's direction, or turn --rudder-sign round."
+    ),
     ReasonKind(
         "closed_loop", 0, "samples",
         "Move by hand what reacts, or leave out an aileron that only levels.",

@@ -87,7 +87,7 @@ def _checked(endpoint: Endpoint, text: str) -> Endpoint:
 
 def _spellings(text: str) -> str:
     """Give both right spellings, with the port that was meant if one can be seen."""
-    match = re.search(r"(\d+)$", text)
+    match = re.search(r"(?:^|:)(\d+)$", text)
     port = match[1] if match and 0 < int(match[1]) < 65536 else "14560"
     return (
         f"write udpin:127.0.0.1:{port} (from this machine) "
