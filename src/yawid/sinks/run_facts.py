@@ -161,6 +161,7 @@ _SUMMARY: Final = {
     "verdict": {
         "method?": _text,
         "usable": _truth,
+        "method?": _text,
         "reasons": [{"id": _text, "weight": _text, "text": _text}],
     },
 }
