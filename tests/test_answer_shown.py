@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from test_report import Page, first_screen
 from yawid.sinks.mcap_run import McapRun, open_run
 from yawid.sinks.report import report
 from yawid.sinks.report_data import gather
+from yawid.sinks.report_time import fit_picture, modes_picture
 from yawid.sinks.report_words import cards, headline, percent, use
 from yawid.sinks.series import verdict_markdown
 from yawid.sinks.terminal import print_summary
@@ -114,6 +117,36 @@ def test_a_fit_of_an_exploding_model_is_no_number() -> None:
     assert out.getvalue().count("< -1000") == 2
     assert "e+" not in out.getvalue()
     assert percent(-999.0, ".0f") == "-999"
+
+
+def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(by_rml: McapRun) -> None:
+    """A warning of the drawing is an error in these tests."""
+    data, grid = gather(by_rml), by_rml.grid
+    assert data is not None
+    assert grid is not None
+    rows = np.arange(len(data.judged.t))
+    grown = (-1.0) ** rows * 10.0 ** np.linspace(-3.0, 307.0, len(rows))
+    grown[-100:] = np.inf
+    judged = replace(data.judged, simulated=grown, y_hat=grown)
+    exploded = {"rml": {"dutch_roll": {"wn_rad_s": 1e9, "zeta": -1e9}}}
+    fit = fit_picture(replace(data, judged=judged), {"simulation_pct": -1000.0}, grid)
+    over_time = modes_picture(data, exploded)
+    assert "simulated < -1000 %" in fit.look
+    assert "RML at the end: 1e+09, off the picture" in over_time.svg
+    for picture in (fit, over_time):
+        assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
+
+
+@pytest.mark.slow
+def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
+    tmp_path: Path,
+) -> None:
+    options = ("--orders", "30,30,20,1", "--forgetting", 1, "--method", "rml")
+    run = open_run(replayed(C172P, tmp_path, *options))
+    assert run.summary["estimates"]["rml"]["fit"]["simulation_pct"] == -1000.0
+    text = Page(report(run)).text
+    assert "< -1000" in text
+    assert not re.findall(r"[1-9]e\+\d\d", text)
 
 
 def test_what_was_held_is_said_once(tmp_path: Path) -> None:

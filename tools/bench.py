@@ -5,7 +5,17 @@ from __future__ import annotations
 import importlib
 import sys
 
-BENCHES = ("estimator", "efficiency", "windup", "confidence", "link", "live", "replay", "aliasing")
+BENCHES = (
+    "estimator",
+    "efficiency",
+    "windup",
+    "confidence",
+    "link",
+    "live",
+    "replay",
+    "aliasing",
+    "memory",
+)
 
 
 def main() -> int:

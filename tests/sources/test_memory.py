@@ -1,4 +1,4 @@
-"""A log of any size and any content is read in 80 MB."""
+"""A log of any size and any content is read in 80 MB: the reader alone, without a replay."""
 
 from __future__ import annotations
 
