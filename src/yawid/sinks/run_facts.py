@@ -161,7 +161,6 @@ _SUMMARY: Final = {
     "verdict": {
         "method?": _text,
         "usable": _truth,
-        "method?": _text,
         "reasons": [{"id": _text, "weight": _text, "text": _text}],
     },
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ ARDUPLANE_HOVER = range(17, 24)
 """ArduPlane's modes that hover, QSTABILIZE to QACRO, as HEARTBEAT.custom_mode."""
 
 
-@cache
+@lru_cache(maxsize=1024)  # a hostile link may name any mode
 def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
     """Return the name of HEARTBEAT.custom_mode, ``mode N`` where it has none.
 
