@@ -11,12 +11,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from finished_runs import C172P, REPLAY_LOGS, replayed
 from interrupting import repeated, yawid_with
 
+from yawid import session
 from yawid.cli import main
+from yawid.outputs import Outputs
+from yawid.run_config import RunConfig
+from yawid.sinks.base import Sink
 from yawid.stop import Interrupted, StopFlag
 
 CODES = {"SIGINT": 130, "SIGTERM": 143}
@@ -248,3 +253,19 @@ def test_the_flag_is_looked_at_or_raises_and_leaves_the_handlers_as_they_were() 
         with pytest.raises(Interrupted), stop.raising():
             pytest.fail("it has been told before")
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_replay_told_to_stop_before_its_first_bytes_keeps_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop, real = StopFlag(), session.open_sinks
+
+    def told_while_opening(*arguments: Any) -> list[Sink]:
+        stop.is_set = True
+        return real(*arguments)
+
+    monkeypatch.setattr(session, "open_sinks", told_while_opening)
+    with pytest.raises(Interrupted):
+        session.replay(C172P, RunConfig(), Outputs(tmp_path, "log"), stop)
+
+    assert list(tmp_path.iterdir()) == []

@@ -14,6 +14,7 @@ from yawid.run_config import RunConfig
 from yawid.sinks.progress import progress
 from yawid.sources.logs import open_log
 from yawid.sources.reading import Reading
+from yawid.stop import Interrupted
 from yawid.stop import StopFlag as StopFlag  # and who replays by Python finds it here
 from yawid.summary import as_summary, summarise
 
@@ -51,6 +52,8 @@ def replay(
                 pipeline.take(frames)
                 taken += size
                 advance(size)
+        if not is_whole and taken == 0:
+            raise Interrupted(stop.exit_code)
         pipeline.finish()
         if is_whole:
             pipeline.channels.boots.check(config)
