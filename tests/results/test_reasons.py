@@ -73,3 +73,7 @@ def test_the_readme_has_the_table_row_by_row():
     ]
     first = rows.index(expected[0])
     assert rows[first : first + len(expected)] == expected
+
+
+def test_no_advice_names_the_estimator_to_take_for_the_verdict_does():
+    assert not [kind.id for kind in KINDS.values() if "RML" in kind.now or "ELS" in kind.now]

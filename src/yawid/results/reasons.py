@@ -136,7 +136,7 @@ _TABLE: Final = (
     ReasonKind("disarmed", 0, "log", "Make sure that the outputs logged did move the surfaces."),
     ReasonKind(
         "els_rml_disagree", 0, "estimate",
-        "Take RML's numbers, and compare structures: yawid orders.",
+        "Take the one that answers, not the mean, and compare structures: yawid orders.",
     ),
     ReasonKind(
         "coloured_residuals", 0, "estimate",
