@@ -99,6 +99,17 @@ def test_where_there_is_too_little_to_hold_back_there_is_no_such_figure():
     assert held_back_pct(bank_of(*flown(300), KEEPS_ALL)) is not None
 
 
+def test_where_the_rudder_rests_in_the_last_third_there_is_nothing_to_try_the_model_on():
+    """The yaw rate there is noise, of which no model tells anything; it was -1000 % and refused."""
+    u, y = flown(900)
+    u[500:] = 0.0
+    y[560:] = 1e-3 * np.random.default_rng(3).standard_normal(340)
+
+    assert held_back_pct(bank_of(u, y, KEEPS_ALL)) is None
+    u[850:870] = 0.2
+    assert held_back_pct(bank_of(u, y, KEEPS_ALL)) is not None
+
+
 def test_a_model_that_forgets_is_tried_on_the_last_of_what_it_remembers():
     """Three memories are kept, 600 samples: what lay before the change of plant is forgotten."""
     (u, before), (_, after) = flown(2000, wn=1.5), flown(2000, wn=2.4)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats
+from yawid.channels.notes import strokes, window_of
 from yawid.estimation.bank import Bank, Earlier, History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import parameter_names
@@ -16,6 +17,7 @@ from yawid.physics.handling import dutch_roll_level
 from yawid.physics.left_out import roll_p
 from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
 from yawid.physics.response import early_response
+from yawid.results.excitation import LEAST_STROKE
 from yawid.verdict_estimate import Evidence
 
 TRAINING = 2.0 / 3.0
@@ -108,7 +110,8 @@ def _fit(bank: Bank, method: str, history: History) -> dict[str, float]:
 def _held_back_pct(bank: Bank, method: str, history: History) -> float:
     """Return the fit of the model as it stood at two thirds, run free over the last third.
 
-    NaN where there is too little data. The samples are those of the history: all of a run that
+    NaN where there is too little data, or where the rudder rests in the last third: a model tells
+    nothing of noise alone. The samples are those of the history: all of a run that
     forgets nothing, else the newest three memories, so that memory stays bounded however long a
     run or a session lasts.
     """
@@ -120,6 +123,10 @@ def _held_back_pct(bank: Bank, method: str, history: History) -> float:
         return math.nan
     config, rows = bank.estimators[method].config, slice(earlier.first, None)
     u, y = history.u[rows], history.y[rows]
+    degrees, moved = bank.config.rudder_max_deg, u[np.isfinite(u[:, 0]), 0]
+    unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
+    if len(moved) == 0 or strokes(moved, window_of(bank.sample_time_s)).max() < LEAST_STROKE * unit:
+        return math.nan
     return fit_percent(y, simulate(earlier.theta[method], config.orders, config.bias, u, y))
 
 
