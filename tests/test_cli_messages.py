@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
 from finished_runs import REPLAY_LOGS, replayed
 
 from yawid.cli import main
+from yawid.sinks.terminal import print_orders
 
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")
 NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
@@ -138,3 +140,18 @@ def test_a_viewer_s_address_without_its_scheme_is_a_usage_error(tmp_path: Path, 
 def test_the_end_of_an_address_is_not_taken_for_a_port(endpoint, tmp_path: Path, capsys):
     assert main(["live", endpoint, "--out", str(tmp_path)]) == 2
     assert "udpin:127.0.0.1:14560" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("simulated", "said"), [(-0.6, True), (39.0, True), (41.0, False)])
+def test_orders_say_where_no_structure_tells_enough(simulated: float, said: bool) -> None:
+    orders = {"na": 2, "nb": 2, "nc": 2, "nk": 1}
+    report = {
+        "log": "x.tlog",
+        "recommended": orders,
+        "candidates": [orders | {"simulation_pct": simulated}, orders],
+    }
+    page = io.StringIO()
+
+    print_orders(report, page)
+
+    assert ("no structure tells 40 % of the yaw rate" in page.getvalue()) == said

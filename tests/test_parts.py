@@ -50,3 +50,33 @@ def test_a_simulation_neither_takes_anothers_part_nor_leaves_its_own(tmp_path: P
     assert other.read_bytes() == b"being written"
     assert main([*arguments, str(tmp_path / "b.csv")]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == [other.name, "b.csv"]
+
+
+def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from yawid.sinks import rerun_sink
+    from yawid.sinks.mcap_view import view
+    from yawid.stop import Interrupted
+
+    run = replayed(C172P, tmp_path / "run", "--rate", 10)
+
+    def stopped(target: object, name: str) -> None:
+        raise Interrupted(130)
+
+    monkeypatch.setattr(rerun_sink, "_open_view", stopped)
+    with pytest.raises(Interrupted):
+        view(run, tmp_path / "mine.rrd")
+    assert not list(tmp_path.glob("*.rrd*"))
+
+
+def test_recover_never_overwrites_what_it_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = replayed(C172P, tmp_path, "--rate", 10)
+    data = run.read_bytes()
+
+    assert main(["recover", str(run), "-o", str(run), "--force"]) == 6
+    assert "would be overwritten" in capsys.readouterr().err
+    assert run.read_bytes() == data
+    assert list(tmp_path.iterdir()) == [run]

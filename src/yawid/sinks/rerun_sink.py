@@ -53,8 +53,10 @@ class RerunSink:
             stream.close()  # it is there and can be written; rerun opens it again
         try:
             self._view = _open_view(self._part or target, name)
-        except Exception as error:
+        except BaseException as error:  # a signal too
             self.discard()  # nothing in it, and it would stand in the way
+            if not isinstance(error, Exception):
+                raise
             self._failed(error)
 
     def start(self, grid: Grid) -> None:

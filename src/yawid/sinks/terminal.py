@@ -12,6 +12,7 @@ from rich.text import Text
 
 from yawid.channels.vehicle import TYPE_NAMES
 from yawid.sinks.report_words import answering, percent
+from yawid.verdict_estimate import LEAST_SIMULATION_PCT
 
 WIDTH = 80
 MOST_BOOTS = 4
@@ -144,3 +145,7 @@ def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> N
     console.print(table)
     chosen = ",".join(str(value) for value in report["recommended"].values())
     console.print(Text(f"recommended  --orders {chosen}", style="bold"))
+    best = max((c.get("simulation_pct", 0.0) for c in report["candidates"]), default=0.0)
+    if best < LEAST_SIMULATION_PCT:
+        text = f"no structure tells {LEAST_SIMULATION_PCT:.0f} % of the yaw rate from the inputs: "
+        console.print(Text(text + "see yawid inspect for what the log lacks", style="yellow"))
