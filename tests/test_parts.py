@@ -68,15 +68,3 @@ def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
     with pytest.raises(Interrupted):
         view(run, tmp_path / "mine.rrd")
     assert not list(tmp_path.glob("*.rrd*"))
-
-
-def test_recover_never_overwrites_what_it_reads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = replayed(C172P, tmp_path, "--rate", 10)
-    data = run.read_bytes()
-
-    assert main(["recover", str(run), "-o", str(run), "--force"]) == 6
-    assert "would be overwritten" in capsys.readouterr().err
-    assert run.read_bytes() == data
-    assert list(tmp_path.iterdir()) == [run]

@@ -108,6 +108,15 @@ def test_the_own_part_is_what_least_squares_on_the_ailerons_lags_leaves():
     assert abs(np.corrcoef(own[known], aileron[known])[0, 1]) < 0.01
 
 
+@pytest.mark.parametrize("n", [1, 2, 7, 14])
+def test_a_record_shorter_than_the_lags_has_no_part_of_its_own(n):
+    """As a memory of a millisecond leaves."""
+    rudder, aileron = moving(1, 0.3, 20)[:n], moving(2, 0.3, 20)[:n]
+
+    assert len(excitation(rudder, aileron, np.zeros(n), 1.0, TS).own) == n
+    assert not np.isfinite(own_part(rudder, aileron, np.zeros(n), TS)).any()
+
+
 def test_around_is_five_seconds_before_and_after():
     excited = np.zeros(1000, bool)
     excited[500] = True

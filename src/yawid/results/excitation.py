@@ -87,7 +87,7 @@ def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float
     columns = np.column_stack([*lags, np.ones(len(rudder))])
     changes = np.cumsum(np.concatenate([[False], _differ(mode[1:], mode[:-1])])).astype(float)
     late = max(reach, round(MODE_LATE_S / sample_time_s))
-    same = _shifted(changes, reach) == _shifted(changes, -min(late, len(changes)))
+    same = _shifted(changes, reach) == _shifted(changes, -late)
     rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder) & same)
     own = np.full(len(rudder), np.nan)
     least = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * columns.shape[1])
@@ -134,6 +134,8 @@ def around(excited: Bools, sample_time_s: float) -> Bools:
 def _shifted(x: Floats, count: int) -> Floats:
     """Return x (n,) ``count`` samples later, earlier where negative; NaN beyond the ends."""
     shifted = np.full(len(x), np.nan)
+    if abs(count) >= len(x):
+        return shifted
     if count >= 0:
         shifted[count:] = x[: len(x) - count]
     else:

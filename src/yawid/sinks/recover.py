@@ -68,8 +68,6 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
     with stream:
         if not stream.seekable():
             raise SinkError(f"cannot read {path_in}: it is read twice and must be a file")
-        if path_out.exists() and path_out.samefile(path_in):
-            raise SinkError(f"{path_in} would be overwritten by what is recovered of it: choose -o")
         # Not ".part": that may well be the name of the file to be recovered.
         part, out = open_part(path_out, force=force, suffix=".recovered.part")
         try:
