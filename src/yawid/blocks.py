@@ -25,6 +25,16 @@ def runs_of(good: NDArray[np.bool_]) -> Ints:
     return edges.reshape(-1, 2)
 
 
+def shifted(x: Floats, count: int) -> Floats:
+    """Return x (n,) ``count`` samples later, earlier where negative; NaN beyond the ends."""
+    found = np.full(len(x), np.nan)
+    if 0 <= count < len(x):
+        found[count:] = x[: len(x) - count]
+    elif -len(x) < count < 0:
+        found[:count] = x[-count:]
+    return found
+
+
 class Status(IntEnum):
     """What an estimator says of its own estimate."""
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from yawid.config import ArmaxOrders, EstimatorConfig
 from yawid.estimation.armax import RecursiveArmax
@@ -67,3 +68,12 @@ def test_a_roll_that_never_moves_tells_nothing():
     assert math.isnan(p_of(replace(history, roll=np.full(N, np.nan))))
     short = {name: getattr(history, name)[:120] for name in ("u", "y", "roll")}
     assert math.isnan(p_of(replace(history, **short)))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_a_record_shorter_than_the_lags_tells_nothing(n: int):
+    """As a memory of a millisecond leaves; it was a traceback."""
+    x = np.linspace(0.0, 1.0, n)
+    history = History(x[:, None], x, x, x, x, x, x, {})
+
+    assert np.isnan(roll_p(np.full(9, 0.1), CONFIG, history))

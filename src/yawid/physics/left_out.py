@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from yawid.blocks import Floats, runs_of
+from yawid.blocks import Floats, runs_of, shifted
 from yawid.config import EstimatorConfig
 from yawid.estimation.bank import History
 from yawid.estimation.filtering import all_pole
@@ -57,13 +57,13 @@ def _residuals_and_slopes(
     """Return eps (n,) of eq. 33, its slopes (n, p + 3) with the roll's, and the weights' roots."""
     orders = config.orders
     u, y, roll = (column[-NEWEST:] for column in (history.u, history.y, history.roll))
-    known = [-_lag(y, i + 1) for i in range(orders.na)]
+    known = [-shifted(y, i + 1) for i in range(orders.na)]
     for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
-        known += [_lag(u[:, j], nk + i) for i in range(nb)]
+        known += [shifted(u[:, j], nk + i) for i in range(nb)]
     first = len(known)
     c, rest = theta[first : first + orders.nc], np.zeros(orders.nc)
     constant = [np.ones(len(y))] if config.bias else []
-    rolls = [_lag(roll, i + 1) for i in range(ROLL_LAGS)]
+    rolls = [shifted(roll, i + 1) for i in range(ROLL_LAGS)]
     plain = np.column_stack([*known, *constant])
     error = y - plain @ np.delete(theta, slice(first, first + orders.nc))
     phi = np.column_stack([*known, *[np.zeros(len(y))] * orders.nc, *constant, *rolls])
@@ -80,9 +80,3 @@ def _residuals_and_slopes(
     age = len(y) - 1.0 - np.flatnonzero(used)
     weight: Floats = np.power(config.forgetting_factor, 0.5 * age)
     return error[used], phi[used], weight
-
-
-def _lag(x: Floats, count: int) -> Floats:
-    lagged = np.full(len(x), np.nan)
-    lagged[count:] = x[: len(x) - count]
-    return lagged

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, shifted
 from yawid.channels.notes import WINDOW_S, strokes, window_of
 
 LEAST_STROKE = 0.1
@@ -83,11 +83,11 @@ def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float
     changed among them.
     """
     reach = max(1, round(REACH_S / sample_time_s))
-    lags = [_shifted(aileron, i) for i in range(-reach, reach + 1)]
+    lags = [shifted(aileron, i) for i in range(-reach, reach + 1)]
     columns = np.column_stack([*lags, np.ones(len(rudder))])
     changes = np.cumsum(np.concatenate([[False], _differ(mode[1:], mode[:-1])])).astype(float)
     late = max(reach, round(MODE_LATE_S / sample_time_s))
-    same = _shifted(changes, reach) == _shifted(changes, -late)
+    same = shifted(changes, reach) == shifted(changes, -late)
     rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder) & same)
     own = np.full(len(rudder), np.nan)
     least = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * columns.shape[1])
@@ -129,15 +129,3 @@ def around(excited: Bools, sample_time_s: float) -> Bools:
     low, high = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(excited))
     near: Bools = edges[high] > edges[low]
     return near
-
-
-def _shifted(x: Floats, count: int) -> Floats:
-    """Return x (n,) ``count`` samples later, earlier where negative; NaN beyond the ends."""
-    shifted = np.full(len(x), np.nan)
-    if abs(count) >= len(x):
-        return shifted
-    if count >= 0:
-        shifted[count:] = x[: len(x) - count]
-    else:
-        shifted[:count] = x[-count:]
-    return shifted
