@@ -74,3 +74,13 @@ def test_a_channel_that_never_moves_keeps_both_waiting():
 def test_the_engine_is_chosen_by_name():
     assert isinstance(make_estimator(config(), "numba"), RecursiveArmax)
     assert isinstance(make_estimator(config(), "filterpy"), ReferenceArmax)
+
+
+def test_a_loss_that_rounding_leaves_below_zero_is_no_noise_and_no_traceback():
+    u, y = simulate(S1, 300, 1)
+    reference = ReferenceArmax(config(ArmaxOrders(2, (2,), 2, (1,))))
+    reference.run(u, y)
+
+    reference._sums.loss = -1e-30
+
+    assert np.isnan(reference.noise_std)

@@ -76,9 +76,9 @@ class ReferenceReadings(Readings):
 
     @property
     def noise_std(self) -> float:
-        """Standard deviation of the noise e, in y's unit."""
+        """Standard deviation of the noise e, in y's unit; NaN where rounding leaves a loss below 0."""
         variance = self._sums.noise_variance(self.config.n_theta)
-        return math.sqrt(variance) / float(self._factors[0])
+        return math.sqrt(variance) / float(self._factors[0]) if variance >= 0.0 else math.nan
 
     @property
     def innovation_std(self) -> float:
