@@ -76,7 +76,7 @@ class ReferenceReadings(Readings):
 
     @property
     def noise_std(self) -> float:
-        """Standard deviation of the noise e, in y's unit; NaN where rounding leaves a loss below 0."""
+        """Standard deviation of the noise e, in y's unit; NaN where its loss is below 0."""
         variance = self._sums.noise_variance(self.config.n_theta)
         return math.sqrt(variance) / float(self._factors[0]) if variance >= 0.0 else math.nan
 
