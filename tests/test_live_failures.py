@@ -150,7 +150,10 @@ def test_a_viewer_that_comes_back_is_shown_what_follows(
         process.kill()
         process.wait()
         session.screen.wait_for("no Rerun viewer")
-        send(frames(5.0, first_s=110.0), session.port)
+        sent = frames(5.0, first_s=110.0)
+        for at in range(0, len(sent), 25):  # while it looks for the viewer and finds none
+            send(sent[at : at + 25], session.port)
+            time.sleep(0.1)
         port = address.rpartition(":")[2].partition("/")[0]
         with subprocess.Popen(
             [VIEWER, "--serve-grpc", "--bind", "127.0.0.1", "--port", port],

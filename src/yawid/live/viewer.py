@@ -31,7 +31,7 @@ class Viewer:
     def __init__(
         self, connect: Callable[[Callable[[str], None]], Sink], tell: Callable[[str], None]
     ) -> None:
-        self.skipped = 0
+        self._not_taken = self._not_shown = 0  # counted by the caller's and by the viewer's thread
         self._connect = connect
         self._tell = tell
         self._lost = self._was_lost = False
@@ -43,6 +43,11 @@ class Viewer:
         self._thread = threading.Thread(target=self._run, name="yawid-viewer", daemon=True)
         self._thread.start()
 
+    @property
+    def skipped(self) -> int:
+        """Samples that no viewer showed so far."""
+        return self._not_taken + self._not_shown
+
     def start(self, grid: Grid) -> None:
         """See :meth:`yawid.sinks.base.Sink.start`; a viewer that comes later is told too."""
         self._begin = lambda sink: sink.start(grid)
@@ -52,8 +57,14 @@ class Viewer:
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
         """See :meth:`yawid.sinks.base.Sink.write`."""
-        if self._lost or not self._hand(lambda sink: sink.write(samples, estimates, modes)):
-            self.skipped += len(samples)
+
+        def show(sink: Sink) -> None:
+            sink.write(samples, estimates, modes)
+            if self._lost:  # found out meanwhile
+                self._not_shown += len(samples)
+
+        if self._lost or not self._hand(show):
+            self._not_taken += len(samples)
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""
