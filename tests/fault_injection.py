@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from log_surgery import Encoder, Record, join, rewrite, split
 
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.results.summary import summarise
 
 CASE = Path(__file__).parents[1] / "replay_logs" / "c172p_3211"
 Summary = dict[str, Any]

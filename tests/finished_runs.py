@@ -6,7 +6,7 @@ import contextlib
 import io
 from pathlib import Path
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 REPLAY_LOGS = Path(__file__).parents[1] / "replay_logs"
 C172P = REPLAY_LOGS / "c172p_3211" / "log.tlog"

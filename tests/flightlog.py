@@ -13,10 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED, Channels
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.sources.frames import Decoder
-from yawid.summary import summarise
+from yawid.results.summary import summarise
+from yawid.sources.mavlink.decoder import Decoder
 
 START_US = 1_700_000_000_000_000
 

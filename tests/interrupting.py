@@ -9,7 +9,8 @@ from pathlib import Path
 
 SCRIPT = """
 import os, signal, sys
-from yawid import cli, pipeline
+from yawid import pipeline
+from yawid.cli import main as cli
 name, at = sys.argv[1], int(sys.argv[2])
 count, estimate = 0, pipeline.Pipeline.estimate
 def signalled(self, samples):

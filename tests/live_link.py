@@ -16,12 +16,12 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
-from yawid.live import Console, Ended, LiveOptions, live
-from yawid.live.warming import warm_up
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag
-from yawid.sources.reading import Reading
+from yawid.config.run import RunConfig
+from yawid.runs.live import Console, Ended, LiveOptions, live
+from yawid.runs.live.warm_up import warm_up
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag
+from yawid.sources.read_options import Reading
 
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}

@@ -10,7 +10,7 @@ import pytest
 from finished_runs import C172P, replayed
 from mcap.reader import make_reader
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 OTHER = ("--orders", "4,4,2,1", "--forgetting", "0.999")
 

@@ -13,13 +13,13 @@ import pytest
 from finished_runs import C172P, replayed
 from test_report import Page, first_screen
 
-from yawid.sinks.mcap_run import McapRun, open_run
-from yawid.sinks.report import report
-from yawid.sinks.report_data import gather
-from yawid.sinks.report_time import fit_picture, modes_picture
-from yawid.sinks.report_words import cards, headline, percent, use
-from yawid.sinks.series import verdict_markdown
-from yawid.sinks.terminal import print_summary
+from yawid.report.data import gather
+from yawid.report.time_pictures import fit_picture, modes_picture
+from yawid.report.write import report
+from yawid.sinks.answers import cards, headline, percent, use
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.rerun.series import verdict_markdown
+from yawid.sinks.terminal.summary_table import print_summary
 
 LONG = (
     "the natural frequency went from 3.1 to 9.4 rad/s in the last third while its sigma was 0.02 "

@@ -29,17 +29,17 @@ STAGES = [
     ("__main__",),
 ]
 ONLY_IN = {
-    "pyulog": {"sources/ulog_file.py"},
+    "pyulog": {"sources/logs/ulog_file.py"},
     "pymavlink": {"sources"},
     "mcap": {
-        "sinks/mcap_chunks.py",
-        "sinks/mcap_run.py",
-        "sinks/mcap_known.py",
-        "sinks/recover.py",
+        "sinks/mcap/chunks.py",
+        "sinks/mcap/reader.py",
+        "sinks/mcap/trusted.py",
+        "sinks/mcap/recover.py",
     },
-    "rerun": {"sinks/rerun_view.py", "sinks/rerun_blueprint.py"},
-    "filterpy": {"estimation/reference.py", "channels/heading.py"},
-    "numba": {"estimation/kernel.py"},
+    "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},
+    "filterpy": {"estimation/reference/estimator.py", "channels/heading_filter.py"},
+    "numba": {"estimation/kernel/linear_algebra.py"},
 }
 MODULES = sorted(SRC.rglob("*.py"))
 

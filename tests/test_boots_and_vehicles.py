@@ -10,10 +10,10 @@ import pytest
 from flightlog import FlightLog, samples_of
 
 from yawid.channels.survey import Survey
-from yawid.cli import main
-from yawid.collect import run_through
+from yawid.cli.main import main
+from yawid.config.run import RunConfig, settings_from_toml
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig, settings_from_toml
+from yawid.runs.read_log import run_through
 
 ROOT = Path(__file__).parents[1]
 TWO_VEHICLES = ROOT / "replay_logs" / "two_vehicles" / "log.tlog"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from finished_runs import REPLAY_LOGS, replayed
 
-from yawid.cli import main
-from yawid.sinks.terminal import print_orders
+from yawid.cli.main import main
+from yawid.sinks.terminal.summary_table import print_orders
 
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")
 NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")

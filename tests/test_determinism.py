@@ -2,8 +2,8 @@
 
 Between machines the last bits may differ: NumPy, BLAS and the compiler choose their instructions by
 the processor (fused multiply-add, width of vectors), so that sums round otherwise. The recursion
-carries such differences on; the tolerances of yawid.golden are wide enough for them, as the last
-test here shows on instructions of another machine.
+carries such differences on; the tolerances of yawid.runs.regress.compare are wide enough for them,
+as the last test here shows on instructions of another machine.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from yawid.cli import main
-from yawid.outputs import Outputs, finish, open_mcap
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.regress.case import Case, find_cases
-from yawid.regress.check import regress
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.results.summary import summarise
+from yawid.runs.outputs import Outputs, finish, open_mcap
+from yawid.runs.regress.case import Case, find_cases
+from yawid.runs.regress.check import regress
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "replay_logs"

@@ -18,11 +18,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
 from yawid.blocks import Floats, Status
-from yawid.config import ArmaxOrders, EstimatorConfig
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig
+from yawid.config.run import RunConfig
 from yawid.estimation.armax import RecursiveArmax
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.results.summary import summarise
 
 DAY = 24 * 3600 * 20
 """A day of samples at 20 Hz."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 FLIGHTS = Path(__file__).parents[1] / ".." / "shared" / "flights"
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")

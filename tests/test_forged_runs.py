@@ -14,9 +14,9 @@ from forged_runs import forge
 from hostile import FLIGHT
 from mcap.writer import CompressionType, Writer
 
-from yawid.cli import main
-from yawid.sinks.rows import RowLayout
-from yawid.sinks.schemas import descriptor
+from yawid.cli.main import main
+from yawid.sinks.mcap.protobuf_rows import RowLayout
+from yawid.sinks.mcap.schemas import descriptor
 
 COMMANDS = (
     ("replay", "--out", "OUT"),

@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from yawid.channels.stage import WANTED, Channels
-from yawid.run_config import RunConfig
-from yawid.sources.frames import Decoder
-from yawid.sources.raw import Stamper
+from yawid.config.run import RunConfig
+from yawid.sources.logs.bare_frames import Stamper
+from yawid.sources.mavlink.decoder import Decoder
 
 FEW = settings(
     max_examples=60,

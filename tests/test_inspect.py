@@ -19,9 +19,9 @@ from sources.test_signed_sessions import PASSPHRASE, signed, signer
 
 from yawid.channels.clock import Series
 from yawid.channels.survey import Survey
-from yawid.channels.yaw import AIRSPEED, COLUMNS, MODE, ON_GROUND
-from yawid.cli import main
-from yawid.sources.flight_modes import mode_name
+from yawid.channels.yaw_reader import AIRSPEED, COLUMNS, MODE, ON_GROUND
+from yawid.cli.main import main
+from yawid.sources.mavlink.flight_modes import mode_name
 
 ROOT = Path(__file__).parents[1]
 C172P = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"

@@ -17,12 +17,12 @@ import pytest
 from finished_runs import C172P, REPLAY_LOGS, replayed
 from interrupting import repeated, yawid_with
 
-from yawid import session
-from yawid.cli import main
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
+from yawid.runs import replay as session
+from yawid.runs.outputs import Outputs
+from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
-from yawid.stop import Interrupted, StopFlag
 
 CODES = {"SIGINT": 130, "SIGTERM": 143}
 Ended = tuple[str, subprocess.CompletedProcess[str], Path]
@@ -132,9 +132,9 @@ def test_a_command_that_makes_one_answer_ends_without_it(
 
 STOPPED = """
 import os, signal, sys
-from yawid import cli
+from yawid.cli import main as cli
 from yawid.channels import stage
-from yawid.sinks import mcap_run
+from yawid.sinks.mcap import reader as mcap_run
 def signalled(*arguments):
     os.kill(os.getpid(), getattr(signal, sys.argv[1]))
 stage.Channels.finish = mcap_run.McapRun.blocks = signalled
@@ -191,7 +191,7 @@ def test_a_second_signal_ends_at_once() -> None:
     """Also what never looks whether it is to stop, as a loop of numba's does not."""
     script = (
         "import signal, sys, time\n"
-        "from yawid.stop import StopFlag\n"
+        "from yawid.runs.stop import StopFlag\n"
         "with StopFlag().installed() as stop:\n"
         "    print('ready', flush=True)\n"
         "    while not stop.is_set: time.sleep(0.01)\n"
@@ -217,7 +217,7 @@ def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -
     script = (
         "import sys, time\n"
         "from yawid import cli\n"
-        "from yawid.live import loop\n"
+        "from yawid.runs.live import loop\n"
         "def slow(self): print('finishing', flush=True); time.sleep(60)\n"
         "loop._Loop.finish = slow\n"
         "sys.exit(cli.main(sys.argv[1:]))\n"

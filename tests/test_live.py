@@ -29,12 +29,12 @@ from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import Link
 
-from yawid.cli import main
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
-from yawid.live import Console, LiveOptions, live
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag, replay
+from yawid.runs.live import Console, LiveOptions, live
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
 
 
 def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
@@ -98,7 +98,7 @@ def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
 def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("yawid.sources.rates.WINDOW_S", 0.5)
+    monkeypatch.setattr("yawid.sources.link.rate_requests.WINDOW_S", 0.5)
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
         listening(tmp_path, request_hz=50.0) as session,
@@ -223,7 +223,7 @@ def test_what_cannot_be_asked_is_refused_in_one_line(options: dict[str, object],
 
 
 def test_silence_is_said_once_and_so_is_the_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("yawid.live.loop.SILENT_US", 1_000_000)
+    monkeypatch.setattr("yawid.runs.live.loop.SILENT_US", 1_000_000)
     with listening(tmp_path) as session:
         send(frames(1.0), session.port)
         session.screen.wait_for("nothing heard for 1 s")

@@ -10,11 +10,11 @@ import pytest
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from test_live import messages
 
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.live.warming import Warming
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag, replay
+from yawid.runs.live.warm_up import Warming
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
 
 
 @pytest.fixture
@@ -25,8 +25,8 @@ def compiler(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     def compile_slowly(_: RunConfig) -> None:
         assert done.wait(60.0)
 
-    monkeypatch.setattr("yawid.live.warming.warm_up", compile_slowly)
-    monkeypatch.setattr("yawid.live.loop.WARMING_S", 0.0)
+    monkeypatch.setattr("yawid.runs.live.warm_up.warm_up", compile_slowly)
+    monkeypatch.setattr("yawid.runs.live.loop.WARMING_S", 0.0)
     return done
 
 
@@ -97,7 +97,7 @@ def test_what_does_not_fit_a_vehicle_is_found_after_compiling_and_stops_no_other
 def test_memory_for_what_waits_has_an_end_and_nothing_is_lost(
     compiler: threading.Event, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("yawid.live.session.MOST_HELD", 20_000)
+    monkeypatch.setattr("yawid.runs.live.vehicle_session.MOST_HELD", 20_000)
     sent = frames(20.0)
     with listening(tmp_path) as session:
         send(sent, session.port)
@@ -113,6 +113,6 @@ def test_a_warm_up_that_fails_says_so_and_is_no_silent_thread(monkeypatch: pytes
     def fail(_: RunConfig) -> None:
         raise ConfigError("these estimators cannot be had")
 
-    monkeypatch.setattr("yawid.live.warming.warm_up", fail)
+    monkeypatch.setattr("yawid.runs.live.warm_up.warm_up", fail)
     with pytest.raises(ConfigError, match="cannot be had"):
         Warming(replace(CONFIG)).wait()

@@ -12,10 +12,10 @@ from finished_runs import C172P
 from live_link import Screen, frames, listening, send
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.live import Console
-from yawid.live.standing import Standing
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
+from yawid.runs.live import Console
+from yawid.runs.live.standing import Standing
 
 
 class Terminal(io.StringIO):

@@ -14,11 +14,11 @@ from send_tlog import stamped_frames
 from sinks.rerun_reading import VIEWER
 from sinks.test_rerun_viewer import viewer
 
-from yawid.live import Console
-from yawid.live.guard import check_present
-from yawid.outputs import Outputs
-from yawid.session import StopFlag, replay
-from yawid.sources.inbox import Stamps
+from yawid.runs.live import Console
+from yawid.runs.live.guarded_sink import check_present
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sources.link.inbox import Stamps
 
 
 def lines_with(text: str, screen: object) -> list[str]:
@@ -75,7 +75,7 @@ def test_a_clock_that_is_set_is_one_line_and_no_stamp_moves(
 ):
     ahead_ns = [0]
     stamps = Stamps(lambda: time.time_ns() + ahead_ns[0])
-    monkeypatch.setattr("yawid.live.loop.Stamps", lambda: stamps)
+    monkeypatch.setattr("yawid.runs.live.loop.Stamps", lambda: stamps)
     with listening(tmp_path) as session:
         send(frames(10.0), session.port)
         wait_for_size(session.part("tlog"), 1)
@@ -140,7 +140,7 @@ def test_the_stream_the_session_talks_to_may_be_gone(tmp_path: Path):
 def test_a_viewer_that_comes_back_is_shown_what_follows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("yawid.live.viewer.AGAIN_S", 0.1)
+    monkeypatch.setattr("yawid.runs.live.viewer_thread.AGAIN_S", 0.1)
     with (
         viewer("--serve-grpc") as (address, process),
         listening(tmp_path, outputs=Outputs(tmp_path, "live", address)) as session,

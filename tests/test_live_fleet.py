@@ -10,11 +10,11 @@ from pathlib import Path
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.outputs import Outputs
-from yawid.session import StopFlag, replay
-from yawid.sources.frames import Decoder
-from yawid.sources.reading import Reading
-from yawid.sources.signing import SigningKey
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.signing import SigningKey
+from yawid.sources.read_options import Reading
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:

@@ -10,11 +10,11 @@ import pytest
 from live_link import CONFIG, Screen, frames, free_port, send, tlog_size, wait_for_size
 
 from yawid.blocks import ModesBlock, SampleBlock
-from yawid.live import Console, LiveOptions, live
-from yawid.live.viewer import Viewer
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag
+from yawid.config.run import RunConfig
+from yawid.runs.live import Console, LiveOptions, live
+from yawid.runs.live.viewer_thread import Viewer
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag
 from yawid.sinks.base import LogLevel
 
 SENT = frames(10.0)
@@ -28,7 +28,7 @@ def interrupt() -> None:
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     """A compiler that is never done."""
     monkeypatch.setattr(
-        "yawid.live.warming.warm_up", lambda _: threading.Event().wait(300.0) and None
+        "yawid.runs.live.warm_up.warm_up", lambda _: threading.Event().wait(300.0) and None
     )
 
 

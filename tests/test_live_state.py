@@ -19,16 +19,16 @@ from live_link import (
     wait_for_size,
 )
 
-from yawid.cli import main
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.estimation import saving
+from yawid.estimation import serialise as saving
 from yawid.estimation.armax import RecursiveArmax
-from yawid.live import Console, Ended, LiveOptions, live
-from yawid.live import state as state_file
-from yawid.live.state import StateFile, check_states
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag
+from yawid.runs.live import Console, Ended, LiveOptions, live
+from yawid.runs.live import saved_state as state_file
+from yawid.runs.live.saved_state import StateFile, check_states
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag
 
 
 def fly(
@@ -64,7 +64,7 @@ def test_what_is_saved_is_the_estimator_to_the_bit(tmp_path: Path):
 
 
 def test_the_state_is_saved_while_the_session_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("yawid.live.state.SAVE_S", 0.1)
+    monkeypatch.setattr("yawid.runs.live.saved_state.SAVE_S", 0.1)
     state = tmp_path / "state"
     with listening(tmp_path, state=state) as session:
         send(frames(20.0), session.port)

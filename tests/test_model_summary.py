@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import SampleBlock
+from yawid.config.run import RunConfig
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import REMEMBERED, Bank
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.model_summary import method_summary
-from yawid.run_config import RunConfig
-from yawid.verdict_estimate import estimate_reasons
+from yawid.results.estimate_summary import method_summary
+from yawid.results.judge_estimate import estimate_reasons
 
 TS = 0.1
 KEEPS_ALL = RunConfig(forgetting=1.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 
 def write(path: Path, function, seconds: float = 20.0) -> Path:

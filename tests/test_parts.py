@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from finished_runs import C172P, replayed
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 
 def test_a_replay_that_cannot_begin_leaves_another_runs_recording_alone(
@@ -55,9 +55,9 @@ def test_a_simulation_neither_takes_anothers_part_nor_leaves_its_own(tmp_path: P
 def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from yawid.sinks import rerun_sink
-    from yawid.sinks.mcap_view import view
-    from yawid.stop import Interrupted
+    from yawid.runs.stop import Interrupted
+    from yawid.runs.view import view
+    from yawid.sinks.rerun import sink as rerun_sink
 
     run = replayed(C172P, tmp_path / "run", "--rate", 10)
 

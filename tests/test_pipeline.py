@@ -10,10 +10,10 @@ import pytest
 from flightlog import fly
 
 from yawid.blocks import SampleBlock
-from yawid.golden import RowsSink
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.results.summary import summarise
+from yawid.runs.regress.compare import RowsSink
 
 CASES = Path(__file__).parents[1] / "replay_logs"
 

@@ -12,8 +12,8 @@ from finished_runs import replayed
 from hostile import FLIGHT
 from mcap.reader import make_reader
 
-from yawid.cli import main
-from yawid.sinks.mcap_run import open_run
+from yawid.cli.main import main
+from yawid.sinks.mcap.reader import open_run
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from yawid.errors import ConfigError
-from yawid.golden import (
+from yawid.runs.regress.case import Case
+from yawid.runs.regress.check import check_case
+from yawid.runs.regress.compare import (
     NOT_COMPARED,
     SPREAD_TOLERANCE,
     VALUE_TOLERANCE,
@@ -22,8 +24,6 @@ from yawid.golden import (
     split_tolerances,
     tolerance_of,
 )
-from yawid.regress.case import Case
-from yawid.regress.check import check_case
 
 CASES = Path(__file__).parents[1] / "replay_logs"
 NAMES = sorted(path.parent.name for path in CASES.glob("*/case.toml"))

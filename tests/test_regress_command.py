@@ -9,11 +9,11 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from yawid.cli import main
-from yawid.golden import read_csv
-from yawid.regress.case import Case, find_cases
-from yawid.regress.check import Outcome, check_case, regress
-from yawid.regress.reports import write_junit
+from yawid.cli.main import main
+from yawid.runs.regress.case import Case, find_cases
+from yawid.runs.regress.check import Outcome, check_case, regress
+from yawid.runs.regress.compare import read_csv
+from yawid.runs.regress.reports import write_junit
 
 CASES = Path(__file__).parents[1] / "replay_logs"
 

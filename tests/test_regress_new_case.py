@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from flightlog import FlightLog, fly
 
-from yawid.cli import main
-from yawid.regress.case import Case
+from yawid.cli.main import main
+from yawid.runs.regress.case import Case
 
 
 def flight(seconds: float = 40.0) -> FlightLog:

@@ -8,8 +8,8 @@ import pytest
 from sources import dataflash_flight, ulog_flight
 from sources.onboard_flight import WN, flown
 
-from yawid.cli import main
-from yawid.regress.case import Case
+from yawid.cli.main import main
+from yawid.runs.regress.case import Case
 
 LOGS = {".bin": dataflash_flight, ".ulg": ulog_flight}
 

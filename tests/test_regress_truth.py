@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from yawid.regress.case import Case
+from yawid.runs.regress.case import Case
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "replay_logs"

@@ -12,8 +12,8 @@ from typing import Any, BinaryIO
 import pytest
 from flightlog import fly
 
-from yawid.cli import main
-from yawid.regress.case import Case
+from yawid.cli.main import main
+from yawid.runs.regress.case import Case
 
 CASES = Path(__file__).parents[1] / "replay_logs"
 NAMES = ("case.toml", "expected.csv", "expected.json")

@@ -14,12 +14,12 @@ from finished_runs import C172P, REPLAY_LOGS, replayed
 from flightlog import FlightLog, fly
 
 from yawid.blocks import Noted
-from yawid.cli import main
-from yawid.config import ArmaxOrders
-from yawid.sinks.mcap_run import open_run
-from yawid.sinks.report import report, write_report
-from yawid.sinks.report_curves import frequency_band, poles_with_sigma, step_band
-from yawid.sinks.report_data import Model, gather
+from yawid.cli.main import main
+from yawid.config.estimator import ArmaxOrders
+from yawid.report.curves import frequency_band, poles_with_sigma, step_band
+from yawid.report.data import Model, gather
+from yawid.report.write import report, write_report
+from yawid.sinks.mcap.reader import open_run
 
 PICTURES = ("fit", "residuals", "modes", "parameters", "bode", "poles", "step", "link")
 PAIRS = (("wn_rad_s", "wn_std"), ("zeta", "zeta_std"))

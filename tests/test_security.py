@@ -23,17 +23,17 @@ from hypothesis import strategies as st
 from log_surgery import Encoder, join, rewrite, split
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.channels.grid_rate import MOST_SEGMENTS
 from yawid.channels.stage import WANTED, Channels
-from yawid.channels.startup import MOST_SEGMENTS
-from yawid.cli import main
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.sources.endpoints import Endpoint
-from yawid.sources.frames import Decoder
-from yawid.sources.reading import Reading
-from yawid.sources.signing import SigningKey
-from yawid.sources.udp import UdpTap
-from yawid.summary import summarise
+from yawid.results.summary import summarise
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.udp import UdpTap
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.signing import SigningKey
+from yawid.sources.read_options import Reading
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 KNOWN_CODES = {0, 3, 4, 5, 6}
@@ -199,7 +199,7 @@ def test_a_clock_that_leaps_from_frame_to_frame_takes_no_memory(tmp_path: Path):
     (tmp_path / "leaps.tlog").write_bytes(FLIGHT + leaps)
 
     run_limited(
-        "from yawid.cli import main\n"
+        "from yawid.cli.main import main\n"
         "assert main(['replay', sys.argv[1], '--out', sys.argv[2], '--rate', '50']) in (0, 5)",
         900,
         tmp_path / "leaps.tlog",
@@ -242,7 +242,7 @@ def test_ten_thousand_senders_and_parameters_take_little_memory(tmp_path: Path):
     (tmp_path / "many.tlog").write_bytes(join(records))
 
     run_limited(
-        "from yawid.cli import main\n"
+        "from yawid.cli.main import main\n"
         "assert main(['replay', sys.argv[1], '--out', sys.argv[2], '--rate', '10']) in (0, 5)",
         900,
         tmp_path / "many.tlog",

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from yawid.cli import main
+from yawid.cli.main import main
 from yawid.errors import YawidError
-from yawid.sinks.mcap_run import open_run
-from yawid.sinks.recover import recover
-from yawid.sinks.report import write_report
+from yawid.report.write import write_report
+from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap.recover import recover
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path):
     run_limited(
         "from pathlib import Path\n"
         "from yawid.errors import SinkError\n"
-        "from yawid.sinks.recover import recover\n"
+        "from yawid.sinks.mcap.recover import recover\n"
         "try:\n"
         "    recover(Path(sys.argv[1]), Path(sys.argv[2]))\n"
         "except SinkError as error:\n"
@@ -135,7 +135,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path):
 def test_a_run_with_such_a_chunk_is_neither_reported_nor_shown(good_mcap: bytes, tmp_path: Path):
     (tmp_path / "bomb.mcap").write_bytes(with_bomb(good_mcap, 1500))
     run_limited(
-        "from yawid.cli import main\n"
+        "from yawid.cli.main import main\n"
         "assert main(['report', sys.argv[1], '-o', sys.argv[2]]) == 6\n"
         "assert main(['view', sys.argv[1], '--save', sys.argv[3]]) == 6",
         900,

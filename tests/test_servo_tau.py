@@ -11,7 +11,7 @@ import pytest
 from finished_runs import REPLAY_LOGS
 from sinks.mcap_reading import column, decoded
 
-from yawid.cli import main
+from yawid.cli.main import main
 from yawid.physics.derivatives import NAMES
 
 SITL = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"

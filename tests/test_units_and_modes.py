@@ -13,9 +13,9 @@ from sinks.mcap_reading import decoded
 from sinks.rerun_reading import recorded, statics
 from test_report import Page
 
-from yawid.cli import main
-from yawid.sinks.mcap_run import open_run
-from yawid.sinks.report import report
+from yawid.cli.main import main
+from yawid.report.write import report
+from yawid.sinks.mcap.reader import open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
 OPTIONS = ("--rate", 10, "--forgetting", 1)

@@ -12,14 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.blocks import Status
-from yawid.collect import run_through
+from yawid.config.run import RunConfig
 from yawid.estimation.bank import History
-from yawid.estimation.collinearity import closeness
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
-from yawid.verdict import (
+from yawid.results.collinearity import closeness
+from yawid.results.judge_estimate import Evidence, agreement_reasons, estimate_reasons
+from yawid.results.judge_samples import (
     changed_rates,
     damper_reasons,
     feedback_reasons,
@@ -27,7 +25,9 @@ from yawid.verdict import (
     input_reasons,
     rate_reasons,
 )
-from yawid.verdict_estimate import Evidence, agreement_reasons, estimate_reasons
+from yawid.results.reasons import KINDS, Reason, Verdict
+from yawid.results.summary import summarise
+from yawid.runs.read_log import run_through
 
 BEFORE = np.array([2.38, 0.21])
 GOOD = Evidence(

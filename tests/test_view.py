@@ -8,7 +8,7 @@ import pytest
 from finished_runs import C172P, replayed
 from sinks.rerun_reading import recorded, statics
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 
 @pytest.fixture(scope="module")

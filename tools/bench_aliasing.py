@@ -19,10 +19,10 @@ from yawid.channels.align import Aligner
 from yawid.channels.clock import Piece, Series
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.decimate import finer_by
-from yawid.channels.yaw import COLUMNS, RATE
+from yawid.channels.yaw_reader import COLUMNS, RATE
+from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
-from yawid.run_config import RunConfig
 
 SECONDS, STEP_S = 120.0, 1e-3
 OMEGA_TS, ZETA, LEAD_S = 0.25, 0.2, 0.8

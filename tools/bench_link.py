@@ -123,8 +123,8 @@ def _starts(data: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 def read_yawid(path: Path) -> Iterator[int]:
     """Yield the number of wanted messages in each piece."""
-    from yawid.sources.frames import Decoder
-    from yawid.sources.tlog import read_tlog
+    from yawid.sources.logs.tlog import read_tlog
+    from yawid.sources.mavlink.decoder import Decoder
 
     decoder = Decoder(WANTED)
     for chunk in read_tlog(path):
@@ -165,7 +165,7 @@ READERS: dict[str, Callable[[Path], Iterator[int]]] = {
     "plain read": read_plain,
 }
 _MODULES = {
-    "yawid": "yawid.sources.tlog",
+    "yawid": "yawid.sources.logs.tlog",
     "pymavlink recv_match": "pymavlink.mavutil",
     "fasttlogparser": "fasttlogparser",
 }
@@ -234,7 +234,7 @@ def print_damage(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]
 
     A damaged stamp that stays within 3 days of its neighbours cannot be told from a good one.
     """
-    from yawid.sources.frames import Decoder
+    from yawid.sources.mavlink.decoder import Decoder
 
     print(f"\n{FLIP_RATE:g} of the bytes flipped, {GARBAGE_BLOCKS} blocks of garbage:", end=" ")
     print(f"{len(truth)} records are intact")

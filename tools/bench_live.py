@@ -22,9 +22,9 @@ from live_kill import kill_once
 from send_tlog import stamped_frames
 
 from yawid.channels.stage import WANTED
-from yawid.sources.endpoints import Endpoint
-from yawid.sources.frames import Decoder
-from yawid.sources.udp import UdpTap
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.udp import UdpTap
+from yawid.sources.mavlink.decoder import Decoder
 
 TOOLS = Path(__file__).parent
 LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
@@ -156,9 +156,9 @@ def session(folder: Path, *options: object) -> tuple[subprocess.Popen[str], int]
 
 def bench_latency(options: argparse.Namespace) -> None:
     """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
-    from yawid.outputs import Outputs
-    from yawid.run_config import RunConfig
-    from yawid.session import StopFlag, replay
+    from yawid.config.run import RunConfig
+    from yawid.runs.outputs import Outputs
+    from yawid.runs.replay import StopFlag, replay
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

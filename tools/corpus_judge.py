@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.collect import run_through
+from yawid.config.run import RunConfig, check_settings
 from yawid.errors import YawidError
-from yawid.inspect import inspect
-from yawid.model_summary import method_summary
 from yawid.pipeline import Pipeline
+from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import judge_methods
-from yawid.run_config import RunConfig, check_settings
-from yawid.summary import summarise
-from yawid.verdict import reaction_shares
+from yawid.results.judge_samples import reaction_shares
+from yawid.results.summary import summarise
+from yawid.runs.inspect_log import inspect
+from yawid.runs.read_log import run_through
 
 Row = dict[str, Any]
 RIGHT, WRONG, SIGMAS = 0.05, 0.10, 3.0

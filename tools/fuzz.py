@@ -29,7 +29,7 @@ import hypothesis
 from fuzz_inputs import FuzzFlight, command_lines, flights
 from hypothesis import HealthCheck, settings
 
-from yawid.cli import main as yawid
+from yawid.cli.main import main as yawid
 
 LONGEST_S = 20
 EXIT_CODES = frozenset({0, 2, 3, 4, 5, 6})

@@ -20,9 +20,9 @@ from jsbsim_flight import FlightPlan
 from jsbsim_truth import truth
 from telemetry import Link
 
+from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.results.summary import summarise
 
 FLIGHTS = (
     ("c172p", 80.0, 3000.0),

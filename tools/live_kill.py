@@ -16,11 +16,11 @@ from fly_jsbsim import Stamped
 from mcap.reader import make_reader
 from send_tlog import stamped_frames
 
-from yawid.live.warming import warm_up
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag, replay
-from yawid.sinks.recover import recover
+from yawid.config.run import RunConfig
+from yawid.runs.live.warm_up import warm_up
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sinks.mcap.recover import recover
 
 Row = tuple[str, int, bytes]
 

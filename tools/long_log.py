@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
 from yawid.channels.stage import WANTED
-from yawid.sources.crc import crc_of_frames
-from yawid.sources.messages import definitions, dtype_of
+from yawid.sources.mavlink.crc import crc_of_frames
+from yawid.sources.mavlink.definitions import definitions, dtype_of
 
 RATE_HZ: Final = 20
 START_US: Final = 1_700_000_000_000_000

@@ -25,8 +25,8 @@ from PIL import Image
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 from rerun.experimental import ViewerClient
 
-from yawid.cli import main as yawid
-from yawid.sinks.rerun_blueprint import blueprint
+from yawid.cli.main import main as yawid
+from yawid.sinks.rerun.blueprint import blueprint
 
 ROOT = Path(__file__).resolve().parents[1]
 # The command beside the interpreter is a script that waits for this one.

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from fly_jsbsim import Stamped, endpoint, send
 
-from yawid.sources.framing import STAMP_SIZE, frame_size
+from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size
 
 PAUSE_S = 0.0005
 

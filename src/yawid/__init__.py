@@ -8,13 +8,13 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "ArmaxOrders": "yawid.config",
-    "EstimatorConfig": "yawid.config",
-    "forgetting_factor": "yawid.config",
+    "ArmaxOrders": "yawid.config.estimator",
+    "EstimatorConfig": "yawid.config.estimator",
+    "forgetting_factor": "yawid.config.estimator",
     "RecursiveArmax": "yawid.estimation.armax",
     "Estimate": "yawid.estimation.armax",
     "parameter_names": "yawid.estimation.polynomials",
-    "make_estimator": "yawid.estimation.reference",
+    "make_estimator": "yawid.estimation.reference.estimator",
     "EstimateBlock": "yawid.blocks",
     "Status": "yawid.blocks",
     "YawidError": "yawid.errors",

@@ -2,6 +2,6 @@
 
 import sys
 
-from yawid.cli import main
+from yawid.cli.main import main
 
 sys.exit(main())

@@ -12,13 +12,13 @@ from typing import Protocol
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import WANTED, Channels
+from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.physics.rows import PhysicsRows
-from yawid.run_config import RunConfig
+from yawid.physics.stage import PhysicsRows
 from yawid.sinks.base import Grid, Sink, rudder_unit
-from yawid.sources.link import LinkStats
-from yawid.sources.reading import Reading
+from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.sources.read_options import Reading
 
 BLOCK = 4096
 """Samples estimated and written at once: the covariance of each row makes blocks heavy."""

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from yawid.blocks import Held
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig
 
 START_S = 10.0
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
 from yawid.channels.clock import unwrap_uint32_us
-from yawid.sinks.terminal import origin
+from yawid.sinks.terminal.summary_table import origin
 
 
 @given(

@@ -13,10 +13,10 @@ from flightlog import FlightLog, reason_ids, samples_of, summary_of
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.ulog_writer import ULogFile
 
-from yawid.cli import main
-from yawid.collect import run_through
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
+from yawid.results.summary import summarise
+from yawid.runs.read_log import run_through
 
 FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 SECONDS, START_S = 30.0, 10.0

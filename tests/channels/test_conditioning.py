@@ -14,9 +14,9 @@ from scipy.signal import butter, sosfreqz
 
 from yawid.blocks import Held, Noted, SampleBlock
 from yawid.channels.conditioning import band_pass
-from yawid.channels.notes import AIRSPEED_SHARE, Notes, strokes
+from yawid.channels.sample_flags import AIRSPEED_SHARE, Notes, strokes
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig
 
 
 def vfr_hud(airspeed: float, groundspeed: float) -> mavlink.MAVLink_vfr_hud_message:

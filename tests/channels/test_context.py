@@ -8,9 +8,9 @@ from flightlog import FlightLog
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import FrameBlock
-from yawid.channels.context import Context
+from yawid.channels.flight_state import Context
 from yawid.channels.stage import WANTED
-from yawid.sources.frames import Decoder
+from yawid.sources.mavlink.decoder import Decoder
 
 NAN = float("nan")
 UNDEFINED, LANDED, IN_AIR, TAKING_OFF = range(4)

@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfilt
 
 from yawid.blocks import Held, SampleBlock
 from yawid.channels.decimate import Decimator, finer_by
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
 
 BAND = RunConfig(rate=10.0, band=(0.02, 2.5))
 COLUMNS = ("k", "boot_us", "unix_ns", "received_us", "u", "y", "yaw", "roll", "noted", "held")

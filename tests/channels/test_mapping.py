@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held, MessageBlock
-from yawid.channels.mapping import find_surface, why_no_surface
+from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import Part, Surface
 from yawid.channels.vehicle import ARDUPILOT, PX4, Vehicle
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig
 
 
 def servo_block(pwm: list[int]) -> MessageBlock:

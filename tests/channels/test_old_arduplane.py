@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from flightlog import FlightLog, reason_ids, samples_of, summary_of
 
-from yawid.channels.mapping import find_surface, why_no_surface
+from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import Part
 from yawid.channels.vehicle import ARDUPILOT, PX4, Vehicle
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
 
 RUDDER = {"RC4_MIN": 1000.0, "RC4_TRIM": 1520.0, "RC4_MAX": 1950.0, "RC4_REV": -1.0}
 AILERON = {"RC1_MIN": 1050.0, "RC1_TRIM": 1490.0, "RC1_MAX": 1900.0, "RC1_REV": 1.0}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
 
 
 def pulse(t: float, amplitude: float = 200.0) -> int:

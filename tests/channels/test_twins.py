@@ -9,10 +9,10 @@ from flightlog import FlightLog, reason_ids, samples_of, summary_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yawid.channels.mapping import find_surface
+from yawid.channels.find_surface import find_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.vehicle import PX4, Vehicle
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
 
 FUNCTIONS = {"SERVO2_FUNCTION": 21, "SERVO4_FUNCTION": 21, "SERVO4_REVERSED": 1}
 FUNCTIONS |= {f"SERVO{n}_{end}": us for n in (2, 4) for end, us in (("MIN", 1100), ("MAX", 1900))}

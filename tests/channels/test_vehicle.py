@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from flightlog import FlightLog, samples_of
 
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
 
 
 def crowd() -> FlightLog:

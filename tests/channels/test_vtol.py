@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
 from yawid.channels.stage import WANTED, Channels
-from yawid.run_config import RunConfig
-from yawid.sources.flight_modes import ARDUPLANE_HOVER
-from yawid.sources.frames import Decoder
-from yawid.sources.logs import open_log
+from yawid.config.run import RunConfig
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.flight_modes import ARDUPLANE_HOVER
+from yawid.sources.open_log import open_log
 
 FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 FORWARD, HALFWAY_S, SECONDS = 5, 20.0, 40.0

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
-from yawid.channels.yaw import YawReader
-from yawid.run_config import RunConfig
+from yawid.channels.yaw_reader import YawReader
+from yawid.config.run import RunConfig
 
 RATE = 0.3
 

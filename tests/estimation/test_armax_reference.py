@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from yawid import ArmaxOrders, RecursiveArmax, make_estimator
-from yawid.estimation.reference import ReferenceArmax
+from yawid.estimation.reference.estimator import ReferenceArmax
 
 OPTIONS = st.fixed_dictionaries(
     {

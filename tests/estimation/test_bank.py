@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from sinks.sink_blocks import SAMPLE_TIME_S, make_samples
 
 from yawid.blocks import SampleBlock
+from yawid.config.run import RunConfig
 from yawid.estimation.bank import MEMORIES, REMEMBERED, Bank, Record
-from yawid.run_config import RunConfig
 
 
 @given(limit=st.integers(1, 40), cuts=st.lists(st.integers(0, 60), max_size=12))

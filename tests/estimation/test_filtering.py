@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter, lfiltic
 from scipy.special import gammaincc
 
-from yawid.estimation.filtering import BLOCK, all_pole
-from yawid.estimation.uncertainty import chi_square_tail
+from yawid.estimation.all_pole import BLOCK, all_pole
+from yawid.estimation.whiteness import chi_square_tail
 
 lengths = st.sampled_from([0, 1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 5 * BLOCK + 7])
 poles = st.lists(st.floats(-0.99, 0.99), max_size=4)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import freqz
 
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.offline.nonparametric import (
+from yawid.offline.response_curves import (
     answer_by_transient,
     answer_by_weighting,
     curves_from_data,

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yawid.cli import main
-from yawid.config import ArmaxOrders
+from yawid.cli.main import main
+from yawid.config.estimator import ArmaxOrders
 from yawid.errors import NotIdentifiable
 from yawid.offline.orders import candidates, compare_orders, recommended
 

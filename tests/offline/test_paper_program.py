@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.offline.paper_program import SAMPLE_TIME_S, paper_program

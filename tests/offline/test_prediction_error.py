@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.offline.prediction_error import fit_prediction_error
 from yawid.plant.excitation import Excitation

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.signal import lti, step
 
 from yawid.errors import NotIdentifiable
-from yawid.offline.forms import (
+from yawid.offline.step_forms import (
     extremum_time,
     first_order_response,
     first_order_settling,

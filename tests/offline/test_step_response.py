@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.offline.forms import (
+from yawid.offline.step_forms import (
     first_order_response,
     first_order_settling,
     second_order_response,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.offline.two_stage import two_stage
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import (
     LARGEST_ERROR,
     NAMES,

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yawid.config import ArmaxOrders, EstimatorConfig
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import History
-from yawid.physics.left_out import roll_p
 from yawid.plant.lateral import INPUTS, OUTPUTS, lateral_motion
 from yawid.plant.simulate import REFERENCE
+from yawid.results.roll_test import roll_p
 
 TS, N = 0.1, 1200
 CONFIG = EstimatorConfig(orders=ArmaxOrders(na=3, nb=3, nc=2, nk=1), sample_time_s=TS, method="rml")

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
 from yawid.blocks import EstimateBlock
-from yawid.config import ArmaxOrders
-from yawid.physics.handling import dutch_roll_level
+from yawid.config.estimator import ArmaxOrders
+from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.modes import mode_list, modes
 
 ORDERS = ArmaxOrders(na=3, nb=3, nc=0, nk=1)

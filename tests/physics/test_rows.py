@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
 from yawid.blocks import EstimateBlock, Status
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import NAMES, with_sigma
-from yawid.physics.rows import PhysicsRows
+from yawid.physics.stage import PhysicsRows
 
 ORDERS = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
 TS, N = 0.25, 41

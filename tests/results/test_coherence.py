@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from yawid.results.coherence import coherence_at
-from yawid.verdict_estimate import coherence_reasons
+from yawid.results.judge_estimate import coherence_reasons
 
 TS = 0.05
 RNG_RUNS = 300

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from yawid.results.excitation import LEAST_STROKE, around, excitation, own_part
-from yawid.verdict import excitation_reasons
+from yawid.results.judge_samples import excitation_reasons
 
 TS = 0.05
 UNKNOWN = np.full(2000, np.nan)
@@ -125,8 +125,8 @@ def test_around_is_five_seconds_before_and_after():
 
 
 def test_the_aileron_of_a_real_log_is_read_though_it_is_no_input():
-    from yawid.collect import run_through
-    from yawid.run_config import RunConfig
+    from yawid.config.run import RunConfig
+    from yawid.runs.read_log import run_through
 
     log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
     alone = run_through(log, RunConfig(rate=10.0))[0].bank.history()

@@ -7,11 +7,11 @@ from pathlib import Path
 import corpus_quiet
 import pytest
 
-from yawid.collect import run_through, with_orders
-from yawid.inspect import inspect
+from yawid.config.run import RunConfig
 from yawid.results.reasons import Verdict
-from yawid.run_config import RunConfig
-from yawid.summary import summarise
+from yawid.results.summary import summarise
+from yawid.runs.inspect_log import inspect
+from yawid.runs.read_log import run_through, with_orders
 
 TRUE_WN = 1.287
 """By JSBSim's own linearisation at the mean speed flown, of the flight with the line."""

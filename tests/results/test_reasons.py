@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.sinks.report_words import advice
+from yawid.sinks.answers import advice
 
 SRC = Path(__file__).parents[2] / "src" / "yawid"
 CONTRACT = {

@@ -11,7 +11,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 from sinks.sink_blocks import GRID, PARAMETERS, VERDICT, Blocks, cut
 
-from yawid.sinks.mcap_file import McapSink
+from yawid.sinks.mcap.sink import McapSink
 
 INPUTS = ("rudder", "aileron")
 SUMMARY = {

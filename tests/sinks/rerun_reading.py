@@ -18,7 +18,7 @@ from sinks.sink_blocks import (
     cut,
 )
 
-from yawid.sinks.rerun_sink import RerunSink
+from yawid.sinks.rerun.sink import RerunSink
 
 SUMMARY = {"verdict": VERDICT}
 # The command beside the interpreter is a script that waits for this one.

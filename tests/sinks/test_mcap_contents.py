@@ -23,8 +23,8 @@ from sinks.sink_blocks import (
 
 from yawid import __version__
 from yawid.blocks import Held, Status
-from yawid.sinks.mcap_file import McapSink
-from yawid.sinks.messages import modes_rows
+from yawid.sinks.mcap.messages import modes_rows
+from yawid.sinks.mcap.sink import McapSink
 
 
 def assert_held(messages: list[Any], held: Any) -> None:

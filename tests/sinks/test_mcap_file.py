@@ -19,7 +19,7 @@ from sinks.sink_blocks import (
 )
 
 from yawid.errors import SinkError
-from yawid.sinks.mcap_file import McapSink
+from yawid.sinks.mcap.sink import McapSink
 
 
 @settings(max_examples=25, deadline=None)
@@ -180,7 +180,7 @@ import resource, sys
 from pathlib import Path
 from sinks.sink_blocks import GRID, VERDICT, make_blocks
 from yawid.errors import SinkError
-from yawid.sinks.mcap_file import McapSink
+from yawid.sinks.mcap.sink import McapSink
 sink = McapSink(Path(sys.argv[1]), {})
 sink.start(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (8000, resource.RLIM_INFINITY))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from yawid.sinks.mcap_chunks import ChunkWriter
+from yawid.sinks.mcap.chunks import ChunkWriter
 
 SECOND_NS = 1_000_000_000
 CHUNKS = 3_000

@@ -23,9 +23,9 @@ from sinks.sink_blocks import (
 )
 
 from yawid.errors import SinkError
-from yawid.sinks.mcap_file import McapSink
-from yawid.sinks.recover import recover
-from yawid.sinks.schemas import TOPICS, schema_data
+from yawid.sinks.mcap.recover import recover
+from yawid.sinks.mcap.schemas import TOPICS, schema_data
+from yawid.sinks.mcap.sink import McapSink
 
 Row = tuple[str, int, int, int, bytes]
 PER_SAMPLE = 4  # messages: sample, two estimates, modes
@@ -53,7 +53,7 @@ WRITER = """
 import sys
 from pathlib import Path
 from sinks.sink_blocks import GRID, cut, make_blocks
-from yawid.sinks.mcap_file import McapSink
+from yawid.sinks.mcap.sink import McapSink
 sink = McapSink(Path(sys.argv[1]), {"configuration": {"rate": 20.0}})
 sink.start(GRID)
 n = int(sys.argv[2])
@@ -175,7 +175,9 @@ def test_one_flipped_byte_anywhere_never_makes_a_false_message(
 def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("yawid.sinks.recover.sync", lambda stream: None)  # thousands take minutes
+    monkeypatch.setattr(
+        "yawid.sinks.mcap.recover.sync", lambda stream: None
+    )  # thousands take minutes
     whole = write_file(tmp_path / "whole.mcap", n=3)
     rows, data = Counter(raw(whole)), whole.read_bytes()
     stop = chunk_places(whole)[-1][1]  # the summary is lost: nothing settles what a number means

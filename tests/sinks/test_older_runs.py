@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2
 
-from yawid.again import replay_run
-from yawid.outputs import Outputs
-from yawid.session import StopFlag
-from yawid.sinks.mcap_run import open_run
-from yawid.sinks.schemas import descriptor, descriptor_in, is_older, schema_data
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag
+from yawid.runs.replay_mcap import replay_run
+from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, schema_data
 
 OLD_RUN = Path(__file__).with_name("run_of_0_1_0.mcap")
 

@@ -20,7 +20,7 @@ from sinks.sink_blocks import (
 
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
-from yawid.sinks.rerun_sink import RerunSink
+from yawid.sinks.rerun.sink import RerunSink
 
 
 def test_the_saved_recording_holds_every_sample_on_both_clocks(tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ import resource, sys
 from pathlib import Path
 from sinks.sink_blocks import GRID, VERDICT, make_blocks
 from yawid.errors import SinkError
-from yawid.sinks.rerun_sink import RerunSink
+from yawid.sinks.rerun.sink import RerunSink
 sink = RerunSink("save", name="flight", warn=print, path=Path(sys.argv[1]))
 sink.start(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))

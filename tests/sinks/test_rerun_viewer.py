@@ -21,8 +21,8 @@ from sinks.sink_blocks import (
     run_script,
 )
 
-from yawid.sinks.rerun_sink import RerunSink
-from yawid.sinks.rerun_view import RerunView
+from yawid.sinks.rerun.recording import RerunView
+from yawid.sinks.rerun.sink import RerunSink
 
 
 @contextmanager
@@ -130,9 +130,9 @@ def test_a_machine_without_a_screen_is_one_warning(monkeypatch: pytest.MonkeyPat
 
 def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
     script = (
-        "import sys, yawid.sinks.base, yawid.sinks.rerun_sink\n"
+        "import sys, yawid.sinks.base, yawid.sinks.rerun.sink\n"
         "assert not {'rerun', 'mcap', 'google.protobuf'} & sys.modules.keys()\n"
-        "import yawid.sinks.mcap_file, yawid.sinks.recover\n"
+        "import yawid.sinks.mcap.sink, yawid.sinks.mcap.recover\n"
         "assert 'rerun' not in sys.modules"
     )
     run_script(script)

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.dataflash_writer import DataflashLog
 from sources.onboard_flight import TRAVEL, Flight, flown
 
-from yawid.sources.dataflash import DataflashReader
+from yawid.sources.logs.dataflash import DataflashReader
 
 GPS_WEEK, GPS_MS = 2200, 345_600_000
 UNIX_S = 315_964_800 + GPS_WEEK * 604_800 + GPS_MS / 1000 - 18

@@ -25,9 +25,9 @@ from sources.tlog_records import (
 )
 
 from yawid.errors import SourceError
-from yawid.sources.framing import frame_size
-from yawid.sources.raw import Stamper
-from yawid.sources.tlog import check_readable, read_tlog
+from yawid.sources.logs.bare_frames import Stamper
+from yawid.sources.logs.tlog import check_readable, read_tlog
+from yawid.sources.mavlink.framing import frame_size
 
 
 def bare(log: bytes) -> bytes:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.generator.mavcrc import x25crc
 
-from yawid.sources.crc import crc_of_frames
+from yawid.sources.mavlink.crc import crc_of_frames
 
 
 @pytest.mark.parametrize("count", [1, 31, 32, 200, 3000])

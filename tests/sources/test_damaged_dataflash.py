@@ -15,12 +15,12 @@ from sources.dataflash_writer import DataflashLog
 from sources.onboard_flight import flown
 
 from yawid.channels.stage import WANTED
+from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.sources.dataflash import DataflashReader
-from yawid.sources.frames import Decoder
-from yawid.sources.logs import open_log
+from yawid.sources.logs.dataflash import DataflashReader
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.open_log import open_log
 
 
 @pytest.mark.parametrize("cut", [3, 50, 20_001, 90_000])

@@ -29,12 +29,12 @@ from sources.dataflash_writer import DataflashLog
 from sources.onboard_flight import flown
 
 from yawid.channels.stage import WANTED, Channels
-from yawid.outputs import Outputs
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag, replay
-from yawid.sources.dataflash import DataflashReader
-from yawid.sources.frames import Decoder
-from yawid.sources.logs import TlogReader, open_log
+from yawid.config.run import RunConfig
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sources.logs.dataflash import DataflashReader
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.open_log import TlogReader, open_log
 
 
 @pytest.fixture

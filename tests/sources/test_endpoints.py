@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from yawid.errors import ConfigError
-from yawid.sources.endpoints import parse_endpoint
+from yawid.sources.link.endpoints import parse_endpoint
 
 
 @pytest.mark.parametrize(

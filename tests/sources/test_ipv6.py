@@ -15,10 +15,10 @@ from live_link import frames, listening, tlog_size, wait_for_size
 from sources.tlog_records import BY_NAME, message, pack, random_records, sender
 
 from yawid.errors import SourceError
-from yawid.sources.endpoints import Endpoint
-from yawid.sources.receive import ManyAtOnce, OneByOne, _address, _Senders
-from yawid.sources.stream import StreamTap
-from yawid.sources.udp import UdpTap
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.recvmmsg import ManyAtOnce, OneByOne, _address, _Senders
+from yawid.sources.link.tcp_serial import StreamTap
+from yawid.sources.link.udp import UdpTap
 
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 50)]
 KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
@@ -55,7 +55,7 @@ def heard(tap: UdpTap | StreamTap, size: int) -> bytes:
 def test_datagrams_come_whole_and_an_answer_goes_back_to_their_sender(
     kind: type[OneByOne | ManyAtOnce], vehicle: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("yawid.sources.udp.make_receiver", kind)
+    monkeypatch.setattr("yawid.sources.link.udp.make_receiver", kind)
     with UdpTap(Endpoint("::1", 0), may_transmit=True) as tap:
         for frame in FRAMES:
             vehicle.sendto(frame, tap.address)

@@ -14,8 +14,8 @@ MEGABYTES = 80
 SIZE = 12 << 20
 READ = """
 from pathlib import Path
-from yawid.sources.logs import open_log
-from yawid.sources.reading import Reading
+from yawid.sources.open_log import open_log
+from yawid.sources.read_options import Reading
 
 reading = Reading(sys.argv[2])
 decoder = reading.decoder({"ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE", "VFR_HUD"})

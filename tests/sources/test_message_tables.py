@@ -11,7 +11,7 @@ import pytest
 from sources.tlog_records import BY_NAME, CLASSES
 
 from yawid.errors import ConfigError
-from yawid.sources.messages import UNKNOWN, definitions, dtype_of
+from yawid.sources.mavlink.definitions import UNKNOWN, definitions, dtype_of
 
 
 @pytest.mark.parametrize("cls", CLASSES, ids=lambda cls: cls.msgname)
@@ -53,6 +53,7 @@ def test_mavlink_1_has_the_base_payload_or_extensions_but_nothing_else(
 
 
 def test_importing_the_readers_does_not_import_pymavlink() -> None:
-    code = "import sys, yawid.sources.tlog, yawid.sources.udp; print('pymavlink' in sys.modules)"
+    modules = "sys, yawid.sources.logs.tlog, yawid.sources.link.udp"
+    code = f"import {modules}; print('pymavlink' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -21,10 +21,10 @@ from sources.tlog_records import (
 )
 
 from yawid.blocks import FrameBlock, MessageBlock
-from yawid.sources import frames
-from yawid.sources.frames import Decoder
-from yawid.sources.messages import definitions
-from yawid.sources.plain import PlainReader
+from yawid.sources.mavlink import decoder as frames
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.definitions import definitions
+from yawid.sources.mavlink.fast_path import PlainReader
 
 SENDERS = [(1, 1, False), (1, 158, True), (255, 190, False), (51, 68, False)]
 DAMAGE = st.sampled_from(["byte", "cut", "twice", "late", "stamp", "unknown", "tail"])

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.sources.endpoints import Endpoint
-from yawid.sources.rates import RateRequests
-from yawid.sources.reading import Reading
-from yawid.sources.signing import SigningKey
-from yawid.sources.udp import UdpTap
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.rate_requests import RateRequests
+from yawid.sources.link.udp import UdpTap
+from yawid.sources.mavlink.signing import SigningKey
+from yawid.sources.read_options import Reading
 
 VEHICLE = (3, 1)
 

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from yawid.sources.receive import MOST, NOTHING, ManyAtOnce, OneByOne, Receiver, make_receiver
+from yawid.sources.link.recvmmsg import MOST, NOTHING, ManyAtOnce, OneByOne, Receiver, make_receiver
 
 SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
 KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
@@ -107,7 +107,7 @@ def test_a_system_that_has_no_such_call_or_refuses_it_is_asked_one_by_one(
         return -1
 
     library = SimpleNamespace() if code is None else SimpleNamespace(recvmmsg=refuse)
-    monkeypatch.setattr("yawid.sources.receive.ctypes.CDLL", lambda *_, **__: library)
+    monkeypatch.setattr("yawid.sources.link.recvmmsg.ctypes.CDLL", lambda *_, **__: library)
     assert isinstance(make_receiver(hearing), OneByOne)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from sources.tlog_records import run
 
-from yawid.sources.framing import frame_size
+from yawid.sources.mavlink.framing import frame_size
 
 FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")

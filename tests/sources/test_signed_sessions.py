@@ -19,8 +19,8 @@ import pytest
 from flightlog import START_US, fly
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from yawid.cli import main
-from yawid.sources.framing import frame_size
+from yawid.cli.main import main
+from yawid.sources.mavlink.framing import frame_size
 
 PASSPHRASE = "correct horse battery staple"
 KEY = hashlib.sha256(PASSPHRASE.encode()).digest()

@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sources.tlog_records import BY_NAME, KEY, START_US, message, orders, pack, record, sender
 
 from yawid.errors import ConfigError
-from yawid.sources.frames import Decoder
-from yawid.sources.signing import Check, Signing, SigningKey
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.signing import Check, Signing, SigningKey
 
 
 def signer(

@@ -17,9 +17,9 @@ import pytest
 from sources.tlog_records import random_records
 
 from yawid.errors import SourceError
-from yawid.sources.endpoints import Endpoint
-from yawid.sources.stream import StreamTap, complete_until
-from yawid.sources.tap import Tap
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.tap import Tap
+from yawid.sources.link.tcp_serial import StreamTap, complete_until
 
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 200)]
 

@@ -24,7 +24,7 @@ from sources.tlog_records import (
 )
 
 from yawid.errors import ConfigError
-from yawid.sources.frames import DEFAULT, Decoder
+from yawid.sources.mavlink.decoder import DEFAULT, Decoder
 
 
 def as_pymavlink(value: Any) -> Any:

@@ -12,7 +12,7 @@ import pytest
 from sources.tlog_records import BY_NAME, START_US, message, pack, random_records, record, sender
 
 from yawid.errors import SourceError
-from yawid.sources.tlog import check_readable, read_tlog
+from yawid.sources.logs.tlog import check_readable, read_tlog
 
 
 @pytest.fixture

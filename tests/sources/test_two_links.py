@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sources.tlog_records import BY_NAME, START_US, message, pack, record, rows, run, sender
 
 from yawid.blocks import MessageBlock
-from yawid.sources.framing import frame_size
+from yawid.sources.mavlink.framing import frame_size
 
 
 def split(data: bytes) -> list[bytes]:

@@ -14,12 +14,12 @@ import pytest
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
 from yawid.errors import SourceError
-from yawid.sources.endpoints import Endpoint
-from yawid.sources.frames import Decoder
-from yawid.sources.inbox import MOST_AT_ONCE, Stamps
-from yawid.sources.receive import OneByOne, make_receiver
-from yawid.sources.tap import split_datagram
-from yawid.sources.udp import UdpTap, dropped_by
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.inbox import MOST_AT_ONCE, Stamps
+from yawid.sources.link.recvmmsg import OneByOne, make_receiver
+from yawid.sources.link.tap import split_datagram
+from yawid.sources.link.udp import UdpTap, dropped_by
+from yawid.sources.mavlink.decoder import Decoder
 
 ANY_PORT = Endpoint("127.0.0.1", 0)
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 300)]
@@ -27,7 +27,7 @@ FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 300)]
 
 @pytest.fixture(params=[make_receiver, OneByOne])
 def tap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[UdpTap]:
-    monkeypatch.setattr("yawid.sources.udp.make_receiver", request.param)
+    monkeypatch.setattr("yawid.sources.link.udp.make_receiver", request.param)
     with UdpTap(ANY_PORT) as opened:
         yield opened
 
@@ -125,7 +125,7 @@ def test_a_backlog_is_taken_without_a_pause(tap: UdpTap, monkeypatch: pytest.Mon
     for _ in range(80):
         tap._inbox.put([1] * 100, [FRAMES[0]] * 100, [("127.0.0.1", 1)] * 100)
     pauses: list[float] = []
-    monkeypatch.setattr("yawid.sources.tap.time.sleep", pauses.append)
+    monkeypatch.setattr("yawid.sources.link.tap.time.sleep", pauses.append)
     data = b""
     while tap.waiting >= MOST_AT_ONCE:
         data += tap.read(1.0)

@@ -31,17 +31,17 @@ from sources.ulog_writer import ULogFile
 
 from yawid.channels.stage import WANTED, Channels
 from yawid.channels.vehicle import PX4
+from yawid.config.run import RunConfig
 from yawid.errors import SourceError
-from yawid.inspect import inspect
-from yawid.outputs import Outputs
 from yawid.pipeline import Pipeline
-from yawid.run_config import RunConfig
-from yawid.session import StopFlag, replay
-from yawid.sources.columns import table
-from yawid.sources.flight_modes import mode_name, px4_custom_modes
-from yawid.sources.frames import Decoder
-from yawid.sources.logs import open_log
-from yawid.sources.ulog import UlogReader
+from yawid.runs.inspect_log import inspect
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sources.logs.as_mavlink import table
+from yawid.sources.logs.ulog import UlogReader
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.flight_modes import mode_name, px4_custom_modes
+from yawid.sources.open_log import open_log
 
 
 @pytest.fixture

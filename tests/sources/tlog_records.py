@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from yawid.blocks import FrameBlock
-from yawid.sources.frames import Decoder
+from yawid.sources.mavlink.decoder import Decoder
 
 START_US = 1_700_000_000_000_000
 ALL_NAMES = frozenset(cls.msgname for cls in dialect.mavlink_map.values())

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.onboard_flight import Flight, flown
 from sources.ulog_writer import ULogFile
 
-from yawid.sources.ulog import UlogReader
+from yawid.sources.logs.ulog import UlogReader
 
 UNIX_S = 1_700_000_000
 PARAMETERS = {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from yawid.sources.frames import Decoder
+from yawid.sources.mavlink.decoder import Decoder
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import welch
 
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
 
 TOOLS = Path(__file__).parents[2] / "tools"
 

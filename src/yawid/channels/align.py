@@ -16,7 +16,7 @@ import numpy as np
 
 from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.clock import Piece, Series, flow_together
-from yawid.channels.yaw import (
+from yawid.channels.yaw_reader import (
     AIRSPEED,
     ALTITUDE,
     BARRED,

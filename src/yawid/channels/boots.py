@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from yawid.channels.clock import Series
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig
 
 MOST = 1000
 """So many boots are remembered: a clock that falls back with every message must not take memory

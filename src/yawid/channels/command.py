@@ -15,12 +15,12 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.clock import Piece
-from yawid.channels.context import ARMED
+from yawid.channels.flight_state import ARMED
 from yawid.channels.latest import Latest
 from yawid.channels.surface import raw_outputs
 from yawid.channels.vehicle import Vehicle
-from yawid.channels.yaw import ON_GROUND
-from yawid.run_config import RunConfig
+from yawid.channels.yaw_reader import ON_GROUND
+from yawid.config.run import RunConfig
 
 MOVED = 0.002
 """An output whose values differ by more than this part of them has moved: 3 us of a servo."""

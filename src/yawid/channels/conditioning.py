@@ -13,9 +13,9 @@ import numpy as np
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
 from yawid.channels.decimate import BAND_ORDER, Decimator, GridFilter
-from yawid.channels.notes import Notes
+from yawid.channels.sample_flags import Notes
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig
 
 FULL_TRAVEL = 0.99
 

@@ -16,21 +16,21 @@ from yawid.channels.boots import Boots
 from yawid.channels.clock import Piece, Segmenter, Series
 from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner
-from yawid.channels.context import Context
 from yawid.channels.decimate import finer_by
+from yawid.channels.find_surface import find_surface
+from yawid.channels.flight_state import Context
 from yawid.channels.flow import Flow
-from yawid.channels.mapping import find_surface
+from yawid.channels.grid_rate import StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.servos import SurfaceReader
-from yawid.channels.stand_in import OUTPUTS, Heard
-from yawid.channels.startup import StartUp, bridged_gaps_us, sample_rate
+from yawid.channels.redundant_outputs import Twins
+from yawid.channels.stick_fallback import OUTPUTS, Heard
 from yawid.channels.surface import STICKS, Surface
-from yawid.channels.twins import Twins
+from yawid.channels.surface_reader import SurfaceReader
 from yawid.channels.vehicle import VehicleLock
 from yawid.channels.vtol import LiftMotor, lift_motors
-from yawid.channels.yaw import SOURCES, UNTIMED, YawReader
+from yawid.channels.yaw_reader import SOURCES, UNTIMED, YawReader
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.run_config import RunConfig
 
 WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 """The messages this stage reads."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints
 from yawid.channels.clock import BACK_STEP_US, REBOOT_US, Series
-from yawid.channels.yaw import MODE, ON_GROUND
+from yawid.channels.yaw_reader import MODE, ON_GROUND
 
 AIRBORNE, GROUNDED, UNKNOWN = range(3)
 """State of a phase; unknown is a vehicle that tells neither speed nor state."""

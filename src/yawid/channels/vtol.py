@@ -17,7 +17,7 @@ from yawid.channels.latest import Latest
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import raw_output
 from yawid.channels.vehicle import ARDUPILOT, VTOL_TYPES, Vehicle, has_wings
-from yawid.sources.flight_modes import ARDUPLANE_HOVER
+from yawid.sources.mavlink.flight_modes import ARDUPLANE_HOVER
 
 AP_MOTORS = range(33, 41)
 """SERVOn_FUNCTION of motors 1 to 8."""

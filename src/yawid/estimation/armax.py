@@ -9,18 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yawid.blocks import EstimateBlock, Floats, Status
-from yawid.config import EstimatorConfig
-from yawid.estimation import entry, kernel
-from yawid.estimation import state as slots
+from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.estimate import Estimate, covariance
-from yawid.estimation.layout import new_state
+from yawid.estimation.kernel import entry_points as entry
+from yawid.estimation.kernel import linear_algebra as kernel
+from yawid.estimation.kernel import state as slots
+from yawid.estimation.kernel.forgetting import noise_variance
+from yawid.estimation.kernel.new_state import new_state
 from yawid.estimation.polynomials import parameter_names
 from yawid.estimation.readings import Readings
-from yawid.estimation.saving import pack, unpack
+from yawid.estimation.serialise import pack, unpack
 from yawid.estimation.shapes import checked_samples, checked_u
-from yawid.estimation.start import factorise, fit_start
-from yawid.estimation.uncertainty import ljung_box
-from yawid.estimation.upkeep import noise_variance
+from yawid.estimation.start_fit import factorise, fit_start
+from yawid.estimation.whiteness import ljung_box
 
 __all__ = ["Estimate", "RecursiveArmax", "parameter_names"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, Ints, SampleBlock
-from yawid.estimation.reference import make_estimator
-from yawid.run_config import RunConfig
+from yawid.config.run import RunConfig
+from yawid.estimation.reference.estimator import make_estimator
 
 HISTORY = 2**19
 """Samples kept at most: seven hours at 20 Hz; a longer run is judged by its end."""

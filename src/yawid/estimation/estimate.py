@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from yawid.blocks import Floats, Status
-from yawid.estimation import entry
-from yawid.estimation import state as slots
+from yawid.estimation.kernel import entry_points as entry
+from yawid.estimation.kernel import state as slots
 
 
 class Estimate:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from yawid.blocks import Floats, runs_of
-from yawid.config import ArmaxOrders
-from yawid.estimation.filtering import all_pole
+from yawid.config.estimator import ArmaxOrders
+from yawid.estimation.all_pole import all_pole
 
 WORST_PCT = -1000.0
 

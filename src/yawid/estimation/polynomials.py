@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 
 FREQUENCIES = 512
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.config import EstimatorConfig
+from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.polynomials import c_of, spr_margin
 
 

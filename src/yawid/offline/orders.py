@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats
-from yawid.config import ArmaxOrders, EstimatorConfig
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import NotIdentifiable
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.fit import fit_percent, simulate

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yawid.blocks import Floats
-from yawid.config import ArmaxOrders, EstimatorConfig
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.fit import fit_percent, simulate

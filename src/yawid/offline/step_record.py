@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.offline.forms import second_order_from_peak
+from yawid.offline.step_forms import second_order_from_peak
 
 FEWEST_SAMPLES = 10
 SMOOTHING = (0.0, 0.01, 0.03)

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from yawid.blocks import Floats
 from yawid.errors import NotIdentifiable
-from yawid.offline.forms import (
+from yawid.offline.step_forms import (
     first_order_response,
     first_order_settling,
     overshoot,

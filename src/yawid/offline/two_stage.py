@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from yawid.blocks import Floats, runs_of
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.polynomials import c_of, reflected, spr_margin

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 from yawid.physics.modes import (
     Complexes,
     dutch_roll_index,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock
-from yawid.config import ArmaxOrders
+from yawid.config.estimator import ArmaxOrders
 
 Complexes = NDArray[np.complex128]
 
@@ -58,7 +58,7 @@ def modes(
 ) -> ModesBlock:
     """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each.
 
-    The yaw channel is left empty, see :mod:`yawid.physics.rows`.
+    The yaw channel is left empty, see :mod:`yawid.physics.stage`.
     A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
     poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`poles_and_residues`.
     """

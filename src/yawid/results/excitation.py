@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, shifted
-from yawid.channels.notes import WINDOW_S, strokes, window_of
+from yawid.channels.sample_flags import WINDOW_S, strokes, window_of
 
 LEAST_STROKE = 0.1
 """Excited is where the rudder's own part covers this much of half its travel within 5 s."""

@@ -10,8 +10,13 @@ import numpy as np
 from yawid.estimation.bank import Bank
 from yawid.results.coherence import Coherence, coherence_at
 from yawid.results.excitation import Excitation, around, excitation
-from yawid.results.reasons import Reason, Verdict
-from yawid.verdict import (
+from yawid.results.judge_estimate import (
+    Evidence,
+    agreement_reasons,
+    coherence_reasons,
+    estimate_reasons,
+)
+from yawid.results.judge_samples import (
     damper_reasons,
     excitation_reasons,
     feedback_reasons,
@@ -20,12 +25,7 @@ from yawid.verdict import (
     rate_reasons,
     reaction_shares,
 )
-from yawid.verdict_estimate import (
-    Evidence,
-    agreement_reasons,
-    coherence_reasons,
-    estimate_reasons,
-)
+from yawid.results.reasons import Reason, Verdict
 
 CLEAR = 0.1
 """A squared coherence so far above chance is clear."""

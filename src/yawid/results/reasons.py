@@ -170,7 +170,7 @@ _RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
 class Reason:
     """One thing that speaks against the estimate.
 
-    ``remedy`` are settings of :class:`yawid.run_config.RunConfig` that may mend it, to be tried.
+    ``remedy`` are settings of :class:`yawid.config.run.RunConfig` that may mend it, to be tried.
     """
 
     id: str

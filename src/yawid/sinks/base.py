@@ -13,7 +13,7 @@ from typing import BinaryIO, Final, Literal, Protocol
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.sources.flight_modes import mode_name
+from yawid.sources.mavlink.flight_modes import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 HALF_TRAVEL: Final = "half travel"

@@ -1,0 +1,250 @@
+"""Which outputs are the rudder and the aileron, by what the vehicle's parameters say.
+
+ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), ArduPlane before 3.8 by the
+stick of the same number, PX4 by PWM_MAIN_FUNCn, which names a servo, and CA_SV_CSi_TYPE, which
+names the control surface that servo moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
+from yawid.channels.stick_fallback import stick, stick_part
+from yawid.channels.surface import STICKS, Part, Surface
+from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER, Vehicle, has_wings
+
+AP_VTAIL_LEFT, AP_VTAIL_RIGHT = 79, 80
+AP_ELEVON_LEFT, AP_ELEVON_RIGHT = 77, 78
+AP_FLAPERON_LEFT, AP_FLAPERON_RIGHT = 24, 25
+STOCK_SERVO = {"rudder": 4, "aileron": 1}
+CONTROL_INDEX = {"rudder": 2, "aileron": 0}
+PX4_SINGLE = {"rudder": (4,), "aileron": (15,)}
+PX4_PAIR = {"rudder": (7, 8, 0.5, -0.5), "aileron": (1, 2, -0.5, 0.5)}
+"""CA_SV_CSi_TYPE of left and right, and their weights: torque about the axis is half of each."""
+PX4_FIRST_SERVO = 201
+PX4_BANKS = (("PWM_MAIN", 0), ("PWM_AUX", 16), ("HIL_ACT", 0))
+
+
+def find_surface(
+    what: str, selector: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return where the ``rudder`` or ``aileron`` is to be read now, or None while nothing names it.
+
+    With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has told no
+    SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
+    no output ACTUATOR_CONTROL_TARGET, if it is ``heard`` and the vehicle has wings. Of a fixed-wing
+    that sends no output at all the pilot's stick stands in, unless its parameters name other
+    surfaces and not this one. What has no rudder by its type has none by an option either, unless
+    its parameters name one.
+    """
+    if vehicle.type in WITHOUT_RUDDER and _told(what, vehicle, table, heard) is None:
+        return None
+    kind, _, number = selector.partition(":")
+    outputs = _Outputs.of(vehicle, table)
+    if kind == "servo":
+        return Surface("SERVO_OUTPUT_RAW", "option", (outputs.servo(int(number)),))
+    if kind == "vtail":
+        left, right = (int(n) for n in number.split(","))
+        return Surface("SERVO_OUTPUT_RAW", "option", outputs.vtail(left, right))
+    if kind == "control":
+        return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
+    if kind == "rc":
+        message = next((name for name in STICKS if name in heard), STICKS[0])
+        return Surface(message, "option", (stick_part(int(number), vehicle.autopilot, table)[0],))
+    named = _named(what, vehicle, table, heard)
+    if vehicle.type == FIXED_WING and (named is not None or not _names_any(vehicle, table)):
+        return stick(what, vehicle.autopilot, table, heard) or named
+    return named
+
+
+def _named(
+    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return the output that parameters or convention name.
+
+    By PX4's convention control 2 is the torque about the yaw axis: of wings the rudder, of anything
+    else the difference of its rotors. A generic vehicle (type 0) says neither, as does a log that
+    has lost its parameters: its rudder has to be named by an option.
+    """
+    told = _told(what, vehicle, table, heard)
+    if told is not None:
+        return told
+    by_convention = vehicle.autopilot != ARDUPILOT and has_wings(vehicle)
+    if by_convention and "ACTUATOR_CONTROL_TARGET" in heard:
+        part = Part(CONTROL_INDEX[what], None)
+        return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
+    return None
+
+
+def _told(
+    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+) -> Surface | None:
+    """Return the output that the parameters name, or ArduPilot's stock one."""
+    if vehicle.autopilot == ARDUPILOT:
+        return _ardupilot(what, vehicle, table)
+    return _px4(what, table, heard)
+
+
+def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
+    """Tell whether the parameters name any surface at all."""
+    if vehicle.autopilot == ARDUPILOT:
+        return bool(_Outputs.of(vehicle, table).functions)
+    return any(f"CA_SV_CS{i}_TYPE" in table.values for i in range(8))
+
+
+@dataclass(frozen=True, slots=True)
+class _Outputs:
+    """ArduPilot's outputs by the names that its parameters have for them.
+
+    ArduPlane before 3.8 has RCn_MIN, _TRIM, _MAX and _REV in place of SERVOn_.
+    """
+
+    table: ParameterTable
+    is_old: bool
+
+    @staticmethod
+    def of(vehicle: Vehicle, table: ParameterTable) -> _Outputs:
+        is_plane = vehicle.autopilot == ARDUPILOT and vehicle.type == FIXED_WING
+        return _Outputs(table, is_plane and table.is_old_plane)
+
+    @property
+    def functions(self) -> dict[int, int]:
+        return self.table.old_functions() if self.is_old else self.table.functions()
+
+    @property
+    def prefix(self) -> str:
+        return "RC" if self.is_old else "SERVO"
+
+    def servo(self, number: int, weight: float = 1.0) -> Part:
+        travel, reverse, _ = self.table.travel(f"{self.prefix}{number}")
+        return Part(number, travel, reverse, weight)
+
+    def vtail(self, left: int, right: int) -> tuple[Part, ...]:
+        """Invert left = (elevator + rudder) * gain, right = (elevator - rudder) * gain."""
+        weight = 0.5 / self.mixing
+        return self.servo(left, weight), self.servo(right, -weight)
+
+    @property
+    def mixing(self) -> float:
+        """The mixer's factor of rudder or aileron: MIXING_GAIN, more with an offset > 0."""
+        gain, offset = self.table.get("MIXING_GAIN", 0.5), self.table.get("MIXING_OFFSET", 0.0)
+        mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
+        return mixing if 0.0 < mixing < 100.0 else 0.5
+
+
+def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:
+    outputs = _Outputs.of(vehicle, table)
+    functions = outputs.functions
+    if not functions:
+        if vehicle.type != FIXED_WING:
+            return None
+        return Surface("SERVO_OUTPUT_RAW", "assumed", (outputs.servo(STOCK_SERVO[what]),))
+    servo_of: dict[int, int] = {}
+    for servo, function in functions.items():
+        servo_of.setdefault(function, servo)
+    single = AP_RUDDER if what == "rudder" else AP_AILERON
+    twins = [n for n, function in functions.items() if function == single][1:]
+    parts = _ap_rudder(servo_of, outputs) if what == "rudder" else _ap_aileron(servo_of, outputs)
+    if not parts:
+        return None
+    told = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
+    how = "parameter" if told else "parameter, travel assumed"
+    alike = tuple(outputs.servo(number) for number in twins)
+    return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
+
+
+def _ap_rudder(servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
+    if AP_RUDDER in servo_of:
+        return (outputs.servo(servo_of[AP_RUDDER]),)
+    if AP_VTAIL_LEFT in servo_of and AP_VTAIL_RIGHT in servo_of:
+        return outputs.vtail(servo_of[AP_VTAIL_LEFT], servo_of[AP_VTAIL_RIGHT])
+    return ()
+
+
+def _ap_aileron(servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
+    if AP_AILERON in servo_of:
+        return (outputs.servo(servo_of[AP_AILERON]),)
+    if AP_ELEVON_LEFT in servo_of and AP_ELEVON_RIGHT in servo_of:
+        weight = 0.5 / outputs.mixing
+        left, right = servo_of[AP_ELEVON_LEFT], servo_of[AP_ELEVON_RIGHT]
+        return outputs.servo(left, -weight), outputs.servo(right, weight)
+    if AP_FLAPERON_LEFT in servo_of and AP_FLAPERON_RIGHT in servo_of:
+        left, right = servo_of[AP_FLAPERON_LEFT], servo_of[AP_FLAPERON_RIGHT]
+        return outputs.servo(left, 0.5), outputs.servo(right, 0.5)
+    return ()
+
+
+def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | None:
+    types = {
+        i: int(table.get(f"CA_SV_CS{i}_TYPE", 0.0))
+        for i in range(8)
+        if f"CA_SV_CS{i}_TYPE" in table.values
+    }
+    left, right, left_weight, right_weight = PX4_PAIR[what]
+    single = [i for i, kind in types.items() if kind in PX4_SINGLE[what]]
+    pair = [i for kind in (left, right) for i, found in types.items() if found == kind]
+    if single:
+        wanted = [(single[0], 1.0)]
+    elif len(pair) == 2:
+        wanted = [(pair[0], left_weight), (pair[1], right_weight)]
+    else:
+        return None
+    found = [_px4_output(index, weight, table, heard) for index, weight in wanted]
+    named = [output for output in found if output is not None]
+    if len(named) < len(wanted) or len({message for message, _ in named}) > 1:
+        return None
+    others = [_px4_output(index, 1.0, table, heard) for index in single[1:]]
+    message = named[0][0]
+    twins = tuple(twin for name, twin in filter(None, others) if name == message)
+    return Surface(message, "parameter", tuple(part for _, part in named), twins=twins)
+
+
+def _px4_output(
+    index: int, weight: float, table: ParameterTable, heard: frozenset[str]
+) -> tuple[str, Part] | None:
+    """Return the message and the output that move control surface ``index``."""
+    found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
+    if found is None:
+        return None
+    bank, number, shift = found
+    travel, reverse = table.px4_travel(bank, number)
+    return _px4_message(bank, heard), Part(number + shift, travel, reverse, weight)
+
+
+def _px4_message(bank: str, heard: frozenset[str]) -> str:
+    if bank == "HIL_ACT":
+        return "HIL_ACTUATOR_CONTROLS"
+    raw, status = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS"
+    return status if status in heard and raw not in heard else raw
+
+
+def _px4_outputs(function: int, table: ParameterTable) -> Iterator[tuple[str, int, int]]:
+    for bank, shift in PX4_BANKS:
+        for number in range(1, 17):
+            if table.get(f"{bank}_FUNC{number}", 0.0) == function:
+                yield bank, number, shift
+
+
+def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
+    """Say what was found where a surface should have been."""
+    outputs = _Outputs.of(vehicle, table)
+    functions = {n: f for n, f in outputs.functions.items() if f}
+    if outputs.is_old and what == "rudder":
+        return (
+            "VTAIL_OUTPUT mixes rudder and elevator, and which way is not known here: name the "
+            "outputs by --rudder vtail:L,R, or by servo:N one that is the rudder alone"
+        )
+    if functions:
+        found = ", ".join(f"{outputs.prefix}{n}={f}" for n, f in functions.items())
+        return f"none of the servo functions is a {what}; found are {found}"
+    if vehicle.type in WITHOUT_RUDDER:
+        return (
+            f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}: it has no {what}; "
+            "the torque that turns it is none, whatever channel is named"
+        )
+    return (
+        f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "
+        f"on {vehicle.autopilot_name}"
+    )

@@ -1,0 +1,108 @@
+"""The servo message to rows of deflections on the vehicle's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, Ints, MessageBlock
+from yawid.channels.clock import UNIX_US, OwnClock, Series, boot_us, unwrap_uint32_us
+from yawid.channels.latest import Latest
+from yawid.channels.redundant_outputs import Twins
+from yawid.channels.surface import Surface
+
+APART_US = 10_000_000
+_NONE = np.zeros(0, np.int64)
+
+
+def _no_values(_: NDArray[Any]) -> Floats:
+    return np.zeros((0, 1))
+
+
+@dataclass(slots=True)
+class SurfaceReader:
+    """The servo message to rows of deflections, its time unwrapped beside the last boot time.
+
+    Rows have a column for each of the ``columns`` inputs, and at last the aileron's, input or not,
+    as it stood then: NaN where nothing tells it.
+    """
+
+    columns: int
+    twins: Twins = field(default_factory=Twins)
+    own_clock: OwnClock = field(default_factory=OwnClock)
+    _aileron: Latest = field(default_factory=lambda: Latest(1))
+    _unix_offset: int = 0
+    _boot: tuple[Ints, Ints] = (_NONE, _NONE)
+
+    def note_clock(self, clock: MessageBlock | None) -> None:
+        """Remember the full boot times of a block of the yaw source and the newest before it."""
+        if clock is None:
+            self._boot = (self._boot[0][-1:], self._boot[1][-1:])
+            return
+        order = np.concatenate([self._boot[0][-1:], clock.order])
+        self._boot = (order, np.concatenate([self._boot[1][-1:], boot_us(clock.fields)]))
+
+    def note_own_clock(
+        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
+    ) -> None:
+        """Remember the servo message's own times, for a yaw source that has none."""
+        block = messages.get(surfaces[0].message) if surfaces else None
+        self.own_clock.note(None if block is None else block.select(surfaces[0].rows(block)))
+
+    def read(
+        self,
+        messages: Mapping[str, MessageBlock],
+        surfaces: tuple[Surface, ...],
+        aileron: Surface | None,
+        own_clock: bool = False,
+    ) -> Series:
+        """Return one row per message with the deflection of every surface, (n, columns + 1).
+
+        Its time is the boot time of the yaw source's clock, or by its ``own_clock``.
+        """
+        self._note_aileron(messages, aileron)
+        none = Series.empty(self.columns + 1)
+        order = self.own_clock.order if own_clock else self._boot[0]
+        if not surfaces or surfaces[0].message not in messages or len(order) == 0:
+            return none
+        block = messages[surfaces[0].message]
+        block = block.select(surfaces[0].rows(block) & (block.order >= order[0]))
+        if len(block) == 0:
+            return none
+        for surface in surfaces:
+            self.twins.note(block, surface)
+        beside = self._aileron.at(block.order + 1)[:, 0]  # of the same message: of this very row
+        values = np.stack([*(s.deflection(block) for s in surfaces), beside], axis=1)
+        times = self.own_clock.at(block.order) if own_clock else self._times(block)
+        return Series(block.order, block.received_us, times, values)
+
+    def _note_aileron(self, messages: Mapping[str, MessageBlock], surface: Surface | None) -> None:
+        """Take in the aileron's own message, which need not be that of the inputs."""
+        block = None if surface is None else messages.get(surface.message)
+        if surface is None or block is None:
+            self._aileron.note(None, _no_values)
+            return
+        block = block.select(surface.rows(block))
+        self._aileron.note(block, lambda _: surface.deflection(block)[:, None])
+
+    def _times(self, block: MessageBlock) -> Ints:
+        order, boot = self._boot
+        beside = boot[np.maximum(np.searchsorted(order, block.order) - 1, 0)]
+        if block.name == "SERVO_OUTPUT_RAW":
+            raw = block.fields["time_usec"].astype(np.int64)
+            return unwrap_uint32_us(raw, block.order, boot, order)
+        told = boot_us(block.fields)
+        return told if told[0] < UNIX_US else self._from_unix(told, beside)
+
+    def _from_unix(self, told: Ints, beside: Ints) -> Ints:
+        """Turn Unix time into boot time by one offset, found anew where the two drift apart."""
+        times, start = told - self._unix_offset, 0
+        while (apart := np.abs(times[start:] - beside[start:]) > APART_US).any():
+            start += int(np.argmax(apart))
+            self._unix_offset = int(told[start] - beside[start])
+            times[start:] = told[start:] - self._unix_offset
+        return times

@@ -1,0 +1,201 @@
+"""The yaw channel: from whichever message tells it best to rows of rate, yaw, roll and context."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, Held, Ints, MessageBlock
+from yawid.channels.clock import OwnClock, Series, boot_us
+from yawid.channels.flight_state import LEAST_AIRSPEED, Context
+from yawid.channels.heading_filter import FINE_STD, WHOLE_DEGREES_STD, HeadingRate
+from yawid.channels.stick_fallback import Wait
+
+GRAVITY = 9.80665
+ABSURD_RAD_S = 50.0
+"""No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
+STEEPEST = np.deg2rad(80.0)
+"""Beyond this pitch Euler's formula has no heading rate."""
+UPRIGHT = np.deg2rad(60.0)
+"""Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
+a little over it."""
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, BARRED = range(9)
+"""The columns of a yaw row; those from AIRSPEED on are held from message to message.
+BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be learned from."""
+COLUMNS = BARRED + 1
+
+Fields = NDArray[Any]
+Angles = tuple[Floats, Floats, Floats, Floats, Floats]
+"""Roll, pitch, yaw in rad, pitch rate and yaw rate about the body's axes in rad/s; NaN if
+unknown."""
+
+
+def _attitude(f: Fields) -> Angles:
+    return _columns(f["roll"], f["pitch"], f["yaw"], f["pitchspeed"], f["yawspeed"])
+
+
+def _quaternion(f: Fields) -> Angles:
+    w, x, y, z = (np.asarray(f[f"q{i}"], float) for i in range(1, 5))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return _columns(roll, pitch, yaw, f["pitchspeed"], f["yawspeed"])
+
+
+def _gyro(f: Fields, scale: float = 1.0) -> Angles:
+    unknown = np.full(len(f), np.nan)
+    rates = [scale * np.asarray(f[name], float) for name in ("ygyro", "zgyro")]
+    return _columns(unknown, unknown, unknown, *rates)
+
+
+def _milli_gyro(f: Fields) -> Angles:
+    return _gyro(f, 1e-3)
+
+
+def _heading(f: Fields) -> Angles:
+    return _from_degrees(np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0))
+
+
+def _whole_heading(f: Fields) -> Angles:
+    return _from_degrees(np.asarray(f["heading"], float))
+
+
+def _from_degrees(heading: Floats) -> Angles:
+    unknown = np.full(len(heading), np.nan)
+    yaw = np.deg2rad((heading + 180.0) % 360.0 - 180.0)
+    return _columns(unknown, unknown, yaw, unknown, unknown)
+
+
+def _columns(*values: Any) -> Angles:
+    roll, pitch, yaw, q, r = (np.asarray(value, float) for value in values)
+    return _sound(roll), _sound(pitch), _sound(yaw), _sound(q), _sound(r)
+
+
+def _sound(values: Floats) -> Floats:
+    return np.where(np.abs(values) < ABSURD_RAD_S, values, np.nan)
+
+
+SOURCES: dict[str, tuple[str, Callable[[Fields], Angles]]] = {
+    "ATTITUDE": ("yawspeed", _attitude),
+    "ATTITUDE_QUATERNION": ("yawspeed", _quaternion),
+    "HIGHRES_IMU": ("zgyro", _gyro),
+    "SCALED_IMU": ("zgyro", _milli_gyro),
+    "RAW_IMU": ("zgyro", _milli_gyro),
+    "GLOBAL_POSITION_INT": ("hdg", _heading),
+    "VFR_HUD": ("heading", _whole_heading),
+}
+"""Message -> field and reader, best first. RAW_IMU is in mrad/s as ArduPilot sends it; the headings
+are coarse. VFR_HUD's comes in whole degrees and without a time of its own, the last resort."""
+COARSE = {"GLOBAL_POSITION_INT": FINE_STD, "VFR_HUD": WHOLE_DEGREES_STD}
+"""The sources that tell a heading alone, and its sigma in rad."""
+UNTIMED = "VFR_HUD"
+
+
+@dataclass(slots=True)
+class YawReader:
+    """Reads the best source heard so far; ``heading_rate`` makes the rate psi_dot by Euler."""
+
+    heading_rate: bool = False
+    source: str | None = None
+    rows: int = 0
+    _turns: int = 0
+    _last_yaw: float | None = None
+    _slope: HeadingRate | None = None
+    _wait: Wait = field(default_factory=Wait)
+    _last_us: int | None = None
+
+    @property
+    def label(self) -> str:
+        """The message field read."""
+        return f"{self.source}.{SOURCES[self.source][0]}" if self.source else ""
+
+    def wait(self, clock: OwnClock) -> None:
+        """Wait for a better source than VFR_HUD while another message's clock goes on."""
+        self._wait.note(clock.order, clock.t_us)
+
+    def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
+        """Return the first better source among these messages and where it starts."""
+        ranks = list(SOURCES)
+        worst = len(ranks) if self.source is None else ranks.index(self.source)
+        places = {n: self._telling(messages[n]) for n in ranks[:worst] if n in messages}
+        found = [(int(order[0]), name) for name, order in places.items() if len(order)]
+        if not found:
+            return None
+        order, name = min(found)
+        return name, order
+
+    def _telling(self, block: MessageBlock) -> Ints:
+        """Return where the rows stand that make this message a source at all."""
+        rows = np.ones(len(block), bool)
+        if block.name == "GLOBAL_POSITION_INT":
+            rows = block.fields["hdg"] != 65535
+        elif block.name == UNTIMED:
+            over = self._wait.over_at
+            told = over is not None and "heading" in (block.fields.dtype.names or ())
+            rows = (block.order >= (over or 0)) & told
+        places: Ints = block.order[rows]
+        return places
+
+    def take(self, source: str) -> None:
+        """Read another source from now on."""
+        self.source = source
+        self._slope = HeadingRate(COARSE[source]) if source in COARSE else None
+
+    def read(
+        self, messages: Mapping[str, MessageBlock], context: Context, clock: OwnClock
+    ) -> Series:
+        """Return the rows of the source's messages, NaN where a value is not finite or absurd.
+
+        A source that tells no time has that of the ``clock`` beside it.
+        """
+        if self.source is None or self.source not in messages:
+            return Series.empty(COLUMNS)
+        block = messages[self.source]
+        if self.source == UNTIMED:
+            block, t_us = self._timed_beside(block, clock)
+        else:
+            t_us = boot_us(block.fields)
+        with np.errstate(over="ignore", invalid="ignore"):
+            # Any bits may stand in a float: what is not sound becomes NaN, and held.
+            roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
+        unwrapped = self._unwrap(yaw)
+        rate = r if self._slope is None else self._slope.of(t_us, unwrapped)
+        if self.heading_rate and self._slope is None:
+            upright = np.where(np.abs(pitch) < STEEPEST, np.cos(pitch), np.nan)
+            rate = (q * np.sin(roll) + r * np.cos(roll)) / upright
+        held = context.at(block.order)
+        speed = np.where(held[:, 0] > LEAST_AIRSPEED, held[:, 0], np.nan)
+        turn = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
+        held[:, -1] += int(Held.STEEP) * (np.maximum(np.abs(roll), np.abs(pitch)) > UPRIGHT)
+        self.rows += len(block)
+        values = np.column_stack([rate, unwrapped, roll, turn, held])
+        return Series(block.order, block.received_us, t_us, values)
+
+    def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
+        """Return the rows for which the clock has moved on since the row before, and its time.
+
+        Receive stamps would not do: messages come in bursts.
+        """
+        t_us = clock.at(block.order)
+        before = np.append(t_us[:1] - 1 if self._last_us is None else self._last_us, t_us)[:-1]
+        self._last_us = int(t_us[-1])
+        moved = t_us != before
+        return block.select(moved), t_us[moved]
+
+    def _unwrap(self, yaw: Floats) -> Floats:
+        """Add whole turns, counted in integers so that the cut of the stream leaves no rounding."""
+        rows = np.flatnonzero(np.isfinite(yaw))
+        if len(rows) == 0:
+            return yaw
+        known = yaw[rows]
+        before = known[0] if self._last_yaw is None else self._last_yaw
+        steps = np.diff(known, prepend=before)
+        turns = self._turns - np.cumsum(np.rint(steps / (2.0 * np.pi))).astype(np.int64)
+        self._turns, self._last_yaw = int(turns[-1]), float(known[-1])
+        unwrapped = yaw.copy()
+        unwrapped[rows] = known + 2.0 * np.pi * turns
+        return unwrapped

@@ -1,0 +1,1 @@
+"""Arguments to runs, errors to one line and an exit code."""

@@ -1,0 +1,259 @@
+"""The command line: arguments to a configuration, errors to one line and an exit code.
+
+Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
+rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 130 and 143
+interrupted by SIGINT and SIGTERM. Results go to stdout, everything else to stderr. Heavy imports
+wait until a command needs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from yawid import __version__
+from yawid.cli.finished_run import add_view_and_report
+from yawid.cli.live import add_live, add_recover, run_live, run_recover
+from yawid.cli.options import (
+    OneLineParser,
+    add_estimator_options,
+    add_format,
+    add_outputs,
+    add_signing,
+    auto_orders,
+    config_of,
+    given_options,
+    outputs_of,
+    reading_of,
+    settings_of,
+)
+from yawid.cli.paper import add_commands
+from yawid.cli.regress import add_regress
+from yawid.cli.regress import run as run_regress
+from yawid.cli.standard_streams import bring_out, make_ready, mute, show
+from yawid.errors import (
+    ChannelError,
+    ConfigError,
+    NotIdentifiable,
+    SinkError,
+    SourceError,
+    YawidError,
+)
+from yawid.runs.stop import Interrupted, StopFlag
+
+if TYPE_CHECKING:
+    from yawid.config.run import RunConfig
+    from yawid.runs.outputs import Outputs
+    from yawid.sources.read_options import Reading
+
+INTERRUPTED = 130
+_ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
+    (ConfigError, 2),
+    (ChannelError, 3),
+    (NotIdentifiable, 5),
+    (SourceError, 6),
+    (SinkError, 6),
+)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser(
+        prog="yawid", description="How does this aircraft's yaw answer its rudder, right now?"
+    )
+    parser.add_argument("--version", action="version", version=f"yawid {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    replay = commands.add_parser("replay", help="estimate from recorded flights")
+    kinds = "tlog, dataflash .BIN, PX4 .ulg (extra ulog) or the MCAP of a finished run"
+    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
+    add_format(replay)
+    add_outputs(replay)
+    replay.set_defaults(run=_replay)
+    add_live(commands, add_outputs).set_defaults(run=_live)
+    add_recover(commands).set_defaults(run=run_recover)
+    inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
+    recorded = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
+    inspect.add_argument("log", metavar="LOG", type=Path, help=recorded)
+    inspect.add_argument("--json", action="store_true", help="print one JSON object")
+    add_format(inspect)
+    add_signing(inspect)
+    add_estimator_options(inspect)
+    inspect.set_defaults(run=_inspect)
+    orders = commands.add_parser("orders", help="compare orders and delays on a log")
+    orders.add_argument("log", metavar="LOG", type=Path, help=recorded)
+    orders.add_argument("--json", action="store_true", help="print one JSON object")
+    add_format(orders)
+    add_signing(orders)
+    add_estimator_options(orders)
+    orders.set_defaults(run=_orders)
+    add_commands(commands)
+    add_view_and_report(commands)
+    add_regress(commands, add_estimator_options).set_defaults(run=_regress)
+    return parser
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from yawid.runs.outputs import output_names
+    from yawid.runs.replay_mcap import replay_run
+    from yawid.sinks.mcap.reader import is_mcap
+
+    automatic, config = auto_orders(arguments), config_of(arguments)
+    _warn_of_compiling()
+    reading = reading_of(arguments)
+    codes: list[int] = []
+    unreached: list[Path] = []
+    with StopFlag().installed() as stop:
+        for log, name in zip(arguments.logs, output_names(arguments.logs), strict=True):
+            if stop.is_set:
+                unreached.append(log)
+                continue
+            outputs = outputs_of(arguments, name)
+            run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
+            if is_mcap(log):
+                run = partial(replay_run, log, settings_of(arguments), outputs, stop, automatic)
+            try:
+                codes.append(_told(run, arguments.json, _print_summary))
+            except Interrupted:
+                unreached.append(log)
+    if unreached:
+        _say(f"{stop.name}: not reached: {', '.join(map(str, unreached))}")
+    if unreached or (stop.is_set and INTERRUPTED in codes):
+        return stop.exit_code  # of SIGTERM another than the verdict's
+    return max(codes, default=0)
+
+
+def _print_summary(summary: dict[str, Any], stream: TextIO) -> None:
+    from yawid.sinks.terminal.summary_table import print_summary
+
+    print_summary(summary, stream)
+
+
+def _warn_of_compiling() -> None:
+    from yawid.estimation.kernel.linear_algebra import compiled_before
+
+    if sys.stderr.isatty() and not compiled_before():
+        _say("compiling the estimator, once per installation: some 20 seconds")
+
+
+def _replay_one(
+    log: Path,
+    config: RunConfig,
+    outputs: Outputs,
+    stop: StopFlag,
+    reading: Reading,
+    automatic: bool,
+) -> tuple[dict[str, Any], Any]:
+    from yawid.runs.replay import replay
+
+    if automatic:
+        from yawid.runs.read_log import with_orders
+
+        with stop.raising():
+            config = with_orders(log, config, reading)
+    return replay(log, config, outputs, stop, reading)
+
+
+def _orders(arguments: argparse.Namespace) -> int:
+    from yawid.runs.read_log import orders_report
+    from yawid.sinks.terminal.summary_table import print_orders
+
+    if arguments.orders is not None:
+        raise ConfigError("--orders: yawid orders compares them all; leave it out")
+    report = orders_report(arguments.log, config_of(arguments), reading_of(arguments))
+    if arguments.json:
+        print(json.dumps(report), flush=True)
+    else:
+        show(print_orders, report)
+    return 0
+
+
+def _live(arguments: argparse.Namespace) -> int:
+    from yawid.runs.live import session_name
+
+    every_vehicle = arguments.sysid == "all"
+    if every_vehicle:
+        arguments.sysid = None
+    config, outputs = config_of(arguments), outputs_of(arguments, session_name())
+    reading = reading_of(arguments)
+    return run_live(arguments, config, outputs, reading, every_vehicle=every_vehicle)
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
+    from yawid.runs.inspect_log import inspect
+    from yawid.sinks.terminal.inspection import print_inspection
+
+    run = partial(inspect, arguments.log, config_of(arguments), reading_of(arguments))
+    return _told(run, arguments.json, print_inspection)
+
+
+def _regress(arguments: argparse.Namespace) -> int:
+    from yawid.config.run import settings_from_toml
+
+    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
+    return run_regress(arguments, settings | given_options(arguments), partial(print, flush=True))
+
+
+def _told(
+    run: Callable[[], tuple[dict[str, Any], Any]],
+    as_json: bool,
+    page: Callable[[dict[str, Any], TextIO], None],
+) -> int:
+    """Do one run and print what came of it, for people as a page; return its code."""
+    try:
+        summary, verdict = run()
+    except YawidError as error:
+        return _explained(error)
+    if as_json:
+        print(json.dumps(summary), flush=True)
+    else:
+        show(page, summary)
+    code: int = verdict.exit_code
+    return code
+
+
+def _say(text: str) -> None:
+    try:
+        print(f"yawid: {text}", file=sys.stderr, flush=True)
+    except OSError:
+        mute(sys.stderr)
+
+
+def _explained(error: YawidError) -> int:
+    _say(" ".join(str(error).split()))
+    return next((code for kind, code in _ERROR_CODES if isinstance(error, kind)), 6)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    try:
+        make_ready()
+        with StopFlag(raises=True).installed():
+            return _run(argv)
+    except YawidError as error:
+        return _explained(error)
+    except Interrupted as stopped:
+        _say("interrupted: there is nothing of it to keep")
+        return stopped.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of our stdout has gone; nothing more can be said there.
+        mute(sys.stdout)
+        return 6
+    except OSError as error:
+        # Whoever opens a file says himself what is wrong with it.
+        mute(sys.stdout)
+        return _explained(SinkError(f"{error.filename or 'stdout'}: {error.strerror or error}"))
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    try:
+        arguments = _parser().parse_args(argv)
+        code: int = arguments.run(arguments)
+    finally:
+        bring_out()
+    return code

@@ -1,0 +1,130 @@
+"""The commands that need no log: ``step`` (paper eq. 4-16) and ``simulate`` (eq. 17-23)."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from yawid.errors import ConfigError, NotIdentifiable
+
+if TYPE_CHECKING:
+    from yawid.offline.step_response import FirstOrder, SecondOrder
+
+PARAMETERS = {"first": ("K", "T"), "second": ("k", "D", "q")}
+MOST_SAMPLES = 5_000_000
+"""A day at 50 Hz, and what fits into the memory of a small machine."""
+SETTLING = ("settling_2pct_s", "settling_5pct_s")
+
+
+def add_commands(commands: Any) -> None:
+    """Add both commands to the parser's."""
+    step = commands.add_parser("step", help="a first- or second-order model of a step response")
+    step.add_argument("file", type=Path, metavar="FILE.csv", help="columns t and y")
+    step.add_argument(
+        "--model", choices=tuple(PARAMETERS), help="its order (the one that fits better)"
+    )
+    step.add_argument("--u0", type=float, default=1.0, help="height of the step (1)")
+    step.add_argument("--step-time", type=float, default=0.0, metavar="S", help="its time (0)")
+    step.add_argument("--json", action="store_true", help="print one JSON object")
+    step.set_defaults(run=_step)
+    simulate = commands.add_parser("simulate", help="fly a reference plant of the paper to a file")
+    simulate.add_argument("plant", choices=("yaw", "lateral", "rigid-body"))
+    simulate.add_argument("--out", type=Path, required=True, metavar="FILE", help="csv, tlog, mcap")
+    simulate.add_argument(
+        "--input", default="3211", metavar="KIND",
+        help="step, impulse, doublet, 3211, prbs, sweep or multisine (3211)",
+    )  # fmt: skip
+    simulate.add_argument(
+        "--amplitude", type=float, default=0.05, metavar="RAD", help="of the rudder (0.05)"
+    )
+    simulate.add_argument(
+        "--unit", type=float, default=0.7, metavar="S", help="its unit of time (0.7)"
+    )
+    simulate.add_argument("--seconds", type=float, default=120.0, metavar="N", help="length (120)")
+    simulate.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="samples (50)")
+    simulate.add_argument(
+        "--noise", type=float, default=0.0, metavar="RAD/S", help="of the yaw rate, white (0)"
+    )
+    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="of what is drawn (0)")
+    simulate.add_argument("--force", action="store_true", help="overwrite a file that exists")
+    simulate.set_defaults(run=_simulate)
+
+
+def _step(arguments: argparse.Namespace) -> int:
+    from yawid.offline.step_file import step_from_csv
+
+    t, y = step_from_csv(arguments.file)
+    models = tuple(PARAMETERS) if arguments.model is None else (arguments.model,)
+    fits, refusals = {}, []
+    for model in models:
+        try:
+            fits[model] = _fit(model, t, y, arguments)
+        except NotIdentifiable as refusal:
+            refusals.append(f"{model} order: {refusal}")
+    if not fits:
+        raise NotIdentifiable("; ".join(refusals))
+    model = min(fits, key=lambda name: fits[name].noise_std)
+    _print_step(model, fits[model], arguments.json)
+    return 0
+
+
+def _fit(model: str, t: Any, y: Any, arguments: argparse.Namespace) -> FirstOrder | SecondOrder:
+    from yawid.offline.step_response import fit_first_order, fit_second_order
+
+    if model == "first":
+        return fit_first_order(t, y, arguments.u0, arguments.step_time)
+    return fit_second_order(t, y, arguments.u0, arguments.step_time)
+
+
+def _print_step(model: str, fit: FirstOrder | SecondOrder, as_json: bool) -> None:
+    def told(name: str) -> dict[str, float]:
+        value = getattr(fit, name)
+        return {"value": float(value.value), "std": float(value.std)}
+
+    report: dict[str, Any] = {
+        "model": model,
+        "parameters": {name: told(name) for name in PARAMETERS[model]},
+        **{name: told(name) for name in SETTLING},
+        "noise_std": float(fit.noise_std),
+    }
+    if as_json:
+        print(json.dumps(report))
+        return
+    print(f"{model}-order model")
+    for name, number in (report["parameters"] | {n: report[n] for n in SETTLING}).items():
+        print(f"  {name:<16} {number['value']:.6g} ± {number['std']:.2g}")
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from yawid.plant.excitation import Excitation
+    from yawid.runs.simulate import simulate_to_file
+
+    if not 1.0 <= arguments.rate <= 1000.0:
+        raise ConfigError(f"--rate must lie in 1 to 1000 Hz, got {arguments.rate!r}")
+    if not 1.0 / arguments.rate <= arguments.seconds <= MOST_SAMPLES / arguments.rate:
+        least, most = 1.0 / arguments.rate, MOST_SAMPLES / arguments.rate
+        raise ConfigError(
+            f"--seconds must lie in {least:g} to {most:.0f} at {arguments.rate:g} Hz, "
+            f"got {arguments.seconds!r}"
+        )
+    excitation = Excitation(
+        kind=arguments.input,
+        amplitude=arguments.amplitude,
+        start_s=5.0 if arguments.seconds > 20.0 else 0.0,
+        unit_s=arguments.unit,
+        seed=arguments.seed,
+    )
+    simulate_to_file(
+        arguments.plant,
+        excitation,
+        arguments.out,
+        seconds=arguments.seconds,
+        rate_hz=arguments.rate,
+        noise_std=arguments.noise,
+        seed=arguments.seed,
+        force=arguments.force,
+    )
+    print(arguments.out)
+    return 0

@@ -1,0 +1,129 @@
+"""``yawid regress``: its options, and which of the three things it does."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from yawid.errors import ConfigError
+from yawid.runs.stop import Interrupted
+
+if TYPE_CHECKING:
+    from yawid.runs.regress.check import Outcome
+
+Say = Callable[[str], None]
+MOST_LINES = 20
+
+
+def add_regress(
+    commands: Any, add_estimator_options: Callable[[argparse.ArgumentParser], None]
+) -> argparse.ArgumentParser:
+    """Add the command to the parser's."""
+    regress: argparse.ArgumentParser = commands.add_parser(
+        "regress",
+        help="replay cases against their references",
+        epilog="The estimator options belong to --new: they become the case's own.",
+    )
+    regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
+    regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")
+    regress.add_argument(
+        "--workers", type=int, metavar="N", help="processes (1; large logs: one a core)"
+    )
+    regress.add_argument("--json", action="store_true", help="print one JSON object")
+    regress.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML too")
+    regress.add_argument("--update", action="store_true", help="write the references anew")
+    regress.add_argument("--why", metavar="TEXT", help="the reason, recorded with the update")
+    regress.add_argument("--new", type=Path, metavar="LOG", help="make a case from a log")
+    regress.add_argument("--name", metavar="CASE", help="the new case's name")
+    add_estimator_options(regress)
+    return regress
+
+
+def run(arguments: argparse.Namespace, settings: Mapping[str, Any], say: Say) -> int:
+    """Compare, update or make a case; return the exit code.
+
+    ``settings`` are the estimator options given, by their name without dashes; ``say`` prints a
+    line to stdout.
+
+    Raises:
+        ConfigError: the options do not go together, or there is no such case.
+    """
+    _check(arguments, settings)
+    if arguments.new is not None:
+        return _new(arguments, settings, say)
+    if arguments.update:
+        from yawid.runs.regress.update import update
+
+        try:
+            update(arguments.folder, arguments.cases, arguments.why, say)
+        except Interrupted as stopped:
+            return stopped.exit_code  # those updated before stay so
+        return 0
+    return _compare(arguments, say)
+
+
+def _check(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> None:
+    if arguments.update != (arguments.why is not None):
+        raise ConfigError("--update and --why belong together: a new reference has a reason")
+    if (arguments.new is None) != (arguments.name is None):
+        raise ConfigError("--new and --name belong together: a log and what the case is called")
+    if arguments.new is not None and (arguments.update or arguments.cases):
+        raise ConfigError("--new makes one case: its references come by --update --why afterwards")
+    if arguments.new is None and settings:
+        given = ", ".join(f"--{name}" for name in settings)
+        raise ConfigError(f"{given}: a case has its own options, in its case.toml")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
+    if (arguments.new is not None or arguments.update) and (arguments.json or arguments.junit):
+        raise ConfigError("--json and --junit tell of a comparison, not of --new or --update")
+
+
+def _new(arguments: argparse.Namespace, settings: Mapping[str, Any], say: Say) -> int:
+    from yawid.runs.regress.new_case import new_case
+
+    case = new_case(arguments.new, arguments.name, arguments.folder, settings)
+    say(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
+    say("say in its case.toml whose log it is; then")
+    say(f'yawid regress --update --why "first reference" {case.folder}')
+    return 0
+
+
+def _compare(arguments: argparse.Namespace, say: Say) -> int:
+    from yawid.runs.regress.case import find_cases
+    from yawid.runs.regress.check import Outcome, regress
+    from yawid.runs.regress.reports import as_json, exit_code, write_junit
+
+    cases = find_cases(arguments.folder, arguments.cases)
+    outcomes: list[Outcome] = []
+    try:
+        for outcome in regress(cases, arguments.workers):
+            outcomes.append(outcome)
+            if not arguments.json:
+                _tell(outcome, say)
+    except Interrupted as stopped:
+        unreached = cases[len(outcomes) :]
+        sys.stderr.write(f"yawid: not reached: {', '.join(case.name for case in unreached)}\n")
+        code, why = stopped.exit_code, ("interrupted: not compared",)
+        outcomes += [Outcome(case.name, case.folder.absolute(), code, why) for case in unreached]
+    if arguments.json:
+        say(json.dumps(as_json(outcomes)))
+    if arguments.junit is not None:
+        write_junit(arguments.junit, outcomes)
+    return exit_code(outcomes)
+
+
+def _tell(outcome: Outcome, say: Say) -> None:
+    say(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
+    for line in outcome.wrong[:MOST_LINES]:
+        say(f"        {line}")
+    if len(outcome.wrong) > MOST_LINES:
+        say(f"        and {len(outcome.wrong) - MOST_LINES} more: --json tells them all")
+    for what, path in outcome.files.items():
+        say(f"        {what}: {path}")
+    if outcome.code == 1:
+        say("        if the change is meant:")
+        say(f'        yawid regress --update --why "..." {outcome.folder}')

@@ -1,0 +1,250 @@
+"""The configuration of a run, from the command line or a TOML file: complete and frozen."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig
+from yawid.errors import ConfigError
+
+OUTPUTS = ("yaw-rate", "heading-rate", "yaw")
+INPUTS = (("rudder",), ("rudder", "aileron"))
+_SERVO = r"([1-9]|[12]\d|3[0-2])"
+SELECTORS = {
+    "rudder": re.compile(
+        rf"auto|servo:{_SERVO}|vtail:{_SERVO},{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
+    ),
+    "aileron": re.compile(rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"),
+}
+DEFAULT_RATE_HZ = 20.0
+DEFAULT_MEMORY_S = 60.0
+_INTEGERS = ("sysid", "boot")
+_LISTS: dict[str, tuple[type, str]] = {
+    "orders": (int, "na,nb,nc,nk, four whole numbers (replay --orders auto: by the log)"),
+    "inputs": (str, "rudder or rudder,aileron"),
+    "band": (float, "LO,HI in Hz"),
+}
+_KINDS = {float: "a number", int: "a whole number", str: "a text"}
+_FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunConfig:
+    """One run of the pipeline; each field is the command-line option of the same name.
+
+    ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
+    ``rate`` in Hz (None: 20, or the rate of the slower channel), ``band`` in Hz (None: no filter),
+    ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
+    (None: one unit is half the travel), ``servo_tau`` the servo's lag in seconds (None: unknown),
+    ``boot`` the only boot of the vehicle whose samples count, from 1 (None: all of them).
+
+    Raises:
+        ConfigError: a value outside its limits.
+    """
+
+    orders: tuple[int, int, int, int] = (3, 3, 2, 1)
+    method: str = "els"
+    also: str = "rml"
+    engine: str = "numba"
+    memory: float | None = None
+    forgetting: float | None = None
+    rate: float | None = None
+    band: tuple[float, float] | None = None
+    inputs: tuple[str, ...] = ("rudder",)
+    output: str = "yaw-rate"
+    turn: str = "keep"
+    rudder: str = "auto"
+    aileron: str = "auto"
+    rudder_sign: str = "nose-right"
+    rudder_max_deg: float | None = None
+    servo_tau: float | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+    sysid: int | None = None
+    boot: int | None = None
+
+    @property
+    def window_us(self) -> tuple[float, float]:
+        """``from_s`` and ``to_s`` in microseconds since boot, infinite where they are not given."""
+        low = -math.inf if self.from_s is None else 1e6 * self.from_s
+        high = math.inf if self.to_s is None else 1e6 * self.to_s
+        return low, high
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "orders", tuple(self.orders))
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        self._check_model()
+        self._check_channels()
+        self._check_numbers()
+
+    def _check_model(self) -> None:
+        if len(self.orders) != 4:
+            raise ConfigError(
+                f"--orders must be na,nb,nc,nk, got {','.join(map(str, self.orders))}"
+            )
+        if self.orders[3] == 0:
+            text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
+            raise ConfigError(f"--orders: {text}")
+        _check_choice("method", self.method, METHODS)
+        _check_choice("also", self.also, (*METHODS, "none"))
+        _check_choice("engine", self.engine, ENGINES)
+        if self.memory is not None and self.forgetting is not None:
+            raise ConfigError("--memory and --forgetting say the same thing: give one of them")
+        if self.forgetting is not None and not 0.0 < self.forgetting <= 1.0:
+            raise ConfigError(f"--forgetting must lie in (0, 1], got {self.forgetting!r}")
+
+    def _check_channels(self) -> None:
+        if self.inputs not in INPUTS:
+            given = ",".join(self.inputs)
+            raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
+        self.armax_orders()
+        _check_choice("output", self.output, OUTPUTS)
+        _check_choice("turn", self.turn, ("keep", "remove"))
+        _check_choice("rudder-sign", self.rudder_sign, ("nose-right", "nose-left"))
+        for name, allowed in SELECTORS.items():
+            selector = getattr(self, name)
+            if allowed.fullmatch(selector) is None:
+                choices = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
+                choices = "vtail:L,R, " + choices if name == "rudder" else choices
+                raise ConfigError(f"--{name} must be {choices}, got {selector!r}")
+        if self.sysid is not None and not 1 <= self.sysid <= 255:
+            raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
+
+    def _check_numbers(self) -> None:
+        for name in ("memory", "rate", "rudder_max_deg", "servo_tau"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                option = name.replace("_", "-")
+                raise ConfigError(f"--{option} must be > 0 and finite, got {value!r}")
+        if self.rudder_max_deg is not None and self.rudder_max_deg > 90.0:
+            raise ConfigError(f"--rudder-max-deg must be at most 90, got {self.rudder_max_deg!r}")
+        if self.rate is not None and not 0.1 <= self.rate <= 1000.0:
+            raise ConfigError(f"--rate must lie in 0.1 to 1000 Hz, got {self.rate!r}")
+        if self.band is not None:
+            object.__setattr__(self, "band", tuple(self.band))
+            if len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf:
+                given = ",".join(f"{edge:g}" for edge in self.band)
+                raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {given}")
+        if self.boot is not None and self.boot < 1:
+            raise ConfigError(f"--boot counts from 1, got {self.boot!r}")
+        for name in ("from_s", "to_s"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ConfigError(f"--{name[:-2]} must be finite, got {value!r}")
+        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
+            raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
+
+    def armax_orders(self) -> ArmaxOrders:
+        """Return the orders with nb and nk for every input.
+
+        With the yaw angle as output nb is one more: its difference quotient is the mean of the rate
+        over the interval before, which answers to one input more than the rate at an instant.
+        """
+        na, nb, nc, nk = self.orders
+        nb += self.output == "yaw"
+        count = len(self.inputs)
+        return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
+
+    def forgetting_factor(self, sample_time_s: float) -> float:
+        """Return lambda = exp(-Ts / memory), or what was asked for.
+
+        Raises:
+            ConfigError: the memory is so short that nothing of it is left.
+        """
+        if self.forgetting is not None:
+            return self.forgetting
+        factor = math.exp(-sample_time_s / (self.memory or DEFAULT_MEMORY_S))
+        if factor == 0.0:
+            text = f"is far below one sample of {sample_time_s:g} s: give some periods of the mode"
+            raise ConfigError(f"--memory {self.memory!r} {text}")
+        return factor
+
+    def estimator(self, method: str, sample_time_s: float) -> EstimatorConfig:
+        """Return the configuration of one estimator of the bank."""
+        return EstimatorConfig(
+            orders=self.armax_orders(),
+            sample_time_s=sample_time_s,
+            forgetting_factor=self.forgetting_factor(sample_time_s),
+            method="rml" if method == "rml" else "els",
+        )
+
+    def bank_methods(self) -> tuple[str, ...]:
+        """Return the methods to run, the one asked for first."""
+        also = () if self.also in ("none", self.method) else (self.also,)
+        return (self.method, *also)
+
+    def to_toml(self) -> str:
+        """Return the configuration as TOML; ``from_toml`` of it is equal."""
+        return "".join(
+            f"{name} = {_toml(value)}\n"
+            for name, value in asdict(self).items()
+            if value is not None
+        )
+
+
+def settings_from_toml(path: Path) -> dict[str, Any]:
+    """Return the settings a TOML file holds, by field name of :class:`RunConfig`.
+
+    Raises:
+        ConfigError: the file cannot be read, is no TOML, or names an unknown setting.
+    """
+    try:
+        loaded = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: not a readable TOML file: {error}") from error
+    return check_settings(loaded, str(path))
+
+
+def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return settings under their field names, after checking that each is known.
+
+    Raises:
+        ConfigError: a setting is unknown or of the wrong type.
+    """
+    known = {field.name for field in fields(RunConfig)}
+    settings = {}
+    for raw, value in loaded.items():
+        name = {"from": "from_s", "to": "to_s"}.get(raw, raw.replace("-", "_"))
+        if name not in known:
+            options = sorted(each.removesuffix("_s").replace("_", "-") for each in known)
+            raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
+        settings[name] = _typed(name, value, where)
+    return settings
+
+
+def _typed(name: str, value: Any, where: str) -> Any:
+    if name in _LISTS:
+        kind, wanted_list = _LISTS[name]
+        try:
+            parts = value.split(",") if isinstance(value, str) else tuple(value)
+            typed = tuple(kind(part) for part in parts)
+        except (TypeError, ValueError):
+            parts = typed = ()
+        # 3.5 is no order, and 3 none to put in its place.
+        if not typed or not (isinstance(value, str) or typed == parts):
+            raise ConfigError(f"{where}: {name} must be {wanted_list}, got {value!r}")
+        return typed
+    numeric = name in _FLOATS
+    wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name in _INTEGERS else (str,)
+    if not isinstance(value, wanted) or isinstance(value, bool):
+        raise ConfigError(f"{where}: {name} must be {_KINDS[wanted[-1]]}, got {value!r}")
+    return value
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ConfigError(f"--{name} must be one of {', '.join(choices)}, got {value!r}")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
+    return repr(value)

@@ -1,0 +1,1 @@
+"""The compiled recursion: one private room."""

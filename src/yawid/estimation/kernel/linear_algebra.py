@@ -1,0 +1,237 @@
+"""The arithmetic of the recursion, compiled by numba: the one file that imports it.
+
+The functions run as plain Python under ``NUMBA_DISABLE_JIT=1``; without fastmath both give the
+same bits.
+"""
+
+# numba infers the types: float64 arrays and floats.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+settings: Any = numba.config  # it makes its attributes as it goes
+COMPILED = ("linear_algebra.py", "state.py", "forgetting.py", "recursion.py", "entry_points.py")
+
+
+def _cache_folder() -> str:
+    """Name a folder by what is compiled: numba sees changes of a function's own file only."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256(b"".join((here / name).read_bytes() for name in COMPILED))
+    base = Path(settings.CACHE_DIR or here / "__pycache__")
+    return str(base / digest.hexdigest()[:16])
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile with numba's cache, or without where it finds no directory to write to."""
+    if settings.DISABLE_JIT:  # compiled code does not warn of an overflow either
+        return np.errstate(all="ignore")(function)
+    return _compile(function, inline=False)
+
+
+def hot(function: Callable[..., Any]) -> Any:
+    """Compile into each caller: for what runs at every sample, where calls cost most."""
+    return _compile(function, inline=True)
+
+
+def _compile(function: Callable[..., Any], inline: bool) -> Any:
+    options: dict[str, Any] = {"error_model": "numpy", "forceinline": inline}
+    given, settings.CACHE_DIR = settings.CACHE_DIR, FOLDER
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:
+        return numba.njit(**options)(function)
+    finally:
+        settings.CACHE_DIR = given
+
+
+FOLDER = _cache_folder()
+
+
+def compiled_before() -> bool:
+    """Tell whether an earlier run has left compiled code: without, the first estimate waits."""
+    return bool(settings.DISABLE_JIT) or Path(FOLDER).is_dir()
+
+
+@intrinsic
+def _part(_context, array, start, stop):
+    """Return array[start:stop] unchecked and without a reference count."""
+
+    def generate(context, builder, signature, values):
+        whole = context.make_array(array)(context, builder, values[0])
+        view = context.make_array(array)(context, builder)
+        data = builder.gep(whole.data, [values[1]])
+        size = builder.sub(values[2], values[1])
+        populate_array(view, data, [size], [whole.itemsize], whole.itemsize, None)
+        return view._getvalue()
+
+    return array(array, types.intp, types.intp), generate
+
+
+def _slice(array, start, stop):
+    return array[start:stop]
+
+
+# The caller keeps the array alive: a slice's checks and counts cost more than the arithmetic.
+part: Any = _slice if settings.DISABLE_JIT else _part
+
+
+@hot
+def push(register, start, length, x):
+    """Shift x into the register's part, newest first; swapping beats a call of memmove."""
+    for i in range(start, start + length):
+        x, register[i] = register[i], x
+
+
+@hot
+def bierman(d, upper, psi, lam, gain, most):
+    """Update P = U D U' by the row psi; return 1 / alpha, alpha = lambda + psi' P psi.
+
+    ``gain`` becomes P psi: the Kalman gain times alpha (Bierman 1977). P then grows by 1 / lambda,
+    its D no further than ``most``.
+    """
+    over = 1.0 / lam
+    alpha, inverse, column = lam, over, 0
+    for j in range(len(psi)):
+        f = psi[j]
+        for i in range(j):
+            f += upper[column + i] * psi[i]
+        v = d[j] * f
+        mu = -f * inverse
+        grown = d[j] * over * alpha
+        alpha += f * v
+        inverse = 1.0 / alpha
+        d[j] = min(grown * inverse, most)
+        gain[j] = v
+        for i in range(j):
+            old = upper[column + i]
+            upper[column + i] = old + gain[i] * mu
+            gain[i] += old * v
+        column += j
+    return inverse
+
+
+@hot
+def floor(d, upper, k, weight, gain):
+    """Add the row "theta[k] is what it is", of the given weight: P shrinks, theta stays."""
+    alpha, inverse, column = 1.0, 1.0, k * (k - 1) // 2
+    for i in range(k):
+        gain[i] = 0.0
+    for j in range(k, len(d)):
+        f = 1.0 if j == k else upper[column + k]
+        v = weight * d[j] * f
+        mu = -f * inverse
+        before = alpha
+        alpha += f * v
+        inverse = 1.0 / alpha
+        d[j] *= before * inverse
+        gain[j] = v
+        for i in range(j):
+            old = upper[column + i]
+            upper[column + i] = old + gain[i] * mu
+            gain[i] += old * v
+        column += j
+
+
+@jit
+def drift_entry(d, upper, k, q, a):
+    """Add q to P[k, k] (Agee and Turner's rank-one update)."""
+    a[:] = 0.0
+    a[k] = 1.0
+    for j in range(k, -1, -1):
+        column = j * (j - 1) // 2
+        old = d[j]
+        d[j] = old + q * a[j] * a[j]
+        share = q * a[j] / d[j]
+        q *= old / d[j]
+        for i in range(j):
+            a[i] -= a[j] * upper[column + i]
+            upper[column + i] += share * a[i]
+
+
+@hot
+def stable(a):
+    """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle; destroys a.
+
+    Jury's test, as a step-down of reflection coefficients.
+    """
+    if len(a) == 2:
+        return abs(a[1]) < 1.0 and abs(a[0]) < 1.0 + a[1]
+    for m in range(len(a) - 1, -1, -1):
+        k = a[m]
+        if not abs(k) < 1.0:
+            return False
+        rest = 1.0 / (1.0 - k * k)
+        for i in range((m + 1) // 2):
+            low, high = a[i], a[m - 1 - i]
+            a[i] = (low - k * high) * rest
+            a[m - 1 - i] = (high - k * low) * rest
+    return True
+
+
+@jit
+def over_c(c, columns):
+    """Filter each of the columns (n, m) by 1/C(q), from rest, in place."""
+    for k in range(columns.shape[0]):
+        for j in range(columns.shape[1]):
+            x = columns[k, j]
+            for i in range(min(len(c), k)):
+                x -= c[i] * columns[k - 1 - i, j]
+            columns[k, j] = x
+
+
+@hot
+def follow_covariance(covariance, echo, psi, gain, h, inverse, e, memory):
+    """Follow the covariance of theta from the innovations as they come, white or coloured.
+
+    With K = inverse * gain and F = I - K psi', theta's error moves by F and is driven by K e, so
+    cov <- F cov F' + K e e K' + F h e K' + K e h' F', where h = memory * echo is what earlier
+    innovations left in theta, weighted by memory^lag: the residual's autocorrelation, summed as it
+    comes (after Grauer and Morelli 2016, with the weights of a geometric window). Any lambda(t)
+    and step counts as it was; a floor row moves P but not theta, and so not this.
+    """
+    n = len(psi)
+    quadratic, cross, dot = e * e, 0.0, 0.0
+    for i in range(n):
+        row = 0.0
+        for j in range(n):
+            row += covariance[j * n + i] * psi[j]
+        quadratic += psi[i] * row
+        gain[i] *= inverse
+        dot += psi[i] * echo[i]
+        h[i] = memory * e * echo[i] - row
+    cross = memory * e * dot
+    for i in range(n):
+        h[i] += gain[i] * (0.5 * quadratic - cross)
+        echo[i] = memory * (echo[i] - gain[i] * dot) + gain[i] * e
+    for i in range(n):
+        for j in range(n):
+            covariance[i * n + j] += gain[i] * h[j] + h[i] * gain[j]
+
+
+@hot
+def correlate(residuals, products, eps, lam):
+    """Keep the running sums of eps(k) eps(k - l), l = 0..LAGS."""
+    products[0] = lam * products[0] + eps * eps
+    for i in range(len(residuals)):
+        products[i + 1] = lam * products[i + 1] + eps * residuals[i]
+    push(residuals, 0, len(residuals), eps)
+
+
+@jit
+def p_entry(d, upper, i, j):
+    """P[i, j] of P = U D U', i <= j."""
+    total = d[j] if i == j else upper[j * (j - 1) // 2 + i] * d[j]
+    for k in range(j + 1, len(d)):
+        column = k * (k - 1) // 2
+        total += upper[column + i] * d[k] * upper[column + j]
+    return total

@@ -1,0 +1,1 @@
+"""The same recursion on filterpy's Kalman filter."""

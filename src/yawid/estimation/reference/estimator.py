@@ -1,0 +1,292 @@
+"""The same recursion on filterpy's KalmanFilter: an independent reference and an engine.
+
+The state is theta, F = I, H = psi', R = 1, alpha = lambda^-1/2 (filterpy's fading memory). Scaling,
+window, held samples, schedule, floor and sums are written here a second time, in plain NumPy. Only
+the backstop on D is left out: a Kalman filter has no D.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from yawid.blocks import EstimateBlock, Floats, Status
+from yawid.config.estimator import Engine, EstimatorConfig
+from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.kernel import state as slots
+from yawid.estimation.kernel.new_state import WARM_UPDATES_PER_PARAMETER, lag_depth
+from yawid.estimation.polynomials import c_of, is_stable
+from yawid.estimation.reference.readings import ReferenceEstimate, ReferenceReadings
+from yawid.estimation.reference.sums import Spread, Sums
+from yawid.estimation.shapes import checked_samples, checked_u
+from yawid.estimation.start_fit import fit_start
+
+
+def make_estimator(
+    config: EstimatorConfig, engine: Engine = "numba"
+) -> RecursiveArmax | ReferenceArmax:
+    """Return the estimator of a configuration on the engine asked for."""
+    return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
+
+
+class ReferenceArmax(ReferenceReadings):
+    """:class:`RecursiveArmax` on filterpy, hundreds of times slower; it cannot be saved."""
+
+    def __init__(self, config: EstimatorConfig) -> None:
+        self.config = config
+        self.updates = self.held = self.halved = self.restarts = 0
+        self.status = Status.WARMING_UP
+        self._size = max(config.scale_window, config.start_buffer)
+        self._window: list[Floats] | None = [] if self._size else None
+        self._factors = np.ones(1 + config.orders.n_inputs)
+        self._units = np.ones(config.n_theta)
+        self._diverged, self._last = False, (math.nan, math.nan, math.nan)
+        self._begin()
+
+    def _begin(self) -> None:
+        from filterpy.kalman import KalmanFilter  # most of a second, and only this engine needs it
+
+        config, n = self.config, self.config.n_theta
+        self._filter = KalmanFilter(dim_x=n, dim_z=1)
+        self._filter.P *= config.P0
+        self._filter.Q = np.zeros((n, n))
+        self._least, self._best = np.full(n, config.P0), np.full(n, config.P0)
+        self._drift = np.diag(np.full(n, 1.0) * config.drift * config.sample_time_s)
+        self._sums = Sums(config.residual_lags)
+        self._spread = Spread(np.eye(n) * config.P0, config.residual_lags)
+        self.forgetting_factor = config.forgetting_start
+        self._since, self._next = 0, 0
+        self._open()
+
+    def _open(self) -> None:
+        orders = self.config.orders
+        reach = [nb + nk for nb, nk in zip(orders.nb, orders.nk, strict=True)]
+        self._raw = np.zeros((orders.n_inputs + 3, max([1, orders.na, orders.nc, *reach])))
+        self._filtered = np.zeros_like(self._raw)  # rows y, u.., residual, 1; the newest first
+        self._fresh = np.zeros(len(self._raw))
+        self._sums.residuals[:] = 0.0
+        self._spread.echo[:] = 0.0
+        self._fill, self._broken = 0, False
+
+    def update(self, u: ArrayLike, y: float) -> ReferenceEstimate:
+        """Take one sample, as :meth:`RecursiveArmax.update`."""
+        self._sample(checked_u(u, y, self.config.orders.n_inputs), float(y))
+        return self.estimate()
+
+    def run(
+        self,
+        u: ArrayLike,
+        y: ArrayLike,
+        keep: Literal["all", "last"] = "all",
+        covariance: bool = False,
+    ) -> EstimateBlock:
+        """Take a block of samples, as :meth:`RecursiveArmax.run`."""
+        if keep not in ("all", "last"):
+            raise ValueError(f'keep must be "all" or "last", got {keep!r}')
+        u, y = checked_samples(u, y, self.config.orders.n_inputs)
+        if np.isinf(u).any() or np.isinf(y).any():
+            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
+        made = []
+        for row, value in zip(u, y, strict=True):
+            self._sample(row, float(value))
+            if keep == "all":
+                made.append(self.estimate())
+        made = made if keep == "all" else [self.estimate()]
+        n = self.config.n_theta
+        return EstimateBlock.of(
+            np.array([e.theta for e in made]).reshape(-1, n),
+            np.array([e.theta_std for e in made]).reshape(-1, n),
+            np.array([e.covariance for e in made]).reshape(-1, n, n) if covariance else None,
+            np.array([e.y_hat for e in made]),
+            np.array([e.innovation for e in made]),
+            np.array([e.residual for e in made]),
+            np.array([e.noise_std for e in made]),
+            np.array([e.status for e in made], dtype=np.uint8),
+        )
+
+    def _sample(self, u: Floats, y: float) -> None:
+        if not (np.isfinite(y) and np.isfinite(u).all()):
+            self.held += 1
+            self._broken = True
+            self._last, self.status = (math.nan, math.nan, math.nan), Status.HELD
+        elif self._window is None:
+            self._take(u, y)
+        else:
+            self._collect(self._window, np.array([float(self._broken or not self._window), y, *u]))
+
+    def _collect(self, window: list[Floats], row: Floats) -> None:
+        window.append(row)
+        if len(window) > self._size:
+            del window[0]
+            self.held += 1
+        self._broken = False
+        self._last, self.status = (math.nan, math.nan, math.nan), Status.WARMING_UP
+        rows = np.array(window)
+        used = np.array([True, *(nb > 0 for nb in self.config.orders.nb)])
+        spread = rows[:, 1:].std(axis=0)
+        if len(window) < self._size or not np.all(spread[used] >= self.config.scale_minimum):
+            return
+        if self.config.scale_window:
+            moving = spread > 0.0
+            self._factors[moving] = 2.0 ** -np.floor(np.log2(spread[moving]) + 0.5)
+            self._units = self._units_of(self._factors)
+        self._release(rows)
+        self._last = (math.nan, math.nan, self._last[2])
+
+    def _units_of(self, factors: Floats) -> Floats:
+        orders, scale = self.config.orders, 1.0 / factors[0]
+        units = [np.ones(orders.na)]
+        units += [np.full(nb, f * scale) for nb, f in zip(orders.nb, factors[1:], strict=True)]
+        return np.concatenate([*units, np.ones(orders.nc), np.full(int(self.config.bias), scale)])
+
+    def _release(self, rows: Floats) -> None:
+        self._window, start = None, None
+        if self.config.start_buffer:
+            start = fit_start(self.config, rows * [1.0, *self._factors])
+        if start is not None:
+            self._filter.x = start.theta.reshape(-1, 1)
+            self._filter.P, self._spread.covariance = start.P.copy(), start.covariance.copy()
+        for broken, y, *u in rows:
+            self._broken = self._broken or broken > 0.0
+            self._take(np.array(u), float(y), frozen=start is not None)
+        if start is not None:
+            self.forgetting_factor = self.config.forgetting_factor
+
+    def _shift(self, u: Floats) -> None:
+        """Enter what is fresh into the registers, and through 1/C into the filtered ones."""
+        if self._broken:
+            self._open()
+        self._fresh[1:-2], self._fresh[-1] = u * self._factors[1:], 1.0
+        contraction = 1.0 - (self.config.forgetting_factor - self.forgetting_factor)
+        c = c_of(self._filter.x[:, 0], self.config.orders)
+        c = c * contraction ** np.arange(1, len(c) + 1)
+        filtered = self._fresh - self._filtered[:, : len(c)] @ c
+        self._raw = np.column_stack([self._fresh, self._raw[:, :-1]])
+        self._filtered = np.column_stack([filtered, self._filtered[:, :-1]])
+        self._fill += 1
+
+    def _regressor(self, registers: Floats) -> Floats:
+        orders = self.config.orders
+        parts = [registers[0, : orders.na]]
+        for row, nb, nk in zip(registers[1:], orders.nb, orders.nk, strict=False):
+            parts.append(row[nk : nk + nb])
+        return np.concatenate(
+            [*parts, registers[-2, : orders.nc], registers[-1, : int(self.config.bias)]]
+        )
+
+    def _take(self, u: Floats, y: float, frozen: bool = False) -> None:
+        self._shift(u)
+        y, y_hat, depth = y * self._factors[0], math.nan, lag_depth(self.config)
+        if self._fill > depth:
+            y_hat = float(self._regressor(self._raw) @ self._filter.x[:, 0])
+        e = y - y_hat
+        eps = e if frozen or self._since else 0.0
+        learning = self._fill > depth + self.config.orders.nc
+        if learning and frozen:
+            self._account(y, e, e, self.config.forgetting_factor, 1.0)
+        elif learning:
+            with np.errstate(all="ignore"):
+                eps, learning = self._learn(y, e)
+        self.held += not learning
+        self._fresh[0], self._fresh[-2] = -y, eps if self._fill > depth else 0.0
+        scale = 1.0 / self._factors[0]
+        self._last = (y_hat * scale, e * scale, eps * scale)
+        warm = WARM_UPDATES_PER_PARAMETER * self.config.n_theta
+        if self._diverged:
+            self.status = Status.DIVERGED
+        elif self._since < warm:
+            self.status = Status.WARMING_UP
+        else:
+            self.status = Status.TRACKING if learning else Status.HELD
+
+    def _learn(self, y: float, e: float) -> tuple[float, bool]:
+        kalman, lam, phi = self._filter, self.forgetting_factor, self._regressor(self._raw)
+        rml = self.config.method == "rml"
+        psi = self._regressor(self._filtered) if rml and self._since >= slots.PSI_FROM else phi
+        before = kalman.x[:, 0].copy()
+        alpha = float(lam + psi @ kalman.P @ psi)
+        kalman.alpha = lam**-0.5
+        kalman.predict()
+        kalman.update(e + psi @ before, R=1.0, H=psi.reshape(1, -1))
+        kalman.x = (before + self._stable_step(before, kalman.x[:, 0] - before)).reshape(-1, 1)
+        eps = e - float(phi @ (kalman.x[:, 0] - before))
+        if not (alpha < math.inf and e * e + eps * eps < math.inf):
+            self.restarts += 1
+            self._begin()
+            self._diverged = True
+            self._broken = True
+            return math.nan, False
+        self._spread.follow(psi, kalman.K[:, 0], e, self._sums.s1)
+        kalman.P = kalman.P + self._drift
+        if self._since:
+            noise = self._sums.noise_variance(self.config.n_theta)
+            self._spread.covariance = self._spread.covariance + noise * self._drift
+        self._keep_information()
+        rate = self.config.forgetting_rate
+        self.forgetting_factor = rate * lam + (1.0 - rate) * self.config.forgetting_factor
+        self._account(y, e, eps, lam, lam / alpha)
+        return eps, True
+
+    def _stable_step(self, theta: Floats, step: Floats) -> Floats:
+        if self.config.method == "els" or not self.config.orders.nc:
+            return step
+        whole = step
+        for _ in range(slots.HALVINGS):
+            if is_stable(c_of(theta + step, self.config.orders)):
+                break
+            step = 0.5 * step
+        else:
+            step = 0.0 * step
+        self.halved += step is not whole
+        return step
+
+    def _keep_information(self) -> None:
+        config, kalman, k = self.config, self._filter, self._next
+        if not config.information_floor:
+            return
+        n, p = config.n_theta, float(kalman.P[k, k])
+        self._next = (k + 1) % n
+        if p >= self._least[k]:
+            rise = 1.0 + slots.SLOW_RISE * n * (1.0 - config.forgetting_factor)
+            self._least[k] = min(self._least[k] * rise, slots.MOST_RISE * self._best[k])
+        elif self._since < slots.SETTLING:
+            self._least[k] = p
+        else:
+            self._least[k] = max(p, slots.FAST_FALL * self._least[k])
+        self._best[k] = min(self._best[k], self._least[k])
+        limit = self._least[k] * (1.0 + slots.SLACK / config.information_floor)
+        if p > limit:
+            here = np.eye(n)[[k]]
+            kalman.update(here @ kalman.x[:, 0], R=1.0 / (1.0 / limit - 1.0 / p), H=here)
+
+    def _account(self, y: float, e: float, eps: float, lam: float, share: float) -> None:
+        sums = self._sums
+        sums.add(y, e, eps, lam, share)
+        self.updates += 1
+        self._since += 1
+        warm = WARM_UPDATES_PER_PARAMETER * self.config.n_theta
+        usual = max(sums.fast_y2, sums.y2 / sums.s1) + 1e-4
+        if not self._diverged:
+            self._diverged = self._since > warm and sums.fast_e2 > 4.0 * usual
+        elif self._since > 2 * warm and sums.fast_e2 < 2.0 * usual:
+            self._diverged = False
+
+    def predict(self, u: ArrayLike = math.nan) -> float:
+        """Return y_hat(k), as :meth:`RecursiveArmax.predict`."""
+        if self._window is not None:
+            return math.nan
+        scratch = copy.copy(self)
+        scratch._spread = copy.deepcopy(self._spread)
+        scratch._sums, scratch._fresh = copy.deepcopy(self._sums), self._fresh.copy()
+        row = np.zeros(self.config.orders.n_inputs)
+        if not all(self.config.orders.nk):
+            row = checked_u(u, 0.0, self.config.orders.n_inputs)
+        scratch._shift(row)
+        if scratch._fill <= lag_depth(self.config):
+            return math.nan
+        y_hat = scratch._regressor(scratch._raw) @ self._filter.x[:, 0]
+        return float(y_hat / self._factors[0])

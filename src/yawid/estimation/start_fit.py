@@ -1,0 +1,170 @@
+"""The start fit: one Gauss-Newton prediction-error fit of the buffered samples (Ljung 1999, 10.2).
+
+It works on the scaled samples of the window and hands theta and P to the recursion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.config.estimator import EstimatorConfig
+from yawid.estimation.kernel.linear_algebra import over_c
+from yawid.estimation.kernel.new_state import lag_depth
+from yawid.estimation.polynomials import c_of, is_stable, reflected
+
+ITERATIONS = 30
+HALVINGS = 10
+RIDGE = 1e-8
+"""Stands in for P0: that prior is tight where the noise is small, and would bend the fit."""
+SETTLED = 1e-8
+"""The relative gain in loss below which the fit is done."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """What the fit hands over, on scaled signals: theta (n,), P and theta's covariance (n, n)."""
+
+    theta: Floats
+    P: Floats
+    covariance: Floats
+
+
+def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
+    """Fit the window's rows of break flag, y and u (scaled, oldest first); None if that fails."""
+    fit = _Fit(config, list(_stretches(config, rows)))
+    if len(fit.y) <= 2 * config.n_theta:
+        return None
+    with np.errstate(all="ignore"):
+        theta = fit.gauss_newton(fit.first_guess())
+        psi, _ = fit.gradient(theta, filtered=config.method == "rml")
+        better = fit.loss(theta) < fit.loss(np.zeros_like(theta))
+    P = np.asarray(np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi), np.float64)
+    if not better or not np.isfinite(P).all() or np.linalg.eigvalsh(P)[0] <= 0.0:
+        return None
+    scores = psi * (fit.weights * np.concatenate(fit.residuals(theta)))[:, None]
+    return Start(theta, P, P @ (scores.T @ scores) @ P)
+
+
+def _stretches(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Yield y (n,) and the known regressors (n, n_theta), residuals left 0, between breaks."""
+    orders, depth = config.orders, lag_depth(config)
+    for stretch in np.split(rows[:, 1:], np.flatnonzero(rows[:, 0] > 0.0)):
+        n = len(stretch) - depth
+        if n <= orders.nc:
+            continue
+        phi = np.zeros((n, config.n_theta))
+        columns = [-stretch[depth - lag :][:n, 0] for lag in range(1, orders.na + 1)]
+        for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
+            columns += [stretch[depth - lag :][:n, j + 1] for lag in range(nk, nk + nb)]
+        for i, column in enumerate(columns):
+            phi[:, i] = column
+        if config.bias:
+            phi[:, -1] = 1.0
+        yield stretch[depth:, 0].copy(), phi
+
+
+class _Fit:
+    """Loss, gradient and Gauss-Newton steps over the stretches of one window."""
+
+    def __init__(self, config: EstimatorConfig, stretches: list[tuple[Floats, Floats]]) -> None:
+        self.orders = config.orders
+        self.stretches = stretches
+        self.y = np.concatenate([y for y, _ in stretches] or [np.empty(0)])
+        self.weights = config.forgetting_factor ** np.arange(len(self.y))[::-1]
+        self.prior = np.eye(config.n_theta) * RIDGE
+
+    def residuals(self, theta: Floats) -> list[Floats]:
+        """Return eps = (A y - B u - bias) / C of each stretch, from eps = 0."""
+        c = np.ascontiguousarray(c_of(theta, self.orders))
+        found = [(y - phi @ theta).reshape(-1, 1) for y, phi in self.stretches]
+        for eps in found:
+            over_c(c, eps)
+        return [eps[:, 0] for eps in found]
+
+    def loss(self, theta: Floats) -> float:
+        """Return the weighted sum of squared residuals with the ridge's share, or inf."""
+        eps = np.concatenate(self.residuals(theta))
+        loss = float(self.weights @ eps**2 + theta @ self.prior @ theta)
+        return loss if np.isfinite(loss) else np.inf
+
+    def gradient(self, theta: Floats, filtered: bool = True) -> tuple[Floats, Floats]:
+        """Return psi (n, n_theta), or phi where not filtered, and eps (n,) at theta."""
+        orders, first = self.orders, self.orders.na + sum(self.orders.nb)
+        c = np.ascontiguousarray(c_of(theta, orders))
+        residuals, rows = self.residuals(theta), []
+        for (_, phi), eps in zip(self.stretches, residuals, strict=True):
+            psi = phi.copy()
+            for i in range(orders.nc):
+                psi[i + 1 :, first + i] = eps[: -i - 1]
+            if filtered:
+                over_c(c, psi)
+            rows.append(psi)
+        return np.concatenate(rows), np.concatenate(residuals)
+
+    def first_guess(self) -> Floats:
+        """Return theta by Hannan and Rissanen: a long ARX gives eps, then least squares on phi."""
+        phi = np.concatenate([phi for _, phi in self.stretches])
+        n, first = phi.shape[1], self.orders.na + sum(self.orders.nb)
+        if not self.orders.nc:
+            return _least_squares(phi, self.y, self.prior)
+        order = min(20, len(self.y) // 10)
+        long = [_lagged(phi, y, order) for y, phi in self.stretches]
+        wide = np.concatenate(long)
+        eps = self.y - wide @ _least_squares(wide, self.y, np.eye(wide.shape[1]) * self.prior[0, 0])
+        full, start = phi.copy(), 0
+        for y, _ in self.stretches:
+            part = eps[start : start + len(y)]
+            for i in range(self.orders.nc):
+                full[start + i + 1 : start + len(y), first + i] = part[: -i - 1]
+            start += len(y)
+        theta = _least_squares(full, self.y, self.prior)
+        theta[first : first + self.orders.nc] = reflected(c_of(theta, self.orders))
+        return theta if len(theta) == n and np.isfinite(theta).all() else np.zeros(n)
+
+    def gauss_newton(self, theta: Floats) -> Floats:
+        """Return the theta of least loss that damped Gauss-Newton steps from here lead to."""
+        loss = self.loss(theta)
+        for _ in range(ITERATIONS):
+            psi, eps = self.gradient(theta)
+            information = self.prior + (psi.T * self.weights) @ psi
+            score = psi.T @ (self.weights * eps) - self.prior @ theta
+            if not np.isfinite(information).all():
+                break
+            step, better = np.linalg.solve(information, score), loss
+            for _ in range(HALVINGS):
+                trial = theta + step
+                if is_stable(c_of(trial, self.orders)) and (better := self.loss(trial)) < loss:
+                    break
+                step, better = 0.5 * step, loss
+            if not better < loss * (1.0 - SETTLED):
+                break
+            theta, loss = trial, better
+        return theta
+
+
+def _least_squares(phi: Floats, y: Floats, prior: Floats) -> Floats:
+    return np.asarray(np.linalg.solve(phi.T @ phi + prior, phi.T @ y), dtype=np.float64)
+
+
+def _lagged(phi: Floats, y: Floats, order: int) -> Floats:
+    """Return the regressors of a long ARX: each known column and y at more lags."""
+    columns = [phi]
+    for lag in range(1, order + 1):
+        older = np.zeros((len(y), phi.shape[1] + 1))
+        older[lag:, :-1], older[lag:, -1] = phi[:-lag], y[:-lag]
+        columns.append(older)
+    return np.hstack(columns)
+
+
+def factorise(P: Floats, d: Floats, upper: Floats) -> None:
+    """Fill D (n,) and the columns above the diagonal of U, P = U D U'."""
+    lower = np.linalg.cholesky(P[::-1, ::-1])
+    root = lower[::-1, ::-1]
+    diagonal = np.diag(root)
+    d[:] = diagonal**2
+    for j in range(1, len(d)):
+        upper[j * (j - 1) // 2 : j * (j + 1) // 2] = root[:j, j] / diagonal[j]

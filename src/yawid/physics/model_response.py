@@ -1,0 +1,32 @@
+"""What the identified model answers to a step of the rudder."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.config.estimator import ArmaxOrders
+from yawid.estimation.all_pole import all_pole
+
+
+def step_response(theta: Floats, orders: ArmaxOrders, steps: int) -> Floats:
+    """Return the yaw rate (steps,) after a unit step of the first input at sample 0."""
+    b = np.concatenate([np.zeros(orders.nk[0]), theta[orders.na : orders.na + orders.nb[0]]])
+    drive = np.cumsum(b)[np.minimum(np.arange(steps), len(b) - 1)]
+    return all_pole(theta[: orders.na], drive, np.zeros(orders.na))
+
+
+def early_response(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, wn_rad_s: float
+) -> float:
+    """Return the mean yaw rate over the first half period after a unit step; NaN without a wn.
+
+    Its sign is that of the rudder's effect. The DC gain's is not to be trusted: the spiral mode,
+    which no short record shows, decides it.
+    """
+    if not math.isfinite(wn_rad_s):
+        return math.nan
+    steps = max(orders.nk[0] + 1, round(math.pi / wn_rad_s / sample_time_s))
+    return float(step_response(theta, orders, steps + 1)[1:].mean())

@@ -1,0 +1,1 @@
+"""A finished run to one HTML page."""

@@ -1,0 +1,231 @@
+"""What the report draws: the rows of a run, and its final model estimated once more.
+
+The file keeps theta's sigma but not its covariance, which every band needs. Estimating again from
+the samples gives it, and shows that the file can be replayed from itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntFlag
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import (
+    EstimateBlock,
+    Floats,
+    Held,
+    Ints,
+    ModesBlock,
+    Noted,
+    SampleBlock,
+    Status,
+    runs_of,
+)
+from yawid.config.estimator import ArmaxOrders
+from yawid.estimation.bank import Bank
+from yawid.estimation.fit import simulate
+from yawid.physics.modes import modes as physics_modes
+from yawid.sinks.mcap.reader import McapRun
+
+TRACK_POINTS = 600
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The final model of the method drawn: theta (p,), its covariance (p, p), what it belongs to.
+
+    ``same`` tells whether estimating again gave the file's own theta to the bit.
+    """
+
+    theta: Floats
+    covariance: Floats
+    orders: ArmaxOrders
+    sample_time_s: float
+    same: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Estimates over time, thinned to 600 rows at most: t (n,) in s since boot, rest (n, ...)."""
+
+    t: Floats
+    theta: Floats
+    theta_std: Floats
+    dutch_roll: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The rows the final model is judged by: three times its memory, all where it keeps everything.
+
+    t (n,) in s since boot, u (n, inputs), y, y_hat, simulated, residual (n,); NaN where held.
+    """
+
+    t: Floats
+    u: Floats
+    y: Floats
+    y_hat: Floats
+    simulated: Floats
+    residual: Floats
+
+    def longest_stretch(self) -> slice:
+        """Return the rows of the longest stretch in which nothing was held."""
+        good = np.isfinite(self.y) & np.isfinite(self.u).all(axis=1)
+        stretches = runs_of(good)
+        if not len(stretches):
+            return slice(0, 0)
+        first, last = stretches[np.argmax(stretches[:, 1] - stretches[:, 0])]
+        return slice(int(first), int(last))
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """What happened to the samples: spans (n, 2) and instants (n,) in s since boot.
+
+    ``counts`` are the samples held for each reason, ``notes`` those with each note.
+    """
+
+    held: Floats
+    mode_changes: Floats
+    counts: dict[str, int]
+    notes: dict[str, int]
+    delay_t: Floats
+    delay_s: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """All that is drawn of one run."""
+
+    model: Model
+    track: Track
+    judged: Judged
+    events: Events
+
+
+def gather(run: McapRun, method: str | None = None) -> ReportData | None:
+    """Return what is drawn of a run, or None where it has no rows or nothing was estimated.
+
+    ``method`` is the estimator to draw, the run's first unless told.
+
+    Raises:
+        SourceError: the file is damaged.
+    """
+    if run.grid is None or not run.rows or run.config.bank_methods() != run.grid.methods:
+        return None
+    if method not in run.grid.methods:
+        method = run.grid.methods[0]
+    gatherer = _Gatherer(run, method, run.grid.sample_time_s)
+    for block in run.blocks():
+        gatherer.add(block.samples, block.estimates[gatherer.method], block.modes)
+    return gatherer.result()
+
+
+class _Gatherer:
+    def __init__(self, run: McapRun, method: str, sample_time_s: float) -> None:
+        self.method = method
+        self._bank = Bank(run.config, sample_time_s)
+        self._stride = -(-run.rows // TRACK_POINTS)
+        self._rows = 0
+        self._thin: list[tuple[Floats, ...]] = []
+        self._full: list[tuple[Any, ...]] = []
+        self._last = np.empty(0)
+
+    def add(self, samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock) -> None:
+        again = [
+            self._bank.run(samples.select(rows))[self.method].rows
+            for rows in _epochs(samples.epoch)
+        ]
+        live = (estimate.status != Status.WARMING_UP)[:, None]
+        thin = slice(-self._rows % self._stride, None, self._stride)
+        columns = (
+            samples.boot_us[:, None] / 1e6,
+            np.where(live, estimate.theta, np.nan),
+            np.where(live, estimate.theta_std, np.nan),
+        )
+        dutch_roll = modes.dutch_roll[thin].copy()
+        if self.method != self._bank.methods[0]:  # the file's modes are those of the first
+            estimates = EstimateBlock(np.concatenate(again)[thin], estimate.p)
+            dutch_roll = self._modes(estimates)
+        self._thin.append((*(column[thin].copy() for column in columns), dutch_roll))
+        delay_s = (samples.received_us - samples.unix_ns / 1e3) / 1e6
+        self._full.append(
+            (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s)
+        )
+        self._rows += len(samples)
+        self._last = estimate.theta[-1].copy()
+
+    def _modes(self, estimates: EstimateBlock) -> Floats:
+        """Return the Dutch roll (n, 4) of estimates with their covariance."""
+        config = self._bank.estimators[self.method].config
+        mean_output = self._bank.config.output == "yaw"
+        return physics_modes(
+            estimates, config.orders, config.sample_time_s, mean_output=mean_output
+        ).dutch_roll
+
+    def result(self) -> ReportData | None:
+        block = self._bank.last[self.method]
+        theta, covariance = block.theta[-1], block.covariance
+        if covariance is None or not np.isfinite(covariance[-1]).all():
+            return None
+        config = self._bank.estimators[self.method].config
+        same = bool(np.array_equal(theta, self._last))
+        model = Model(theta, covariance[-1], config.orders, config.sample_time_s, same)
+        t, theta_track, theta_std, dutch_roll = _joined(self._thin)
+        boot_us, held, noted, residual, delay_s = _joined(self._full)
+        boot_s = boot_us / 1e6
+        return ReportData(
+            model,
+            Track(t[:, 0], theta_track, theta_std, dutch_roll),
+            self._judged(model, boot_s, residual),
+            _events(boot_s, held, noted, delay_s, model.sample_time_s),
+        )
+
+    def _judged(self, model: Model, boot_s: Floats, residual: Floats) -> Judged:
+        history = self._bank.history()
+        n = len(history.y)
+        bias = self._bank.estimators[self.method].config.bias
+        simulated = simulate(model.theta, model.orders, bias, history.u, history.y)
+        return Judged(
+            boot_s[-n:], history.u, history.y, history.y_hat[self.method], simulated, residual[-n:]
+        )
+
+
+def _joined(parts: list[tuple[Any, ...]]) -> list[Any]:
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
+
+
+def _epochs(epoch: Ints) -> Iterator[slice]:
+    edges = [0, *(np.flatnonzero(np.diff(epoch)) + 1).tolist(), len(epoch)]
+    return (slice(first, last) for first, last in pairwise(edges))
+
+
+def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: float) -> Events:
+    edges = np.diff(np.concatenate([[0], (held != 0).astype(int), [0]]))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    changed = noted & Noted.MODE_CHANGED.value != 0
+    changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
+    stride = -(-len(t) // TRACK_POINTS)
+    # The slowest of each stretch: a stall must not fall between the points that are drawn.
+    starts = np.arange(0, len(t), stride)
+    return Events(
+        np.column_stack([t[first], t[last] + sample_time_s]),
+        changes,
+        _counts(held, Held),
+        _counts(noted, Noted),
+        t[starts],
+        np.maximum.reduceat(delay_s, starts),
+    )
+
+
+def _counts(codes: Ints, flags: type[IntFlag]) -> dict[str, int]:
+    """Return how many samples bear each flag, in words, those of none left out."""
+    return {
+        str(flag.name).lower().replace("_", " "): int(np.sum(codes & flag.value != 0))
+        for flag in flags
+        if np.any(codes & flag.value != 0)
+    }

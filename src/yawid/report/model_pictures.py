@@ -1,0 +1,226 @@
+"""Pictures of the model: poles and zeros, frequency response, step response, residuals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.ticker import StrMethodFormatter
+
+from yawid.blocks import Floats
+from yawid.errors import YawidError
+from yawid.offline.response_curves import FrequencyResponse, frequency_response
+from yawid.report.curves import (
+    correlation,
+    frequency_band,
+    poles_with_sigma,
+    step_band,
+    zeros,
+)
+from yawid.report.data import Judged, Model, ReportData
+from yawid.report.picture import BLUE, GREEN, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.sinks.base import Grid
+
+LAGS = 25
+COHERENT = 0.6
+PERIODS = 10.0
+"""Length of a segment of the spectral estimate in periods of the Dutch roll."""
+
+
+def poles_picture(model: Model) -> Picture:
+    """Poles with their 2 sigma ellipses, and zeros, in the z plane."""
+    z, spread = poles_with_sigma(model)
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        _plane(ax)
+        for pole, covariance in zip(z, spread, strict=True):
+            _ellipse(ax, pole, covariance)
+        ax.plot(z.real, z.imag, "x", color=BLUE, markersize=8, markeredgewidth=2, label="pole")
+        found = zeros(model)
+        inside = found[np.abs(found) < 1.6]
+        ax.plot(
+            inside.real, inside.imag, "o", color=ORANGE, markersize=7, fillstyle="none",
+            markeredgewidth=1.6, label="zero",
+        )  # fmt: skip
+        ax.legend(loc="upper left")
+
+    look = (
+        "Poles inside the unit circle are stable; the pair off the real axis is the Dutch roll, "
+        "the nearer to the circle the less damped. Ellipses: 2 sigma. A pole with a zero on top "
+        "of it does nothing: a lower order would do. Thin lines: zeta of 0.1 to 0.9."
+    )
+    return Picture("poles", "Poles and zeros", look, drawn("poles", draw, (5.6, 4.4)))
+
+
+def _plane(ax: Axes) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    ax.plot(np.cos(angle), np.sin(angle), color="#444444", linewidth=1.0)
+    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
+        wt = np.linspace(0.0, np.pi / math.sqrt(1.0 - zeta**2), 100)
+        z = np.exp(-zeta * wt + 1j * math.sqrt(1.0 - zeta**2) * wt)
+        for sign in (1.0, -1.0):
+            ax.plot(z.real, sign * z.imag, color="#cccccc", linewidth=0.6)
+    ax.set_aspect("equal")
+    ax.set_xlim(-1.25, 1.45)
+    ax.set_ylim(-1.12, 1.12)
+    ax.set_xlabel("real")
+    ax.set_ylabel("imaginary")
+
+
+def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
+    if not np.isfinite(covariance).all():
+        return
+    variance, axes = np.linalg.eigh(covariance)
+    width, height = np.maximum(4.0 * np.sqrt(np.maximum(variance[::-1], 0.0)), 0.015)
+    angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
+    size = max(width, height)
+    if size < 2.0:
+        ax.add_patch(
+            Ellipse((pole.real, pole.imag), width, height, angle=angle, color=BLUE, alpha=0.25)
+        )
+
+
+def bode_picture(data: ReportData, mode: Mapping[str, float], grid: Grid) -> Picture:
+    """Frequency response of rudder to yaw rate with its band, against the spectral estimate."""
+    model = data.model
+    spectral = _spectral(data.judged, model, mode)
+    nyquist = 0.5 / model.sample_time_s
+    low = 0.02 * nyquist if spectral is None else min(0.02 * nyquist, spectral.frequency_hz[0])
+    response = frequency_band(model, np.geomspace(low, 0.98 * nyquist, 200))
+    f, phase = response.frequency_hz, np.unwrap(np.angle(response.G))
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1])
+        gain_db = 20.0 * np.log10(np.abs(response.G))
+        spread_db = 40.0 / math.log(10.0) * response.log_magnitude_std
+        upper.plot(f, gain_db, color=BLUE, label="model")
+        band(upper, f, gain_db - spread_db, gain_db + spread_db, BLUE)
+        lower.plot(f, np.degrees(phase), color=BLUE)
+        spread = 2.0 * response.phase_std_rad
+        band(lower, f, np.degrees(phase - spread), np.degrees(phase + spread), BLUE)
+        if spectral is not None:
+            _draw_spectral(upper, lower, spectral, np.interp(spectral.frequency_hz, f, phase))
+        if "wn_rad_s" in mode:
+            for ax in (upper, lower):
+                ax.axvline(mode["wn_rad_s"] / (2.0 * np.pi), color=GREY, linewidth=0.9, ls="--")
+        upper.set_xscale("log")
+        upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
+        lower.set_ylabel("phase [deg]")
+        lower.set_xlabel("frequency [Hz]")
+        _room(upper, gain_db)
+        _room(lower, np.degrees(phase))
+        upper.legend(loc="lower left")
+
+    look = (
+        "Does the line with its band (2 sigma) run through the points? They come straight from the "
+        "data, without a model (averaged cross spectra), and only where rudder and yaw rate are "
+        "coherent. Points off the line near the dashed natural frequency mean a wrong order."
+    )
+    if spectral is None:
+        look = "The record is too short for a spectral estimate to compare with. Band: 2 sigma."
+    if len(grid.inputs) > 1:
+        look += " The points leave the aileron out of account."
+    title = "Frequency response, rudder to yaw rate"
+    return Picture("bode", title, look, drawn("bode", draw, (5.6, 4.4)))
+
+
+def _spectral(judged: Judged, model: Model, mode: Mapping[str, float]) -> FrequencyResponse | None:
+    rows = judged.longest_stretch()
+    seconds = (rows.stop - rows.start) * model.sample_time_s
+    wanted = PERIODS * 2.0 * np.pi / mode["wn_rad_s"] if "wn_rad_s" in mode else seconds / 8.0
+    segment_s = min(max(wanted, 64.0 * model.sample_time_s), seconds / 4.0)
+    try:
+        u, y = judged.u[rows, 0], judged.y[rows]
+        return frequency_response(u, y, model.sample_time_s, segment_s)
+    except YawidError:
+        return None
+
+
+def _draw_spectral(
+    upper: Axes, lower: Axes, spectral: FrequencyResponse, model_phase: Floats
+) -> None:
+    good = spectral.coherence >= COHERENT
+    f, gain = spectral.frequency_hz[good], np.abs(spectral.G[good])
+    # Only as many turns as the model's: the spectral estimate knows its phase but for 360 degrees.
+    phase = np.angle(spectral.G[good])
+    phase += 2.0 * np.pi * np.round((model_phase[good] - phase) / (2.0 * np.pi))
+    decibel = 20.0 * np.log10(gain)
+    relative = np.minimum(2.0 * spectral.magnitude_std[good] / gain, 0.9)
+    errors = [-20.0 * np.log10(1.0 - relative), 20.0 * np.log10(1.0 + relative)]
+    style: dict[str, Any] = {"fmt": ".", "color": ORANGE, "markersize": 4, "elinewidth": 0.8}
+    upper.errorbar(f, decibel, errors, label=f"spectral, coherence > {COHERENT}", **style)
+    lower.errorbar(f, np.degrees(phase), 2.0 * np.degrees(spectral.phase_std_rad[good]), **style)
+
+
+def _room(ax: Axes, line: Floats) -> None:
+    low, high = float(np.nanmin(line)), float(np.nanmax(line))
+    room = 0.12 * max(high - low, 1.0)
+    ax.set_ylim(low - room, high + room)
+
+
+def step_picture(model: Model, mode: Mapping[str, float], grid: Grid) -> Picture:
+    """Yaw rate after a unit step of the rudder, with its band."""
+    period_s = 2.0 * np.pi / mode["wn_rad_s"] if "wn_rad_s" in mode else 2.0
+    steps = int(np.clip(4.0 * period_s / model.sample_time_s, 20, 2000))
+    answer, std = step_band(model, steps)
+    t = np.arange(steps, dtype=np.float64) * model.sample_time_s
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        ax.plot(t, answer, color=BLUE)
+        band(ax, t, answer - 2.0 * std, answer + 2.0 * std, BLUE)
+        ax.axhline(0.0, color=GREY, linewidth=0.8)
+        ax.set_xlabel("time after the step [s]")
+        ax.set_ylabel("yaw rate [rad/s]")
+        ax.set_xlim(0.0, t[-1])
+
+    look = (
+        f"The yaw rate after the rudder steps by 1 {grid.rudder_unit}, nose right. The first swing "
+        "must go up (down: a sign is wrong), and its swings are what the aircraft would do. Late "
+        "values lean on the spiral mode, which no short record shows. Band: 2 sigma."
+    )
+    return Picture("step", "Step response", look, drawn("step", draw))
+
+
+def residuals_picture(judged: Judged, p: float | None) -> Picture:
+    """Autocorrelation of the residuals, and their correlation with the rudder."""
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1)
+        own, lags, count = correlation(judged.residual, judged.residual, LAGS)
+        half = len(lags) // 2
+        bound = 2.0 / math.sqrt(max(count, 1))
+        _stems(upper, lags[half + 1 :], own[half + 1 :], bound)
+        upper.set_ylabel("with itself")
+        cross, lags, count = correlation(judged.residual, judged.u[:, 0], LAGS)
+        moved, _, _ = correlation(judged.u[:, 0], judged.u[:, 0], LAGS)
+        spread = float(np.sum(own * moved)) if len(own) == len(moved) else 1.0
+        _stems(lower, lags, cross, 2.0 * math.sqrt(max(spread, 1.0) / max(count, 1)))
+        lower.set_ylabel("with the rudder")
+        lower.set_xlabel("lag [samples]")
+
+    white = (
+        f" Whiteness (Ljung-Box): p = {p:.2g}; below 0.01 it is no chance." if p is not None else ""
+    )
+    look = (
+        "Bars within the shaded 2 sigma bounds: the model leaves nothing out. Bars above, against "
+        "the residual itself: the noise is not modelled (raise nc). Against the rudder at lags "
+        f"above 0: the answer to the rudder is not (raise na, nb or the delay nk).{white}"
+    )
+    return Picture("residuals", "Residuals: is anything left?", look, drawn("residuals", draw))
+
+
+def _stems(ax: Axes, lags: Floats, values: Floats, bound: float) -> None:
+    ax.axhspan(-bound, bound, color=GREY, alpha=0.25, linewidth=0.0)
+    shades = [RED if abs(value) > bound else GREEN for value in values]
+    ax.bar(lags, values, width=0.55, color=shades)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    limit = max(1.6 * bound, 1.15 * float(np.max(np.abs(values), initial=0.0)))
+    ax.set_ylim(-limit, limit)

@@ -1,0 +1,133 @@
+"""The report's pictures: matplotlib figures, as SVG to stand within a page."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from yawid.blocks import Floats
+from yawid.report.data import Events
+from yawid.sinks.rerun.series import INPUTS, MEASURED, NEUTRAL, PREDICTED, Rgba
+
+SIZE_IN: Final = (5.6, 3.5)
+_STYLE: Any = {  # matplotlib's own type of it is a list of every key
+    "svg.fonttype": "none",  # text stays text: it can be searched and is drawn sharp
+    "svg.hashsalt": "yawid",  # the same picture is the same bytes
+    "text.parse_math": False,  # names come from a log: a dollar in one is a dollar
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "legend.handlelength": 1.6,
+    "axes.labelcolor": "#222222",
+    "text.color": "#222222",
+    "figure.constrained_layout.use": True,
+}
+_FONTS: Final = "'DejaVu Sans', Verdana, sans-serif"  # of the same width where the first is missing
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One picture: its name within the page, its title, what to look for, and its SVG."""
+
+    key: str
+    title: str
+    look: str
+    svg: str
+
+
+def colour(rgba: Rgba) -> str:
+    """Return the viewer's colour of a channel as matplotlib takes it."""
+    return "#{:02x}{:02x}{:02x}".format(*rgba[:3])
+
+
+BLUE, ORANGE, GREY = colour(MEASURED), colour(PREDICTED), colour(NEUTRAL)
+GREEN: Final = colour(INPUTS["rudder"])
+RED: Final = "#c62828"
+
+
+def drawn(key: str, draw: Callable[[Figure], None], size_in: tuple[float, float] = SIZE_IN) -> str:
+    """Return the SVG of what ``draw`` puts into a figure; its ids begin with ``key``."""
+    with mpl.rc_context():
+        mpl.rcdefaults()  # not the user's own style: the same run is the same report
+        mpl.rcParams.update(_STYLE)
+        figure = Figure(figsize=size_in)
+        FigureCanvasSVG(figure)
+        draw(figure)
+        out = io.StringIO()
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(out, format="svg", metadata=nothing, transparent=True)
+    svg = out.getvalue()
+    svg = svg[svg.index("<svg") :]
+    # Many pictures share one page: ids must differ, and the size is the page's to choose.
+    svg = re.sub(r'(\bid="|="#|url\(#)', rf"\g<1>{key}-", svg)
+    # A hundredth of a point is finer than any printer.
+    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = svg.replace("'DejaVu Sans'", _FONTS)
+    return re.sub(r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1)
+
+
+def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str) -> None:
+    """Shade between two lines."""
+    ax.fill_between(x, low, high, color=shade, alpha=0.2, linewidth=0.0)
+
+
+def mark_events(ax: Axes, events: Events) -> None:
+    """Shade what was held and mark where the mode changed, within the axis as it is."""
+    low, high = ax.get_xlim()
+    for first, last in events.held[:200]:
+        if last > low and first < high:
+            ax.axvspan(first, last, color=GREY, alpha=0.25, linewidth=0.0)
+    for instant in events.mode_changes[:200]:
+        if low < instant < high:
+            ax.axvline(instant, color="#6a1b9a", linewidth=0.8, linestyle=":")
+    ax.set_xlim(low, high)
+
+
+def sensible_limits(ax: Axes, *lines: Floats) -> None:
+    """Limit the y axis to where the lines settle: a transient must not flatten all the rest."""
+    settled = np.concatenate([line[len(line) // 4 :] for line in lines])
+    settled = settled[np.isfinite(settled)]
+    if not len(settled):
+        return
+    low, high = np.percentile(settled, [1.0, 99.0])
+    room = 0.15 * max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
+    ax.set_ylim(low - room, high + room)
+
+
+def thin_lines(t: Floats, *lines: Floats, most: int = 1200) -> list[tuple[Floats, Floats]]:
+    """Return each line with at most ``most`` points: of longer ones the least and the largest.
+
+    ``t`` (n,), lines (n,).
+    """
+    if len(t) <= most:
+        return [(t, line) for line in lines]
+    size = -(-2 * len(t) // most)
+    whole = len(t) // size * size
+    at = np.repeat(t[:whole:size], 2)
+    thin = []
+    for line in lines:
+        parts = line[:whole].reshape(-1, size)
+        with np.errstate(invalid="ignore"):
+            thin.append((at, np.stack([parts.min(axis=1), parts.max(axis=1)], axis=1).ravel()))
+    return thin

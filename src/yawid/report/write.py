@@ -1,0 +1,218 @@
+"""``yawid report``: one HTML file that a flight-test engineer can read, print and pass on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from yawid.errors import SourceError
+from yawid.report.data import ReportData, gather
+from yawid.report.html import first_screen, grid, page, pictures, table, tables
+from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
+from yawid.report.time_pictures import fit_picture, link_picture, modes_picture, parameters_picture
+from yawid.sinks.answers import answer_and_others, answering, cards, headline, percent
+from yawid.sinks.base import Grid, open_part, os_errors_as_sink_error, sync
+from yawid.sinks.mcap.reader import McapRun, open_run
+
+PHYSICS_UNITS = {
+    "K": "static gain, rad/s per {rudder}",
+    "T_theta_s": "numerator time constant, s",
+    "omega_beta": "natural frequency, rad/s",
+    "xi_beta": "damping ratio",
+    "a_z_beta": "side force by sideslip, 1/s",
+    "a_my_omega_y": "yaw damping, 1/s",
+    "a_my_beta": "weathercock stability, 1/s²",
+    "a_my_delta_h": "rudder effectiveness, 1/s² per {rudder}",
+    "servo_tau_s": "lag of the servo, s",
+    "reduction_error": "misfit, 0.3 to 3 ωn",
+}
+
+
+def write_report(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
+    """Write the report of a finished run and return its path, beside the MCAP unless told.
+
+    The same run gives the same bytes.
+
+    Raises:
+        SourceError: the MCAP cannot be read, was not finished or is not a run's.
+        SinkError: the report exists and ``force`` is not set, or it cannot be written.
+    """
+    run = open_run(mcap)
+    path = mcap.with_suffix(".html") if out is None else out
+    part, stream = open_part(path, force=force)
+    try:
+        with stream, os_errors_as_sink_error(part):
+            stream.write(report(run).encode("utf-8", "replace"))
+            sync(stream)
+            part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return path.absolute()
+
+
+def report(run: McapRun) -> str:
+    """Return the report as HTML.
+
+    Raises:
+        SourceError: the file is damaged.
+    """
+    name = Path(str(run.summary.get("log", run.path.name))).name
+    try:
+        return page(
+            f"{name} - yawid report", _sections(run, name, gather(run, answering(run.summary)))
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        text = f"{run.path}: its summary is not as yawid writes it: {error!r}"
+        raise SourceError(text) from error
+
+
+def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]:
+    summary = run.summary
+    yield first_screen(name, _origin(run), headline(summary), cards(summary), summary["verdict"])
+    primary, others = answer_and_others(summary)
+    if data is not None and run.grid is not None and primary:
+        mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
+        yield pictures(
+            "Does the model tell what was measured?",
+            [
+                fit_picture(data, fit, run.grid),
+                residuals_picture(data.judged, fit.get("whiteness_p")),
+            ],
+        )
+        yield pictures(
+            "What was learnt, and when",
+            [modes_picture(data, others), parameters_picture(data, run.grid)],
+        )
+        yield pictures(
+            "What the model says of the aircraft",
+            [
+                bode_picture(data, mode, run.grid),
+                poles_picture(data.model),
+                step_picture(data.model, mode, run.grid),
+            ],
+        )
+        yield tables("Numbers", _numbers(summary, run.grid))
+    yield tables("Channels and link", _link(summary, data))
+    if data is not None:
+        yield pictures("", [link_picture(data)]).replace("<h2></h2>\n", "")
+    yield tables("Configuration and provenance", _provenance(run, data))
+    yield _folded(run)
+
+
+def _origin(run: McapRun) -> str:
+    summary = run.summary
+    vehicle = summary.get("vehicle", {})
+    parts = [f"{summary.get('duration_s', 0.0):.0f} s of log"]
+    if vehicle:
+        parts.append(f"vehicle {vehicle.get('sysid')}/{vehicle.get('compid')}")
+    primary, _ = answer_and_others(summary)
+    if primary:
+        orders = ",".join(str(primary["orders"][key]) for key in ("na", "nb", "nc", "nk"))
+        rate = 1.0 / primary["sample_time_s"]
+        parts.append(f"{primary['method'].upper()}, orders na,nb,nc,nk = {orders} at {rate:.3g} Hz")
+    return " · ".join(parts)
+
+
+def _numbers(summary: Mapping[str, Any], run_grid: Grid) -> Iterator[str]:
+    estimates = summary["estimates"]
+    primary, others = answer_and_others(summary)
+    answers = " answers" if others and summary["verdict"]["usable"] else ""
+    methods = [m.upper() + ("" if m in others else answers) for m in estimates]
+    rows = [
+        (name, *(_value(e["theta"], e.get("theta_std", {}), name) for e in estimates.values()))
+        for name in run_grid.parameters
+    ]
+    yield grid("Parameters, ± σ", ("", *methods), rows)
+    fits = (
+        ("fit one step ahead, %", "one_step_pct"), ("fit simulated, %", "simulation_pct"),
+        ("fit on held-back data, %", "simulation_held_back_pct"),
+        ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
+        ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
+    )  # fmt: skip
+    rows = [(text, *(_fit(e["fit"], key) for e in estimates.values())) for text, key in fits]
+    # What is held is also each sample whose lags are not known: the first ones, and after a break.
+    names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
+    counts = [(text, *(str(e[key]) for e in estimates.values())) for key, text in names.items()]
+    yield grid("Fit", ("", *methods), [*rows, *counts])
+    modes = [
+        (
+            mode["kind"],
+            *(_number(mode, key) for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std")),
+        )
+        for mode in primary.get("modes", [])
+    ]
+    yield grid("All modes", ("", "ωn, rad/s", "σ", "ζ", "σ"), modes)
+    physics = primary.get("physics", {})
+    if physics:
+        rows = [
+            (
+                f"{name}: {PHYSICS_UNITS.get(name, '').format(rudder=run_grid.rudder_unit)}",
+                _number(entry, "value"),
+                _number(entry, "std"),
+            )
+            for name, entry in physics.items()
+        ]
+        yield grid("Yaw channel", ("", "value", "σ"), rows)
+
+
+def _value(values: Mapping[str, float], sigmas: Mapping[str, float], name: str) -> str:
+    spread = f" ± {sigmas[name]:.2g}" if name in sigmas else ""
+    return f"{values[name]:.4g}{spread}" if name in values else "–"
+
+
+def _number(values: Mapping[str, float], name: str) -> str:
+    return f"{values[name]:.4g}" if name in values else "–"
+
+
+def _fit(values: Mapping[str, float], name: str) -> str:
+    if name in values and name.endswith("_pct"):
+        return percent(values[name], ".4g")
+    return _number(values, name)
+
+
+def _link(summary: Mapping[str, Any], data: ReportData | None) -> Iterator[str]:
+    for name, channel in summary["channels"].items():
+        yield table(name, {key: _text(value) for key, value in channel.items()})
+    yield table("link", {k.replace("_", " "): _text(v) for k, v in summary["link"].items()})
+    if data is not None:
+        for title, counts in (("held", data.events.counts), ("noted", data.events.notes)):
+            said = {name: f"{count} samples" for name, count in counts.items()}
+            yield table(f"samples {title}, by reason", said or {"any": "no sample"})
+
+
+def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
+    keys = ("log", "sha256", "bytes_read")
+    origin = {key: run.summary[key] for key in keys if key in run.summary}
+    source = run.summary.get("source", {})
+    origin |= {f"samples from, {key}": source[key] for key in keys if key in source}
+    if data is not None:
+        origin["reproduced"] = (
+            "yes: estimated again from the samples in the file, to the bit"
+            if data.model.same
+            else "no: estimating again gives other numbers (another version or machine); "
+            "bands and model pictures are of the new estimate"
+        )
+    yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
+    yield table("configuration", dict(_configuration(run)))
+    yield table("versions", run.metadata.get("versions", {}))
+
+
+def _configuration(run: McapRun) -> Iterator[tuple[str, str]]:
+    for name, value in run.metadata["configuration"].items():
+        if value != "null":
+            yield name.replace("_", " "), value
+
+
+def _folded(run: McapRun) -> str:
+    lines = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace").splitlines()
+    seen = dict(line.rsplit(" ", 1) for line in lines if " " in line)
+    log = {f"{i + 1}. {line.level}": line.text for i, line in enumerate(run.log)}
+    shown = (("parameters seen", seen), ("log of the run", log),
+             ("units of the MCAP's fields", run.metadata.get("units", {})))  # fmt: skip
+    return "\n".join(table(title, rows, folded=True) for title, rows in shown if rows)
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

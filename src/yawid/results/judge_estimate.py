@@ -1,0 +1,192 @@
+"""What the estimates themselves say for or against them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from yawid.blocks import Floats, Status
+from yawid.results.coherence import Coherence
+from yawid.results.judge_samples import UNCERTAIN_WN, UNCERTAIN_ZETA
+from yawid.results.reasons import Reason
+
+LEAST_SIMULATION_PCT = 40.0
+LEAST_HELD_BACK_PCT = 30.0
+"""A free-running model that tells less of the yaw rate than this has learned something else: good
+flights have 73 to 95 %."""
+IN_GUSTS_PCT, IN_GUSTS_WN = 20.0, 0.05
+"""... but for the simulated fit and the relative sigma of wn of a mode that the rudder clearly
+drives: strong gusts leave 20 to 40 % of fit to answers that are right to 5 %."""
+WHITE_P = 0.01
+DISAGREE_SIGMAS = 3.0
+DISAGREE_SHARE = 0.05
+RATE_OF_BAND = 5.0
+"""A band asks for a grid of so many times its upper corner: a finer one sees too little move."""
+MOVING_SHARE = 0.08
+"""Part of itself by which an estimate may still move at the end, if its sigma allows no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one estimator leaves for judgement.
+
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
+    mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
+    much of the yaw rate the model tells from the inputs alone, ``held_back_pct`` the same of
+    samples that it had not seen; ``before`` is (wn, zeta) as they stood a third of the memory ago;
+    ``roll_p`` the p-value that the residuals know nothing of the roll. NaN is what is not known.
+    """
+
+    status: int
+    updates: int
+    dutch_roll: Floats
+    whiteness_p: float
+    early_response: float
+    simulation_pct: float
+    held_back_pct: float
+    before: Floats
+    roll_p: float
+
+
+def estimate_reasons(
+    method: str, evidence: Evidence, *, is_driven: bool = False
+) -> Iterator[Reason]:
+    """Judge one estimate by itself.
+
+    ``is_driven`` tells that rudder and yaw rate are clearly coherent at the mode found, that the
+    rudder does not merely react and that the methods agree on wn: then gusts may hide its effect
+    from the fit and leave wn right.
+    """
+    if evidence.status == Status.DIVERGED:
+        yield Reason("diverged", f"{method} did not stay finite")
+        return
+    if evidence.updates == 0:
+        yield Reason("not_excited", "the channels never moved enough to begin")
+        return
+    against = [*_convergence(evidence), *_fit_reasons(evidence, is_driven)]
+    yield from against
+    yield from _residual_reasons(evidence)
+    if evidence.early_response < 0.0 and not against:
+        yield Reason(
+            "wrong_sign",
+            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
+        )
+
+
+def _convergence(evidence: Evidence) -> Iterator[Reason]:
+    """Judge whether there is a Dutch roll that is known and came to rest."""
+    wn, wn_std, zeta, zeta_std = (float(value) for value in evidence.dutch_roll)
+    if not math.isfinite(wn):
+        yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
+    elif not (wn_std < UNCERTAIN_WN * wn and zeta_std < UNCERTAIN_ZETA):
+        yield Reason(
+            "not_converged",
+            f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
+            f"zeta {zeta:.3g} ± {zeta_std:.2g}",
+        )
+    else:
+        yield from _still_moving(evidence)
+
+
+def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
+    """Judge what the model tells of the yaw rate from the inputs alone; absent is not failed."""
+    simulated, held_back = evidence.simulation_pct, evidence.held_back_pct
+    wn, wn_std = float(evidence.dutch_roll[0]), float(evidence.dutch_roll[1])
+    if is_driven and simulated >= IN_GUSTS_PCT and wn_std < IN_GUSTS_WN * wn:
+        return
+    low, least = [], []
+    if simulated < LEAST_SIMULATION_PCT:
+        low.append(f"{max(simulated, 0.0):.0f} % of the yaw rate (free run)")
+        least.append(f"{LEAST_SIMULATION_PCT:.0f}")
+    if held_back < LEAST_HELD_BACK_PCT:
+        low.append(f"{max(held_back, 0.0):.0f} % of what was held back, the last third")
+        least.append(f"{LEAST_HELD_BACK_PCT:.0f}")
+    if low:
+        why = "turns or gusts hide the rudder's effect"
+        if simulated >= LEAST_SIMULATION_PCT:
+            why = "the rudder rested there, or the aircraft flew otherwise"
+        yield Reason(
+            "poor_fit",
+            f"the inputs explain only {' and '.join(low)}: at least {' and '.join(least)} % "
+            f"{'is' if len(least) == 1 else 'are'} needed; {why}",
+        )
+
+
+def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
+    """Judge what the model leaves over."""
+    if evidence.whiteness_p < WHITE_P:
+        yield Reason(
+            "coloured_residuals",
+            f"the residuals are not white ({_p(evidence.whiteness_p)}): "
+            "the model leaves something out",
+        )
+    elif evidence.roll_p < WHITE_P:
+        yield Reason(
+            "coloured_residuals",
+            f"the residuals follow the roll ({_p(evidence.roll_p)}), which the model leaves "
+            "out: sigma may not cover what that does to wn and zeta",
+        )
+
+
+def _p(value: float) -> str:
+    """Write a p-value; what a float cannot tell from 0 is below its least."""
+    return f"p = {value:.1e}" if value > 0.0 else "p < 1e-300"
+
+
+def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:
+    """Judge whether the rudder has a part in the mode found; too short a record abstains."""
+    if found is None or found.driven:
+        return
+    band, advice, remedy = found.band_hz, "", {}
+    if band is not None:
+        rate = float(f"{RATE_OF_BAND * band[1]:.2g}")
+        advice = f"; try --band {band[0]:.2g},{band[1]:.2g} with --rate {rate:g}"
+        remedy = {"band": tuple(float(f"{edge:.2g}") for edge in band), "rate": rate}
+    yield Reason(
+        "mode_not_driven",
+        f"the rudder does not drive the mode found at {wn_rad_s:.3g} rad/s "
+        f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): squared coherence {found.squared:.2f}, and "
+        f"{found.limit:.2f} comes by chance; {100 * found.peak_share:.0f} % of the yaw-rate power "
+        f"stands at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
+        remedy,
+    )
+
+
+def _still_moving(evidence: Evidence) -> Iterator[Reason]:
+    """Judge whether the estimate came to rest: its sigma tells nothing while it moves."""
+    for name, i in (("wn", 0), ("zeta", 2)):
+        now, sigma = float(evidence.dutch_roll[i]), float(evidence.dutch_roll[i + 1])
+        before = float(evidence.before[i // 2])
+        moved = abs(now - before)
+        if moved > DISAGREE_SIGMAS * sigma and moved > MOVING_SHARE * abs(now):
+            yield Reason(
+                "not_converged",
+                f"{name} still moves: {before:.3g} a third of the memory ago, now {now:.3g} ± "
+                f"{sigma:.2g}; another way of flying, such as a turn? Choose --from and --to",
+            )
+            return
+
+
+def agreement_reasons(
+    evidence: Mapping[str, Evidence], refused: Mapping[str, list[Reason]]
+) -> Iterator[Reason]:
+    """Compare the Dutch rolls of ELS and RML; ``refused`` has what makes a method unusable."""
+    if not {"els", "rml"} <= evidence.keys():
+        return
+    if len(refused) == 1:
+        ((method, reasons),) = refused.items()
+        why = next(reason for reason in reasons if reason.kind.exit_code)
+        text = f"{method.upper()} beside it cannot be used ({why.id}: {why.text})"
+        yield Reason("els_rml_disagree", text)
+        return
+    els, rml = evidence["els"].dutch_roll, evidence["rml"].dutch_roll
+    for name, i in (("wn", 0), ("zeta", 2)):
+        difference = abs(float(els[i] - rml[i]))
+        sigma = math.hypot(float(els[i + 1]), float(rml[i + 1]))
+        if difference > DISAGREE_SIGMAS * sigma and difference > DISAGREE_SHARE * abs(els[i]):
+            yield Reason(
+                "els_rml_disagree",
+                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML: the noise model matters",
+            )
+            return

@@ -1,0 +1,211 @@
+"""What the samples say for or against an answer: rates, inputs, the way it was flown.
+
+A wrong answer that looks right is the worst that could leave this program, so whatever speaks
+against the estimate is said, and what speaks loudly enough makes it unusable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.channels.decimate import RATE_SLACK
+from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
+from yawid.estimation.bank import History
+from yawid.results.collinearity import closeness, condition_number
+from yawid.results.excitation import LEAST_STROKE, Excitation
+from yawid.results.reasons import Reason
+
+LEAST_RATE_HZ = 5.0
+LOW_RATE_HZ = 10.0
+REFUSED_RATIO, LOW_RATIO = 4.0, 10.0
+"""Samples per Dutch-roll period below which there is no answer, and below which it is poor."""
+RATE_CHANGED = 1.5
+COLLINEAR = 0.995
+"""Largest correlation of the lags of two inputs from which their effects cannot be told apart: a
+condition number of 20."""
+TURN_DOMINATED = 0.6
+"""Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
+TURN_BAND_HZ = (0.15, 3.0)
+"""Band that leaves out what turns do and keeps the Dutch rolls of small aircraft."""
+CLOSED_LOOP = 0.8
+ROUNDING = 1e-9
+UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
+"""A relative sigma of wn, and a sigma of zeta, above which nobody would act on the Dutch roll."""
+SATURATED_SHARE = 0.05
+
+
+def rate_reasons(
+    yaw_hz: float, rudder_hz: float, rate_hz: float, dutch_roll: Floats
+) -> Iterator[Reason]:
+    """Judge the message rates, and once wn is known well enough the grid against it."""
+    wn_rad_s, wn_std = float(dutch_roll[0]), float(dutch_roll[1])
+    known = wn_std < UNCERTAIN_WN * wn_rad_s
+    slowest = min(yaw_hz, rudder_hz)
+    said = f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
+    if slowest < LEAST_RATE_HZ * RATE_SLACK:
+        text = f"{said}: below {LEAST_RATE_HZ:g} Hz there is no answer; ask for 25 Hz or more"
+        yield Reason("rate_too_low", text)
+    elif slowest < LOW_RATE_HZ * RATE_SLACK:
+        yield Reason("rate_low", f"{said}: below {LOW_RATE_HZ:g} Hz the damping is uncertain")
+    if known:
+        yield from _against_the_mode(min(slowest, rate_hz), slowest, wn_rad_s / (2.0 * math.pi))
+
+
+def _against_the_mode(have_hz: float, own_hz: float, found_hz: float) -> Iterator[Reason]:
+    """Judge the grid against the natural frequency found."""
+    if have_hz < REFUSED_RATIO * found_hz:
+        yield Reason(
+            "rate_too_low",
+            f"{have_hz:.3g} Hz is below {REFUSED_RATIO:g} times the natural frequency found "
+            f"({REFUSED_RATIO * found_hz:.3g} Hz)",
+        )
+    elif have_hz < LOW_RATIO * found_hz:
+        better = f", --rate {own_hz:.3g} can be had" if own_hz > 1.05 * have_hz else ""
+        yield Reason(
+            "rate_low",
+            f"{have_hz:.3g} Hz is only {have_hz / found_hz:.1f} times the natural frequency "
+            f"found: {LOW_RATIO:g} times is better{better}",
+        )
+
+
+def changed_rates(
+    yaw_hz: float, rudder_hz: float, later_yaw_hz: float, later_rudder_hz: float
+) -> Iterator[Reason]:
+    """Compare the rates of the first seconds, which set the grid, with those of the whole run."""
+    pairs = (("yaw", yaw_hz, later_yaw_hz), ("rudder", rudder_hz, later_rudder_hz))
+    for name, first, later in pairs:
+        if later > RATE_CHANGED * first or first > RATE_CHANGED * later:
+            text = f"{name} came at {first:.3g} Hz when the grid was chosen, then at {later:.3g} Hz"
+            yield Reason("rate_changed", text + ": choose --rate by hand")
+            return
+
+
+def excitation_reasons(found: Excitation) -> Iterator[Reason]:
+    """Judge whether the rudder moved, and by itself rather than as the aileron's copy.
+
+    It has moved if it did in any five seconds: what an hour of trim drift covers is nothing to
+    learn from, and ten doublets in an hour are.
+    """
+    needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"
+    if found.most_whole < LEAST_STROKE:
+        yield Reason(
+            "not_excited",
+            f"the rudder's largest movement within {WINDOW_S:g} s is {100 * found.most_whole:.1f} "
+            f"% of half its travel: {needed}",
+        )
+    elif found.most_own < LEAST_STROKE:
+        yield Reason(
+            "mixed_rudder",
+            f"the rudder follows the aileron: of its {100 * found.most_whole:.0f} % of half its "
+            f"travel within {WINDOW_S:g} s no more than {100 * found.most_own:.1f} % are its own, "
+            f"and {needed}",
+        )
+
+
+def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Iterator[Reason]:
+    """Judge the inputs (n, inputs): kept apart from each other, not at their stops.
+
+    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``.
+    """
+    rows = u[np.isfinite(u).all(axis=1)]
+    if len(rows) < 2:
+        yield Reason("not_excited", "there is no stretch with both rudder and yaw rate")
+        return
+    stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * travel_unit))
+    if stops > SATURATED_SHARE:
+        text = f"the rudder stood at its stops for {100 * stops:.0f} % of the time"
+        yield Reason("saturated", text)
+    spread = rows.std(axis=0)
+    for i in range(1, len(inputs)):
+        if spread[0] > 0.0 and spread[i] > 0.0:
+            r = float(np.corrcoef(rows[:, 0], rows[:, i])[0, 1])
+            close = closeness(u[:, 0], u[:, i])
+            if close > COLLINEAR:
+                yield Reason(
+                    "collinear_inputs",
+                    f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
+                    f"number of their lags {condition_number(close):.3g}): their effects cannot "
+                    "be told apart",
+                )
+
+
+def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
+    """Judge the flying: turns that hide the rudder, another airspeed."""
+    y, u = history.y, history.u[:, 0]
+    rows = np.isfinite(y) & np.isfinite(u)
+    turning = rows & np.isfinite(history.turn)
+    r = _correlation(y[turning], history.turn[turning])
+    if turn == "keep" and r > TURN_DOMINATED:
+        yield Reason(
+            "turn_dominated",
+            f"the yaw rate follows the bank (correlation {r:+.2f} with the turn rate), not the "
+            "rudder: try --turn remove with --band",
+            {"turn": "remove", "band": TURN_BAND_HZ},
+        )
+    speed = history.airspeed[rows & np.isfinite(history.airspeed)]
+    if len(speed) > 1:
+        low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
+        if high - low > 2.0 * AIRSPEED_SHARE * middle:
+            yield Reason(
+                "airspeed_changed",
+                f"the airspeed went from {low:.1f} to {high:.1f} m/s: wn and the gain go with it",
+            )
+
+
+def feedback_reasons(inputs: tuple[str, ...], history: History) -> Iterator[Reason]:
+    """Judge whether inputs only react, by what yaw rate, roll and the roll before tell of each.
+
+    Past yaw rates are left out: they hold what the rudder did a moment ago and would explain 80 to
+    87 % even of one that excites.
+    """
+    said = [
+        f"{100 * share:.0f} % of the {name}"
+        for name, share in zip(inputs, reaction_shares(history), strict=True)
+        if share > CLOSED_LOOP
+    ]
+    if said:
+        text = f"yaw rate and roll explain {' and '.join(said)}: it reacts more than it excites"
+        yield Reason("closed_loop", text)
+
+
+def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
+    """Judge whether a yaw damper was identified in place of the aircraft.
+
+    A rudder that yaw rate and roll explain, and that turns the nose the other way, opposes the yaw:
+    what is found is the controller upside down. ``share`` is of :func:`reaction_shares`,
+    ``early_response`` of the step response, as in the evidence of an estimate.
+    """
+    if share > CLOSED_LOOP and early_response < 0.0:
+        yield Reason(
+            "mode_not_driven",
+            f"the rudder opposes the yaw as a yaw damper does (yaw rate and roll explain "
+            f"{100 * share:.0f} % of it): what was found is the damper, not the aircraft",
+        )
+
+
+def reaction_shares(history: History) -> list[float]:
+    """Return of each input the part (0 to 1) that yaw rate, roll and the roll before explain."""
+    before = np.concatenate([[np.nan], history.roll[:-1]])
+    causes = np.column_stack([history.y, history.roll, before])
+    return [_explained(u, causes) for u in history.u.T]
+
+
+def _correlation(a: Floats, b: Floats) -> float:
+    if len(a) < 3 or a.std() == 0.0 or b.std() == 0.0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def _explained(target: Floats, causes: Floats) -> float:
+    """Return R^2 of a linear regression with intercept, 0 of what moves by rounding alone."""
+    good = np.isfinite(causes).all(axis=1) & np.isfinite(target)
+    target, causes = target[good], causes[good]
+    if len(target) < 10 or target.std() <= ROUNDING * np.abs(target).max():
+        return 0.0
+    columns = np.column_stack([causes, np.ones(len(target))])
+    coefficients = np.linalg.lstsq(columns, target, rcond=None)[0]
+    return 1.0 - float(np.var(target - columns @ coefficients) / np.var(target))

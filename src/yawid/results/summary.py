@@ -1,0 +1,202 @@
+"""The summary of a run: everything ``--json`` prints, and the verdict it carries.
+
+A key that does not apply is absent; no value is ever NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from yawid.channels.find_surface import why_no_surface
+from yawid.channels.grid_rate import RATE_TOLERANCE
+from yawid.channels.parameters import STOCK_TRAVEL_US
+from yawid.channels.redundant_outputs import LEAST_SHARE, TOLERANCE, Twins
+from yawid.channels.stage import Channels
+from yawid.channels.surface import STICKS, Surface
+from yawid.channels.yaw_reader import COARSE, SOURCES
+from yawid.pipeline import Pipeline
+from yawid.results.estimate_summary import method_summary
+from yawid.results.judge import bank_verdict
+from yawid.results.judge_estimate import Evidence
+from yawid.results.judge_samples import changed_rates
+from yawid.results.reasons import Reason, Verdict
+
+
+def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
+    """Return the summary of a finished pipeline and its verdict."""
+    link = pipeline.link
+    channels, bank = pipeline.channels, pipeline.bank
+    summary: dict[str, Any] = {
+        "log": log,
+        "sha256": sha256,
+        "duration_s": max((link.last_us or 0) - (link.first_us or 0), 0) / 1e6,
+    }
+    vehicle = channels.lock.vehicle
+    if vehicle is not None:
+        summary["vehicle"] = {
+            "sysid": vehicle.sysid,
+            "compid": vehicle.compid,
+            "type": vehicle.type,
+            "autopilot": vehicle.autopilot,
+        }
+    if len(vehicles := channels.lock.vehicles) > 1:
+        summary["vehicles"] = vehicles
+    if len(boots := channels.boots.spans_us) > 1:
+        summary["boots"] = [
+            {"boot": number, "from": first / 1e6, "to": last / 1e6}
+            for number, (first, last) in boots.items()
+        ]
+    summary["link"] = _link(pipeline)
+    summary["channels"] = _channels(channels)
+    evidence: dict[str, Evidence] = {}
+    if bank is not None and channels.surfaces:
+        summary["estimates"] = {}
+        for method in bank.methods:
+            summary["estimates"][method], evidence[method] = method_summary(bank, method)
+    verdict = _verdict(pipeline, evidence)
+    summary["verdict"] = as_summary(verdict)
+    return summary, verdict
+
+
+def as_summary(verdict: Verdict) -> dict[str, Any]:
+    """Return the verdict as ``--json`` prints it."""
+    method = {} if verdict.method is None else {"method": verdict.method}
+    return method | {
+        "usable": verdict.usable,
+        "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
+    }
+
+
+def _link(pipeline: Pipeline) -> dict[str, Any]:
+    link, segmenter, aligner = (
+        pipeline.link,
+        pipeline.channels.segmenter,
+        pipeline.channels.aligner,
+    )
+    return {
+        "frames": link.frames,
+        "skipped_bytes": link.skipped_bytes,
+        "bad_crc": link.bad_crc,
+        "unknown": link.unknown,
+        "lost": link.lost,
+        "reboots": segmenter.reboots,
+        "clock_steps": segmenter.clock_steps,
+        "gaps": segmenter.silences + (0 if aligner is None else aligner.gaps),
+        "unsigned_rejected": link.unsigned_rejected,
+    } | ({"clock_leap_s": segmenter.leap_us / 1e6} if segmenter.leap_us else {})
+
+
+def _channels(channels: Channels) -> dict[str, Any]:
+    yaw_rate, surface_rate = _rates(channels)
+    found: dict[str, Any] = {}
+    for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
+        found[name] = _surface(surface, channels.twins) | surface_rate
+    if channels.yaw.rows:
+        found["yaw"] = {"source": channels.yaw.label} | yaw_rate
+    return found
+
+
+def _rates(channels: Channels) -> list[dict[str, float]]:
+    """Return what to say of the message rates of yaw and surfaces.
+
+    ``rate_hz`` is that of the first seconds, which chose the grid, unless the whole run's is
+    another by more than their jitter: then it is the whole run's, and the other one stands beside
+    it.
+    """
+    if channels.intervals_us is None:
+        return [{}, {}]
+    told = []
+    for flow, interval_us in zip(channels.flows, channels.intervals_us, strict=True):
+        first_hz, whole_hz = 1e6 / interval_us, flow.rate_hz
+        if abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz:
+            told.append({"rate_hz": whole_hz, "first_rate_hz": first_hz})
+        else:
+            told.append({"rate_hz": first_hz})
+    return told
+
+
+def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
+    described: dict[str, Any] = {"source": surface.source, "how": twins.how(surface)}
+    first = surface.parts[0]
+    if first.travel_us is not None:
+        names = ("min_us", "trim_us", "max_us")
+        described |= dict(zip(names, first.travel_us, strict=True))
+        described["reversed"] = first.reversed
+    return described
+
+
+def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
+    channels, bank = pipeline.channels, pipeline.bank
+    missing = list(_missing(pipeline))
+    if missing:
+        return Verdict.of(missing)
+    found = [Reason(*said) for said in channels.command.texts(channels.lock.vehicle)]
+    found += _surface_reasons(channels)
+    if bank is None or channels.intervals_us is None:
+        text = "rudder and yaw rate never flow together for as long as an answer needs"
+        return Verdict.of([*found, Reason("not_excited", text)])
+    if channels.used == 0:
+        names = [str(flag.name).lower().replace("_", " ") for flag in channels.held]
+        found.append(Reason("not_excited", f"every sample is held: {', '.join(names)}"))
+    yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
+    found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
+    travel_unit = abs(channels.surfaces[0].scale)
+    return bank_verdict(bank, evidence, (yaw_hz, rudder_hz), travel_unit, found)
+
+
+def _missing(pipeline: Pipeline) -> Iterator[Reason]:
+    """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
+    channels, config = pipeline.channels, pipeline.config
+    vehicle = channels.lock.vehicle
+    if vehicle is None:
+        rejected = pipeline.link.unsigned_rejected
+        keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
+        nothing = "not one MAVLink frame came: is it the right address or file?"
+        why = channels.lock.why_none() if pipeline.link.frames or rejected else nothing
+        yield Reason("no_vehicle", why + keyed)
+        return
+    # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.
+    unheard = channels.surface_rows == 0 and channels.yaw.rows > 0
+    if unheard or not channels.surfaces:
+        missing = "rudder" if config.inputs == ("rudder",) else " or ".join(config.inputs)
+        if channels.surfaces:
+            text = f"no message carries {channels.surfaces[0].source}"
+        else:
+            text = why_no_surface(missing, vehicle, channels.parameters)
+        yield Reason("no_rudder", text)
+    if channels.yaw.rows == 0:
+        yield Reason("no_yaw", f"none of {', '.join(SOURCES)} comes from the vehicle")
+
+
+def _surface_reasons(channels: Channels) -> list[Reason]:
+    """Return what is said of the channels, all texts of one id in one reason."""
+    texts: dict[str, list[str]] = {}
+    if channels.yaw.source in COARSE:
+        text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
+        texts["channel_stand_in"] = [text]
+    for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
+        for id_, text in _surface_texts(name, surface, channels.twins):
+            texts.setdefault(id_, []).append(text)
+    return [Reason(id_, "; ".join(found)) for id_, found in texts.items()]
+
+
+def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[tuple[str, str]]:
+    if "assumed" in surface.how:
+        low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
+        yield (
+            "rudder_assumed",
+            f"the log does not say which channel moves the {name}, or how far: "
+            f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
+        )
+    for twin in surface.twins:
+        share = twins.share_apart(surface, twin)
+        if share > LEAST_SHARE:
+            yield (
+                "rudder_assumed",
+                f"{surface.name_of(twin)} is a {name} too and differs from {surface.source} by "
+                f"more than {100 * TOLERANCE:.0f} % of half the travel in {100 * share:.0f} % of "
+                f"the messages: {surface.source} is assumed",
+            )
+    if surface.message in STICKS:
+        yield "channel_stand_in", f"{surface.source} is the pilot's stick, not the {name} itself"

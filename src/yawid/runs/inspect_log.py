@@ -1,0 +1,353 @@
+"""Is this log usable? By which channels, at which rate, excited where; and if not, what to record.
+
+The answer comes from a replay without outputs, and from looking at where the rudder moved on its
+own.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import Floats, Ints
+from yawid.channels.boots import Boots
+from yawid.channels.clock import REBOOT_US
+from yawid.channels.decimate import RATE_SLACK
+from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
+from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
+from yawid.results.advice import what_to_record
+from yawid.results.excitation import excitation
+from yawid.results.judge_samples import LEAST_RATE_HZ, reaction_shares
+from yawid.results.reasons import KINDS, Verdict
+from yawid.results.summary import as_summary, summarise
+from yawid.runs.read_log import collect, run_through
+from yawid.sources.mavlink.flight_modes import mode_name
+from yawid.sources.mavlink.sequence import SenderStats
+from yawid.sources.read_options import Reading
+
+BRIDGE_S = 20.0
+"""Excited stretches this near to each other are one."""
+BEFORE_S = 2.0
+"""A stretch begins so long before the rudder moves."""
+LEAST_STRETCH_S = 5.0
+SAMPLES_PER_PERIOD = 16.0
+MOST_REACTION = 0.5
+"""An aileron of which yaw rate and roll explain more only holds the wings level: no input."""
+WORTH_PCT = 2.0
+"""How many points of the simulated fit a further input must bring."""
+BOTH = ("rudder", "aileron")
+NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
+UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
+"""Reasons that no other option of a replay can mend."""
+WORTH_SAYING = frozenset({"rudder_assumed", "rate_low"})
+"""Warnings that the next recording can do away with."""
+LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
+"""Messages per period of the Dutch roll: fewer than the first are no answer, the second is well."""
+STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
+NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
+MOST_REMEDIES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Where the rudder moved on its own, in seconds since boot, in the boot of that number."""
+
+    boot: int | None
+    from_s: float
+    to_s: float
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return self.to_s - self.from_s
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A replay without outputs: its configuration, what came of it, and whether it may be used.
+
+    ``aileron_reacts`` is the part of an aileron among the inputs that yaw rate and roll explain.
+    """
+
+    config: RunConfig
+    summary: dict[str, Any]
+    verdict: Verdict
+    aileron_reacts: float = 0.0
+
+    @property
+    def wn_rad_s(self) -> float:
+        """The natural frequency of the method that answers, NaN where there is none."""
+        return float(self._answer.get("dutch_roll", {}).get("wn_rad_s", np.nan))
+
+    @property
+    def simulation_pct(self) -> float:
+        """The free-running fit of the method that answers."""
+        return float(self._answer.get("fit", {}).get("simulation_pct", -np.inf))
+
+    @property
+    def _answer(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.summary.get("estimates", {}).get(self.verdict.method, {})
+        return found
+
+
+def inspect(
+    log: Path, config: RunConfig, reading: Reading | None = None
+) -> tuple[dict[str, Any], Verdict]:
+    """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
+
+    The verdict is that of the stretch recommended where that is usable, else of the whole log.
+
+    Raises:
+        SourceError: the log cannot be read.
+        ConfigError: what is asked for does not fit the log.
+    """
+    reading, survey = reading or Reading(), Survey()
+    pipeline, sha256 = run_through(log, config, reading=reading, watch=survey.note)
+    whole = Trial(config, *summarise(pipeline, str(log.absolute()), sha256))
+    found: list[Stretch] = []
+    if pipeline.bank is not None and pipeline.channels.surfaces:
+        found = stretches(log, config, reading, pipeline.channels.boots)
+    kept = ("log", "sha256", "duration_s", "vehicle", "vehicles", "boots", "link", "channels")
+    report = {key: whole.summary[key] for key in kept if key in whole.summary}
+    link = pipeline.link
+    report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}
+    counted = {key: SenderStats(frames) for key, frames in link.senders.items()} | dict(
+        link.by_sender
+    )
+    report["by_sender"] = {f"{s}/{c}": asdict(n) for (s, c), n in counted.items()}
+    if link.signed:
+        report["link"]["signed"] = link.signed
+    if (said := reading.unchecked(link)) is not None:
+        report["unchecked"] = said
+    report |= flown(survey, pipeline.channels.lock.vehicle)
+    report["excited"] = [
+        {"boot": each.boot, "from": each.from_s, "to": each.to_s} for each in found
+    ]
+    report["recommend"] = {}
+    chosen = whole
+    if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
+        longest = max(found, key=lambda stretch: stretch.seconds)
+        later_hz = min(each["rate_hz"] for each in report["rates"].values())
+        boot = longest.boot if len(pipeline.channels.boots.spans_us) > 1 else config.boot
+        chosen = _best(log, whole, reading, replace(longest, boot=boot), later_hz)
+        report["recommend"] = said_options(chosen.config)
+        report["command"] = command_line(log, chosen.config, reading)
+    ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
+    if record := what_to_record(ids, pipeline.channels):
+        report["recommend"]["record"] = record
+    report["verdict"] = as_summary(chosen.verdict)
+    return report, chosen.verdict
+
+
+def said_options(config: RunConfig) -> dict[str, Any]:
+    """Return the options of a replay that differ from their defaults, by name, as JSON has them."""
+    named = {"from_s": "from", "to_s": "to"}
+    always = {"rate", "orders", "inputs"}
+    found = {}
+    for option in fields(config):
+        value = getattr(config, option.name)
+        if value is None or (value == option.default and option.name not in always):
+            continue
+        text = ",".join(str(each) for each in value) if isinstance(value, tuple) else value
+        found[named.get(option.name, option.name.replace("_", "-"))] = text
+    return found
+
+
+def command_line(log: Path, config: RunConfig, reading: Reading) -> str:
+    """Return the command that replays a log so, to be copied into a shell."""
+    words = ["yawid", "replay", str(log)]
+    for name, value in said_options(config).items():
+        words += [f"--{name}", str(value)]
+    if reading.form != "auto":
+        words += ["--format", reading.form]
+    if reading.key_file is not None:
+        words += ["--signing-key-file", str(reading.key_file)]
+    return shlex.join(words)
+
+
+def flown(survey: Survey, vehicle: Vehicle | None) -> dict[str, Any]:
+    """Return message rates with their jitter, what they can answer, and the phases of the flight.
+
+    Intervals and rates are on the vehicle's clock; ``from`` and ``to`` in seconds since boot.
+    """
+    named = zip(("yaw", "rudder"), survey.intervals(), strict=True)
+    rates = {name: _rate_and_jitter(found) for name, found in named if found is not None}
+    told: dict[str, Any] = {"rates": rates}
+    slowest_hz = min((each["rate_hz"] for each in rates.values()), default=0.0)
+    if len(rates) == 2 and slowest_hz >= LEAST_RATE_HZ * RATE_SLACK:
+        told["answerable"] = {
+            "wn_max_rad_s": 2.0 * np.pi * slowest_hz / LEAST_PER_PERIOD,
+            "wn_well_rad_s": 2.0 * np.pi * slowest_hz / GOOD_PER_PERIOD,
+        }
+    if vehicle is not None:
+        told["phases"] = [_phase(phase, vehicle) for phase in survey.phases]
+    return told
+
+
+def _rate_and_jitter(found: Intervals) -> dict[str, float]:
+    names = ("median_s", "p5_s", "p95_s")
+    intervals = {f"interval_{name}": float(getattr(found, name)) for name in names}
+    return {"messages": found.messages, "rate_hz": found.rate_hz} | intervals
+
+
+def _phase(phase: Phase, vehicle: Vehicle) -> dict[str, Any]:
+    """Describe a phase; what hovers may be slow without standing on the ground."""
+    told: dict[str, Any] = {
+        "boot": phase.boot,
+        "from": phase.from_us / 1e6,
+        "to": phase.to_us / 1e6,
+    }
+    mode = ""
+    if phase.mode >= 0:
+        told["mode"] = mode = mode_name(vehicle.autopilot, vehicle.type, phase.mode)
+    state = STATES.get(phase.state)
+    hovers = vehicle.type not in (GENERIC, FIXED_WING) or mode.startswith("Q")
+    if state is not None:
+        told["state"] = "slow" if hovers and phase.state == GROUNDED else state
+    return told
+
+
+def stretches(log: Path, config: RunConfig, reading: Reading, boots: Boots) -> list[Stretch]:
+    """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
+
+    A reboot and a change of flight mode end a stretch.
+    """
+    blocks = collect(log, config, reading)
+    if not blocks:
+        return []
+    t_s, u, aileron, mode, y = (
+        np.concatenate(columns)
+        for columns in zip(
+            *((b.boot_us / 1e6, b.u[:, 0], b.aileron, b.mode, b.y) for b in blocks), strict=True
+        )
+    )
+    degrees = config.rudder_max_deg
+    unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
+    rudder = np.where(np.isfinite(y), u, np.nan)
+    moved = excitation(rudder, aileron, mode, unit, blocks[0].sample_time_s)
+    numbers = _boot_numbers(t_s, boots)
+    known = np.where(np.isnan(mode), -1.0, mode)
+    meaning = np.cumsum(
+        (np.diff(numbers, prepend=numbers[0]) != 0) | (np.diff(known, prepend=known[0]) != 0)
+    )
+    return [
+        stretch
+        for rows in np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(meaning)) + 1)
+        for stretch in _joined(t_s[rows], int(numbers[rows[0]]), moved.excited[rows])
+    ]
+
+
+def _boot_numbers(t_s: Floats, boots: Boots) -> Ints:
+    """Return the number of the boot of each sample (n,), in seconds since boot: one after another.
+
+    A boot without samples is passed over, by the times that each covers.
+    """
+    runs = np.cumsum(np.diff(t_s, prepend=t_s[0]) < -REBOOT_US / 1e6)
+    numbers = np.ones(len(t_s), np.int64)
+    spans = iter(sorted(boots.spans_us.items()))
+    for run in range(int(runs[-1]) + 1):
+        rows = runs == run
+        first, last = 1e6 * float(t_s[rows].min()), 1e6 * float(t_s[rows].max())
+        within = (n for n, (a, b) in spans if a - REBOOT_US <= first and last <= b + REBOOT_US)
+        numbers[rows] = next(within, run + 1)
+    return numbers
+
+
+def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Stretch]:
+    """Yield the excited stretches of one boot and flight mode, bridging short rests."""
+    rows = np.flatnonzero(excited)
+    for run in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > BRIDGE_S) + 1):
+        if len(run):
+            first, last = max(float(t_s[run[0]]) - BEFORE_S, float(t_s[0])), float(t_s[run[-1]])
+            if last - first >= LEAST_STRETCH_S:
+                yield Stretch(boot, round(first, 1), round(last, 1))
+
+
+def _best(log: Path, whole: Trial, reading: Reading, stretch: Stretch, later_hz: float) -> Trial:
+    """Return the replay to recommend: of an excited stretch, with what mends its reasons.
+
+    The rate gives about sixteen samples per Dutch-roll period, and no more than ``later_hz``, what
+    the slower message has over the whole log; the aileron is an input where it tells the yaw rate
+    noticeably better than the rudder alone. Every option was tried as it is recommended; where no
+    trial may be used and the ``whole`` log as asked for may, that is it.
+    """
+    config = replace(whole.config, boot=stretch.boot, from_s=stretch.from_s, to_s=stretch.to_s)
+    if config.memory is None and config.forgetting is None:
+        config = replace(config, forgetting=1.0)
+    best = _trial(log, config, reading)
+    if config.inputs != BOTH:
+        with suppress(ConfigError):  # no aileron, or in another message
+            both = _trial(log, replace(config, inputs=BOTH), reading)
+            worth = both.simulation_pct > best.simulation_pct + WORTH_PCT
+            if worth and both.aileron_reacts < MOST_REACTION:
+                best = both
+    if whole.config.rate is None:
+        rate = _rate(best, later_hz)
+        with suppress(ConfigError):  # a rate that jitters below what it seemed
+            best = _trial(log, replace(best.config, rate=rate), reading)
+    for _ in range(MOST_REMEDIES):
+        better = _mended(log, best, reading)
+        if better is None:
+            break
+        best = better
+    return whole if whole.verdict.usable and not best.verdict.usable else best
+
+
+def _mended(log: Path, trial: Trial, reading: Reading) -> Trial | None:
+    """Return the trial of what its reasons ask for, None where that is nothing or no better."""
+    remedy: dict[str, Any] = {}
+    for reason in trial.verdict.reasons:
+        if reason.kind.exit_code:
+            remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
+    if not remedy:
+        return None
+    own_hz = 1.0 / float(trial.summary["estimates"][trial.verdict.method]["sample_time_s"])
+    if "rate" in remedy:
+        remedy["rate"] = max(NICE_RATES_HZ[0], min(remedy["rate"], own_hz))
+    if "band" in remedy:
+        low, high = remedy["band"]
+        remedy["band"] = (low, min(high, float(f"{0.45 * remedy.get('rate', own_hz):.2g}")))
+    try:
+        tried = _trial(log, replace(trial.config, **remedy), reading)
+    except ConfigError:
+        return None
+    return tried if _weight(tried.verdict) < _weight(trial.verdict) else None
+
+
+def _weight(verdict: Verdict) -> tuple[int, ...]:
+    """Return how much speaks against a verdict, for comparison: fewer fatal reasons are better."""
+    fatal = [reason for reason in verdict.reasons if reason.kind.exit_code]
+    return (len(fatal), *(-list(KINDS).index(reason.id) for reason in fatal))
+
+
+def _trial(log: Path, config: RunConfig, reading: Reading) -> Trial:
+    """Return a replay without outputs.
+
+    Raises:
+        ConfigError: the channels or the rate do not fit.
+    """
+    pipeline, _ = run_through(log, config, reading=reading)
+    is_both = pipeline.bank is not None and config.inputs == BOTH
+    reacts = reaction_shares(pipeline.bank.history())[1] if is_both and pipeline.bank else 0.0
+    return Trial(config, *summarise(pipeline, "", ""), reacts)
+
+
+def _rate(trial: Trial, later_hz: float) -> float:
+    """Return the nice rate nearest to sixteen samples per period, no more than the log has."""
+    channels: Mapping[str, Any] = trial.summary["channels"]
+    first = [each.get("first_rate_hz", each["rate_hz"]) for each in channels.values()]
+    own = min(later_hz, *first)
+    wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0
+    target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
+    allowed = [rate for rate in NICE_RATES_HZ if rate <= own * 1.02]
+    if not allowed:
+        return float(f"{own:.3g}")
+    return min(allowed, key=lambda rate: abs(rate - target))

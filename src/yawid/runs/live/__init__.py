@@ -1,0 +1,7 @@
+"""The live session: a tlog being written, and estimated as it grows."""
+
+from yawid.runs.live.loop import LiveOptions, live, session_name
+from yawid.runs.live.vehicle_session import Ended
+from yawid.sinks.terminal.status_line import Console
+
+__all__ = ["Console", "Ended", "LiveOptions", "live", "session_name"]

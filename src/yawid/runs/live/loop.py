@@ -1,0 +1,262 @@
+"""The loop of ``yawid live``: read, record, estimate, and say what has happened."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError, SourceError
+from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
+from yawid.runs.live.vehicles import Fleet, Sessions, Single
+from yawid.runs.live.warm_up import Warming
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag
+from yawid.sinks.base import os_errors_as_sink_error
+from yawid.sinks.terminal.status_line import Console
+from yawid.sources.link.endpoints import Endpoint, parse_endpoint
+from yawid.sources.link.inbox import Stamps
+from yawid.sources.link.rate_requests import RateRequests
+from yawid.sources.link.tap import Tap
+from yawid.sources.link.tcp_serial import StreamTap
+from yawid.sources.link.udp import UdpTap
+from yawid.sources.read_options import Reading
+
+READ_S = 0.2
+SILENT_US = 5_000_000
+WARMING_S = 1.0
+"""Estimators that were compiled before are ready sooner than this, and nothing is said of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """What a live run is asked for beside its configuration and outputs.
+
+    ``seconds`` None: until told to stop. ``request_hz`` None: nothing is ever transmitted.
+    ``every_vehicle``: each has its own session.
+
+    Raises:
+        ConfigError: a value outside its limits, or values that exclude one another.
+    """
+
+    endpoint: str
+    seconds: float | None = None
+    state: Path | None = None
+    request_hz: float | None = None
+    every_vehicle: bool = False
+
+    def __post_init__(self) -> None:
+        if self.seconds is not None and not self.seconds > 0.0:
+            raise ConfigError(f"--seconds must be > 0, got {self.seconds!r}")
+        if self.request_hz is not None and not 0.1 <= self.request_hz <= 1000.0:
+            raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
+        if self.request_hz is not None and self.every_vehicle:
+            raise ConfigError("--request-rates asks one vehicle: name it by --sysid N")
+        kind = parse_endpoint(self.endpoint).kind
+        if kind == "udpout" and self.request_hz is None:
+            raise ConfigError(
+                f"{self.endpoint}: who listens there answers only those who send first, and a tap "
+                "is passive: add --request-rates, or let it send to a udpin of yours"
+            )
+
+
+def live(
+    options: LiveOptions,
+    config: RunConfig,
+    outputs: Outputs,
+    stop: StopFlag,
+    console: Console,
+    reading: Reading | None = None,
+) -> list[Ended]:
+    """Tap a link until told to stop; return what each vehicle's session came to.
+
+    Raises:
+        ConfigError: the state to resume from does not fit, or the rate asked for is too high.
+        SourceError: the endpoint cannot be opened.
+        SinkError: the folder cannot be made, or the state not be written there.
+    """
+    endpoint, stamps = parse_endpoint(options.endpoint), Stamps()
+    with os_errors_as_sink_error(outputs.folder):
+        outputs.folder.mkdir(parents=True, exist_ok=True)
+    reading = reading or Reading()
+    try:
+        # The tap comes first: it queues what is sent while a compiler or a viewer takes its time.
+        with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
+            warming = Warming(config)
+            setting = Setting(
+                options.endpoint, config, outputs, reading, options.state, console.say,
+                stamps.now, warming,
+            )  # fmt: skip
+            return _attend(tap, setting, options, stop, console)
+    finally:
+        console.close()
+
+
+def _attend(
+    tap: Tap, setting: Setting, options: LiveOptions, stop: StopFlag, console: Console
+) -> list[Ended]:
+    """Read the tap until told to stop, close it and finish; what is cut short is left readable."""
+    sessions: Sessions = Fleet(setting) if options.every_vehicle else Single(setting)
+    try:
+        loop = _Loop(tap, sessions, setting.warming, options, setting.reading, console)
+        loop.run(stop)
+        tap.close()
+        return loop.finish()
+    except BaseException:
+        for session in sessions.running():
+            session.abort()
+        raise
+
+
+def open_tap(endpoint: Endpoint, stamps: Stamps, *, may_transmit: bool) -> Tap:
+    """Return the tap that hears an endpoint.
+
+    Raises:
+        SourceError: it cannot be opened.
+    """
+    kind = StreamTap if endpoint.kind in ("tcp", "serial") else UdpTap
+    return kind(endpoint, may_transmit=may_transmit, stamps=stamps)
+
+
+def session_name() -> str:
+    """Return a name for a live session's files: its start in UTC."""
+    return datetime.now(UTC).strftime("live-%Y%m%dT%H%M%SZ")
+
+
+class _Loop:
+    """Reads until told to stop; what happens on the link is told and kept for the summary."""
+
+    def __init__(
+        self,
+        tap: Tap,
+        sessions: Sessions,
+        warming: Warming,
+        options: LiveOptions,
+        reading: Reading,
+        console: Console,
+    ) -> None:
+        self._tap = tap
+        self._warming: Warming | None = warming
+        self._warming_said = False
+        self._sessions = sessions
+        self._console = console
+        self._events: list[str] = []
+        self._is_silent = self._has_failed = False
+        self._begun_us = tap.stamps.now()
+        self._begun_s = time.monotonic()
+        seconds = options.seconds
+        self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
+        hz = options.request_hz
+        self._rates = None if hz is None else RateRequests(tap, hz, reading)
+
+    def run(self, stop: StopFlag) -> None:
+        """Read and watch until told to stop, the time is up, or the endpoint fails."""
+        size = self._tap.receive_buffer
+        buffer = "" if size is None else f" (receive buffer {size} bytes)"
+        self._console.say(f"listening on {self._tap.endpoint}{buffer}")
+        while not (stop.is_set or self._has_failed):
+            left_s = self._end_s - time.monotonic()
+            if left_s <= 0.0:
+                return
+            self._feed(min(READ_S, left_s))
+            self._sessions.tick()
+            self._watch()
+            running = self._sessions.running()
+            stopped = [session for session in running if session.stopped()]
+            if stopped or self._console.is_due():
+                lost = self._dropped()
+                lines = [session.line(lost) for session in running]
+                self._console.show(" | ".join(lines) or "no vehicle yet")
+
+    def finish(self) -> list[Ended]:
+        """Take what is still queued, then finish every session; the tap is closed."""
+        while self._tap.waiting:
+            self._feed(0.0)
+        if self._warming is not None and self._warming.held and not self._warming.is_over():
+            self._console.say(
+                "ending as soon as the estimator is ready and has what was recorded; "
+                "a second signal ends at once"
+            )
+        for line in self._tap.news:
+            self._tell(line)
+        if self._tap.dropped or self._tap.socket_dropped:
+            self._tell(f"not everything could be taken: {self._dropped()}")
+        dropped = {"queue": self._tap.dropped, "socket": self._tap.socket_dropped}
+        live: dict[str, Any] = {
+            "datagrams": self._tap.datagrams,
+            "skipped_bytes": self._tap.skipped_bytes,
+            "receive_buffer_bytes": self._tap.receive_buffer,
+            "dropped": {name: count for name, count in dropped.items() if count is not None},
+            "events": self._events,
+        }
+        if self._rates is not None:
+            live["rates"] = self._rates.summary()
+        ended = self._sessions.finish({k: v for k, v in live.items() if v is not None})
+        if self._has_failed:
+            ended = [e._replace(exit_code=INPUT_OR_OUTPUT_FAILED) for e in ended]
+        return ended
+
+    def _feed(self, timeout_s: float) -> None:
+        """Read and hand on what there is."""
+        try:
+            data = self._tap.read(timeout_s)
+        except SourceError as error:
+            if not self._has_failed:
+                self._has_failed = True
+                self._tell(str(error))
+            return
+        if data:
+            self._sessions.feed(data)
+            if self._rates is not None:
+                self._rates.feed(data, self._vehicle())
+
+    def _watch(self) -> None:
+        """Say what is new: senders, silence, a clock that was set, rates."""
+        while self._tap.news:
+            self._tell(self._tap.news.popleft())
+        jump_s = self._tap.stamps.jump()
+        if jump_s is not None:
+            self._tell(f"the system's clock jumped by {jump_s:+.1f} s: receive stamps go on evenly")
+        silent_us = self._tap.stamps.now() - max(self._tap.last_us, self._begun_us)
+        if (silent_us > SILENT_US) is not self._is_silent:
+            self._is_silent = not self._is_silent
+            seconds = SILENT_US // 1_000_000
+            text = f"nothing heard for {seconds} s" if self._is_silent else "the link is back"
+            self._tell(f"{text} on {self._tap.endpoint}")
+        self._watch_warming()
+        if self._rates is not None:
+            for line in self._rates.tick(time.monotonic(), self._vehicle()):
+                self._tell(line)
+
+    def _watch_warming(self) -> None:
+        """Say that the estimators are not ready yet, where that takes long, and when they are."""
+        if self._warming is None:
+            return
+        if self._warming.is_over():
+            self._warming = None
+            if self._warming_said:
+                self._console.say("the estimator is ready")
+        elif not self._warming_said and time.monotonic() - self._begun_s > WARMING_S:
+            self._warming_said = True
+            self._console.say(
+                "the estimator is being made ready (compiled, the first time: up to a minute); "
+                "recording goes on, and what was recorded is estimated then"
+            )
+
+    def _tell(self, text: str) -> None:
+        if len(self._events) < MOST_EVENTS:
+            self._events.append(text)
+        self._console.say(text)
+
+    def _vehicle(self) -> tuple[int, int] | None:
+        return next((s.vehicle for s in self._sessions.running()), None)
+
+    def _dropped(self) -> str:
+        """Return what had to be dropped here, in words."""
+        count = self._tap.dropped + (self._tap.socket_dropped or 0)
+        # Where the system does not count, what it dropped shows only in the sequence numbers.
+        known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
+        return f"{count} dropped here" + ("" if known else " at least")

@@ -1,0 +1,205 @@
+"""What was learnt, kept from one session to the next: ``--state FILE``."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.channels.stage import Channels
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
+from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.bank import Bank
+from yawid.pipeline import Pipeline
+from yawid.sinks.base import Pace, os_errors_as_sink_error, sync
+
+VERSION = "yawid-state-1"
+SAVE_S = 60.0
+_ANEW = "remove it or take another file for --state to start anew"
+# Which samples and what is read off the model, not what is made of them.
+_NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau")
+
+
+class StateFile:
+    """Estimators on disk, keyed by vehicle, channels and configuration.
+
+    A line of JSON (version, key, sizes), then the bytes of each estimator. A state of another
+    configuration is refused at once, one of another vehicle or other channels once these are known:
+    the session then starts anew, and the file is kept as ``<path>.old``.
+
+    Raises:
+        ConfigError: the file is there and is no state, or of another version or configuration.
+        SinkError: it could not be written.
+    """
+
+    def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
+        self.failure: str | None = None
+        self._path = path
+        self._tell = tell
+        self._pace = Pace(SAVE_S)
+        self._keep_old = False
+        check_place(path, config)
+        self._head, self._saved = _read(path)
+        if self._head is not None:
+            reason = _difference({"configuration": _settings(config)}, self._head["key"])
+            if reason:
+                raise ConfigError(f"the state in {path} does not fit: {reason}")
+
+    def resume(self, bank: Bank, channels: Channels) -> None:
+        """Put the saved estimators into a new bank, if they fit; say which it is."""
+        if self._head is None:
+            return
+        head, self._head = self._head, None
+        reason = _difference(_key(bank, channels), head["key"])
+        estimators = self._saved
+        if not reason and {m: e.config for m, e in estimators.items()} != {
+            m: e.config for m, e in bank.estimators.items()
+        }:
+            reason = "the estimators are set up differently"
+        if reason:
+            self._keep_old = True
+            self._tell(f"the state in {self._path} does not fit, starting anew: {reason}")
+            return
+        for method, estimator in estimators.items():
+            # What lies between the sessions is a gap: the lags must not reach across it.
+            estimator.run(np.full((1, estimator.config.orders.n_inputs), np.nan), [np.nan])
+            bank.estimators[method] = estimator
+        minutes = (time.time() - head["saved_s"]) / 60.0
+        updates = bank.estimators[bank.methods[0]].updates
+        self._tell(f"resumed from {self._path}: {updates} updates, saved {minutes:.0f} min ago")
+
+    def tick(self, pipeline: Pipeline) -> None:
+        """Save every ``SAVE_S``."""
+        if pipeline.bank is not None and self._pace.due():
+            self.save(pipeline)
+
+    def save(self, pipeline: Pipeline) -> None:
+        """Save now, if there is anything; a file that cannot be written is said one time."""
+        bank = pipeline.bank
+        if bank is None or self.failure is not None:
+            return
+        saved = {m: e.to_bytes() for m, e in bank.estimators.items()}  # type: ignore[union-attr]
+        # The reference engine, which has no bytes, was refused when this was built.
+        head = {
+            "version": VERSION,
+            "key": _key(bank, pipeline.channels),
+            "saved_s": time.time(),
+            "sizes": {method: len(data) for method, data in saved.items()},
+        }
+        try:
+            if self._keep_old:
+                self._keep_old = False
+                self._path.replace(self._path.with_name(self._path.name + ".old"))
+            _replace(self._path, json.dumps(head).encode() + b"\n" + b"".join(saved.values()))
+        except OSError as error:
+            self.failure = f"cannot write {self._path}: {error.strerror or error}"
+            self._tell(f"{self.failure}: the state is not kept")
+
+
+def check_place(path: Path, config: RunConfig) -> None:
+    """Find out before a flight whether a state can be kept there.
+
+    Raises:
+        ConfigError: estimators of this configuration cannot be saved.
+        SinkError: it could not be written.
+    """
+    if config.engine != "numba":
+        raise ConfigError(f"--state needs --engine numba: {config.engine} cannot be saved")
+    with os_errors_as_sink_error(path), tempfile.TemporaryFile(dir=path.absolute().parent):
+        pass
+
+
+def of_vehicle(path: Path, sysid: int) -> Path:
+    """Return the state of one of several vehicles."""
+    return path.with_name(f"{path.name}-{sysid}")
+
+
+def check_states(path: Path, config: RunConfig) -> None:
+    """Find out before a flight whether the states of all vehicles are of use and can be kept.
+
+    Raises:
+        ConfigError, SinkError: as :class:`StateFile` does.
+    """
+    check_place(path, config)
+    for own in (of_vehicle(path, sysid) for sysid in range(256)):
+        if own.exists():
+            StateFile(own, config, lambda _: None)
+
+
+def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]:
+    """Return the head and each estimator; None where there is no file yet."""
+    try:
+        head_line, _, body = path.read_bytes().partition(b"\n")
+    except FileNotFoundError:
+        return None, {}
+    except OSError as error:
+        raise ConfigError(f"cannot read the state {path}: {error.strerror}") from error
+    try:
+        head: dict[str, Any] = json.loads(head_line)
+        version, sizes = head["version"], dict(head["sizes"])
+        head["key"]["configuration"], head["saved_s"] + 0.0, sum(sizes.values())
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path} is no saved state: take another file for --state") from error
+    if version != VERSION:
+        raise ConfigError(f"{path} was saved as {version!r}, this is {VERSION!r}: {_ANEW}")
+    if sum(sizes.values()) != len(body):
+        raise ConfigError(f"{path} is cut short: {_ANEW}")
+    saved, at = {}, 0
+    for method, size in sizes.items():
+        try:
+            saved[method] = RecursiveArmax.from_bytes(body[at : at + size])
+        except (ConfigError, KeyError, TypeError) as error:
+            raise ConfigError(f"the {method} in {path} is of no use ({error}): {_ANEW}") from error
+        at += size
+    return head, saved
+
+
+def _replace(path: Path, data: bytes) -> None:
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("wb") as stream:
+            stream.write(data)
+            sync(stream)
+        part.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+
+
+def _key(bank: Bank, channels: Channels) -> dict[str, Any]:
+    """Return all that must agree for a state to be resumed, in JSON's own types."""
+    vehicle = channels.lock.vehicle
+    assert vehicle is not None
+    key = {
+        "vehicle": f"{vehicle.sysid}/{vehicle.compid}, type {vehicle.type}",
+        "channels": [*map(str, channels.surfaces), channels.yaw.label],
+        "configuration": _settings(channels.config),
+        "sample time": bank.sample_time_s,
+    }
+    return dict(json.loads(json.dumps(key)))
+
+
+def _settings(config: RunConfig) -> dict[str, Any]:
+    settings = {k: v for k, v in asdict(config).items() if k not in _NOT_THE_MODEL}
+    return dict(json.loads(json.dumps(settings)))
+
+
+def _difference(ours: dict[str, Any], theirs: dict[str, Any]) -> str:
+    """Say the first thing that differs, "" if nothing does."""
+    for name, value in ours.items():
+        other = theirs.get(name)
+        if isinstance(value, dict) and isinstance(other, dict):
+            if inner := _difference(value, other):
+                return f"{name}: {inner}"
+        elif value != other:
+            return f"{name} is {value}, in the state {other}"
+    return ""

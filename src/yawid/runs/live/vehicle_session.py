@@ -1,0 +1,281 @@
+"""One vehicle's live session: the same bytes go to its tlog and to its pipeline."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from yawid.channels.vehicle import NOT_A_VEHICLE
+from yawid.config.run import RunConfig
+from yawid.errors import SinkError
+from yawid.estimation.bank import Bank
+from yawid.pipeline import Pipeline
+from yawid.results.reasons import Verdict
+from yawid.results.summary import summarise
+from yawid.runs.live.guarded_sink import Guarded
+from yawid.runs.live.latency import Latency
+from yawid.runs.live.saved_state import StateFile, of_vehicle
+from yawid.runs.live.standing import Standing
+from yawid.runs.live.tlog_recorder import TlogRecorder
+from yawid.runs.live.viewer_thread import Viewer
+from yawid.runs.live.warm_up import MOST_HELD, Warming
+from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun
+from yawid.sinks.base import Sink
+from yawid.sinks.rerun.sink import RerunSink
+from yawid.sources.read_options import Reading
+
+INPUT_OR_OUTPUT_FAILED = 6
+MOST_EVENTS = 100
+_PIECE = 1 << 20  # bytes: what waited for the estimators is not decoded all at once
+
+
+class Ended(NamedTuple):
+    """What a session came to: summary, verdict, and the exit code, 6 where an output failed."""
+
+    summary: dict[str, Any]
+    verdict: Verdict
+    exit_code: int
+
+
+class Setting(NamedTuple):
+    """What every session of a run shares."""
+
+    endpoint: str
+    config: RunConfig
+    outputs: Outputs
+    reading: Reading
+    state: Path | None
+    say: Callable[[str], None]
+    now_us: Callable[[], int]
+    warming: Warming
+
+
+class LiveSession:
+    """Records, estimates and shows one vehicle; ``label`` names it where there are several.
+
+    Raises:
+        ConfigError: the state to resume from does not fit.
+        SinkError: it could not be written.
+    """
+
+    def __init__(self, setting: Setting, label: str = "") -> None:
+        self.events: list[str] = []
+        self.failures: list[str] = []
+        self.latency = Latency()
+        self._setting = setting
+        self._label = label
+        self._state: StateFile | None = None
+        if setting.state is not None:
+            self._state = StateFile(setting.state, setting.config, self.tell)
+        self._viewer = self._open_viewer()
+        viewers: list[Sink] = [] if self._viewer is None else [self._viewer]
+        self.pipeline = Pipeline(setting.config, viewers, setting.reading, self._make_bank)
+        self._guards: dict[str, Guarded] = {}
+        self._tlog: TlogRecorder | None = None
+        self._sha256 = hashlib.sha256()
+        self._opened = False
+        self._waiting = bytearray()
+        self._heard = 0
+        self._others: set[int] = set()
+        self._signing_said = setting.reading.key is not None
+        self._standing = Standing()
+
+    @property
+    def vehicle(self) -> tuple[int, int] | None:
+        """The (sysid, compid) that is estimated, once known."""
+        found = self.pipeline.channels.lock.vehicle
+        return None if found is None else (found.sysid, found.compid)
+
+    def tell(self, text: str) -> None:
+        """Say a line, and keep it for the summary."""
+        if len(self.events) < MOST_EVENTS:
+            self.events.append(text)
+        self._setting.say(f"{self._label}{text}")
+
+    def feed(self, data: bytes) -> None:
+        """Record the bytes, then estimate; the files are opened with the first of them.
+
+        While the estimators are being made ready the bytes wait in memory, and where that is full,
+        in the tap's queue.
+        """
+        if not self._opened:
+            self._open()
+        self._sha256.update(data)
+        if self._tlog is not None:
+            self._tlog.write(data)
+        self._standing.received_us = self._setting.now_us()
+        warming = self._setting.warming
+        if warming.held + len(data) > MOST_HELD:
+            warming.wait()
+        if not warming.is_over():
+            self._waiting += data
+            warming.held += len(data)
+            return
+        self.catch_up()
+        before = self.pipeline.samples
+        self.pipeline.feed(data)
+        newest = self.pipeline.newest
+        if before and newest is not None and self.pipeline.samples > before:
+            # Not the first samples of all: they wait for the rate to be known.
+            self.latency.add(self._setting.now_us() - newest.received_us)
+
+    def catch_up(self) -> None:
+        """Estimate what waited; it tells nothing of the latency."""
+        if not self._waiting:
+            return
+        waited, self._waiting = bytes(self._waiting), bytearray()
+        self._setting.warming.held -= len(waited)
+        for first in range(0, len(waited), _PIECE):
+            self.pipeline.feed(waited[first : first + _PIECE])
+        self._standing.skip(self.pipeline.link.frames)
+
+    def tick(self) -> None:
+        """Bring out what is complete; made to be called several times a second."""
+        if self._waiting and self._setting.warming.is_over():
+            self.catch_up()
+        if self._tlog is not None:
+            self._tlog.look()
+        for sink in self.pipeline.sinks:
+            sink.flush()
+        if self._state is not None:
+            self._state.tick(self.pipeline)
+        if self._setting.config.sysid is None:
+            self._look_for_others()
+        if not self._signing_said:
+            self._look_for_signatures()
+
+    def settle(self) -> None:
+        """Estimate all there is, what was held back for want of more too."""
+        if self._waiting:
+            self._setting.warming.wait()
+            self.catch_up()
+        self.pipeline.finish()
+
+    def stopped(self) -> bool:
+        """Whether samples have stopped since this was last asked: the line is due at once."""
+        return self._standing.stopped(self.pipeline, self._setting.now_us())
+
+    def line(self, lost: str) -> str:
+        """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
+        stands = self._standing.line(self.pipeline, len(self._waiting), self._setting.now_us())
+        return f"{self._label}{stands}, lost {self.pipeline.link.lost} on the link, {lost}"
+
+    def finish(self, live: dict[str, Any]) -> Ended:
+        """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""
+        if not self._signing_said:
+            self._look_for_signatures()
+        if self._state is not None:
+            self._state.save(self.pipeline)
+        tlog = None if self._tlog is None else self._tlog.finish()
+        summary, verdict = summarise(self.pipeline, self._log(tlog), self._sha256.hexdigest())
+        summary["live"] = live | self._own(live["events"])
+        files = {n: p for n, p in self._files().items() if self._guards[n].failure is None}
+        finish(self.pipeline, summary, files | ({} if tlog is None else {"tlog": str(tlog)}))
+        # A file may fail as it is finished.
+        for name in [n for n, guard in self._guards.items() if guard.failure is not None]:
+            summary["files"].pop(name, None)
+        summary["live"] |= self._own(live["events"])
+        return Ended(
+            summary, verdict, INPUT_OR_OUTPUT_FAILED if self._failed() else verdict.exit_code
+        )
+
+    def abort(self) -> None:
+        """Close what is open under its unfinished name: what was recorded stays."""
+        if self._tlog is not None:
+            self._tlog.abort()
+        for sink in self.pipeline.sinks:
+            sink.abort()
+
+    def _open(self) -> None:
+        self._opened = True
+        outputs = self._setting.outputs
+        self._guard("mcap", lambda: open_mcap(self._setting.config, outputs))
+        if outputs.rerun == "save":
+            self._guard("rrd", lambda: open_rerun(outputs)[0])
+        if outputs.record:
+            try:
+                self._tlog = TlogRecorder(outputs.path(".tlog"), self.tell, force=outputs.force)
+            except SinkError as error:
+                self._give_up(error)
+
+    def _look_for_others(self) -> None:
+        """Say of every further vehicle, one time, that it is not estimated."""
+        lock = self.pipeline.channels.lock
+        if lock.vehicle is None or len(lock.heard) == self._heard:
+            return
+        self._heard = len(lock.heard)
+        flying = {sysid for (sysid, _), kind in lock.heard.items() if kind not in NOT_A_VEHICLE}
+        for sysid in sorted(flying - self._others - {lock.vehicle.sysid}):
+            self._others.add(sysid)
+            self.tell(
+                f"system {sysid} is heard too, estimated is {lock.vehicle.sysid}: "
+                "--sysid N takes another, --sysid all takes each"
+            )
+
+    def _look_for_signatures(self) -> None:
+        """Say, one time, that frames are signed and nobody checks them."""
+        said = self._setting.reading.unchecked(self.pipeline.link)
+        if said is not None:
+            self._signing_said = True
+            self.tell(said)
+
+    def _guard(self, name: str, make: Callable[[], Sink]) -> None:
+        part = self._setting.outputs.path(f".{name}.part")
+        try:
+            guarded = Guarded(make(), part, self.tell)
+        except SinkError as error:
+            self._give_up(error)
+            return
+        self._guards[name] = guarded
+        self.pipeline.sinks.insert(0, guarded)
+
+    def _give_up(self, error: SinkError) -> None:
+        self.failures.append(str(error))
+        self.tell(f"{error}: the session goes on without it")
+
+    def _open_viewer(self) -> Viewer | None:
+        outputs = self._setting.outputs
+        if outputs.rerun in ("off", "save"):
+            return None
+        return Viewer(
+            lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.tell
+        )
+
+    def _make_bank(self, config: RunConfig, sample_time_s: float) -> Bank:
+        bank = Bank(config, sample_time_s)
+        if self._state is not None:
+            self._state.resume(bank, self.pipeline.channels)
+        return bank
+
+    def _files(self) -> dict[str, str]:
+        return {name: str(self._setting.outputs.path(f".{name}")) for name in self._guards}
+
+    def _failed(self) -> list[str]:
+        watched = [*self._guards.values(), self._tlog, self._state]
+        return self.failures + [w.failure for w in watched if w is not None and w.failure]
+
+    def _own(self, events: list[str]) -> dict[str, Any]:
+        own: dict[str, Any] = {"events": [*events, *self.events], "failed": self._failed()}
+        if self.latency.count:
+            own["latency_ms"] = self.latency.summary()
+        if self._viewer is not None:
+            own["viewer_skipped"] = self._viewer.skipped
+        return own
+
+    def _log(self, tlog: Path | None) -> str:
+        return self._setting.endpoint if tlog is None else str(tlog)
+
+
+def for_vehicle(setting: Setting, sysid: int) -> LiveSession:
+    """Return the session of one of several vehicles: files and state are suffixed by its number."""
+    outputs = replace(setting.outputs, name=f"{setting.outputs.name}-{sysid}")
+    state = setting.state
+    own = setting._replace(
+        config=replace(setting.config, sysid=sysid),
+        outputs=outputs,
+        state=None if state is None else of_vehicle(state, sysid),
+    )
+    return LiveSession(own, f"system {sysid}: ")

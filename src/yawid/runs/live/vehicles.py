@@ -1,0 +1,178 @@
+"""Which session gets which records: one takes everything, or each vehicle has its own."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any, Protocol
+
+from yawid.channels.vehicle import AUTOPILOT_INVALID, NOT_A_VEHICLE
+from yawid.errors import ConfigError, SinkError
+from yawid.runs.live.saved_state import check_states
+from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
+from yawid.sources.link.tap import sysid_of
+from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
+
+KEPT = 8192
+"""Records kept of systems that have not said that they are vehicles, for who does say so later."""
+_HEARTBEAT = 0
+
+
+class Sessions(Protocol):
+    """One session or many, as the loop sees them."""
+
+    def feed(self, data: bytes) -> None:
+        """Take whole records."""
+
+    def tick(self) -> None:
+        """Bring out what is complete; made to be called several times a second."""
+
+    def running(self) -> list[LiveSession]:
+        """Return the sessions there are."""
+
+    def finish(self, live: dict[str, Any]) -> list[Ended]:
+        """Finish them all."""
+
+
+class Single:
+    """One session that records and reads everything heard."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._session = LiveSession(setting)
+
+    def feed(self, data: bytes) -> None:
+        """See :class:`Sessions`."""
+        self._session.feed(data)
+
+    def tick(self) -> None:
+        """See :class:`Sessions`."""
+        self._session.tick()
+
+    def running(self) -> list[LiveSession]:
+        """See :class:`Sessions`."""
+        return [self._session]
+
+    def finish(self, live: dict[str, Any]) -> list[Ended]:
+        """See :class:`Sessions`."""
+        self._session.settle()
+        return [self._session.finish(live)]
+
+
+class Fleet:
+    """A session for each system id whose HEARTBEAT says that it flies, opened with the first.
+
+    Where there is a key the HEARTBEAT must be signed with it.
+
+    Each has what a ground station would have of its vehicle: the vehicle's own records, and those
+    of everybody who is no vehicle (ground stations, radios, or who has not said yet), also the
+    last of them from before it was opened. Without any vehicle nothing is recorded.
+
+    Raises:
+        ConfigError: the state of some vehicle does not fit.
+        SinkError: states cannot be written.
+    """
+
+    def __init__(self, setting: Setting) -> None:
+        self._setting = setting
+        if setting.state is not None:
+            check_states(setting.state, setting.config)
+        self._sessions: dict[int, LiveSession] = {}
+        self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
+        self._refused: set[int] = set()
+        self._unsigned: set[int] = set()
+
+    def feed(self, data: bytes) -> None:
+        """See :class:`Sessions`."""
+        parts: dict[int, list[bytes]] = {
+            sysid: [] for sysid in self._sessions.keys() | self._refused
+        }
+        for record in records(data):
+            sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
+            if sysid not in parts and self._is_vehicle(record[STAMP_SIZE:]):
+                parts[sysid] = [r for of, r in self._early if of == sysid or of not in parts]
+                self._open(sysid)
+            if sysid in parts:
+                parts[sysid].append(record)
+            else:
+                self._early.append((sysid, record))
+                for own in parts.values():
+                    own.append(record)
+        for sysid, own in parts.items():
+            if own:
+                self._guard(sysid, partial(LiveSession.feed, data=b"".join(own)))
+
+    def tick(self) -> None:
+        """See :class:`Sessions`."""
+        for sysid in self._sessions:
+            self._guard(sysid, LiveSession.tick)
+
+    def running(self) -> list[LiveSession]:
+        """See :class:`Sessions`."""
+        return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
+
+    def finish(self, live: dict[str, Any]) -> list[Ended]:
+        """See :class:`Sessions`; where no vehicle was heard, one summary says so."""
+        for sysid in self._sessions:
+            self._guard(sysid, LiveSession.settle)
+        if not self.running():
+            quiet = replace(self._setting.outputs, rerun="off")
+            return [LiveSession(self._setting._replace(outputs=quiet, state=None)).finish(live)]
+        return [session.finish(live) for session in self.running()]
+
+    def _is_vehicle(self, frame: bytes) -> bool:
+        if not is_vehicle(frame):
+            return False
+        key = self._setting.reading.key
+        if key is None or key.has_signed(frame):
+            return True
+        sysid = sysid_of(frame)
+        if sysid not in self._unsigned:
+            self._unsigned.add(sysid)
+            self._setting.say(
+                f"system {sysid}: its HEARTBEAT is not signed with the key: no session"
+            )
+        return False
+
+    def _open(self, sysid: int) -> None:
+        """Open a session; a state that has gone bad since the start costs no more than itself."""
+        try:
+            self._sessions[sysid] = for_vehicle(self._setting, sysid)
+        except (ConfigError, SinkError) as error:
+            session = for_vehicle(self._setting._replace(state=None), sysid)
+            session.failures.append(str(error))
+            session.tell(f"{error}: estimated anew, the state is not kept")
+            self._sessions[sysid] = session
+
+    def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
+        """Serve one vehicle; one whose link does not fit what was asked for stops no other."""
+        if sysid in self._refused:
+            return
+        try:
+            act(self._sessions[sysid])
+        except ConfigError as error:
+            self._refused.add(sysid)
+            self._sessions[sysid].tell(f"{error}: no longer estimated")
+            self._sessions[sysid].abort()
+
+
+def records(data: bytes) -> Iterator[bytes]:
+    """Yield the records of which ``data`` is made up."""
+    at = 0
+    while at < len(data):
+        size = frame_size(data[at + STAMP_SIZE : at + STAMP_SIZE + 3])
+        assert size is not None, "a tap hands out whole records"
+        yield data[at : at + STAMP_SIZE + size]
+        at += STAMP_SIZE + size
+
+
+def is_vehicle(frame: bytes) -> bool:
+    """Whether the frame is a HEARTBEAT of something that flies."""
+    is_v1 = frame[0] == MAGIC_V1
+    header = 6 if is_v1 else 10
+    number = frame[5] if is_v1 else int.from_bytes(frame[7:10], "little")
+    if number != _HEARTBEAT:
+        return False
+    payload = frame[header : header + frame[1]].ljust(9, b"\0")  # zeros at the end are not sent
+    return payload[5] != AUTOPILOT_INVALID and payload[4] not in NOT_A_VEHICLE

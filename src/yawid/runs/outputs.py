@@ -1,0 +1,147 @@
+"""Where a run writes, and what every output says of its own origin."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from yawid.config.run import RunConfig
+from yawid.errors import SinkError
+from yawid.pipeline import Pipeline
+from yawid.sinks.base import Sink, check_free
+from yawid.sinks.mcap.sink import McapSink
+from yawid.sinks.rerun.sink import RerunSink
+
+SIGN = "positive rudder = nose right, positive yaw rate = nose right"
+LIBRARIES = ("numpy", "numba", "scipy", "pymavlink", "mcap", "protobuf", "rerun-sdk", "filterpy")
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where a run writes: the folder, the name of its files, and which of them."""
+
+    folder: Path
+    name: str
+    rerun: str = "off"
+    force: bool = False
+    record: bool = True
+
+    def path(self, suffix: str) -> Path:
+        """Return the absolute path of one output."""
+        return (self.folder / f"{self.name}{suffix}").absolute()
+
+    def files(self) -> dict[str, str]:
+        """Return the paths of MCAP and Rerun recording."""
+        rrd = {"rrd": str(self.path(".rrd"))} if self.rerun == "save" else {}
+        return {"mcap": str(self.path(".mcap"))} | rrd
+
+
+def output_names(logs: Sequence[Path]) -> list[str]:
+    """Name each log's outputs: by its stem, and by its folder too where two agree."""
+    stems = [log.stem for log in logs]
+    names: list[str] = []
+    for log, stem in zip(logs, stems, strict=True):
+        name = stem if stems.count(stem) == 1 else f"{log.absolute().parent.name}-{stem}"
+        count = names.count(name)
+        names.append(f"{name}-{count + 1}" if count else name)
+    return names
+
+
+def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
+    """Open every sink of a replay.
+
+    Raises:
+        SinkError: the folder or a file cannot be written.
+    """
+    sinks: list[Sink] = [open_mcap(config, outputs)]
+    with whole_or_none(sinks):
+        sinks += open_rerun(outputs)
+    return sinks
+
+
+@contextmanager
+def whole_or_none(sinks: Sequence[Sink]) -> Iterator[None]:
+    """Drop what was written of a run that fails: its source is still there, half is of no use."""
+    try:
+        yield
+    except BaseException:
+        for sink in sinks:
+            if isinstance(sink, McapSink | RerunSink):
+                sink.discard()
+            else:
+                sink.abort()
+        raise
+
+
+def keep_as_interrupted(sinks: Sequence[Sink], outputs: Outputs) -> dict[str, str]:
+    """Have the files of a run that was cut short bear a name that says so; return their paths.
+
+    Raises:
+        SinkError: such a file exists and is not to be overwritten.
+    """
+    kept = replace(outputs, name=f"{outputs.name}.interrupted")
+    for sink in sinks:
+        if isinstance(sink, McapSink | RerunSink) and sink.path is not None:
+            sink.path = kept.path(sink.path.suffix)
+            check_free(sink.path, force=outputs.force)
+    return kept.files()
+
+
+def open_mcap(config: RunConfig, outputs: Outputs) -> McapSink:
+    """Open the MCAP file with what is known before the first frame."""
+    metadata: dict[str, str | Mapping[str, object]] = {
+        "configuration": asdict(config),
+        "versions": versions(),
+        "sign": SIGN,
+    }
+    _make_folder(outputs.folder)
+    return McapSink(outputs.path(".mcap"), metadata, force=outputs.force)
+
+
+def open_rerun(outputs: Outputs) -> list[Sink]:
+    """Open the Rerun recording or viewer, if one is wanted."""
+    if outputs.rerun == "off":
+        return []
+    _make_folder(outputs.folder)
+    return [
+        RerunSink(
+            outputs.rerun,
+            path=outputs.path(".rrd"),
+            name=outputs.name,
+            warn=lambda text: print(f"yawid: {text}", file=sys.stderr),
+            force=outputs.force,
+        )
+    ]
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SinkError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def finish(pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str]) -> None:
+    """Add the file names to the summary and finish every sink with it."""
+    summary["files"] = files
+    parameters = pipeline.channels.parameters.values
+    attachments = {
+        "configuration.toml": pipeline.config.to_toml().encode(),
+        "parameters.txt": "".join(f"{n} {v!r}\n" for n, v in sorted(parameters.items())).encode(),
+        "summary.json": json.dumps(summary).encode(),
+    }
+    for sink in pipeline.sinks:
+        sink.finish(summary, attachments)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of yawid, Python and the libraries a result depends on."""
+    found = {name: version(name) for name in LIBRARIES}
+    return {"yawid": version("yawid"), "python": platform.python_version()} | found

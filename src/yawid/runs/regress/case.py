@@ -1,0 +1,128 @@
+"""One case: its folder, what its case.toml says, and a replay of its log."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from yawid.config.run import RunConfig, check_settings
+from yawid.errors import ConfigError
+from yawid.results.summary import summarise
+from yawid.runs.read_log import run_through
+from yawid.runs.regress.compare import NOT_COMPARED, RowsSink
+from yawid.sources.open_log import SUFFIXES
+
+_KEYS = {
+    "origin": str,
+    "licence": str,
+    "sha256": str,
+    "floor": int,
+    "options": dict,
+    "tolerances": dict,
+    "updates": list,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One case as its case.toml describes it; ``floor`` is the least number of updates."""
+
+    folder: Path
+    sha256: str
+    floor: int
+    config: RunConfig
+    tolerances: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.folder.absolute().name
+
+    @property
+    def log(self) -> Path:
+        """The log replayed: log.tlog, log.bin or log.ulg."""
+        found = (self.folder / f"log{suffix}" for suffix in SUFFIXES)
+        return next((log for log in found if log.is_file()), self.folder / "log.tlog")
+
+    @staticmethod
+    def read(folder: Path) -> Case:
+        """Read a case.
+
+        Raises:
+            ConfigError: there is none, or its case.toml is not one.
+        """
+        path = folder / "case.toml"
+        try:
+            loaded = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise ConfigError(f"{path}: not a readable case: {error}") from error
+        for key, value in loaded.items():
+            if key not in _KEYS or not isinstance(value, _KEYS[key]):
+                raise ConfigError(f"{path}: {key} is not a key of a case, or of the wrong type")
+        if missing := {"origin", "licence", "sha256"} - loaded.keys():
+            raise ConfigError(f"{path}: {', '.join(sorted(missing))} missing")
+        config = RunConfig(**check_settings(loaded.get("options", {}), str(path)))
+        tolerances = loaded.get("tolerances", {})
+        for name, value in tolerances.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
+                raise ConfigError(f"{path}: the tolerance of {name} must be >= 0, got {value!r}")
+        return Case(folder, loaded["sha256"], loaded.get("floor", 1), config, tolerances)
+
+    def replay(self) -> Replayed:
+        """Replay the log.
+
+        Raises:
+            SourceError: the log cannot be read.
+            ConfigError: the options do not fit the log.
+        """
+        rows = RowsSink()
+        pipeline, sha256 = run_through(self.log, self.config, [rows])
+        summary, _ = summarise(pipeline, self.log.name, sha256)
+        rows.finish(summary, {})
+        kept = {key: value for key, value in summary.items() if key not in NOT_COMPARED}
+        return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
+
+    def unsound(self, replayed: Replayed) -> list[str]:
+        """Return why a replay is not one of this case at all."""
+        wrong = []
+        if replayed.summary["sha256"] != self.sha256:
+            wrong.append(
+                f"{self.log.name} is not the log of the case: sha256 {replayed.summary['sha256']}"
+            )
+        if replayed.updates < self.floor:
+            wrong.append(f"{replayed.updates} updates, below the floor of {self.floor}")
+        return wrong
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What a replay gave: a row a second and the last, and the summary as JSON gives it back."""
+
+    columns: list[str]
+    rows: list[list[float]]
+    summary: dict[str, Any]
+
+    @property
+    def updates(self) -> int:
+        """The updates of the estimator that had the most."""
+        estimates = self.summary.get("estimates", {}).values()
+        return max((int(e["updates"]) for e in estimates), default=0)
+
+
+def find_cases(folder: Path, names: Sequence[str]) -> list[Case]:
+    """Return the cases named, by folder or by name below ``folder``; all of them where none is.
+
+    Raises:
+        ConfigError: there is no such case, or none at all.
+    """
+    if names:
+        paths = [Path(n) if (Path(n) / "case.toml").exists() else folder / n for n in names]
+    else:
+        paths = sorted(path.parent for path in folder.glob("*/case.toml"))
+    if not paths:
+        raise ConfigError(f"{folder}: no case there (a case is a folder with a case.toml)")
+    return [Case.read(path) for path in paths]

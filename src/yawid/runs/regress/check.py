@@ -1,0 +1,145 @@
+"""Replay cases, compare them with their references, and leave what differs to be looked at."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError, YawidError
+from yawid.runs.regress.case import Case, Replayed
+from yawid.runs.regress.compare import (
+    Mismatch,
+    compare_summaries,
+    compare_tables,
+    csv_of,
+    read_csv,
+    split_tolerances,
+)
+
+ACTUAL, PICTURE = "actual.csv", "actual.svg"
+PARALLEL_BYTES = 50_000_000
+"""A second process costs as much as replaying some tens of megabytes: it has all to import."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one case.
+
+    ``wrong`` says what differs, worst first; nothing where the case matches. ``code`` is its exit
+    code: 0, 1 (differs), 2 (the case does not fit its log), 6 (its log cannot be read), 130 or 143
+    (not reached).
+    """
+
+    name: str
+    folder: Path
+    code: int = 0
+    wrong: tuple[str, ...] = ()
+    seconds: float = 0.0
+    files: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the case matches its references."""
+        return self.code == 0
+
+
+def regress(cases: Sequence[Case], workers: int | None = None) -> Iterator[Outcome]:
+    """Replay cases and compare; yield what came of each, in their order.
+
+    ``workers`` is the number of processes (None: one for each core where the logs are large, else
+    one alone), no more than there are cases.
+    """
+    count = min(workers or _worthwhile(cases), len(cases))
+    if count == 1:
+        return map(check_case, cases)
+    return _in_processes(cases, count)
+
+
+def _worthwhile(cases: Sequence[Case]) -> int:
+    size = sum(case.log.stat().st_size for case in cases if case.log.is_file())
+    return (os.cpu_count() or 1) if size > PARALLEL_BYTES else 1
+
+
+def _in_processes(cases: Sequence[Case], workers: int) -> Iterator[Outcome]:
+    # Spawned, not forked: the libraries below have threads of their own.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=_leave_interrupts) as pool:
+        yield from pool.map(check_case, cases)
+
+
+def _leave_interrupts() -> None:
+    """Let the parent alone answer ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def check_case(case: Case) -> Outcome:
+    """Replay one case and compare; what differs is written beside its references."""
+    began = time.perf_counter()
+    files: dict[str, str] = {}
+    try:
+        wrong, code = _compare(case, files), 0
+    except YawidError as error:
+        wrong, code = [" ".join(str(error).split())], 2 if isinstance(error, ConfigError) else 6
+    code = code or int(bool(wrong))
+    seconds = time.perf_counter() - began
+    return Outcome(case.name, case.folder.absolute(), code, tuple(wrong), seconds, files)
+
+
+def _compare(case: Case, files: dict[str, str]) -> list[str]:
+    replayed = case.replay()
+    wrong = case.unsound(replayed)
+    try:
+        columns, expected = read_csv(case.folder / "expected.csv")
+        reference = json.loads((case.folder / "expected.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        return [*wrong, f"no readable reference: {error}"]
+    by_column, by_key = split_tolerances(case.tolerances, columns, reference)
+    actual = _as_read(replayed)
+    mismatches = compare_tables(columns, expected, replayed.columns, actual, by_column)
+    wrong += [mismatch.text for mismatch in mismatches]
+    wrong += compare_summaries(reference, replayed.summary, by_key)
+    _leave(case.folder, replayed, (columns, expected, actual), mismatches, files, bool(wrong))
+    return wrong
+
+
+def _as_read(replayed: Replayed) -> Floats:
+    """Return the rows as text gives them back: the reference went through text too."""
+    rows = [[float(f"{value:.9g}") for value in row] for row in replayed.rows]
+    return np.array(rows).reshape(len(rows), len(replayed.columns))
+
+
+def _leave(
+    folder: Path,
+    replayed: Replayed,
+    tables: tuple[list[str], Floats, Floats],
+    mismatches: list[Mismatch],
+    files: dict[str, str],
+    differs: bool,
+) -> None:
+    """Write the actual rows and a picture where something differs; else remove older ones."""
+    actual, picture = (folder / name for name in (ACTUAL, PICTURE))
+    try:
+        actual.unlink(missing_ok=True)
+        picture.unlink(missing_ok=True)
+        if not differs:
+            return
+        actual.write_bytes(csv_of(replayed.columns, replayed.rows))
+        files["actual"] = str(actual.absolute())
+        columns, expected, now = tables
+        if columns == replayed.columns and len(expected) and len(now):
+            from yawid.runs.regress.picture import draw
+
+            draw(picture, folder.absolute().name, columns, expected, now, mismatches)
+            files["picture"] = str(picture.absolute())
+    except OSError:
+        return  # a read-only folder can be checked all the same

@@ -1,0 +1,148 @@
+"""A case from any telemetry log: cut to the stretch asked for and to what yawid reads, hashed."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from yawid.blocks import FrameBlock, Ints
+from yawid.channels.clock import boot_us
+from yawid.channels.stage import WANTED
+from yawid.channels.yaw_reader import SOURCES, UNTIMED
+from yawid.config.run import RunConfig, check_settings
+from yawid.errors import ConfigError, SinkError, SourceError
+from yawid.runs.regress.case import Case
+from yawid.sinks.base import os_errors_as_sink_error
+from yawid.sources.logs.tlog import read_tlog
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size
+from yawid.sources.open_log import SUFFIXES, log_suffix
+
+MOST_BYTES = 1_000_000
+LEAD_S = 10.0
+"""Kept before --from: the first seconds of both channels set the rate of the grid."""
+FLOOR_SHARE = 0.9
+FACTS = ("PARAM_VALUE", "HEARTBEAT")
+"""Kept of the whole log: what the vehicle is does not depend on the stretch."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> Case:
+    """Make ``folder/name`` with its log and case.toml; its references come by ``update``.
+
+    An on-board log, or a telemetry log of less than 1 MB without --from and --to, is taken as it
+    is; else only the messages that yawid reads are kept, of the stretch asked for.
+
+    Raises:
+        ConfigError: the name is none, the case exists, the options do not fit the log, or what is
+        asked for is still 1 MB or more.
+        SourceError: the log cannot be read.
+        SinkError: the case cannot be written.
+    """
+    if not _NAME.fullmatch(name):
+        raise ConfigError(f"--name must be letters, digits, '.', '_' and '-', got {name!r}")
+    place = folder / name
+    if place.exists():
+        raise ConfigError(f"{place} exists: choose another --name")
+    config = RunConfig(**check_settings(dict(options), "the command line"))
+    suffix = log_suffix(log)
+    data = b"".join(read_tlog(log)) if suffix == SUFFIXES[0] else _on_board(log)
+    kept = data
+    whole = len(data) < MOST_BYTES and config.from_s is None and config.to_s is None
+    if suffix == SUFFIXES[0] and not whole:
+        kept = _trimmed(data, config)
+    if len(kept) >= MOST_BYTES:
+        raise ConfigError(
+            f"{log}: {len(kept)} bytes of what yawid reads, a case has less than {MOST_BYTES}: "
+            "choose a stretch by --from and --to"
+        )
+    # A file's name may hold bytes that are no text.
+    called = log.name.encode("utf-8", "backslashreplace").decode()
+    origin = f"{called}, sha256 {hashlib.sha256(data).hexdigest()}"
+    origin += "" if kept is data else ", trimmed by yawid regress --new"
+    return _written(place, f"log{suffix}", kept, origin, options)
+
+
+def _on_board(log: Path) -> bytes:
+    """Return a dataflash log or ULog, which is not cut."""
+    try:
+        size = log.stat().st_size
+        if size >= MOST_BYTES:
+            raise ConfigError(f"{log}: {size} bytes, a case has less than {MOST_BYTES}")
+        return log.read_bytes()
+    except OSError as error:
+        raise SourceError(f"cannot read {log}: {error.strerror}") from error
+
+
+def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
+    """Write the case, replay it once for its floor, and leave nothing where that fails."""
+    told = {
+        "origin": origin,
+        "licence": "not stated: whose log is it, and who may have it?",
+        "sha256": hashlib.sha256(log).hexdigest(),
+        "floor": 0,
+        "options": dict(options),
+    }
+    with os_errors_as_sink_error(place):
+        place.mkdir(parents=True)
+    try:
+        (place / name).write_bytes(log)
+        (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
+        told["floor"] = int(FLOOR_SHARE * Case.read(place).replay().updates)
+        (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
+    except BaseException as error:
+        shutil.rmtree(place, ignore_errors=True)  # it is ours: mkdir made it
+        if isinstance(error, OSError):
+            raise SinkError(f"cannot write {place}: {error.strerror}") from error
+        raise
+    return Case.read(place)
+
+
+def _trimmed(data: bytes, config: RunConfig) -> bytes:
+    """Return the records that yawid reads, of the stretch asked for, and all facts."""
+    decoder = Decoder(WANTED)
+    blocks = [found for found in (decoder.feed(data), decoder.finish()) if found is not None]
+    heard = _Heard.of(blocks)
+    low = -np.inf if config.from_s is None else config.from_s - LEAD_S
+    high = np.inf if config.to_s is None else config.to_s + LEAD_S
+    inside = (heard.boot_s >= low) & (heard.boot_s <= high)
+    kept = []
+    for at in heard.order[inside | heard.is_fact].tolist():
+        frame = at + STAMP_SIZE
+        size = frame_size(data[frame : frame + 3])
+        assert size is not None
+        kept.append(data[at : frame + size])
+    return b"".join(kept)
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """Every record read, in the order heard (n,): where it starts, the boot time then, its kind."""
+
+    order: Ints
+    boot_s: np.ndarray[tuple[int], np.dtype[np.float64]]
+    is_fact: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+    @staticmethod
+    def of(blocks: list[FrameBlock]) -> _Heard:
+        """Join the blocks of a decoder; a record without a time has that of the one before it."""
+        order, boot, fact = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros(0, bool)]
+        for name, block in ((n, b) for found in blocks for n, b in found.messages.items()):
+            timed = name in SOURCES and name != UNTIMED
+            order.append(block.order)
+            boot.append(boot_us(block.fields) / 1e6 if timed else np.full(len(block), np.nan))
+            fact.append(np.full(len(block), name in FACTS))
+        by_order = np.argsort(np.concatenate(order))
+        times = np.concatenate(boot)[by_order]
+        last = np.maximum.accumulate(np.where(np.isnan(times), -1, np.arange(len(times))))
+        first = times[np.isfinite(times)][:1]
+        known = np.where(last >= 0, times[last], first[0] if len(first) else 0.0)
+        return _Heard(np.concatenate(order)[by_order], known, np.concatenate(fact)[by_order])

@@ -1,0 +1,82 @@
+"""The only place that writes references."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import tomli_w
+
+from yawid.errors import ConfigError, SinkError
+from yawid.runs.outputs import versions
+from yawid.runs.regress.case import Case, Replayed, find_cases
+from yawid.runs.regress.compare import csv_of
+from yawid.runs.stop import Interrupted
+from yawid.sinks.base import write_whole
+
+
+def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], None]) -> None:
+    """Write the references of cases anew, and into case.toml when, why and by which versions.
+
+    A case whose replay is not one of it (another log, too few updates) keeps its references; the
+    others are updated first.
+
+    Raises:
+        ConfigError: no reason is given, or it is no text; there is no such case, its case.toml
+        cannot take another update, or a replay is not one of its case.
+        SourceError: a log cannot be read.
+        SinkError: a reference cannot be written.
+        Interrupted: told to stop; the cases not reached are named on stderr.
+    """
+    if not why.strip():
+        raise ConfigError("--why must give a reason")
+    cases = find_cases(folder, names)
+    # Before anything is replayed: a reason that cannot be recorded is none.
+    told = {case.folder: _recorded(case, why) for case in cases}
+    refused, done = [], 0
+    try:
+        for case in cases:
+            replayed = case.replay()
+            if wrong := case.unsound(replayed):
+                refused.append(f"{case.folder}: {wrong[0]}")
+            else:
+                _write(case, replayed, told[case.folder])
+                say(f"updated  {case.name}")
+            done += 1
+    except Interrupted:
+        sys.stderr.write(f"yawid: not updated: {', '.join(case.name for case in cases[done:])}\n")
+        raise
+    if refused:
+        raise ConfigError("; ".join(refused))
+
+
+def _recorded(case: Case, why: str) -> bytes:
+    """Return the case's case.toml with one update more."""
+    path = case.folder / "case.toml"
+    used = ", ".join(f"{name} {number}" for name, number in versions().items())
+    row = {"date": datetime.now(UTC).date(), "why": why, "versions": used}
+    try:
+        text = f"{path.read_text(encoding='utf-8')}\n[[updates]]\n{tomli_w.dumps(row)}"
+        tomllib.loads(text)
+        return text.encode()
+    except UnicodeEncodeError as error:
+        raise ConfigError(f"--why is no text: {error.reason}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path} cannot take another [[updates]]: {error}") from error
+    except OSError as error:
+        raise SinkError(f"cannot write {case.folder}: {error.strerror}") from error
+
+
+def _write(case: Case, replayed: Replayed, toml: bytes) -> None:
+    """Write all three beside their places; only then does each get its name, references last."""
+    summary = json.dumps(replayed.summary, indent=1) + "\n"
+    files = {
+        "case.toml": toml,
+        "expected.csv": csv_of(replayed.columns, replayed.rows),
+        "expected.json": summary.encode(),
+    }
+    write_whole({case.folder / name: data for name, data in files.items()}, force=True)

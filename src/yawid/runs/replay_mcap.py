@@ -1,0 +1,219 @@
+"""A run estimated once more from the samples its file holds: other orders, another memory.
+
+What concerns the channels was decided when the samples were made and cannot be changed here; what
+concerns the estimators can, and gives what a replay of the log itself would give.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import SampleBlock
+from yawid.channels.boots import outside
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError, NotIdentifiable, SinkError, SourceError
+from yawid.offline.orders import candidates, compare_orders, recommended
+from yawid.pipeline import Pipeline
+from yawid.results.estimate_summary import method_summary
+from yawid.results.judge import bank_verdict
+from yawid.results.judge_estimate import Evidence
+from yawid.results.reasons import KINDS, Reason, Verdict
+from yawid.results.summary import as_summary
+from yawid.runs.outputs import Outputs, keep_as_interrupted, open_sinks, whole_or_none
+from yawid.runs.replay import cut_short
+from yawid.runs.stop import StopFlag
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.terminal.progress import progress
+
+CHANGEABLE = (
+    "orders",
+    "method",
+    "also",
+    "engine",
+    "memory",
+    "forgetting",
+    "servo_tau",
+    "inputs",
+    "from_s",
+    "to_s",
+)
+JUDGED_AGAIN = frozenset(
+    kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
+)
+"""Reasons that samples and estimates give; all others come from the log and stay as they were."""
+
+
+def replay_run(
+    mcap: Path,
+    settings: Mapping[str, Any],
+    outputs: Outputs,
+    stop: StopFlag,
+    automatic: bool = False,
+) -> tuple[dict[str, Any], Verdict]:
+    """Estimate anew from a run's file; return the summary and the verdict.
+
+    ``settings`` overrule those of the run; ``automatic`` chooses the orders by the samples.
+
+    Raises:
+        Interrupted: told to stop before there was anything to keep.
+        SourceError: the file cannot be read, was not finished or is not a run's.
+        ConfigError: a setting asks for other samples than the file holds.
+        SinkError: an output cannot be written.
+    """
+    with stop.raising():
+        run = open_run(mcap)
+    if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
+        raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
+    config = changed(run, settings)
+    if automatic:
+        with stop.raising():
+            config = _with_orders(run, config)
+    pipeline = Pipeline(config)
+    if run.grid is not None:
+        pipeline.modes_of = run.grid.autopilot, run.grid.vehicle_type
+    pipeline.sinks = open_sinks(config, outputs)
+    size, rows, is_whole = mcap.stat().st_size, 0, True
+    with whole_or_none(pipeline.sinks):
+        with progress(sys.stderr, mcap.name, size) as advance:
+            for samples in _samples(run, config):
+                if stop.is_set:
+                    is_whole = False
+                    break
+                pipeline.estimate(samples)
+                rows += len(samples)
+                advance(size * len(samples) / max(run.rows, 1))
+        if is_whole and pipeline.bank is None and run.grid is not None:
+            if config.from_s is None and config.to_s is None:
+                raise SourceError(f"{mcap} holds no sample: replay the log itself")
+            raise outside(config, f"{mcap}, which covers {_covered(run)}")
+        summary, verdict = _summary(run, pipeline)
+        files = outputs.files()
+        if not is_whole:
+            read = size * rows // max(run.rows, 1)  # as the samples lie in the file, evenly
+            summary, verdict = cut_short(summary, verdict, stop.name, (read, size))
+            files = keep_as_interrupted(pipeline.sinks, outputs)
+        _finish(run, pipeline, summary, files)
+    return summary, verdict
+
+
+def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
+    """Return the configuration of a run with other settings.
+
+    Raises:
+        ConfigError: a setting asks for other samples than the run's file holds.
+    """
+    before = asdict(run.config)
+    for name, value in settings.items():
+        same = value == before[name]
+        if name == "rate" and run.grid is not None:
+            same = abs(value * run.grid.sample_time_s - 1.0) < 1e-9
+        if name not in CHANGEABLE and not same:
+            option = name.replace("_", "-")
+            raise ConfigError(
+                f"{run.path} holds samples made with --{option} {before[name]}: "
+                f"replay the log itself to have {value}"
+            )
+    if {"memory", "forgetting"} & settings.keys():
+        before |= {"memory": None, "forgetting": None}
+    config = RunConfig(**(before | dict(settings)))
+    if not set(config.inputs) <= set(run.config.inputs):
+        raise ConfigError(
+            f"{run.path} holds no {' and '.join(config.inputs)}: replay the log itself"
+        )
+    return config
+
+
+def _covered(run: McapRun) -> str:
+    """Return what the samples of a run cover, in words."""
+    t_us = [block.boot_us[[0, -1]] for block in run.samples() if len(block)]
+    if not t_us:
+        return "nothing"
+    low, high = np.min(t_us) / 1e6, np.max(t_us) / 1e6
+    return f"{low:.1f} to {high:.1f} s"
+
+
+def _samples(run: McapRun, config: RunConfig) -> Iterator[SampleBlock]:
+    """Yield the samples that are wanted, a block for each epoch at least."""
+    low = -np.inf if config.from_s is None else 1e6 * config.from_s
+    high = np.inf if config.to_s is None else 1e6 * config.to_s
+    columns = [run.config.inputs.index(name) for name in config.inputs]
+    for block in run.samples():
+        samples = replace(block, u=np.ascontiguousarray(block.u[:, columns]))
+        rows = (samples.boot_us >= low) & (samples.boot_us <= high)
+        samples = samples if rows.all() else samples.select(rows)
+        changes = (np.flatnonzero(np.diff(samples.epoch)) + 1).tolist()
+        for first, last in pairwise([0, *changes, len(samples)]):
+            if last > first:
+                yield samples.select(slice(first, last))
+
+
+def _with_orders(run: McapRun, config: RunConfig) -> RunConfig:
+    blocks = list(_samples(run, config))
+    if not blocks:
+        raise NotIdentifiable(f"{run.path}: no sample has both rudder and yaw rate")
+    u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
+    extra = int(config.output == "yaw")
+    tried = candidates(len(config.inputs), extra_b=extra)
+    orders = recommended(compare_orders(u, y, blocks[0].sample_time_s, tried)).orders
+    return replace(config, orders=(orders.na, orders.nb[0] - extra, orders.nc, orders.nk[0]))
+
+
+def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]:
+    with run.path.open("rb") as stream:
+        sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    before = run.summary
+    own = {name: before[name] for name in ("log", "sha256", "bytes_read") if name in before}
+    origin = before.get("source", own)
+    kept = ("duration_s", "vehicle", "link", "channels")
+    summary: dict[str, Any] = {"log": str(run.path.absolute()), "sha256": sha256}
+    summary |= {"source": origin} | {name: before[name] for name in kept if name in before}
+    evidence: dict[str, Evidence] = {}
+    said = before["verdict"]["reasons"]
+    if unknown := sorted({r["id"] for r in said} - KINDS.keys()):
+        raise SourceError(f"{run.path} gives reasons unknown to this version: {', '.join(unknown)}")
+    reasons = [Reason(r["id"], r["text"]) for r in said]
+    of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
+    bank = pipeline.bank
+    if bank is not None:
+        summary["estimates"] = {}
+        for method in bank.methods:
+            summary["estimates"][method], evidence[method] = method_summary(bank, method)
+        degrees = pipeline.config.rudder_max_deg
+        # What was recovered knows of the grid alone, which is no faster than the messages were.
+        least_hz, channels = 1.0 / bank.sample_time_s, before["channels"]
+        yaw, rudder = (channels.get(name, {}) for name in ("yaw", pipeline.config.inputs[0]))
+        yaw_hz, rudder_hz = (
+            each.get("first_rate_hz", each.get("rate_hz", least_hz)) for each in (yaw, rudder)
+        )
+        unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
+        verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)
+    elif run.grid is not None:
+        verdict = Verdict.of(of_the_log)
+    else:
+        verdict = Verdict.of(reasons)
+    summary["verdict"] = as_summary(verdict)
+    return summary, verdict
+
+
+def _finish(
+    run: McapRun, pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str]
+) -> None:
+    summary["files"] = files
+    attachments = {
+        "configuration.toml": pipeline.config.to_toml().encode(),
+        "parameters.txt": run.attachments.get("parameters.txt", b""),
+        "summary.json": json.dumps(summary).encode(),
+    }
+    for sink in pipeline.sinks:
+        for line in run.log:
+            sink.log(line.unix_ns, line.level, line.text)
+        sink.finish(summary, attachments)

@@ -1,0 +1,92 @@
+"""``yawid simulate``: a reference plant of the paper under a chosen input, into a file."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
+from yawid.pipeline import Pipeline
+from yawid.plant.excitation import Excitation
+from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
+from yawid.results.summary import summarise
+from yawid.runs.outputs import Outputs, finish, open_mcap, whole_or_none
+from yawid.sinks.base import check_free, write_whole
+from yawid.sources.logs.simulated_tlog import Flight, tlog_of
+
+FULL_RUDDER_RAD = np.deg2rad(25.0)
+"""The deflection that a tlog shows as full travel: --rudder-max-deg 25 makes radians of it
+again."""
+COLUMNS = ("t", "u", "y", "yaw", "roll")
+
+
+def simulate_to_file(
+    plant: PlantName,
+    excitation: Excitation,
+    out: Path,
+    *,
+    seconds: float,
+    rate_hz: float,
+    noise_std: float,
+    seed: int,
+    force: bool,
+) -> Simulation:
+    """Simulate and write; the suffix of ``out`` says as what: csv (t,u,y,yaw,roll), tlog or mcap.
+
+    Raises:
+        ConfigError: another suffix, or a value outside its limits.
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+    """
+    writers = {".csv": _csv, ".tlog": _tlog}
+    if out.suffix not in (*writers, ".mcap"):
+        raise ConfigError(f"--out must end in .csv, .tlog or .mcap, got {out}")
+    simulation = simulate_plant(
+        plant,
+        excitation,
+        duration_s=seconds,
+        sample_time_s=1.0 / rate_hz,
+        noise_std=noise_std,
+        seed=seed,
+    )
+    if out.suffix == ".mcap":
+        _mcap(simulation, out, rate_hz, force)
+        return simulation
+    check_free(out, force=force)
+    write_whole({out: writers[out.suffix](simulation)}, force=force)
+    return simulation
+
+
+def _csv(simulation: Simulation) -> bytes:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    columns = [getattr(simulation, name).tolist() for name in COLUMNS]
+    writer.writerows([f"{value:.12g}" for value in row] for row in zip(*columns, strict=True))
+    return text.getvalue().encode()
+
+
+def _tlog(simulation: Simulation) -> bytes:
+    share = simulation.u / FULL_RUDDER_RAD
+    if np.abs(share).max() > 1.0:
+        raise ConfigError("the rudder exceeds 25 degrees, full travel in a tlog: less --amplitude")
+    return tlog_of(
+        Flight(simulation.t, share, simulation.y, simulation.yaw, simulation.roll, SPEED_M_S)
+    )
+
+
+def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> None:
+    """Write what a replay of the simulated tlog would write."""
+    config = replace(RunConfig(), rate=min(rate_hz, 20.0), forgetting=1.0)
+    pipeline = Pipeline(config)
+    outputs = Outputs(out.parent, out.stem, force=force)
+    pipeline.sinks = [open_mcap(config, outputs)]
+    with whole_or_none(pipeline.sinks):
+        pipeline.feed(_tlog(simulation))
+        pipeline.finish()
+        summary, _ = summarise(pipeline, str(out), "")
+        finish(pipeline, summary, outputs.files())

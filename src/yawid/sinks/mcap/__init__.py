@@ -1,0 +1,1 @@
+"""The run's file: written, read, recovered."""

@@ -1,0 +1,187 @@
+"""Blocks as protobuf messages: which column of a block is which field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
+from yawid.physics.derivatives import NAMES
+from yawid.sinks.base import LogLevel
+from yawid.sinks.mcap.protobuf_rows import RowLayout
+from yawid.sinks.mcap.schemas import LogLevelNumber, descriptor, message_class
+
+Rows = NDArray[Any]
+
+
+class Written(NamedTuple):
+    """What a sink is given to write."""
+
+    samples: SampleBlock
+    estimates: Mapping[str, EstimateBlock]
+    modes: ModesBlock
+
+
+def joined(parts: Sequence[Written]) -> Written:
+    """Return several of them as one; the covariances, which are not written, are left out."""
+    if len(parts) == 1:
+        return parts[0]
+    estimates = {}
+    for method, first in parts[0].estimates.items():
+        rows = [part.estimates[method].rows[:, : 2 * first.p + 5] for part in parts]
+        estimates[method] = EstimateBlock(np.concatenate(rows), first.p)
+    modes = ModesBlock(
+        *(
+            np.concatenate([getattr(part.modes, name) for part in parts])
+            for name in ModesBlock.__slots__
+        )
+    )
+    return Written(SampleBlock.joined([part.samples for part in parts]), estimates, modes)
+
+
+_APPENDED: Final = ("aileron", "mode", "on_ground", "altitude")
+_ESTIMATE: Final = (
+    "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
+)  # fmt: skip
+
+
+@lru_cache
+def _layout(full_name: str, **lengths: int) -> RowLayout:
+    return RowLayout(descriptor(full_name), lengths)
+
+
+def _fill_held(rows: Rows, held: Ints) -> None:
+    rows["held"] = held
+    for flag in Held:
+        rows["held_reasons"][str(flag.name).lower()] = held & flag.value != 0
+
+
+def _one_nan(rows: Rows) -> Rows:
+    """Make every NaN the same: a processor's sign of it depends on where the blocks were cut."""
+    for name in rows.dtype.names or ():
+        column = rows[name]
+        if column.dtype.kind == "f":
+            column[np.isnan(column)] = np.nan
+    return rows
+
+
+def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
+    """Return ``yawid.Sample`` messages (n,); ``inputs`` names the columns of u."""
+    rows = _layout("yawid.Sample", u=samples.u.shape[1]).rows(len(samples))
+    rows["boot_time"] = samples.boot_us / 1e6
+    rows["received_time"] = samples.received_us / 1e6
+    _fill_held(rows, samples.held)
+    for name in ("k", "epoch", "u", "yaw", "roll", "airspeed", "noted", *_APPENDED):
+        rows[name] = getattr(samples, name)
+    rows["yaw_rate"], rows["turn_rate"] = samples.y, samples.turn
+    rows["rudder"] = samples.u[:, inputs.index("rudder")] if "rudder" in inputs else np.nan
+    return _one_nan(rows)
+
+
+def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
+    """Return ``yawid.Estimate`` messages (n,)."""
+    p = estimate.theta.shape[1]
+    rows = _layout("yawid.Estimate", theta=p, theta_std=p).rows(len(samples))
+    rows["boot_time"] = samples.boot_us / 1e6
+    _fill_held(rows, samples.held)
+    for name in _ESTIMATE:
+        rows[name] = getattr(estimate, name)
+    return _one_nan(rows)
+
+
+def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
+    """Return ``yawid.Modes`` messages (n,)."""
+    repeated = ("pole_re", "pole_im", "wn", "wn_std", "zeta", "zeta_std")
+    na = modes.poles.shape[1]
+    rows = _layout("yawid.Modes", **dict.fromkeys(repeated, na)).rows(len(samples))
+    rows["boot_time"] = samples.boot_us / 1e6
+    rows["pole_re"], rows["pole_im"] = modes.poles.real, modes.poles.imag
+    for name in repeated[2:]:
+        rows[name] = getattr(modes, name)
+    for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
+        rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
+    for column, name in enumerate(NAMES):
+        rows[name], rows[f"{name}_std"] = modes.yaw[:, column], modes.yaw_std[:, column]
+    return _one_nan(rows)
+
+
+def log_message(unix_ns: int, level: LogLevel, text: str) -> bytes:
+    """Return one ``foxglove.Log``."""
+    message: Any = message_class("foxglove.Log")()  # its fields are known at run time only
+    message.timestamp.FromNanoseconds(unix_ns)
+    message.level = LogLevelNumber[level.upper()]
+    message.message = text
+    message.name = "yawid"
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def mode_message(boot_s: float, custom_mode: float, name: str) -> bytes:
+    """Return one ``yawid.Mode``."""
+    message: Any = message_class("yawid.Mode")(  # as above
+        boot_time=boot_s, custom_mode=custom_mode, name=name
+    )
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def verdict_message(verdict: Mapping[str, Any]) -> bytes:
+    """Return one ``yawid.Verdict`` from the summary's ``{usable, reasons[{id, weight, text}]}``."""
+    message: Any = message_class("yawid.Verdict")()  # as above
+    message.usable = verdict["usable"]
+    for reason in verdict["reasons"]:
+        message.reasons.add(**{name: reason[name] for name in ("id", "weight", "text")})
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock:
+    """Return the samples that :func:`sample_rows` wrote; ``unix_ns`` (n,) is their log time."""
+    integers = {name: rows[name].astype(np.int64) for name in ("noted", "held", "epoch")}
+    return SampleBlock(
+        sample_time_s=sample_time_s,
+        k=np.ascontiguousarray(rows["k"]),
+        boot_us=np.rint(rows["boot_time"] * 1e6).astype(np.int64),
+        unix_ns=unix_ns,
+        received_us=np.rint(rows["received_time"] * 1e6).astype(np.int64),
+        u=np.ascontiguousarray(rows["u"]),
+        y=np.ascontiguousarray(rows["yaw_rate"]),
+        yaw=np.ascontiguousarray(rows["yaw"]),
+        roll=np.ascontiguousarray(rows["roll"]),
+        turn=np.ascontiguousarray(rows["turn_rate"]),
+        airspeed=np.ascontiguousarray(rows["airspeed"]),
+        noted=integers["noted"],
+        held=integers["held"],
+        epoch=integers["epoch"],
+        aileron=np.ascontiguousarray(rows["aileron"]),
+        mode=_floats(rows, "mode"),
+        on_ground=_floats(rows, "on_ground"),
+        altitude=_floats(rows, "altitude"),
+    )
+
+
+def _floats(rows: Rows, name: str) -> Floats:
+    """Return a column (n,), NaN throughout where the file is older than the column."""
+    if name not in (rows.dtype.names or ()):
+        return np.full(len(rows), np.nan)
+    return np.ascontiguousarray(rows[name])
+
+
+def estimate_from(rows: Rows) -> EstimateBlock:
+    """Return the estimates that :func:`estimate_rows` wrote, without their covariance."""
+    return EstimateBlock.of(
+        covariance=None, **{name: np.ascontiguousarray(rows[name]) for name in _ESTIMATE}
+    )
+
+
+def modes_from(rows: Rows) -> ModesBlock:
+    """Return the modes that :func:`modes_rows` wrote."""
+    dutch_roll = [rows[f"dutch_roll_{name}"] for name in ("wn", "wn_std", "zeta", "zeta_std")]
+    return ModesBlock(
+        poles=rows["pole_re"] + 1j * rows["pole_im"],
+        dutch_roll=np.column_stack(dutch_roll),
+        yaw=np.column_stack([_floats(rows, name) for name in NAMES]),
+        yaw_std=np.column_stack([_floats(rows, f"{name}_std") for name in NAMES]),
+        **{name: np.ascontiguousarray(rows[name]) for name in ("wn", "wn_std", "zeta", "zeta_std")},
+    )

@@ -1,0 +1,268 @@
+"""A finished run read back from its MCAP file: what it says of itself, and its rows in blocks.
+
+Rows are laid out by the schema in the file. A file made by an older version lacks some of today's
+fields: they are filled with what means unknown. Fields that stand otherwise than today are another
+format, which is refused instead of being misread.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
+from zstandard import ZstdError
+
+from mcap.exceptions import McapError
+from mcap.reader import McapReader, make_reader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader
+from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.errors import SourceError
+from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
+from yawid.sinks.mcap.protobuf_rows import RowLayout
+from yawid.sinks.mcap.recover import is_bomb
+from yawid.sinks.mcap.run_facts import checked, read_config, read_grid, read_summary
+from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, message_class
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+BLOCK_ROWS: Final = 8192
+SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
+_LOG_LEVELS: Final[Mapping[int, LogLevel]] = {
+    1: "debug",
+    2: "info",
+    3: "warning",
+    4: "error",
+    5: "error",
+}
+# What the libraries raise on bytes that are not what they should be.
+_DAMAGE: Final = (
+    McapError, DecodeError, struct.error, ValueError, KeyError, TypeError, ZstdError, MemoryError,
+    OverflowError, OSError,  # seeking to where a damaged index points
+)  # fmt: skip
+
+
+class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
+    """Samples without what was made of them, as a recovered file may have."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One line for people, as it was written during the run."""
+
+    unix_ns: int
+    level: LogLevel
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunBlock:
+    """Consecutive samples and all that was made of them."""
+
+    samples: SampleBlock
+    estimates: dict[str, EstimateBlock]
+    modes: ModesBlock
+
+
+@dataclass(slots=True)
+class McapRun:
+    """What a run's file says of itself; ``blocks`` and ``samples`` read its rows.
+
+    ``grid`` is None where rudder and yaw rate never flowed together: such a run has no rows.
+    """
+
+    path: Path
+    summary: Mapping[str, Any]
+    metadata: Mapping[str, Mapping[str, str]]
+    attachments: Mapping[str, bytes]
+    config: RunConfig
+    grid: Grid | None
+    log: list[LogLine] = field(default_factory=list)
+    rows: int = 0
+
+    def samples(self) -> Iterator[SampleBlock]:
+        """Yield the samples alone.
+
+        Raises:
+            SourceError: the file is damaged.
+        """
+        for rows, unix_ns in self._rows((SAMPLE,)):
+            yield self._samples(rows[0], unix_ns)
+
+    def blocks(self) -> Iterator[RunBlock]:
+        """Yield samples, estimates and modes.
+
+        Raises:
+            SourceError: the file is damaged.
+        """
+        methods = () if self.grid is None else self.grid.methods
+        topics = [f"/yawid/estimate{'' if i == 0 else '/' + m}" for i, m in enumerate(methods)]
+        for rows, unix_ns in self._rows((SAMPLE, *topics, MODES)):
+            estimates = {m: estimate_from(r) for m, r in zip(methods, rows[1:-1], strict=True)}
+            yield RunBlock(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
+
+    def _samples(self, rows: Rows, unix_ns: Ints) -> SampleBlock:
+        assert self.grid is not None  # else there were no rows
+        return samples_from(rows, unix_ns, self.grid.sample_time_s)
+
+    def _rows(self, topics: tuple[str, ...]) -> Iterator[tuple[list[Rows], Ints]]:
+        """Yield the messages of the topics, as many of each, and the log time of the first's."""
+        if self.grid is None:
+            return
+        layouts: dict[str, RowLayout] = {}
+        waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
+        log_ns: list[int] = []
+        with _opened(self.path) as stream, _damage_told(self.path):
+            for schema, channel, message in _messages(stream, topics):
+                topic = channel.topic
+                if topic not in layouts:
+                    layouts[topic] = _layout(schema, message.data)
+                if topic == topics[0]:
+                    if len(log_ns) == BLOCK_ROWS:
+                        found = checked(_joined(layouts, waiting), self.grid)
+                        yield found, np.array(log_ns, np.int64)
+                        log_ns = []
+                    log_ns.append(message.log_time)
+                waiting[topic].append(message.data)
+            if log_ns:
+                yield checked(_joined(layouts, waiting), self.grid), np.array(log_ns, np.int64)
+
+
+def is_mcap(path: Path) -> bool:
+    """Tell whether a file begins as an MCAP file does."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def open_run(path: Path) -> McapRun:
+    """Return what the file of a finished run says of itself.
+
+    Raises:
+        SourceError: it cannot be read, is no MCAP file, was never finished, or is not yawid's.
+    """
+    with _opened(path) as stream:
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise SourceError(f"{path} is no MCAP file: yawid replay makes one of a log")
+        stream.seek(0)
+        with _damage_told(path):
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, Chunk) and is_bomb(record):
+                    raise SourceError(f"{path}: a chunk of it unpacks to too much: not read")
+            stream.seek(0)
+            reader = make_reader(stream, validate_crcs=True)
+            metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+            attachments = {record.name: record.data for record in reader.iter_attachments()}
+            log = list(_log_lines(reader))
+            rows = _count(reader)
+    if "configuration" not in metadata:
+        raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
+    if "summary.json" not in attachments:
+        raise SourceError(
+            f"{path} holds no summary: its run was cut off; replay the log itself, or yawid recover"
+        )
+    try:
+        summary = read_summary(attachments["summary.json"])
+        config = read_config(attachments.get("configuration.toml"))
+        grid = read_grid(metadata.get("grid"), config)
+    except ValueError as error:
+        raise SourceError(f"{path} is not as yawid writes it: {error}") from error
+    return McapRun(path, summary, metadata, attachments, config, grid, log, rows)
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    """Turn what the libraries raise on damaged bytes into one line."""
+    try:
+        yield
+    except Incomplete as error:
+        raise SourceError(f"{path}: {error}: yawid replay of it estimates them again") from error
+    except _DAMAGE as error:
+        reason = str(error).partition("\n")[0] or "it ends too early"
+        raise SourceError(
+            f"{path} is damaged or was never finished ({reason}): "
+            "yawid recover makes a whole file of what there is"
+        ) from error
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise SourceError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _messages(
+    stream: BinaryIO, topics: tuple[str, ...]
+) -> Iterator[tuple[Schema, Channel, Message]]:
+    reader = make_reader(stream, validate_crcs=True)
+    for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
+        if schema is None:
+            raise ValueError(f"{channel.topic} has no schema")
+        yield schema, channel, message
+
+
+def _layout(schema: Schema, first: bytes) -> RowLayout:
+    """Return the layout of a topic's rows; its repeated fields are as long as in its first message.
+
+    Raises:
+        ValueError: the file's schema is not ours, of this version or an older one.
+    """
+    written = descriptor_in(schema.name, schema.data)
+    if not is_older(written, descriptor(schema.name)):
+        raise ValueError(f"{schema.name} is of another version of yawid: replay the log again")
+    message: Any = GetMessageClass(written)().FromString(first)
+    lengths = {
+        known.name: len(getattr(message, known.name))
+        for known in written.fields
+        if known.is_repeated
+    }
+    return RowLayout(written, lengths)
+
+
+def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -> list[Rows]:
+    """Return the rows (n,) of each topic and forget the messages.
+
+    Raises:
+        Incomplete: the topics do not have as many messages each.
+        ValueError: the messages of a topic have different sizes.
+    """
+    counts = {len(messages) for messages in waiting.values()}
+    if len(counts) != 1:
+        raise Incomplete("some of its samples lack their estimates")
+    rows = []
+    for topic, messages in waiting.items():
+        layout = layouts[topic]
+        if any(len(message) != layout.size for message in messages):
+            raise ValueError(f"messages of different sizes in {topic}")
+        rows.append(np.frombuffer(b"".join(messages), layout.dtype))
+        messages.clear()
+    return rows
+
+
+def _log_lines(reader: McapReader) -> Iterator[LogLine]:
+    for _, _, message in reader.iter_messages([LOG]):
+        line: Any = message_class("foxglove.Log").FromString(message.data)
+        level = _LOG_LEVELS.get(line.level, "info")
+        if message.log_time >= 2**63:
+            raise ValueError("a log line has no time")
+        yield LogLine(message.log_time, level, line.message)
+
+
+def _count(reader: McapReader) -> int:
+    """Return the number of samples, 0 where the file does not say."""
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None:
+        return 0
+    counts = summary.statistics.channel_message_counts
+    return sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)

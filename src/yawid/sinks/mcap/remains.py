@@ -1,0 +1,131 @@
+"""What a recovered file says of itself: the run that wrote it was cut off before it could.
+
+Configuration and grid stand at the head of every file, and the newest estimate is where the run
+had come to. What the link lost and which channels moved is written at the end alone: without it
+there is no answer, and the verdict says so.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+from google.protobuf.message import DecodeError
+
+from yawid.config.run import RunConfig, check_settings
+from yawid.physics.modes import finite
+from yawid.sinks.base import Grid
+from yawid.sinks.mcap.run_facts import read_grid, read_summary
+from yawid.sinks.mcap.schemas import TOPICS, message_class
+
+SAMPLE: Final = "/yawid/sample"
+CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
+NAMES: Final = (CONFIGURATION, SUMMARY)
+_DUTCH_ROLL: Final = {"wn_rad_s": "wn", "wn_std": "wn_std", "zeta": "zeta", "zeta_std": "zeta_std"}
+_NO_VALUE: Final = (ValueError, OverflowError, RecursionError, KeyError, TypeError, DecodeError)
+
+
+@dataclass(slots=True)
+class Remains:
+    """What a torn file still holds, gathered as it is copied; ``attachments`` of ``NAMES`` only."""
+
+    metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    rows: int = 0
+    held: int = 0
+    _first_ns: int = 0
+    _last_ns: int = 0
+    _newest: dict[str, bytes] = field(default_factory=dict)
+
+    def add(self, topic: str, log_time: int, data: bytes) -> None:
+        """Take a message that is copied."""
+        self._newest[topic] = data
+        if topic == SAMPLE:
+            self._first_ns = self._first_ns if self.rows else log_time
+            self._last_ns = log_time
+            self.rows += 1
+            self.held += _read(topic, data).held != 0
+
+    def told(self, path: Path, left_out: str, *, lost: bool) -> dict[str, bytes]:
+        """Return configuration and summary for the new file, as they were where nothing is missing.
+
+        ``path`` is the torn file, ``left_out`` what was not copied of it, ``lost`` whether messages
+        are among that. Without a configuration to be read there is neither.
+        """
+        if SUMMARY in self.attachments and not lost:
+            return self.attachments
+        try:
+            config = self._config()
+            summary = self._summary(path, config)
+            before = summary.get("verdict", {"reasons": []})
+            text = self._missing(path, left_out)
+            first = {"id": "interrupted", "weight": "fatal", "text": text}
+            others = [each for each in before["reasons"] if each["id"] != "interrupted"]
+            summary["verdict"] = before | {"usable": False, "reasons": [first, *others]}
+        except _NO_VALUE:
+            return self.attachments
+        summary["recovered"] = {"samples": self.rows, "left_out": left_out}
+        return {CONFIGURATION: config.to_toml().encode(), SUMMARY: json.dumps(summary).encode()}
+
+    def _missing(self, path: Path, left_out: str) -> str:
+        found = f"recovered from {path.name}, {self.rows} samples"
+        found += f" without {left_out}" if left_out else ""
+        ends = "" if SUMMARY in self.attachments else "; its run was cut off, the link unjudged"
+        return f"{found}{ends}: replay the log itself for an answer"
+
+    def _config(self) -> RunConfig:
+        """Return the configuration that the head of the file tells."""
+        texts = {known.name for known in fields(RunConfig) if isinstance(known.default, str)}
+        told = self.metadata["configuration"]
+        settings = {n: text if n in texts else json.loads(text) for n, text in told.items()}
+        given = {name: value for name, value in settings.items() if value is not None}
+        return RunConfig(**check_settings(given, "configuration"))
+
+    def _summary(self, path: Path, config: RunConfig) -> dict[str, Any]:
+        """Return the run's own summary, or what its newest messages tell."""
+        if SUMMARY in self.attachments:
+            return read_summary(self.attachments[SUMMARY])
+        summary: dict[str, Any] = {
+            "log": str(path.absolute()),
+            "duration_s": max(self._last_ns - self._first_ns, 0) / 1e9,
+            "link": {},
+            "channels": {},
+        }
+        grid = read_grid(self.metadata.get("grid"), config)
+        if grid is not None and self.rows:
+            estimates = {method: self._estimate(method, grid, config) for method in grid.methods}
+            summary["estimates"] = {name: found for name, found in estimates.items() if found}
+        return summary
+
+    def _estimate(self, method: str, grid: Grid, config: RunConfig) -> dict[str, Any]:
+        """Return what the newest messages tell of a method, nothing where it has none."""
+        is_first = method == grid.methods[0]
+        topic = "/yawid/estimate" if is_first else f"/yawid/estimate/{method}"
+        if topic not in self._newest:
+            return {}
+        newest = _read(topic, self._newest[topic])
+        found: dict[str, Any] = {
+            "method": method,
+            "orders": dict(zip(("na", "nb", "nc", "nk"), config.orders, strict=True)),
+            "sample_time_s": grid.sample_time_s,
+            "forgetting_factor": config.forgetting_factor(grid.sample_time_s),
+            "updates": self.rows - self.held,
+            "held": self.held,
+            "theta": finite(dict(zip(grid.parameters, newest.theta, strict=True))),
+            "theta_std": finite(dict(zip(grid.parameters, newest.theta_std, strict=True))),
+            "fit": {},
+        }
+        if is_first and "/yawid/modes" in self._newest:
+            modes = _read("/yawid/modes", self._newest["/yawid/modes"])
+            names = _DUTCH_ROLL.items()
+            roll = finite({name: getattr(modes, f"dutch_roll_{of}") for name, of in names})
+            if roll.get("wn_rad_s", 0.0) > 0.0 and "zeta" in roll:
+                found["dutch_roll"] = roll
+        return found
+
+
+def _read(topic: str, data: bytes) -> Any:
+    return message_class(TOPICS[topic]).FromString(data)

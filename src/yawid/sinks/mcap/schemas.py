@@ -1,0 +1,261 @@
+"""The messages of our MCAP files, as protobuf descriptors built from one table.
+
+Field numbers are the positions in the table: append, never reorder, or old files become unreadable
+to those who remember the schema. The numbers of ``foxglove.Log`` are its publisher's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Final
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.message import DecodeError, Message
+
+from yawid.blocks import Held, Noted, Status
+from yawid.config.estimator import METHODS
+from yawid.physics.derivatives import NAMES
+
+_FieldProto = descriptor_pb2.FieldDescriptorProto
+_SCALARS: Final = {
+    "bool": _FieldProto.TYPE_BOOL,
+    "double": _FieldProto.TYPE_DOUBLE,
+    "fixed32": _FieldProto.TYPE_FIXED32,
+    "sfixed64": _FieldProto.TYPE_SFIXED64,
+    "string": _FieldProto.TYPE_STRING,
+}
+_PACKAGE = "yawid"
+_YAW_UNITS: Final = {
+    "K": "rad/s per {rudder}, of the last whole second; NaN where eq. 23 does not hold",
+    "T_theta_s": "s",
+    "omega_beta": "rad/s",
+    "xi_beta": "1",
+    "a_z_beta": "1/s",
+    "a_my_omega_y": "1/s",
+    "a_my_beta": "1/s^2",
+    "a_my_delta_h": "1/s^2 per {rudder}",
+    "servo_tau_s": "s; NaN where no real pole is the servo's",
+}
+YAW_CHANNEL: Final = tuple(
+    (name + suffix, "double", _YAW_UNITS[name]) for name in NAMES for suffix in ("", "_std")
+)
+"""Value and sigma of paper eq. 22-23's numbers, in the order of the physics."""
+
+_NOTED = ", ".join(f"{flag.value} {str(flag.name).lower().replace('_', ' ')}" for flag in Noted)
+
+# message -> (field, type, unit); [] is repeated; a type with a dot is a message, Status the enum;
+# {rudder} stands for the unit of the rudder.
+TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
+    "HeldReasons": tuple((str(flag.name).lower(), "bool", "") for flag in Held),
+    "Sample": (
+        ("boot_time", "double", "s, clock of the vehicle"),
+        ("received_time", "double", "s, Unix"),
+        ("k", "sfixed64", "index on the grid of boot time, t = k * sample_time_s"),
+        ("epoch", "fixed32", "count of changes in the meaning of u"),
+        ("held", "fixed32", "bits as in held_reasons, 0: the estimators saw this sample"),
+        ("held_reasons", ".yawid.HeldReasons", ""),
+        (
+            "u",
+            "double[]",
+            "rudder: {rudder}, aileron: half travel; mean over [t, t + sample_time_s)",
+        ),
+        ("rudder", "double", "{rudder}; NaN where it is no input"),
+        ("aileron", "double", "half travel, input or not; NaN where unknown"),
+        ("yaw_rate", "double", "rad/s"),
+        ("yaw", "double", "rad, unwrapped"),
+        ("roll", "double", "rad"),
+        ("turn_rate", "double", "rad/s, as bank and airspeed imply; NaN without airspeed"),
+        ("airspeed", "double", "m/s; NaN where unknown"),
+        ("noted", "fixed32", f"bits: {_NOTED}"),
+        ("mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
+        ("on_ground", "double", "1 on the ground, 0 in the air, NaN where unknown"),
+        ("altitude", "double", "m, above the sea; NaN where unknown"),
+    ),
+    "Estimate": (
+        ("boot_time", "double", "s, clock of the vehicle"),
+        ("status", "Status", ""),
+        ("held", "fixed32", "bits as in held_reasons"),
+        ("held_reasons", ".yawid.HeldReasons", ""),
+        ("theta", "double[]", "a, c: 1; b: rad/s per unit of its input as in u; bias: rad/s"),
+        ("theta_std", "double[]", "as theta"),
+        ("y_hat", "double", "rad/s, one step ahead"),
+        ("innovation", "double", "rad/s, a priori"),
+        ("residual", "double", "rad/s, a posteriori"),
+        ("noise_std", "double", "rad/s, of the innovation"),
+    ),
+    "Modes": (
+        ("boot_time", "double", "s, clock of the vehicle"),
+        ("pole_re", "double[]", "rad/s, continuous time"),
+        ("pole_im", "double[]", "rad/s, continuous time"),
+        ("wn", "double[]", "rad/s, of each pole"),
+        ("wn_std", "double[]", "rad/s"),
+        ("zeta", "double[]", "1"),
+        ("zeta_std", "double[]", "1"),
+        ("dutch_roll_wn", "double", "rad/s; NaN where there is none"),
+        ("dutch_roll_wn_std", "double", "rad/s"),
+        ("dutch_roll_zeta", "double", "1"),
+        ("dutch_roll_zeta_std", "double", "1"),
+        *YAW_CHANNEL,
+    ),
+    "Reason": (
+        ("id", "string", ""),
+        ("weight", "string", "fatal or warning"),
+        ("text", "string", ""),
+    ),
+    "Verdict": (("usable", "bool", ""), ("reasons", ".yawid.Reason[]", "")),
+    "Mode": (
+        ("boot_time", "double", "s, clock of the vehicle"),
+        ("custom_mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
+        ("name", "string", "as the autopilot calls it"),
+    ),
+}
+
+TOPICS: Final[Mapping[str, str]] = {
+    "/yawid/sample": "yawid.Sample",
+    "/yawid/estimate": "yawid.Estimate",
+    **{f"/yawid/estimate/{method}": "yawid.Estimate" for method in METHODS},
+    "/yawid/modes": "yawid.Modes",
+    "/yawid/mode": "yawid.Mode",
+    "/yawid/verdict": "yawid.Verdict",
+    "/yawid/log": "foxglove.Log",
+}
+"""Every topic of our files and the message on it."""
+
+
+def units(rudder_unit: str) -> dict[str, str]:
+    """Return the unit of every field that has one, by ``Message.field``."""
+    return {
+        f"{message}.{field}": unit.replace("{rudder}", rudder_unit)
+        for message, fields in TABLE.items()
+        for field, _, unit in fields
+        if unit
+    }
+
+
+def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) -> None:
+    label = _FieldProto.LABEL_REPEATED if kind.endswith("[]") else _FieldProto.LABEL_OPTIONAL
+    kind = kind.removesuffix("[]")
+    field = message.field.add(name=name, number=len(message.field) + 1, label=label)
+    if kind in _SCALARS:
+        field.type = _SCALARS[kind]
+    elif kind.startswith("."):
+        field.type, field.type_name = _FieldProto.TYPE_MESSAGE, kind
+    else:
+        field.type, field.type_name = _FieldProto.TYPE_ENUM, f".{_PACKAGE}.{kind}"
+
+
+def _yawid_file() -> descriptor_pb2.FileDescriptorProto:
+    file = descriptor_pb2.FileDescriptorProto(
+        name="yawid/yawid.proto", package=_PACKAGE, syntax="proto3"
+    )
+    status = file.enum_type.add(name="Status")
+    for member in Status:
+        status.value.add(name=member.name, number=member.value)
+    for name, fields in TABLE.items():
+        message = file.message_type.add(name=name)
+        for field, kind, _ in fields:
+            _add_field(message, field, kind)
+    return file
+
+
+class LogLevelNumber(IntEnum):
+    """``foxglove.Log.Level``."""
+
+    UNKNOWN = 0
+    DEBUG = 1
+    INFO = 2
+    WARNING = 3
+    ERROR = 4
+    FATAL = 5
+
+
+def _foxglove_log_file() -> descriptor_pb2.FileDescriptorProto:
+    file = descriptor_pb2.FileDescriptorProto(
+        name="foxglove/Log.proto", package="foxglove", syntax="proto3"
+    )
+    file.dependency.append("google/protobuf/timestamp.proto")
+    log = file.message_type.add(name="Log")
+    level = log.enum_type.add(name="Level")
+    for member in LogLevelNumber:
+        level.value.add(name=member.name, number=member.value)
+    _add_field(log, "timestamp", ".google.protobuf.Timestamp")
+    log.field.add(
+        name="level",
+        number=2,
+        label=_FieldProto.LABEL_OPTIONAL,
+        type=_FieldProto.TYPE_ENUM,
+        type_name=".foxglove.Log.Level",
+    )
+    for name in ("message", "name", "file"):
+        _add_field(log, name, "string")
+    _add_field(log, "line", "fixed32")
+    return file
+
+
+def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
+    return descriptor_pb2.FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
+
+
+def _build_pool() -> descriptor_pool.DescriptorPool:
+    # A pool of our own: the default one is shared with whatever else the process has loaded.
+    pool = descriptor_pool.DescriptorPool()
+    for file in (_timestamp_file(), _yawid_file(), _foxglove_log_file()):
+        pool.AddSerializedFile(file.SerializeToString(deterministic=True))
+    return pool
+
+
+_POOL: Final = _build_pool()
+
+
+def descriptor(full_name: str) -> Descriptor:
+    """Return the descriptor of a message by its full type name, such as ``yawid.Sample``."""
+    return _POOL.FindMessageTypeByName(full_name)
+
+
+def descriptor_in(full_name: str, data: bytes) -> Descriptor:
+    """Return the descriptor of a message in the FileDescriptorSet that stands in a file.
+
+    Raises:
+        ValueError: the set cannot be read or does not hold the message.
+    """
+    pool = descriptor_pool.DescriptorPool()
+    try:
+        for file in descriptor_pb2.FileDescriptorSet.FromString(data).file:
+            pool.AddSerializedFile(file.SerializeToString())
+        return pool.FindMessageTypeByName(full_name)
+    except (DecodeError, TypeError, KeyError) as error:
+        raise ValueError(f"the schema of {full_name} cannot be read") from error
+
+
+def is_older(written: Descriptor, ours: Descriptor) -> bool:
+    """Tell whether every field of ``written`` stands in ``ours`` as it is, which may have more."""
+    for field in written.fields:
+        known = ours.fields_by_number.get(field.number)
+        if known is None or _shape(field) != _shape(known):
+            return False
+        if field.message_type is not None:
+            assert known.message_type is not None  # the same type, by the comparison above
+            if not is_older(field.message_type, known.message_type):
+                return False
+    return True
+
+
+def _shape(field: FieldDescriptor) -> tuple[object, ...]:
+    nested = None if field.message_type is None else field.message_type.full_name
+    return field.name, field.type, field.is_repeated, nested
+
+
+def message_class(full_name: str) -> type[Message]:
+    """Return the class that builds a message, for those that are written seldom."""
+    return message_factory.GetMessageClass(descriptor(full_name))
+
+
+def schema_data(full_name: str) -> bytes:
+    """Return the serialised FileDescriptorSet of a message, its dependencies first."""
+    files = descriptor_pb2.FileDescriptorSet()
+    main = descriptor(full_name).file
+    for file in (*main.dependencies, main):
+        files.file.add().ParseFromString(file.serialized_pb)
+    return files.SerializeToString(deterministic=True)

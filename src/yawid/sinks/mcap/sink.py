@@ -1,0 +1,249 @@
+"""The MCAP file: every sample, estimate and mode as protobuf, in chunks of at most a second."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from yawid import __version__
+from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
+from yawid.errors import SinkError
+from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error, sync
+from yawid.sinks.mcap.chunks import ChunkWriter, Topic
+from yawid.sinks.mcap.messages import (
+    Written,
+    estimate_rows,
+    joined,
+    log_message,
+    mode_message,
+    modes_rows,
+    sample_rows,
+    verdict_message,
+)
+from yawid.sinks.mcap.schemas import TOPICS, schema_data, units
+
+LIBRARY: Final = f"yawid {__version__}"
+CHUNK_NS: Final = 1_000_000_000
+FLUSH_S: Final = (
+    0.5  # of wall time: with a caller that comes every half second no more than 1 s is lost
+)
+_MOST_WAITING: Final = 64
+_MEDIA_TYPES: Final = {
+    ".json": "application/json",
+    ".toml": "application/toml",
+    ".txt": "text/plain",
+}
+
+
+def _as_record(value: str | Mapping[str, object]) -> dict[str, str]:
+    """Return a metadata record, string to string; nested mappings become dotted names."""
+    if isinstance(value, str):
+        return {"text": value}
+    record: dict[str, str] = {}
+    for name, entry in value.items():
+        if isinstance(entry, Mapping):
+            record |= {f"{name}.{inner}": text for inner, text in _as_record(entry).items()}
+        else:
+            # A file's name may hold bytes that are no UTF-8.
+            text = entry if isinstance(entry, str) else json.dumps(entry)
+            record[name] = text.encode("utf-8", "backslashreplace").decode()
+    return record
+
+
+class McapSink:
+    """Writes ``<path>.part`` at once and gives it the name ``path`` when finished.
+
+    ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text is held
+    under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
+    topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
+    estimates, modes; before it the flight mode where it is another.
+
+    Raises:
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, str | Mapping[str, object]],
+        *,
+        force: bool = False,
+    ) -> None:
+        self.path = path
+        self._part, self._stream = open_part(path, force=force)
+        self._pace = Pace(FLUSH_S)
+        self._schemas: dict[str, int] = {}
+        self._records: set[str] = set()
+        self._mode: float | None = None
+        self._estimate_channels: dict[str, int] = {}
+        self._sample_ns = self._log_ns = self._rows = 0
+        self._waiting: list[Written] = []
+        self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
+        try:
+            self._open(metadata)
+        except SinkError:
+            self.discard()  # nothing in it, and it would stand in the way
+            raise
+
+    def start(self, grid: Grid) -> None:
+        """See :meth:`yawid.sinks.base.Sink.start`; the names also stand with each channel."""
+        self._grid = grid
+        record = {
+            name: " ".join(value) if isinstance(value, tuple) else str(value)
+            for name, value in asdict(grid).items()
+        }
+        names = {name: record[name] for name in ("inputs", "sample_time_s")}
+        parameters = {"parameters": record["parameters"]}
+        first = grid.methods[0]
+        with os_errors_as_sink_error(self._part):
+            self._add_record("units", units(grid.rudder_unit))
+            self._add_record("grid", record)
+            self._sample_channel = self._channel("/yawid/sample", names)
+            for method in grid.methods:
+                topic = "/yawid/estimate" + ("" if method == first else f"/{method}")
+                self._estimate_channels[method] = self._channel(
+                    topic, {"method": method} | parameters
+                )
+            self._modes_channel = self._channel("/yawid/modes", {"method": first})
+            self._mode_channel = self._channel("/yawid/mode")
+            self._stream.flush()
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :meth:`yawid.sinks.base.Sink.write`; rows wait until they fill a chunk."""
+        self._waiting.append(Written(samples, estimates, modes))
+        span_ns = self._waiting[0].samples.unix_ns[0], samples.unix_ns[-1]
+        if self._writer.would_end(*span_ns) or len(self._waiting) == _MOST_WAITING:
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        """Write the rows that wait: to lay out one costs as much as to lay out a hundred."""
+        if not self._waiting:
+            return
+        samples, estimates, modes = joined(self._waiting)
+        self._waiting = []
+        topics = [
+            Topic(self._sample_channel, sample_rows(samples, self._grid.inputs)),
+            *(
+                Topic(self._estimate_channels[method], estimate_rows(samples, estimate))
+                for method, estimate in estimates.items()
+            ),
+            Topic(self._modes_channel, modes_rows(samples, modes)),
+        ]
+        log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._sample_ns))
+        publish_ns = np.maximum(samples.received_us, 0) * 1000
+        with os_errors_as_sink_error(self._part):
+            for rows in self._named_modes(samples, log_ns):
+                part = [Topic(topic.channel, topic.rows[rows]) for topic in topics]
+                first = self._rows + rows.start
+                self._writer.add_rows(part, log_ns[rows], publish_ns[rows], first)
+        self._rows += len(samples)
+        self._sample_ns = int(log_ns[-1])
+
+    def _named_modes(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
+        """Write the flight mode wherever it is another; yield the rows from there to the next."""
+        known = np.nan_to_num(samples.mode, nan=-1.0)  # or unknown were another at every row
+        before = np.concatenate([[known[0] if self._mode is None else self._mode], known[:-1]])
+        changed = known != before
+        changed[0] |= self._mode is None
+        starts = np.flatnonzero(changed).tolist()
+        if not changed[0]:
+            yield slice(0, starts[0] if starts else len(known))
+        for row, stop in pairwise([*starts, len(known)]):
+            boot_s, mode = samples.boot_us[row] / 1e6, float(samples.mode[row])
+            message = mode_message(boot_s, mode, self._grid.mode_name(mode))
+            now_ns = int(log_ns[row])
+            if self._writer.would_end(now_ns, now_ns):
+                self._writer.end_chunk()
+            self._writer.add_message(self._mode_channel, now_ns, message)
+            yield slice(row, stop)
+        self._mode = float(known[-1])
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """See :meth:`yawid.sinks.base.Sink.log`."""
+        self._log_ns = max(unix_ns, self._log_ns)
+        self._write_waiting()
+        with os_errors_as_sink_error(self._part):
+            message = log_message(unix_ns, level, text)
+            self._writer.add_message(self._log_channel, self._log_ns, message)
+
+    def flush(self) -> None:
+        """See :meth:`yawid.sinks.base.Sink.flush`."""
+        if self._pace.due():
+            self._write_waiting()
+            with os_errors_as_sink_error(self._part):
+                self._writer.end_chunk()
+                sync(self._stream)
+
+    def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
+        """Write verdict, provenance and attachments, then rename; see the protocol."""
+        self._write_waiting()
+        last_ns = max(self._sample_ns, self._log_ns)
+        with os_errors_as_sink_error(self._part):
+            verdict = verdict_message(summary["verdict"])
+            self._writer.add_message(self._verdict_channel, last_ns, verdict)
+            names = ("log", "sha256", "bytes_read")
+            source = {name: summary[name] for name in names if name in summary}
+            self._add_record("source", source)
+            for name in ("vehicle", "channels", "link"):
+                self._add_record(name, summary.get(name, {}))
+            for name, data in attachments.items():
+                media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
+                self._writer.add_attachment(last_ns, name, media_type, data)
+            self._writer.finish()
+            self._writer.close()
+            sync(self._stream)
+            self._stream.close()
+            self._part.replace(self.path)
+
+    def abort(self) -> None:
+        """See :meth:`yawid.sinks.base.Sink.abort`."""
+        # The error that led here has been told already.
+        with contextlib.suppress(OSError, SinkError):
+            if not self._stream.closed:
+                self._write_waiting()
+        with contextlib.suppress(OSError):
+            if not self._stream.closed:
+                self._writer.finish()
+        for closed in (self._writer, self._stream):
+            with contextlib.suppress(OSError):
+                closed.close()
+
+    def discard(self) -> None:
+        """Abort and remove what was written; it is this sink's own, nobody else may."""
+        self.abort()
+        with contextlib.suppress(OSError):
+            self._part.unlink(missing_ok=True)
+
+    def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
+        with os_errors_as_sink_error(self._part):
+            self._writer.start(LIBRARY)
+            for name, value in metadata.items():
+                self._add_record(name, value)
+            self._log_channel = self._channel("/yawid/log")
+            self._verdict_channel = self._channel("/yawid/verdict")
+            self._stream.flush()
+
+    def _channel(self, topic: str, metadata: Mapping[str, str] | None = None) -> int:
+        schema = TOPICS[topic]
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(
+                schema, "protobuf", schema_data(schema)
+            )
+        return self._writer.register_channel(
+            topic, "protobuf", self._schemas[schema], metadata or {}
+        )
+
+    def _add_record(self, name: str, value: str | Mapping[str, object]) -> None:
+        """Write a metadata record, unless it is empty or one of this name is there already."""
+        if value and name not in self._records:
+            self._records.add(name)
+            self._writer.add_metadata(name, _as_record(value))

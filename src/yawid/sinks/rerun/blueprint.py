@@ -1,0 +1,129 @@
+"""The first picture of a run in Rerun: the panels, their order and what stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+from uuid import UUID
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rerun as rr
+import rerun.blueprint as rrb
+from yawid.blocks import Floats
+from yawid.sinks.rerun.derived_panels import USED
+from yawid.sinks.rerun.series import NEUTRAL, RED, Rgba
+
+TIMELINE: Final = "boot_time"
+_USED: Final[Rgba] = (46, 125, 50, 255)
+LANES: Final[Mapping[str, Mapping[str, Rgba]]] = {
+    "estimator": {
+        "warming up": (130, 119, 23, 255),
+        "tracking": _USED,
+        "held": NEUTRAL,
+        "diverged": RED,
+    },
+    "samples": {USED: _USED},
+}
+SHARED_TIME_AXIS: Final = UUID("5c0dca6a-e63f-9cf7-f657-2602590474cc")
+_ANGLE: Final = np.linspace(0.0, 2.0 * np.pi, 181)
+
+
+def blueprint() -> rrb.Blueprint:
+    """Return the panels: what went in and came out, what was learnt, what it is worth."""
+    flight = rrb.Vertical(
+        _lines("Rudder and aileron", "/input"),
+        _lines("Yaw rate [rad/s]: measured, predicted", "/yaw_rate"),
+        _lines("Innovation [rad/s]", "/innovation"),
+        rrb.StateTimelineView(
+            name="Held stretches, status, flight mode",
+            origin="/state",
+            time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        ),
+        _whole_run(),
+        row_shares=[3, 4, 3, 3, 1],
+    )
+    learnt = rrb.Vertical(
+        _lines("Dutch roll: natural frequency [rad/s]", "/dutch_roll/wn"),
+        _lines("Dutch roll: damping ratio", "/dutch_roll/zeta"),
+        _lines("Parameters (b: rad/s per unit of its input)", "/parameters"),
+        row_shares=[3, 3, 4],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(flight, learnt, _worth(), column_shares=[5, 5, 4]),
+        # The newest time: the end of a finished run, the present of a live one.
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _worth() -> rrb.Vertical:
+    return rrb.Vertical(
+        rrb.Tabs(
+            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
+            rrb.TextLogView(name="Log", origin="/log"),
+        ),
+        rrb.Spatial2DView(
+            name="Poles (x) and zeros (o), imaginary axis up",
+            origin="/z_plane",
+            visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-1.15, 1.15]),
+            background=(255, 255, 255, 255),
+        ),
+        rrb.BarChartView(
+            name="Residuals: autocorrelation by lag, last minute, 2 sigma",
+            origin="/whiteness",
+            plot_legend=rrb.PlotLegend(visible=False),
+        ),
+        row_shares=[3, 4, 3],
+    )
+
+
+def _whole_run() -> rrb.TimeSeriesView:
+    """Return the hidden view that holds the time range of all linked ones: the whole run.
+
+    Left to itself the viewer shows half a minute on either side of the cursor. It keeps the shared
+    range under an id of its own, which its Python API has no name for (0.41).
+    """
+    infinite = rr.TimeRangeBoundary.infinite()
+    shared = rrb.TimeAxis(view_range=rr.TimeRange(start=infinite, end=infinite))
+    view = rrb.TimeSeriesView(name="time axis", origin="/none", visible=False, axis_x=shared)
+    view.id = SHARED_TIME_AXIS
+    return view
+
+
+def _lines(name: str, origin: str) -> rrb.TimeSeriesView:
+    linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
+    return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked, plot_legend=legend)
+
+
+def log_furniture(recording: rr.RecordingStream) -> None:
+    """Log what never changes: unit circle, axes and zeta lines, colours of the lanes and bars."""
+    circle = points(np.exp(1j * _ANGLE))
+    cross = [points(np.array([-1.3, 1.3])), points(np.array([-1.1j, 1.1j]))]
+    dampings = []
+    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
+        root = np.sqrt(1.0 - zeta**2)
+        wt = np.linspace(0.0, np.pi / root, 60)
+        z = np.exp((-zeta + 1j * root) * wt)
+        dampings += [points(z), points(np.conj(z))]
+    _log_strips(recording, "z_plane/unit_circle", [circle], (60, 60, 60, 255), 1.5)
+    _log_strips(recording, "z_plane/axes", cross, (170, 170, 170, 255), 0.7)
+    _log_strips(recording, "z_plane/zeta", dampings, (205, 205, 205, 255), 0.6)
+    for lane, states in LANES.items():
+        style = rr.StateConfiguration(values=list(states), colors=list(states.values()))
+        recording.log(f"state/{lane}", style, static=True)
+
+
+def points(z: NDArray[Any]) -> Floats:
+    """Return points (n, 2) of z (n,), imaginary axis up: Rerun's own y axis points down."""
+    return np.column_stack([np.real(z), -np.imag(z)])
+
+
+def _log_strips(
+    recording: rr.RecordingStream, entity: str, strips: list[Floats], colour: Rgba, width: float
+) -> None:
+    lines = rr.LineStrips2D(strips, colors=colour, radii=rr.Radius.ui_points(width / 2.0))
+    recording.log(entity, lines, static=True)

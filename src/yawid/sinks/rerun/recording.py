@@ -1,0 +1,225 @@
+"""One Rerun recording: where it goes and what is sent to it.
+
+Whatever goes wrong here is raised as rerun raises it; what that means for the run is decided in
+:mod:`yawid.sinks.rerun.sink`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+import pyarrow as pa
+
+import rerun as rr
+from rerun.encodings import TensorDataBatch
+from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
+from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
+from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Whiteness
+from yawid.sinks.rerun.series import (
+    MEASURED,
+    NEUTRAL,
+    PREDICTED,
+    group_rows,
+    series_styles,
+    verdict_markdown,
+)
+
+APPLICATION: Final = "yawid"
+DEFAULT_PORT: Final = 9876  # rerun's own
+REACH_S: Final = 2.0  # how long a viewer may take to accept a connection, and to take what is sent
+FINISH_S: Final = 30.0
+BATCH_ROWS: Final = 1000  # a call costs the same for one row as for some hundred
+_LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
+
+# One stroke: along one arm of the cross, back to its middle, out and along the other.
+_CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
+SHADE: Final = (*NEUTRAL[:3], 70)
+Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
+
+
+class RerunView:
+    """A recording that goes to ``target``: a file (Path), ``spawn``, or the address of a viewer."""
+
+    def __init__(self, target: str | Path, name: str) -> None:
+        self._is_file = isinstance(target, Path)
+        self._batch: list[Batch] = []
+        self._waiting = 0
+        self._bound = 0.0
+        self._boot_offset_us: int | None = None  # boot time minus Unix time
+        # Building it also warms up what else makes the first rows of a live run wait for 0.2 s.
+        first = blueprint()
+        self._recording = rr.RecordingStream(APPLICATION)
+        if not rr.is_enabled(self._recording):
+            raise RuntimeError("rerun is switched off by the environment variable RERUN")
+        if isinstance(target, Path):
+            self._recording.save(target, default_blueprint=first)
+        else:
+            address = _spawn_viewer(self._recording) if target == "spawn" else target
+            _check_listening(address)
+            self._recording.connect_grpc(address, default_blueprint=first)
+        self._recording.send_recording_name(name)
+        log_furniture(self._recording)
+        self._show_verdict("No verdict yet: the run goes on.\n")
+
+    def start(self, grid: Grid) -> None:
+        """Name and colour the lines."""
+        self._marks = Marks(grid)
+        for entity, style in series_styles(grid).items():
+            self._recording.log(entity, rr.SeriesLines(**style), static=True)
+        poles = rr.LineStrips2D.from_fields(colors=MEASURED, radii=rr.Radius.ui_points(1.2))
+        zeros = rr.Points2D.from_fields(colors=PREDICTED, radii=rr.Radius.ui_points(4.0))
+        self._recording.log("z_plane/poles", poles, static=True)
+        self._recording.log("z_plane/zeros", zeros, static=True)
+
+    def write(self, samples: SampleBlock, primary: EstimateBlock, modes: ModesBlock) -> None:
+        """Take a block; its rows go out by the thousand or with :meth:`flush`."""
+        self._boot_offset_us = int(samples.boot_us[-1] - samples.unix_ns[-1] // 1000)
+        rows = group_rows(samples, primary, modes)
+        self._batch.append((samples.boot_us, samples.unix_ns, rows))
+        self._waiting += len(samples)
+        for change in self._marks.changes(samples, primary):
+            self._send_change(samples, change)
+        self._send_plane(samples, self._marks.plane(samples, primary))
+        self._send_whiteness(samples, self._marks.whiteness(samples, primary))
+        if self._waiting >= BATCH_ROWS:
+            self._send()
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """Add a line to the log, on the clock of the vehicle too once that is known."""
+        times = [_unix_times(np.array([unix_ns]))]
+        if self._boot_offset_us is not None:
+            times.append(_boot_times(np.array([unix_ns // 1000 + self._boot_offset_us])))
+        line = rr.TextLog.columns(text=[text], level=[_LEVELS[level]])
+        self._recording.send_columns("log", times, line)
+
+    def flush(self) -> None:
+        """Send what waits to a viewer; a file waits for whole batches, which keeps it small.
+
+        Raises:
+            RuntimeError: the viewer is gone.
+        """
+        if not self._is_file:
+            self._send()
+            self._recording.flush(timeout_sec=REACH_S)
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Send the rest and the verdict, and close.
+
+        Raises:
+            RuntimeError: not all of it could be written.
+        """
+        self._show_verdict(verdict_markdown(summary))
+        self.close()
+
+    def close(self) -> None:
+        """Send the rest and close."""
+        self._send()
+        self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
+        self._recording.disconnect()
+
+    def _show_verdict(self, markdown: str) -> None:
+        document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
+        self._recording.log("verdict", document, static=True)
+
+    def _send_change(self, samples: SampleBlock, change: Change) -> None:
+        state = rr.StateChange.columns(state=[change.state])
+        self._recording.send_columns(
+            f"state/{change.lane}", _times(samples, np.array([change.row])), state
+        )
+
+    def _send_plane(self, samples: SampleBlock, plane: Plane) -> None:
+        if not len(plane.rows):
+            return
+        times = _times(samples, plane.rows)
+        for entity, found in (("poles", plane.poles), ("zeros", plane.zeros)):
+            there = np.isfinite(found)
+            at = points(found[there])
+            if entity == "poles":
+                columns = rr.LineStrips2D.columns(strips=list(at[:, None, :] + _CROSS))
+                rows = columns.partition(there.sum(axis=1))
+            else:
+                rows = rr.Points2D.columns(positions=at).partition(there.sum(axis=1))
+            self._recording.send_columns(f"z_plane/{entity}", times, rows)
+
+    def _send_whiteness(self, samples: SampleBlock, whites: list[Whiteness]) -> None:
+        if not whites:
+            return
+        # The place of a bar is its lag.
+        self._send_bars(samples, "correlation", [(w.row, w.correlation) for w in whites])
+        before = [self._bound, *(w.bound for w in whites[:-1])]
+        levels = [
+            (w.row, np.full(LAGS, w.bound))
+            for w, old in zip(whites, before, strict=True)
+            if w.bound != old
+        ]
+        self._send_bars(samples, "upper_bound", levels)
+        self._send_bars(samples, "lower_bound", [(row, -level) for row, level in levels])
+        self._bound = whites[-1].bound
+
+    def _send_bars(self, samples: SampleBlock, name: str, bars: list[tuple[int, Floats]]) -> None:
+        if not bars:
+            return
+        # Rerun makes an array of one tensor only; joined they go out as one chunk.
+        tensors = [
+            TensorDataBatch(np.concatenate([[0.0], bar])).as_arrow_array() for _, bar in bars
+        ]
+        colour = MEASURED if name == "correlation" else SHADE
+        columns = rr.BarChart.columns(
+            values=pa.concat_arrays(tensors), color=[colour] * len(tensors)
+        )
+        times = _times(samples, np.array([row for row, _ in bars]))
+        self._recording.send_columns(f"whiteness/{name}", times, columns)
+
+    def _send(self) -> None:
+        if not self._batch:
+            return
+        boot_us, unix_ns, blocks = zip(*self._batch, strict=True)
+        self._batch, self._waiting = [], 0
+        times = [_boot_times(np.concatenate(boot_us)), _unix_times(np.concatenate(unix_ns))]
+        for entity in blocks[0]:
+            values = np.concatenate([block[entity] for block in blocks])
+            self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
+        if self._is_file:
+            # Rerun writes in a thread of its own: what waits for it must not pile up.
+            self._recording.flush(timeout_sec=FINISH_S)
+
+
+def _times(samples: SampleBlock, rows: Ints) -> list[rr.TimeColumn]:
+    return [_boot_times(samples.boot_us[rows]), _unix_times(samples.unix_ns[rows])]
+
+
+def _boot_times(boot_us: Ints) -> rr.TimeColumn:
+    return rr.TimeColumn(TIMELINE, duration=boot_us.astype("timedelta64[us]"))
+
+
+def _unix_times(unix_ns: Ints) -> rr.TimeColumn:
+    return rr.TimeColumn("unix_time", timestamp=unix_ns.astype("datetime64[ns]"))
+
+
+def _spawn_viewer(recording: rr.RecordingStream) -> str:
+    """Start a viewer, or find one that listens already, and return its address."""
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        # Without this rerun starts a viewer that dies, and waits six seconds for it.
+        raise RuntimeError("there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)")
+    # The viewer comes with rerun-sdk, in an environment that need not be on PATH.
+    executable = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    # It asks whether the recording is enabled, and without one takes that for a no.
+    rr.spawn(port=DEFAULT_PORT, connect=False, executable_path=executable, recording=recording)
+    return f"rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
+
+
+def _check_listening(address: str) -> None:
+    """Raise OSError where no one listens: rerun itself would try for five seconds."""
+    url = urlsplit(address)
+    if url.hostname:  # else rerun says what is wrong with the address
+        where = url.hostname, url.port or DEFAULT_PORT
+        socket.create_connection(where, timeout=REACH_S).close()

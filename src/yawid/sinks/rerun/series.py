@@ -1,0 +1,129 @@
+"""What the viewer draws: the lines of each entity, their names, colours and values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
+from yawid.sinks.answers import answering, cards
+from yawid.sinks.base import Grid
+
+Rgba = tuple[int, int, int, int]
+
+# One colour per channel wherever it is drawn; readable on the viewer's dark and light grounds.
+MEASURED: Final[Rgba] = (66, 133, 244, 255)
+PREDICTED: Final[Rgba] = (244, 140, 36, 255)
+INPUTS: Final[Mapping[str, Rgba]] = {"rudder": (52, 168, 83, 255), "aileron": (171, 71, 188, 255)}
+NEUTRAL: Final[Rgba] = (140, 140, 140, 255)
+RED: Final[Rgba] = (234, 67, 53, 255)
+GREEN: Final[Rgba] = INPUTS["rudder"]
+PALETTE: Final[tuple[Rgba, ...]] = (
+    MEASURED,
+    PREDICTED,
+    GREEN,
+    RED,
+    INPUTS["aileron"],
+    (141, 110, 99, 255),
+    (236, 98, 161, 255),
+    (120, 144, 156, 255),
+    (175, 180, 43, 255),
+    (0, 172, 193, 255),
+)
+PALE_ALPHA: Final = 90
+LINE_WIDTH, BAND_WIDTH = 1.5, 0.7
+BAND: Final = "± 2 sigma"  # of one name, so that the legend has one entry for all bounds
+ZETA_LEVELS: Final = {"level 1: 0.08": 0.08, "level 2: 0.02": 0.02}
+"""Least damping ratios of MIL-F-8785C, category B: indicative for an unmanned aircraft."""
+
+
+def _pale(colour: Rgba) -> Rgba:
+    return (*colour[:3], PALE_ALPHA)
+
+
+def _style(names: list[str], colours: list[Rgba], widths: list[float]) -> dict[str, Any]:
+    return {"names": names, "colors": colours, "widths": widths}
+
+
+def _banded(name: str, colour: Rgba) -> dict[str, Any]:
+    """Style of a line with its lower and upper 2 sigma bound."""
+    return _style(
+        [name, BAND, BAND],
+        [colour, _pale(colour), _pale(colour)],
+        [LINE_WIDTH, BAND_WIDTH, BAND_WIDTH],
+    )
+
+
+def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
+    """Return names, colours and widths of the lines of every entity, in column order."""
+    p = len(grid.parameters)
+    colours = [PALETTE[i % len(PALETTE)] for i in range(p)]
+    return {
+        "input": _style(
+            [f"{name} [{grid.unit_of(name)}]" for name in grid.inputs],
+            [INPUTS.get(name, NEUTRAL) for name in grid.inputs],
+            [LINE_WIDTH] * len(grid.inputs),
+        ),
+        "yaw_rate": _style(
+            ["measured [rad/s]", "predicted [rad/s]"], [MEASURED, PREDICTED], [LINE_WIDTH] * 2
+        ),
+        "innovation": _banded("innovation [rad/s]", PREDICTED),
+        "parameters/theta": _style(list(grid.parameters), colours, [LINE_WIDTH] * p),
+        "parameters/band": _style(
+            [BAND] * (2 * p), [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
+        ),
+        "dutch_roll/wn": _banded("wn [rad/s]", MEASURED),
+        "dutch_roll/zeta": _banded("zeta", PREDICTED),
+        "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [NEUTRAL] * 2, [BAND_WIDTH] * 2),
+    }
+
+
+def _two_sigma(std: Floats, limit: Floats | float) -> Floats:
+    """Return 2 std, NaN beyond ``limit``: such a band says "unknown" and squeezes the axis."""
+    return 2.0 * np.where(std <= limit, std, np.nan)
+
+
+def _with_band(value: Floats, two_sigma: Floats) -> Floats:
+    """Return value, lower and upper bound (n, 3)."""
+    return np.column_stack([value, value - two_sigma, value + two_sigma])
+
+
+def group_rows(
+    samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock
+) -> dict[str, Floats]:
+    """Return the values (n, m) of every entity of :func:`series_styles`; NaN leaves a line open."""
+    live = estimate.status != Status.WARMING_UP
+    theta = np.where(live[:, None], estimate.theta, np.nan)
+    band = _two_sigma(estimate.theta_std, np.maximum(np.abs(estimate.theta), 1.0))
+    noise = 2.0 * estimate.noise_std
+    wn, wn_std, zeta, zeta_std = modes.dutch_roll.T
+    return {
+        "input": samples.u,
+        "yaw_rate": np.column_stack([samples.y, np.where(live, estimate.y_hat, np.nan)]),
+        "innovation": np.column_stack([estimate.innovation, -noise, noise]),
+        "parameters/theta": theta,
+        "parameters/band": np.hstack([theta - band, theta + band]),
+        "dutch_roll/wn": _with_band(wn, _two_sigma(wn_std, wn)),
+        "dutch_roll/zeta": _with_band(zeta, _two_sigma(zeta_std, 0.5)),
+        "dutch_roll/zeta/level": np.tile(list(ZETA_LEVELS.values()), (len(samples), 1)),
+    }
+
+
+def verdict_markdown(summary: Mapping[str, Any]) -> str:
+    """Return the verdict of the JSON summary for the text panel: the answer, then the reasons."""
+    verdict = summary["verdict"]
+    lines = ["# Usable" if verdict["usable"] else "# Not usable"]
+    method, first = answering(summary), next(iter(summary.get("estimates", {})), "")
+    if method is not None and method != first:
+        lines.append(f"Answered by {method.upper()}; the lines drawn are those of {first.upper()}.")
+    lines += [
+        f"- {card.question.rstrip('?')}: **{card.answer}** {card.spread}".rstrip()
+        for card in cards(summary)[:3]
+    ]
+    lines += [
+        f"- **{reason['id']}** ({reason['weight']}): {reason['text']}"
+        for reason in verdict["reasons"]
+    ]
+    return "\n".join(lines) + "\n"

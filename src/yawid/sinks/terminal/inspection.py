@@ -1,0 +1,107 @@
+"""The page of ``yawid inspect``: what a log can answer, to be read in ten seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from textwrap import fill
+from typing import Any, TextIO
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
+from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict
+
+_NAME = 9
+"""Width of the column of names."""
+MOST_PHASES = 6
+LEAST_PHASE_S = 2.0
+MOST_WINDOWS = 6
+MOST_SENDERS = 8
+
+
+def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
+    """Print what a log can answer: verdict, channels, how it was flown, what to do."""
+    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console.print(Text(str(report["log"]), style="bold"), soft_wrap=True)
+    print_verdict(console, report["verdict"])
+    for line in origin(report):
+        console.print(Text(line))
+    for name, text in _rows(report):
+        console.print(Text(_hanging(name, text, console.width)))
+    if "command" in report:
+        # What was tried, for copying: it must not be wrapped.
+        word = "try" if report["verdict"]["usable"] else "tried"
+        console.print(Text(f"{word:>{_NAME - 1}}  {report['command']}"), soft_wrap=True)
+
+
+def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if "vehicle" in report:
+        yield "vehicle", _vehicle(report["vehicle"], report["duration_s"])
+    senders = sorted(report["by_sender"].items(), key=lambda each: -each[1]["frames"])
+    yield "senders", _first([_sender(*each) for each in senders], MOST_SENDERS)
+    if "unchecked" in report:
+        yield "signing", report["unchecked"]
+    if report["rates"]:
+        told = ", ".join(f"{name} {_interval(each)}" for name, each in report["rates"].items())
+        yield "interval", told.replace("(", "(5-95 %: ", 1)
+    if phases := report.get("phases"):
+        yield "phases", _phases(phases)
+    windows = [_window(each) for each in report["excited"]]
+    yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
+    if "answerable" in report:
+        most, well = (report["answerable"][f"wn_{kind}_rad_s"] for kind in ("max", "well"))
+        yield "answers", f"Dutch rolls of wn up to {most:.3g} rad/s, well up to {well:.3g}"
+    for line in report["recommend"].get("record", ()):
+        yield "record", line
+
+
+def _hanging(name: str, text: str, width: int) -> str:
+    """Return one row: its name, and its text beside that however many lines it has."""
+    begin, indent = f"{name:>{_NAME - 1}}  ", " " * (_NAME + 1)
+    return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
+
+
+def _vehicle(vehicle: Mapping[str, int], seconds: float) -> str:
+    kind = TYPE_NAMES.get(vehicle["type"], "unknown")
+    autopilot = AUTOPILOT_NAMES.get(vehicle["autopilot"], f"autopilot {vehicle['autopilot']}")
+    address = f"{vehicle['sysid']}/{vehicle['compid']}"
+    return f"{kind} (type {vehicle['type']}) on {autopilot}, {address}, log of {seconds:.0f} s"
+
+
+def _sender(name: str, counts: Mapping[str, int]) -> str:
+    """Describe one sender: its frames, and what of the rest is not zero."""
+    others = [f"{n} {key.replace('_', ' ')}" for key, n in counts.items() if n and key != "frames"]
+    return f"{name} ({', '.join([str(counts['frames']), *others])})"
+
+
+def _interval(rate: Mapping[str, float]) -> str:
+    low, middle, high = (1e3 * rate[f"interval_{name}_s"] for name in ("p5", "median", "p95"))
+    return f"{middle:.3g} ms ({low:.3g} to {high:.3g})"
+
+
+def _phases(phases: Sequence[Mapping[str, Any]]) -> str:
+    """Return the longest phases in their order, and how many others there were."""
+    lasts = np.array([phase["to"] - phase["from"] for phase in phases])
+    longest = np.sort(np.argsort(-lasts, kind="stable")[:MOST_PHASES])
+    shown = [i for i in longest.tolist() if lasts[i] >= LEAST_PHASE_S]
+    rest = len(phases) - len(shown)
+    told = ", ".join(_phase(phases[i]) for i in shown) or "none of two seconds"
+    return told + (f", and {rest} shorter" if rest else "")
+
+
+def _phase(phase: Mapping[str, Any]) -> str:
+    boot = f"boot {phase['boot']}: " if phase["boot"] > 1 else ""
+    words = [str(phase[key]) for key in ("mode", "state") if key in phase]
+    return " ".join((f"{boot}{phase['from']:.0f} to {phase['to']:.0f} s", *words))
+
+
+def _window(stretch: Mapping[str, Any]) -> str:
+    boot = f"boot {stretch['boot']}: " if stretch["boot"] > 1 else ""
+    return f"{boot}{stretch['from']:g} to {stretch['to']:g} s"
+
+
+def _first(texts: Sequence[str], most: int) -> str:
+    rest = len(texts) - most
+    return ", ".join(texts[:most]) + (f", and {rest} more" if rest > 0 else "")

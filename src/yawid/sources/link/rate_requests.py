@@ -1,0 +1,181 @@
+"""Asking the vehicle for its messages more often: the only part of yawid that transmits.
+
+MAV_CMD_SET_MESSAGE_INTERVAL (511) per message. ArduPilot takes no less than its loop period / 0.8,
+and whoever else is on the link may set the rate back: what comes in is measured, and asked for
+again where it falls behind.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from yawid.blocks import MessageBlock
+from yawid.sources.link.tap import Tap
+from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S
+from yawid.sources.read_options import Reading
+
+ASKED_HZ = 50.0
+AGAIN_S = 10.0
+"""A message is asked for at most this often."""
+WINDOW_S = 5.0
+"""What comes in is counted over this time."""
+ANSWER_S = 1.0
+"""The next question waits this long for the answer to the last: answers do not name the message."""
+GRANTED = 0.9
+"""A rate below this share of the best seen has fallen behind; the one asked for may never come."""
+MESSAGES = {"ATTITUDE": 30, "SERVO_OUTPUT_RAW": 36}
+_SET_MESSAGE_INTERVAL = 511
+_OWN_SYSID, _OWN_COMPID = 255, 191  # a ground station's number, an onboard computer's component
+_RESULTS = {
+    0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed",
+    5: "in progress",
+}  # fmt: skip
+
+
+@dataclass(slots=True)
+class Wish:
+    """One message: what was asked, answered and achieved; times in seconds of the receive clock."""
+
+    message_id: int
+    asked_s: float | None = None
+    answer: str | None = None
+    achieved_hz: float | None = None
+    best_hz: float = 0.0
+    count: int = 0
+
+
+class RateRequests:
+    """Asks one vehicle for ``hz`` of each of ``MESSAGES`` and watches what comes.
+
+    Feed it the session's records; :meth:`tick` asks, at most every ``AGAIN_S``, and returns what
+    there is to say: an answer, and the rate achieved beside the one asked for where it changes.
+    With a key what is sent is signed, and only signed answers and messages count.
+    """
+
+    def __init__(self, tap: Tap, hz: float = ASKED_HZ, reading: Reading | None = None) -> None:
+        reading = reading or Reading()
+        self.hz = hz
+        self.wishes = {name: Wish(number) for name, number in MESSAGES.items()}
+        self._tap = tap
+        self._decoder = reading.decoder({*MESSAGES, "COMMAND_ACK"})
+        self._key = reading.key
+        self._mavlink = _writer(signs=self._key is not None)
+        self._news: list[str] = []
+        self._window_s: float | None = None
+        self._beat_s = float("-inf")
+        self._asked_last: Wish | None = None
+        self._refused: set[int] = set()
+
+    def feed(self, records: bytes, vehicle: tuple[int, int] | None) -> None:
+        """Take records in; those of ``vehicle`` (sysid, compid) count."""
+        frames = self._decoder.feed(records)
+        if frames is None or vehicle is None:
+            return
+        for name, block in frames.messages.items():
+            own = block.select((block.sysid == vehicle[0]) & (block.compid == vehicle[1]))
+            if name == "COMMAND_ACK":
+                self._read_answers(own)
+            else:
+                self.wishes[name].count += len(own)
+
+    def tick(self, now_s: float, vehicle: tuple[int, int] | None) -> list[str]:
+        """Ask where it is time to; return the lines that are due."""
+        if self._tap.endpoint.kind == "udpout" and now_s - self._beat_s >= 1.0:
+            # Who listens there knows of us only by what we send.
+            self._beat_s = now_s
+            self._tap.transmit(self._pack(self._mavlink.heartbeat_encode(6, 8, 0, 0, 0)), 0)
+        if vehicle is not None:
+            self._measure(now_s)
+            for wish in self.wishes.values():
+                if self._is_due(wish, now_s):
+                    self._ask(wish, vehicle, now_s)
+        news, self._news = self._news, []
+        return news
+
+    def summary(self) -> dict[str, dict[str, Any]]:
+        """Return what was asked, answered and achieved, by message."""
+        found = {}
+        for name, wish in self.wishes.items():
+            entry: dict[str, Any] = {"asked_hz": self.hz}
+            if wish.answer is not None:
+                entry["answer"] = wish.answer
+            if wish.achieved_hz is not None:
+                entry["achieved_hz"] = wish.achieved_hz
+            found[name] = entry
+        return found
+
+    def _is_due(self, wish: Wish, now_s: float) -> bool:
+        last = self._asked_last
+        if last is not None and last.answer is None and now_s - (last.asked_s or 0.0) < ANSWER_S:
+            return False
+        if wish.asked_s is None:
+            return True
+        if now_s - wish.asked_s < AGAIN_S:
+            return False
+        behind = wish.achieved_hz is not None and wish.achieved_hz < GRANTED * min(
+            self.hz, wish.best_hz or self.hz
+        )
+        return wish.answer is None or behind
+
+    def _ask(self, wish: Wish, vehicle: tuple[int, int], now_s: float) -> None:
+        interval_us = 1e6 / self.hz
+        command = self._mavlink.command_long_encode(
+            *vehicle, _SET_MESSAGE_INTERVAL, 0, wish.message_id, interval_us, 0, 0, 0, 0, 0
+        )
+        if self._tap.transmit(self._pack(command), vehicle[0]):
+            wish.asked_s, wish.answer, self._asked_last = now_s, None, wish
+
+    def _read_answers(self, block: MessageBlock) -> None:
+        for command, result in zip(block.fields["command"], block.fields["result"], strict=True):
+            wish = self._asked_last
+            if int(command) != _SET_MESSAGE_INTERVAL or wish is None:
+                continue
+            wish.answer = _RESULTS.get(int(result), f"result {int(result)}")
+            if int(result) not in (0, 5) and wish.message_id not in self._refused:
+                self._refused.add(wish.message_id)
+                self._news.append(
+                    f"message {wish.message_id} at {self.hz:g} Hz: {wish.answer} by the vehicle "
+                    "(ArduPilot grants at most 0.8 of SCHED_LOOP_RATE)"
+                )
+
+    def _measure(self, now_s: float) -> None:
+        if self._window_s is None:
+            self._start_window(now_s)
+            return
+        elapsed_s = now_s - self._window_s
+        if elapsed_s < WINDOW_S:
+            return
+        changed = False
+        for wish in self.wishes.values():
+            rate, before = wish.count / elapsed_s, wish.achieved_hz
+            changed |= before is None or abs(rate - before) > 0.1 * max(rate, before, 1.0)
+            wish.achieved_hz, wish.best_hz = rate, max(wish.best_hz, rate)
+        self._start_window(now_s)
+        if changed:
+            rates = ", ".join(f"{n} {w.achieved_hz:.1f}" for n, w in self.wishes.items())
+            self._news.append(f"rates: {rates} Hz of the {self.hz:g} asked for")
+
+    def _start_window(self, now_s: float) -> None:
+        self._window_s = now_s
+        for wish in self.wishes.values():
+            wish.count = 0
+
+    def _pack(self, message: Any) -> bytes:
+        signing = self._mavlink.signing
+        # Each stamp is newer than the last: packing counts it on by one.
+        signing.timestamp = max(signing.timestamp, int((time.time() - EPOCH_S) * TICKS_PER_S))
+        frame: bytes = message.pack(self._mavlink)
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return frame if self._key is None else self._key.sign(frame)
+
+
+def _writer(*, signs: bool) -> Any:
+    """Return pymavlink's encoder; it lays out signed frames, the signature in them is not ours."""
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    writer = ardupilotmega.MAVLink(None, srcSystem=_OWN_SYSID, srcComponent=_OWN_COMPID)
+    writer.signing.sign_outgoing = signs
+    writer.signing.secret_key = bytes(KEY_SIZE)
+    return writer

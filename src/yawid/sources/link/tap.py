@@ -1,0 +1,205 @@
+"""What every tap has in common: a thread that hears, a queue, and records of a tlog to be read."""
+
+from __future__ import annotations
+
+import re
+import struct
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Self
+
+from yawid.errors import SourceError
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.inbox import MOST_AT_ONCE, QUEUE, Address, Inbox, Stamps
+from yawid.sources.link.sender_addresses import Addresses
+from yawid.sources.mavlink.framing import MAGIC_V1, frame_size
+
+BATCH_S = 0.035  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
+_MAGIC = re.compile(rb"[\xfd\xfe]")
+_STAMP = struct.Struct(">Q")
+
+
+class Tap(ABC):
+    """Hears one endpoint and hands out what it hears as tlog records.
+
+    A thread takes datagrams, stamps and queues them; :meth:`read` turns them into records. All
+    frames of a datagram carry its stamp and stamps never decrease. ``datagrams`` counts those
+    heard, ``dropped`` those for which the queue of ``queue_size`` had no room, ``skipped_bytes``
+    the bytes heard that are in no frame. ``senders`` knows who sends and ``news`` are lines about
+    the link that nobody has told yet.
+
+    Raises:
+        SourceError: the endpoint cannot be opened.
+    """
+
+    receive_buffer: int | None = None
+    """The system's buffer in bytes as it reports it; None where there is none to be seen."""
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        queue_size: int = QUEUE,
+        *,
+        may_transmit: bool = False,
+        stamps: Stamps | None = None,
+    ) -> None:
+        self.endpoint = endpoint
+        self.may_transmit = may_transmit
+        self.skipped_bytes = 0
+        self.stamps = stamps or Stamps()
+        self.senders = Addresses()
+        self.news: deque[str] = deque()
+        self._inbox = Inbox(queue_size, self.stamps)
+        self._next_read_s = 0.0
+        self._closing = threading.Event()
+        self._failure: OSError | None = None
+        self._open()
+        self._thread = threading.Thread(target=self._run, name="yawid-tap", daemon=True)
+        self._thread.start()
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Open the socket or device."""
+
+    @abstractmethod
+    def _receive(self) -> None:
+        """Put what comes into the inbox until closing; an OSError ends the tap."""
+
+    @abstractmethod
+    def _send(self, frame: bytes, address: Address) -> None:
+        """Send a frame; an OSError means that it did not go."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Close the socket or device; the thread has ended."""
+
+    @property
+    def datagrams(self) -> int:
+        """How many datagrams have been heard."""
+        return self._inbox.heard
+
+    @property
+    def dropped(self) -> int:
+        """How many datagrams the queue had no room for."""
+        return self._inbox.dropped
+
+    @property
+    def waiting(self) -> int:
+        """How many datagrams wait to be read."""
+        return len(self._inbox)
+
+    @property
+    def socket_dropped(self) -> int | None:
+        """How many datagrams the system had no room for; None where it does not say."""
+        return None
+
+    @property
+    def last_us(self) -> int:
+        """The stamp of the newest datagram, 0 before the first."""
+        return self._inbox.last_us
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return the records heard since the last call, waiting for the first up to ``timeout_s``.
+
+        Calls are kept ``BATCH_S`` apart while datagrams keep coming, so that one call takes many;
+        a backlog is taken without a pause.
+
+        Raises:
+            SourceError: the endpoint failed; what was heard before has been returned.
+        """
+        if self._inbox.wait(timeout_s) and not self._closing.is_set():
+            early_s = self._next_read_s - time.monotonic()
+            if early_s > 0.0 and self.waiting < MOST_AT_ONCE:
+                time.sleep(early_s)
+            self._next_read_s = time.monotonic() + BATCH_S
+        parts: list[bytes] = []
+        pairs: set[tuple[int, Address]] = set()
+        stamp, pack = 0, _STAMP.pack
+        for stamp, datagram, address in self._inbox.take():
+            prefix = pack(stamp)
+            if frame_size(datagram) == len(datagram):
+                parts += (prefix, datagram)
+                pairs.add((sysid_of(datagram), address))
+                continue
+            frames = list(split_datagram(datagram))
+            self.skipped_bytes += len(datagram) - sum(map(len, frames))
+            for frame in frames:
+                parts += (prefix, frame)
+                pairs.add((sysid_of(frame), address))
+        self.news.extend(self.senders.note(pairs, stamp))
+        if not parts and self._failure is not None:
+            raise SourceError(f"{self.endpoint} failed: {self._failure}")
+        return b"".join(parts)
+
+    def transmit(self, frame: bytes, sysid: int) -> bool:
+        """Send a frame to where ``sysid`` was last heard from; return whether it went.
+
+        Raises:
+            RuntimeError: the tap was not opened to transmit.
+        """
+        if not self.may_transmit:
+            raise RuntimeError("a passive tap does not transmit")
+        address = self._destination(sysid)
+        if address is None:
+            return False
+        try:
+            self._send(frame, address)
+        except OSError:
+            return False  # as good as a lost datagram: who asked sees no answer and asks again
+        return True
+
+    def _destination(self, sysid: int) -> Address | None:
+        return self.senders.latest.get(sysid)
+
+    def close(self) -> None:
+        """Stop listening; what is queued can still be read."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._thread.join()
+            self._close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        try:
+            self._receive()
+        except OSError as error:
+            self._failure = error
+            self._inbox.wake()
+
+
+def split_datagram(datagram: bytes) -> Iterator[bytes]:
+    """Yield the MAVLink frames in a datagram, found by their headers; other bytes are left out."""
+    at = 0
+    while match := _MAGIC.search(datagram, at):
+        at = match.start()
+        size = frame_size(datagram[at : at + 3])
+        if size is None or at + size > len(datagram):
+            at += 1
+            continue
+        yield datagram[at : at + size]
+        at += size
+
+
+def magic_at(data: bytes, start: int) -> int:
+    """Return where a frame may begin at or after ``start``, -1 if nowhere."""
+    match = _MAGIC.search(data, start)
+    return -1 if match is None else match.start()
+
+
+def sysid_of(frame: bytes) -> int:
+    """Return the system id in a frame's header."""
+    return frame[3] if frame[0] == MAGIC_V1 else frame[5]

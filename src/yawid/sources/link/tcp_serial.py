@@ -1,0 +1,124 @@
+"""The live tap on a stream of bytes: TCP, and serial ports as pymavlink opens them."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import socket
+from typing import Any
+
+from yawid.errors import SourceError
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.inbox import Address
+from yawid.sources.link.tap import Tap, magic_at
+from yawid.sources.mavlink.framing import frame_size
+
+_READ = 4096
+_IDLE_S = 0.005
+_AGAIN_S = 2.0  # between attempts to get a lost connection back
+_CONNECT_S = 3.0  # longer than one lost packet; a session that is to end waits for it
+
+
+class StreamTap(Tap):
+    """A tap on ``tcp:HOST:PORT`` or a serial port; a connection that is lost is sought again."""
+
+    def _open(self) -> None:
+        try:
+            self._connection = connect(self.endpoint)
+        except OSError as error:
+            raise SourceError(f"{self.endpoint} cannot be opened: {_remedy(error)}") from error
+        self._peer: Address = (self.endpoint.host, self.endpoint.port)
+
+    def _receive(self) -> None:
+        tail = b""
+        while not self._closing.is_set():
+            try:
+                data = self._take()
+            except OSError as error:
+                self.news.append(f"{self.endpoint} is gone ({_remedy(error)}): trying again")
+                self._reopen()
+                tail = b""
+                continue
+            if not data:
+                self._closing.wait(_IDLE_S)
+                continue
+            tail += data
+            whole = complete_until(tail)
+            if whole:
+                self._inbox.put([self.stamps.now()], [tail[:whole]], [self._peer])
+                tail = tail[whole:]
+
+    def _take(self) -> bytes:
+        """Return what has come, b"" if nothing; an OSError means the connection is gone."""
+        try:
+            data: bytes = self._connection.recv(_READ)
+        except BlockingIOError:
+            return b""
+        if not data and self.endpoint.kind == "tcp":
+            raise ConnectionResetError(errno.ECONNRESET, "closed by the other end")
+        return data
+
+    def _reopen(self) -> None:
+        self._connection.close()
+        while not self._closing.wait(_AGAIN_S):
+            with contextlib.suppress(OSError):
+                self._connection = connect(self.endpoint)
+                self.news.append(f"{self.endpoint} is back")
+                return
+
+    def _send(self, frame: bytes, address: Address) -> None:
+        if self.endpoint.kind == "tcp":
+            self._connection.send(frame)
+        else:
+            self._connection.write(frame)
+
+    def _close(self) -> None:
+        self._connection.close()
+
+
+def connect(endpoint: Endpoint) -> Any:
+    """Return a socket connected to the endpoint, or pymavlink's serial connection.
+
+    Raises:
+        OSError: it cannot be had.
+        SourceError: pyserial, which serial ports need, is not installed.
+    """
+    if endpoint.kind == "tcp":
+        link = socket.create_connection((endpoint.host, endpoint.port), _CONNECT_S)
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return link
+    # Importing mavutil changes the environment and takes 0.1 s: only those pay who need it.
+    from pymavlink import mavutil
+
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells its troubles to stdout
+        try:
+            return mavutil.mavserial(endpoint.host, baud=endpoint.port)
+        except ImportError as error:
+            text = f"{endpoint}: serial ports need pyserial (pip install 'yawid[serial]')"
+            raise SourceError(text) from error
+
+
+def complete_until(data: bytes) -> int:
+    """Return how many bytes from the front hold no frame that is still to be completed."""
+    at = 0
+    while (at := magic_at(data, at)) >= 0:
+        size = frame_size(data[at : at + 3])
+        if size is None and len(data) - at < 3:
+            return at
+        if size is None:
+            at += 1
+        elif at + size > len(data):
+            return at
+        else:
+            at += size
+    return len(data)
+
+
+def _remedy(error: OSError) -> str:
+    if error.errno == errno.ECONNREFUSED:
+        return "nobody listens there, start the vehicle or the router first"
+    if error.errno == errno.ENOENT:
+        return "there is no such device"
+    return error.strerror or str(error)

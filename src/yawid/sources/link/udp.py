@@ -1,0 +1,154 @@
+"""The live tap on UDP: datagrams in, the bytes of a tlog out."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import struct
+import time
+
+from yawid.errors import SourceError
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.inbox import Address
+from yawid.sources.link.recvmmsg import MOST, NOTHING, Arrivals, make_receiver
+from yawid.sources.link.tap import Tap
+
+RECEIVE_BUFFER = 4 << 20
+GATHER_S = 0.04
+"""So long datagrams gather before they are taken: to wake up for each costs more than all else."""
+_DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
+# How long closing may take to be noticed; Python's own timeout would call the system twice.
+_POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
+_SO_MEMINFO = 55  # Linux: nine counts of a socket; the last is the one SO_RXQ_OVFL reports
+_MEMINFO = struct.Struct("9I")
+
+
+class UdpTap(Tap):
+    """A tap on udpin, udpout, udpbcast or mcast; ``address`` is where its socket is bound."""
+
+    def _open(self) -> None:
+        self._socket = open_socket(self.endpoint)
+        host, port, *_ = self._socket.getsockname()
+        self.address: Address = host, port
+        self._receiver = make_receiver(self._socket)
+        self.receive_buffer: int = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        self._dropped_at_close: int | None = None
+
+    @property
+    def socket_dropped(self) -> int | None:
+        """How many datagrams the system had no room for; None where it does not say."""
+        return self._dropped_at_close if self._closing.is_set() else dropped_by(self._socket)
+
+    def _receive(self) -> None:
+        """Take datagrams until closed: they gather, then all are taken; wait where none come."""
+        # Even a flood must find room while nobody looks.
+        longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
+        count, receiver = 0, self._receiver
+        while not self._closing.is_set():
+            first = NOTHING if count else receiver.wait()
+            if receiver.can_gather and (count or first.datagrams):
+                time.sleep(gather_s)
+            count = self._put(first) + self._take()
+            gather_s = min(longest_s, gather_s * MOST / max(count, 1))
+        self._take()
+
+    def _take(self) -> int:
+        """Queue all that is there; return how many there were."""
+        count = 0
+        while self._receiver.can_gather:
+            taken = self._put(self._receiver.take())
+            count += taken
+            if taken < MOST:
+                break
+        return count
+
+    def _put(self, arrived: Arrivals) -> int:
+        """Queue datagrams with their stamps; return how many there are.
+
+        A stamp is when the system had it, and never decreasing. The system's clock may have been
+        set since then, its time is believed only between the stamp before and now.
+        """
+        last_us, now_us, ahead_us = self._inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
+        stamps = []
+        for told_us in arrived.told_us:
+            arrived_us = told_us - ahead_us
+            if arrived_us > now_us or not told_us:
+                arrived_us = now_us
+            if arrived_us > last_us:
+                last_us = arrived_us
+            stamps.append(last_us)
+        if stamps:
+            self._inbox.put(stamps, arrived.datagrams, arrived.senders)
+        return len(stamps)
+
+    def _send(self, frame: bytes, address: Address) -> None:
+        self._socket.sendto(frame, address)
+
+    def _destination(self, sysid: int) -> Address | None:
+        if self.endpoint.kind == "udpout":
+            return self._socket.getpeername()  # type: ignore[no-any-return] # untyped: (host, port)
+        return super()._destination(sysid)
+
+    def _close(self) -> None:
+        self._dropped_at_close = dropped_by(self._socket)
+        self._socket.close()
+
+
+def dropped_by(tap: socket.socket) -> int | None:
+    """Return how many datagrams the system dropped for want of room, None where it does not say."""
+    try:
+        counts = _MEMINFO.unpack(tap.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
+    except (OSError, struct.error):
+        return None
+    return int(counts[-1])
+
+
+def open_socket(endpoint: Endpoint) -> socket.socket:
+    """Return a socket that hears the endpoint.
+
+    Raises:
+        SourceError: the address cannot be listened on; the message gives the remedy.
+    """
+    family = socket.AF_INET6 if endpoint.is_ipv6 else socket.AF_INET
+    try:
+        tap = socket.socket(family, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise SourceError(
+            f"{endpoint} cannot be listened on: {_remedy(endpoint, error)}"
+        ) from error
+    try:
+        tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _POLL)
+        if endpoint.kind == "udpout":
+            tap.connect((endpoint.host, endpoint.port))
+        elif endpoint.kind == "mcast":
+            # Every listener of a group hears all of it: here the port is meant to be shared.
+            tap.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tap.bind((endpoint.host, endpoint.port))
+            group = socket.inet_aton(endpoint.host) + socket.inet_aton("0.0.0.0")
+            tap.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+        else:
+            if endpoint.is_ipv6:  # [::] is not 0.0.0.0 too: what is written is what is opened
+                tap.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            # No SO_REUSEADDR: with it the next program could take the port unseen.
+            tap.bind((endpoint.host, endpoint.port))
+    except OSError as error:
+        tap.close()
+        text = f"{endpoint} cannot be listened on: {_remedy(endpoint, error)}"
+        raise SourceError(text) from error
+    return tap
+
+
+def _remedy(endpoint: Endpoint, error: OSError) -> str:
+    unknown = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
+    if unknown and endpoint.kind == "udpin":
+        own = "::1 or ::" if endpoint.is_ipv6 else "127.0.0.1 or 0.0.0.0"
+        return f"{endpoint.host} is no address of this machine, use {own}"
+    if error.errno == errno.EADDRINUSE:
+        return f"port {endpoint.port} is in use, end the program that has it or take another port"
+    if error.errno == errno.EAFNOSUPPORT:
+        return "this machine has no IPv6, use an address such as 127.0.0.1"
+    if error.errno == errno.EACCES:
+        return f"port {endpoint.port} needs privileges, use a port above 1023"
+    return error.strerror or str(error)

@@ -1,0 +1,172 @@
+"""What the on-board logs share: the messages they are turned into, and the care their times need.
+
+Each dtype has the fields of the MAVLink message of its name that the channels read and the log can
+tell, no others. Time is 64 bits of microseconds in all of them: the logs know it that well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.link_stats import LinkStats
+
+Bools = NDArray[np.bool_]
+COMPID = 1
+"""MAV_COMP_ID_AUTOPILOT1: who writes an on-board log."""
+ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
+LANDED, IN_AIR = 1, 2
+"""MAV_LANDED_STATE."""
+STRAY_US = 10_000_000
+"""A time this far from its neighbours' is a damaged one."""
+ANGLES_GAP_US = 1_000_000
+"""Over a longer stretch without attitude its angles are not known."""
+
+_TIME = ("time_usec", "<u8")
+DTYPES = {
+    "HEARTBEAT": np.dtype(
+        [("type", "u1"), ("autopilot", "u1"), ("base_mode", "u1"), ("custom_mode", "<u4")]
+    ),
+    "PARAM_VALUE": np.dtype([("param_id", "S16"), ("param_value", "<f8")]),
+    "VFR_HUD": np.dtype([("airspeed", "<f8"), ("groundspeed", "<f8"), ("alt", "<f8")]),
+    "EXTENDED_SYS_STATE": np.dtype([("vtol_state", "u1"), ("landed_state", "u1")]),
+    "ATTITUDE": np.dtype(
+        [_TIME]
+        + [(name, "<f8") for name in ("roll", "pitch", "yaw")]
+        + [(name, "<f8") for name in ("rollspeed", "pitchspeed", "yawspeed")]
+    ),
+    "GLOBAL_POSITION_INT": np.dtype([_TIME, ("hdg", "<f8")]),
+    "SERVO_OUTPUT_RAW": np.dtype(
+        [_TIME, ("port", "u1")] + [(f"servo{i}_raw", "<f4") for i in range(1, 17)]
+    ),
+    "RC_CHANNELS": np.dtype([_TIME] + [(f"chan{i}_raw", "<f4") for i in range(1, 19)]),
+    "ACTUATOR_CONTROL_TARGET": np.dtype([_TIME, ("group_mlx", "u1"), ("controls", "<f4", (8,))]),
+    "HIL_ACTUATOR_CONTROLS": np.dtype([_TIME, ("controls", "<f4", (16,))]),
+}
+
+
+def quiet() -> np.errstate:
+    """Convert numbers without a warning: of damaged bytes any may come, signalling NaNs too."""
+    return np.errstate(invalid="ignore", over="ignore")
+
+
+def table(name: str, rows: int, **columns: Any) -> NDArray[Any]:
+    """Return the fields of a message (rows,), those not given being zero."""
+    fields = np.zeros(rows, DTYPES[name])
+    with quiet():
+        for column, values in columns.items():
+            fields[column] = values
+    return fields
+
+
+def message(
+    name: str, order: Ints, received_us: Ints, fields: NDArray[Any], sysid: int
+) -> MessageBlock:
+    """Return rows of one message from the vehicle ``sysid``."""
+    return MessageBlock(
+        name,
+        order,
+        received_us,
+        np.full(len(order), sysid, np.uint8),
+        np.full(len(order), COMPID, np.uint8),
+        fields,
+    )
+
+
+def within(block: MessageBlock, low: int, high: int) -> MessageBlock:
+    """Return the rows whose order lies in [low, high)."""
+    first, stop = np.searchsorted(block.order, (low, high))
+    return block.select(slice(int(first), int(stop)))
+
+
+def frames(blocks: Iterable[MessageBlock]) -> FrameBlock | None:
+    """Return the blocks that have rows as one, None where none has any."""
+    found = {block.name: block for block in blocks if len(block)}
+    return FrameBlock(found) if found else None
+
+
+def steady(t_us: Ints) -> Bools:
+    """Return which times (n,) agree with their neighbours: within 10 s of the median of five.
+
+    A pause of the log is no damage: on either side of it most of the five are on one's own side.
+    """
+    from scipy.ndimage import median_filter  # takes 0.1 s: a telemetry log must not pay for it
+
+    if len(t_us) == 0:
+        return np.zeros(0, bool)
+    away: Ints = np.abs(t_us - median_filter(t_us, 5, mode="reflect"))
+    return away <= STRAY_US
+
+
+def latest(values: Floats) -> Floats:
+    """Return the values (n,) with each NaN replaced by the last known one before it."""
+    rows = np.where(np.isnan(values), -1, np.arange(len(values)))
+    rows = np.maximum.accumulate(rows)
+    return np.where(rows < 0, np.nan, values[rows])
+
+
+def held(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
+    """Merge columns told at places of their own: all at every place, the last value held.
+
+    The first row, at place -1, is the ``opening``; what is told at one place makes one row.
+    """
+    places = np.concatenate([[-1], *(own for own, _ in parts)])
+    in_place = np.argsort(places, kind="stable")
+    columns = []
+    start = 1
+    for first, (own, values) in zip(opening, parts, strict=True):
+        column = np.full(len(places), np.nan)
+        column[0], column[start : start + len(own)] = first, values
+        columns.append(latest(column[in_place]))
+        start += len(own)
+    places = places[in_place]
+    last = np.append(np.diff(places) != 0, True)
+    return places[last], [column[last] for column in columns]
+
+
+def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
+    """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,).
+
+    Linear between the two attitudes (m,) around each, the short way round in yaw; NaN outside them
+    and where they lie more than a second apart.
+    """
+    forward = known_us > np.maximum.accumulate(np.concatenate([[-1], known_us]))[:-1]
+    known_us = known_us[forward]
+    if len(known_us) < 2:
+        return np.full((3, len(t_us)), np.nan)
+    after = np.clip(np.searchsorted(known_us, t_us), 1, len(known_us) - 1)
+    apart = known_us[after] - known_us[after - 1]
+    inside = (t_us >= known_us[0]) & (t_us <= known_us[-1]) & (apart <= ANGLES_GAP_US)
+    turned = np.unwrap(yaw[forward])
+    values = [np.interp(t_us, known_us, a) for a in (roll[forward], pitch[forward], turned)]
+    values[2] = (values[2] + np.pi) % (2.0 * np.pi) - np.pi
+    return np.where(inside, np.stack(values), np.nan)
+
+
+def counts(**known: Any) -> LinkStats:
+    """Return the counts of a log that came over no link: zero but for those given."""
+    return replace(Decoder(()).link, **known)
+
+
+def in_order(parts: Mapping[str, tuple[Ints, NDArray[Any]]]) -> Iterator[tuple[str, Ints, Ints]]:
+    """Yield (name, order, rows): the place of each row among all messages, sorted by time.
+
+    ``parts`` maps a name to the times (n,) its rows were logged at; of equal times the name that
+    stands first comes first.
+    """
+    times = np.concatenate([t for t, _ in parts.values()])
+    place = np.empty(len(times), np.int64)
+    place[np.argsort(times, kind="stable")] = np.arange(len(times))
+    start = 0
+    for name, (t, _) in parts.items():
+        own = place[start : start + len(t)]
+        rows = np.argsort(own)
+        yield name, own[rows], rows
+        start += len(t)

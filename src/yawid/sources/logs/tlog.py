@@ -1,0 +1,142 @@
+"""Reading a telemetry log: in chunks, hashed as it is read, refused in one line if it is none.
+
+A log without stamps (.rlog, .raw) is read as the tlog that ``raw`` makes of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+
+from yawid.errors import SourceError
+from yawid.sources.logs.bare_frames import Stamper
+from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.definitions import definitions
+from yawid.sources.mavlink.framing import SLACK, find_frames
+
+Form = Literal["auto", "tlog", "raw"]
+FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")
+
+CHUNK = 1 << 20  # half as much would save 2 MB, twice as much would cost 20
+_HEAD = 1 << 20  # a log has an intact record in its first MiB
+_BARE_SUFFIXES = (".rlog", ".raw")
+_OTHER_FORMATS = (
+    (b"\x1f\x8b", "is compressed by gzip: unpack it first (gunzip)"),
+    (b"PK\x03\x04", "is a zip archive: unpack it first (unzip)"),
+    (b"\xa3\x95", "is a dataflash log (.bin), not a telemetry log: give the .tlog of the flight"),
+    (b"ULog\x01\x12\x35", "is a PX4 ULog, not a telemetry log: give the .tlog of the flight"),
+    (b"\x89MCAP0\r\n", "is an MCAP file, not a telemetry log: give the .tlog of the flight"),
+)
+
+
+class Digest(Protocol):
+    """A hash that can be continued, as those of hashlib."""
+
+    def update(self, data: bytes, /) -> None:
+        """Continue the hash by ``data``."""
+
+
+def check_readable(path: Path, form: Form = "auto") -> None:
+    """Read the head of a log and return if it is one.
+
+    Raises:
+        SourceError: there is no such file, it cannot be read, or its first MiB holds no intact
+        record of the form asked for.
+    """
+    next(read_tlog(path, form=form))
+
+
+def read_tlog(
+    path: Path, chunk: int = CHUNK, digest: Digest | None = None, form: Form = "auto"
+) -> Iterator[bytes]:
+    """Yield a log as tlog bytes, made of at most ``chunk`` of the file each; hash the file's bytes.
+
+    With ``auto`` a file is a tlog if it holds an intact record, else bare frames if it holds one
+    and is called .rlog or .raw.
+
+    Raises:
+        SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
+    """
+    if not path.is_file() and path.exists():
+        kind = "is a directory" if path.is_dir() else "is no regular file"
+        raise SourceError(f"{path} {kind}: give the .tlog file itself")
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+            stamper = Stamper() if _is_bare(path, head, form) else None
+            data = head[:chunk]
+            file.seek(len(data))
+            while data:
+                if digest is not None:
+                    digest.update(data)
+                yield data if stamper is None else stamper.feed(data)
+                data = file.read(chunk)
+            if stamper is not None:
+                yield stamper.finish()
+    except FileNotFoundError as error:
+        raise SourceError(f"{path} does not exist: check the name of the log") from error
+    except PermissionError as error:
+        raise SourceError(f"{path} may not be read: ask for permission (chmod u+r)") from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise SourceError(
+            f"{path} cannot be read ({reason}): copy the log and try again"
+        ) from error
+
+
+def _is_bare(path: Path, head: bytes, form: Form) -> bool:
+    """Return whether the file that begins with ``head`` holds frames without stamps.
+
+    Raises:
+        SourceError: it holds no intact frame of the form asked for.
+    """
+    is_bare = form == "raw" or (form == "auto" and path.suffix.lower() in _BARE_SUFFIXES)
+    if form != "raw" and _has_record(head):
+        return False
+    if is_bare and _has_bare_frames(head):
+        return True
+    raise SourceError(f"{path} {_what_it_is(head)}")
+
+
+def _has_record(head: bytes) -> bool:
+    decoder = Decoder(wanted=())
+    decoder.feed(head)
+    decoder.finish()
+    return decoder.link.frames > 0
+
+
+def _what_it_is(head: bytes) -> str:
+    """Say what a file is that is no telemetry log, and what to do."""
+    if not head:
+        return "is empty: nothing was recorded"
+    for magic, verdict in _OTHER_FORMATS:
+        if head.startswith(magic):
+            return verdict
+    if _is_text(head):
+        return (
+            "is a text file, not MAVLink (MSBuild calls its files .tlog too): give a telemetry log"
+        )
+    if _has_bare_frames(head):
+        return (
+            "holds MAVLink frames without time stamps (.rlog, .raw): "
+            "give the .tlog recorded beside it, or --format raw"
+        )
+    return "holds no intact MAVLink record in its first MiB: give a telemetry log (.tlog)"
+
+
+def _is_text(head: bytes) -> bool:
+    sample = head[:4096]
+    if sample.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return True
+    controls = set(range(32)) - set(b"\t\n\r\f\x1b")
+    return not controls.intersection(sample)
+
+
+def _has_bare_frames(head: bytes) -> bool:
+    room = bytes(SLACK)
+    data = np.frombuffer(b"".join((room, head, room)), np.uint8)
+    found, _ = find_frames(data, SLACK, SLACK + len(head), definitions())
+    return len(found) > 0

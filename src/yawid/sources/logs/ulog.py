@@ -1,0 +1,288 @@
+"""PX4's on-board log (.ulg), read by pyulog, as the MAVLink messages that the channels read.
+
+actuator_outputs becomes SERVO_OUTPUT_RAW (its instance is the port), actuator_outputs_sim
+HIL_ACTUATOR_CONTROLS, actuator_controls_0 or in newer logs vehicle_torque_setpoint
+ACTUATOR_CONTROL_TARGET (of a VTOL the fixed-wing's), input_rc RC_CHANNELS, vehicle_status
+HEARTBEAT (``custom_mode`` as it would be sent), airspeed, ground speed and altitude VFR_HUD,
+vehicle_land_detected and vtol_vehicle_status EXTENDED_SYS_STATE. ATTITUDE has a row for each of
+vehicle_angular_velocity at its sampling time, with the angles of vehicle_attitude, linear between
+two of its rows; older logs have the rates in vehicle_attitude itself, or in sensor_combined.
+
+A standard log has actuator_outputs at 10 Hz, vehicle_torque_setpoint at 50: ``--rudder control:2``
+reads the latter.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
+from yawid.sources.logs.as_mavlink import (
+    ARMED,
+    COMPID,
+    angles_at,
+    counts,
+    frames,
+    held,
+    in_order,
+    message,
+    table,
+    within,
+)
+from yawid.sources.logs.tlog import CHUNK, Digest
+from yawid.sources.logs.ulog_file import (
+    Rows,
+    Topic,
+    array,
+    euler,
+    parsed,
+    published,
+    sampled,
+    topics_of,
+)
+from yawid.sources.logs.ulog_vehicle import TOPICS as STATE_TOPICS
+from yawid.sources.logs.ulog_vehicle import system_state
+from yawid.sources.mavlink.flight_modes import px4_custom_modes
+from yawid.sources.mavlink.link_stats import LinkStats
+
+MAGIC = b"ULog\x01\x12\x35"
+PX4 = 12  # MAV_AUTOPILOT
+_AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
+_GPS = ("vehicle_gps_position", "sensor_gps")
+_TOPICS = (
+    *("vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_status"),
+    *("actuator_outputs", "actuator_outputs_sim", "actuator_controls_0", "actuator_controls_1"),
+    *("vehicle_torque_setpoint", "input_rc", "airspeed_validated", "airspeed"),
+    *("vehicle_local_position", "vehicle_global_position", "vehicle_air_data", *_GPS),
+    *STATE_TOPICS,
+)
+_ARMED_STATE, _FIXED_WING_STATE, _FIXED_WING = 2, 2, 1
+_VTOL_TYPES = range(19, 26)  # MAV_TYPE
+_FIX_3D = 3
+_UNIX_US = 10**15  # no boot time is as late, no flight as early
+_NONE = np.zeros(0, np.int64)
+
+_NO_ROWS: Topic = {"timestamp": _NONE}
+
+
+class UlogReader:
+    """A ULog; the module says what is made of it.
+
+    Messages follow each other by the time they were published, parameters known at the start come
+    first. ``received_us`` is Unix time by the median of GPS time against boot time, the boot time
+    without GPS. The whole log is read at once, as pyulog does; of a torn or damaged one what pyulog
+    finds.
+
+    Raises:
+        SourceError: pyulog is missing, or can read nothing of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._size = path, path.stat().st_size
+        self._log = parsed(path, _TOPICS)
+        self._topics = topics_of(self._log)
+        with np.errstate(over="ignore", invalid="ignore"):  # any bits may stand in a damaged log
+            self._build()
+
+    def _build(self) -> None:
+        self._unix_us = self._unix_minus_boot_us()
+        self._status = self._topics.get(("vehicle_status", 0), _NO_ROWS)
+        self._sysid = self._first("system_id", "MAV_SYS_ID") or 1
+        self._blocks = list(self._in_order(dict(self._messages())))
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of the messages of the topics read; what pyulog passed over it does not count."""
+        times = [topic["timestamp"] for topic in self._topics.values() if len(topic["timestamp"])]
+        found = sum(len(t) for t in times)
+        ends = [int(t.min()) for t in times] + [int(t.max()) for t in times]
+        return counts(
+            frames=found,
+            first_us=min(ends) + self._unix_us if ends else None,
+            last_us=max(ends) + self._unix_us if ends else None,
+            senders={(self._sysid, COMPID): found},
+        )
+
+    def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
+        """Yield (bytes, messages) from the start, continuing ``digest`` by the file's bytes."""
+        total = sum(len(block) for block in self._blocks)
+        pieces = max(self._size // CHUNK + 1, 1)
+        edges = [total * i // pieces for i in range(pieces + 1)]
+        with self._path.open("rb") as file:
+            for low, high in itertools.pairwise(edges):
+                chunk = file.read(CHUNK)
+                if digest is not None:
+                    digest.update(chunk)
+                yield len(chunk), frames(within(block, low, high) for block in self._blocks)
+
+    def _messages(self) -> Iterator[tuple[str, Rows]]:
+        """Yield each message's name, the times of its rows and their fields."""
+        yield "HEARTBEAT", self._heartbeats()
+        yield "PARAM_VALUE", self._parameters()
+        yield "VFR_HUD", self._hud()
+        yield "EXTENDED_SYS_STATE", system_state(self._topics)
+        yield "ATTITUDE", self._attitude()
+        yield "SERVO_OUTPUT_RAW", self._servos()
+        yield "ACTUATOR_CONTROL_TARGET", self._controls()
+        simulated = self._topics.get(("actuator_outputs_sim", 0))
+        if simulated is not None:
+            yield (
+                "HIL_ACTUATOR_CONTROLS",
+                _timed("HIL_ACTUATOR_CONTROLS", simulated, controls=array(simulated, "output", 16)),
+            )
+        stick = self._topics.get(("input_rc", 0))
+        if stick is not None:
+            values = array(stick, "values", 18)
+            columns = {f"chan{i + 1}_raw": values[:, i] for i in range(18)}
+            yield "RC_CHANNELS", _timed("RC_CHANNELS", stick, **columns)
+
+    def _in_order(self, parts: Mapping[str, Rows]) -> Iterator[MessageBlock]:
+        """Yield the blocks, each row's order its place among all rows by time."""
+        for name, order, rows in in_order(parts):
+            t_us, fields = parts[name]
+            received = t_us[rows] + self._unix_us
+            yield message(name, order, received, fields[rows], self._sysid)
+
+    def _first(self, column: str, parameter: str) -> int:
+        """Return a small number as vehicle_status said first, or a parameter, 0 if neither did."""
+        told = [*self._status.get(column, ())[:1], self._log.initial_parameters.get(parameter)]
+        sound = (int(n) for n in told if isinstance(n, int | np.integer) and 0 <= n <= 255)
+        return next(sound, 0)
+
+    def _vehicle_type(self) -> int:
+        kind = self._first("system_type", "MAV_TYPE")
+        flies_as = self._status.get("vehicle_type", _NONE)
+        return kind or (_FIXED_WING if (flies_as == _FIXED_WING_STATE).any() else 0)
+
+    def _heartbeats(self) -> Rows:
+        """Return a HEARTBEAT for what held at the start, then one for each vehicle_status."""
+        status = self._status
+        n = len(status["timestamp"])
+        armed = status.get("arming_state", np.full(n, _ARMED_STATE)) == _ARMED_STATE
+        mode = status.get("nav_state", np.zeros(n))
+        if n == 0:
+            armed, mode = np.ones(1, bool), np.zeros(1)
+        rows = np.concatenate([[0], np.arange(n)])
+        fields = table(
+            "HEARTBEAT",
+            n + 1,
+            type=self._vehicle_type(),
+            autopilot=PX4,
+            base_mode=np.where(armed[rows], ARMED, 0),
+            custom_mode=px4_custom_modes(mode[rows]),
+        )
+        return np.concatenate([[-1], published(status)]), fields
+
+    def _parameters(self) -> Rows:
+        told = [(-1, name, value) for name, value in self._log.initial_parameters.items()]
+        told += self._log.changed_parameters
+        told = [(t, n, v) for t, n, v in told if isinstance(v, int | float)]
+        fields = table(
+            "PARAM_VALUE",
+            len(told),
+            param_id=[name.encode()[:16] for _, name, _ in told],
+            param_value=[float(value) for _, _, value in told],
+        )
+        return np.array([t for t, _, _ in told], np.int64), fields
+
+    def _hud(self) -> Rows:
+        """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
+        air = self._first_known(("airspeed_validated", _AIRSPEED), ("airspeed", _AIRSPEED))
+        ground = self._over_ground()
+        height = self._first_known(
+            ("vehicle_global_position", ("alt",)), ("vehicle_air_data", ("baro_alt_meter",))
+        )
+        t_us, columns = held((np.nan,) * 3, air, ground, height)
+        names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
+        known = {name: column[told] for name, column in zip(names, columns, strict=True)}
+        return t_us[told], table("VFR_HUD", len(t_us) - 1, **known)
+
+    def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
+        """Return the first of these topics and columns that tells any number."""
+        for name, columns in wanted:
+            topic = self._topics.get((name, 0), {})
+            column = next((column for column in columns if column in topic), None)
+            if column is not None and np.isfinite(topic[column]).any():
+                return published(topic), topic[column].astype(float)
+        return _NONE, np.zeros(0)
+
+    def _over_ground(self) -> tuple[Ints, Floats]:
+        """Return the speed over ground in m/s where it is known: the estimator's, else GPS's."""
+        position = self._topics.get(("vehicle_local_position", 0), {})
+        if {"vx", "vy"} <= position.keys():
+            t_us = published(position)
+            known = position.get("v_xy_valid", np.ones(len(t_us))) != 0
+            if known.any():
+                return t_us, np.where(known, np.hypot(position["vx"], position["vy"]), np.nan)
+        for name in _GPS:
+            topic = self._topics.get((name, 0), {})
+            if {"vel_m_s", "fix_type"} <= topic.keys():
+                fixed = topic["fix_type"] >= _FIX_3D
+                return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
+        return _NONE, np.zeros(0)
+
+    def _attitude(self) -> Rows:
+        attitude = self._topics.get(("vehicle_attitude", 0), _NO_ROWS)
+        for topic, columns in (
+            (
+                self._topics.get(("vehicle_angular_velocity", 0), {}),
+                [f"xyz[{i}]" for i in range(3)],
+            ),
+            (attitude, ["rollspeed", "pitchspeed", "yawspeed"]),
+            (self._topics.get(("sensor_combined", 0), {}), [f"gyro_rad[{i}]" for i in range(3)]),
+        ):
+            if set(columns) <= topic.keys():
+                t_us, known_us = sampled(topic), sampled(attitude)
+                roll, pitch, yaw = angles_at(t_us, known_us, *euler(attitude))
+                angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
+                names = ("rollspeed", "pitchspeed", "yawspeed")
+                rates = {name: topic[c] for name, c in zip(names, columns, strict=True)}
+                fields = table("ATTITUDE", len(t_us), time_usec=t_us, **angles, **rates)
+                return published(topic), fields
+        return _NONE, table("ATTITUDE", 0)
+
+    def _servos(self) -> Rows:
+        parts = []
+        for (name, port), topic in self._topics.items():
+            if name == "actuator_outputs":
+                values = array(topic, "output", 16)
+                columns = {f"servo{i + 1}_raw": values[:, i] for i in range(16)}
+                parts.append(_timed("SERVO_OUTPUT_RAW", topic, port=port, **columns))
+        if not parts:
+            return _NONE, table("SERVO_OUTPUT_RAW", 0)
+        return np.concatenate([t for t, _ in parts]), np.concatenate([f for _, f in parts])
+
+    def _controls(self) -> Rows:
+        is_vtol = self._status.get("is_vtol", _NONE).any() or self._vehicle_type() in _VTOL_TYPES
+        for own in (1, 0) if is_vtol else (0,):
+            topic = self._topics.get((f"actuator_controls_{own}", 0))
+            if topic is not None:
+                controls = array(topic, "control", 8)
+                return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
+            topic = self._topics.get(("vehicle_torque_setpoint", own))
+            if topic is not None:
+                # Roll, pitch and yaw stand where actuator_controls_0 had them.
+                controls = np.full((len(topic["timestamp"]), 8), np.nan)
+                controls[:, :3] = array(topic, "xyz", 3)
+                return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
+        return _NONE, table("ACTUATOR_CONTROL_TARGET", 0)
+
+    def _unix_minus_boot_us(self) -> int:
+        for name in _GPS:
+            topic = self._topics.get((name, 0), {})
+            if "time_utc_usec" in topic:
+                utc = topic["time_utc_usec"].astype(np.int64)
+                known = utc > _UNIX_US
+                if known.any():
+                    return int(np.median((utc - published(topic))[known]))
+        return 0
+
+
+def _timed(name: str, topic: Topic, **columns: Any) -> Rows:
+    t_us = published(topic)
+    return t_us, table(name, len(t_us), time_usec=t_us, **columns)

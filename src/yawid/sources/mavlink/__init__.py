@@ -1,0 +1,1 @@
+"""The wire format, for files and links alike."""

@@ -1,0 +1,221 @@
+"""The decoder: bytes of a tlog in, messages as columns and a count of everything out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
+from yawid.sources.mavlink.definitions import definitions, dtype_of
+from yawid.sources.mavlink.fast_path import STAMP, PlainReader, PlainRecord, plain_messages
+from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, Frames, find_frames
+from yawid.sources.mavlink.link_stats import LinkStats, Records, Tally
+from yawid.sources.mavlink.resync import Chain, Stretch, stamps_of
+from yawid.sources.mavlink.signing import Signing
+from yawid.sources.mavlink.stamp_filter import StampFilter
+
+DEFAULT = frozenset(
+    {
+        "ACTUATOR_CONTROL_TARGET",
+        "ACTUATOR_OUTPUT_STATUS",
+        "ATTITUDE",
+        "HEARTBEAT",
+        "HIL_ACTUATOR_CONTROLS",
+        "PARAM_VALUE",
+        "RC_CHANNELS",
+        "SERVO_OUTPUT_RAW",
+        "SYSTEM_TIME",
+        "VFR_HUD",
+    }
+)
+_SLICE = 1 << 20  # bytes worked on at once: what is hostile takes thirty times as much
+FEW = 1 << 13
+"""Bytes, some two hundred frames: as few as this are tried frame by frame first."""
+_SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
+_NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
+
+
+class Decoder:
+    """Turns the bytes of a tlog, cut anywhere, into messages; no cut changes what comes out.
+
+    A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record
+    whose stamp and frame are intact is found, whatever stands around it, and none is invented: see
+    ``chain`` and ``belief`` for the rules. What cannot be seen: a damaged stamp that stays within 3
+    days of its neighbours, and damage that meets the 16 bits of CRC by chance. The first record of
+    all comes out with the second, which confirms its stamp. With ``signing`` only frames it accepts
+    come out; of frames that two links carried, the first.
+
+    Raises:
+        ConfigError: a name in ``wanted`` is no message of the dialect.
+    """
+
+    def __init__(self, wanted: Iterable[str] = DEFAULT, signing: Signing | None = None) -> None:
+        self._known = definitions()
+        self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
+        self._chain = Chain(self._known)
+        self._filter = StampFilter()
+        self._tally = Tally(self._known, signing)
+        self._kinds = {self._known.names[n]: (n, dtype) for n, dtype in self._dtypes.items()}
+        self._plain = PlainReader(self._known)
+        self._tail = b""
+        self._decided = 0
+        self._held = b""
+        self._held_frames = _NO_FRAMES
+        self._held_order = np.empty(0, np.int64)
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of all that has been decided so far."""
+        decided = self._decided - len(self._held)
+        chain = self._chain
+        return self._tally.stats(decided, chain.passed_bytes, chain.bad_crc, chain.unknown)
+
+    def feed(self, data: bytes) -> FrameBlock | None:
+        """Return the wanted messages that ``data`` completes, or None if there are none."""
+        if 0 < len(data) <= FEW and (records := self._plain_records(data)):
+            messages = plain_messages(data, self._decided, records, self._kinds)
+            self._decided += len(data)
+            return FrameBlock(messages) if messages else None
+        if len(data) >= _SLICE:
+            _keep_freed_memory()
+        view = memoryview(data)
+        slices = (view[at : at + _SLICE] for at in range(0, len(view), _SLICE))
+        return _merge([self._decode(piece, final=False) for piece in slices])
+
+    def _plain_records(self, data: bytes) -> list[PlainRecord] | None:
+        """Count the records of which ``data`` is made up and return them; None if it is not."""
+        last_us = self._filter.last
+        if self._tail or self._held or last_us is None or not self._chain.is_in_step:
+            return None
+        records = self._plain.read(data, last_us)
+        if records is None or not self._tally.add_plain(data, records):
+            return None
+        self._filter.follow(records[-1][STAMP])
+        self._chain.follow(records[-1][STAMP])
+        return records
+
+    def finish(self) -> FrameBlock | None:
+        """Return what the end of the stream still holds; nothing may be fed after it."""
+        return self._decode(memoryview(b""), final=True)
+
+    def _decode(self, data: memoryview, *, final: bool) -> FrameBlock | None:
+        held = len(self._held)
+        start = STAMP_SIZE + held
+        room = bytes(SLACK)
+        joined = b"".join((room[:STAMP_SIZE], self._held, self._tail, data, room))
+        stop = len(joined) - SLACK
+        buffer = np.frombuffer(joined, np.uint8)
+        found, open_from = find_frames(buffer, start, stop, self._known)
+        stretch = Stretch(joined, start, stop, found, open_from, final=final)
+        rows, decided = self._chain.walk(stretch)
+        records = found.select(rows)
+        order = records.begin + (self._decided - STAMP_SIZE - start)
+        self._tail = joined[decided:stop]
+        self._decided += decided - start
+        if held:
+            records = self._held_frames.joined(records)
+            order = np.concatenate((self._held_order, order))
+        return self._believe(joined, buffer, records, order, final=final)
+
+    def _believe(
+        self, joined: bytes, buffer: Bytes, records: Frames, order: Ints, *, final: bool
+    ) -> FrameBlock | None:
+        """Count the records whose stamps fit and return them; hold back those that are pending."""
+        stamps = stamps_of(buffer, records.begin)
+        rows, pending = self._filter.sort(stamps, len(self._held_order))
+        is_alone = len(pending) == 1 and self._filter.last is None
+        if final and is_alone and not self._chain.unstamped:
+            rows, pending = pending, pending[:0]
+        self._hold(joined, records.select(pending), order[pending])
+        if final:
+            self._hold(joined, _NO_FRAMES, order[:0])
+        believed = records.select(rows)
+        if not len(believed):
+            return None
+        return self._columns(joined, buffer, believed, order[rows], stamps[rows])
+
+    def _hold(self, joined: bytes, records: Frames, order: Ints) -> None:
+        spans = list(zip(records.begin - STAMP_SIZE, records.end, strict=True))
+        self._held = b"".join(joined[first:stop] for first, stop in spans)
+        sizes = records.end - records.begin + STAMP_SIZE
+        place = STAMP_SIZE + np.cumsum(sizes) - sizes
+        moves = place - (records.begin - STAMP_SIZE)
+        self._held_frames = Frames(
+            records.begin + moves,
+            records.end + moves,
+            records.payload + moves,
+            records.length,
+            records.row,
+        )
+        self._held_order = order
+
+    def _columns(
+        self, joined: bytes, buffer: Bytes, frames: Frames, order: Ints, stamps: Ints
+    ) -> FrameBlock | None:
+        records = _records(buffer, frames, stamps)
+        used = self._tally.add(joined, buffer, records)
+        if used is not None:
+            records, order = records.select(used), order[used]
+        frames = records.frames
+        messages = {}
+        counts = np.bincount(frames.row, minlength=len(self._known.names))
+        for name, dtype in self._dtypes.items():
+            row = self._known.names[name]
+            if counts[row]:
+                rows = np.flatnonzero(frames.row == row)
+                fields = _payloads(buffer, frames.payload[rows], frames.length[rows], dtype)
+                of_sender = records.sysid[rows], records.compid[rows]
+                columns = order[rows], records.stamps[rows], *of_sender, fields
+                messages[name] = MessageBlock(name, *columns)
+        return FrameBlock(messages) if messages else None
+
+
+def _records(buffer: Bytes, frames: Frames, stamps: Ints) -> Records:
+    header = frames.begin + _SEQUENCE_AT[frames.payload - frames.begin]
+    sysid, compid = buffer[header + 1], buffer[header + 2]
+    sender = sysid.astype(np.int64) * 256 + compid
+    return Records(frames, stamps, buffer[header], sysid, compid, sender)
+
+
+@cache
+def _keep_freed_memory() -> None:
+    """Free a large block once: from then on glibc keeps what NumPy frees, not unmaps it.
+
+    For logs, a megabyte at a time; a session that listens for days does better without.
+    """
+    np.empty(1 << 24, np.uint8)
+
+
+def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the payloads (n,) of one message; bytes that were not sent are zero."""
+    size = dtype.itemsize
+    row_at = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))
+    rows = row_at[at]
+    if (length < size).any():
+        sent = np.arange(size) < np.arange(size + 1)[:, None]
+        masks = np.where(sent, np.uint8(0xFF), np.uint8(0))
+        rows.view(np.uint8).reshape(-1, size)[:] &= masks[np.minimum(length, size)]
+    return rows.view(dtype)
+
+
+def _merge(blocks: list[FrameBlock | None]) -> FrameBlock | None:
+    """Return the blocks as one."""
+    parts: dict[str, list[MessageBlock]] = {}
+    for block in blocks:
+        for name, message in (block.messages if block else {}).items():
+            parts.setdefault(name, []).append(message)
+    if not parts:
+        return None
+    return FrameBlock({name: _joined(parts[name]) for name in sorted(parts)})
+
+
+def _joined(blocks: list[MessageBlock]) -> MessageBlock:
+    if len(blocks) == 1:
+        return blocks[0]
+    columns = ("order", "received_us", "sysid", "compid", "fields")
+    arrays = (np.concatenate([getattr(block, name) for block in blocks]) for name in columns)
+    return MessageBlock(blocks[0].name, *arrays)

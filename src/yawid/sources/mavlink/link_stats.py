@@ -1,0 +1,216 @@
+"""What a link carried, counted per sender."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from yawid.blocks import Bytes, Ints
+from yawid.sources.mavlink.definitions import HEARTBEAT, Definitions
+from yawid.sources.mavlink.fast_path import PlainRecord
+from yawid.sources.mavlink.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE, Frames
+from yawid.sources.mavlink.sequence import Heard, SenderCount, SenderStats
+from yawid.sources.mavlink.signing import Check, Signing
+
+Sender = tuple[int, int]
+GCS_SYSID = 255
+_MAV_TYPE_GCS = 6
+_REFUSALS = (Check.UNSIGNED, Check.WRONG, Check.REPLAYED)
+_TYPE_OFFSET = 4  # of HEARTBEAT.type in the payload
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStats:
+    """What has been read so far.
+
+    ``frames`` counts the records whose stamp and frame are intact, of all senders, ``signed`` those
+    of them that carry a signature (which was checked only with a key) and ``senders`` splits them
+    by (sysid, compid). ``bad_crc`` and ``unknown`` count records passed over whole because the CRC
+    was wrong or the message id unknown; ``skipped_bytes`` are the bytes in no record of these three
+    kinds. ``lost`` counts the frames missing by sequence number, ground stations left out.
+    ``first_us`` and ``last_us`` are the receive stamps of the first and last record, None before
+    there is one.
+
+    Two kinds of ``frames`` count no further: ``duplicates`` are those a second link carried too,
+    ``rejected`` by kind those without a right signature (none without a key). ``by_sender`` has it
+    all for each sender.
+    """
+
+    frames: int
+    skipped_bytes: int
+    bad_crc: int
+    unknown: int
+    lost: int
+    signed: int
+    first_us: int | None
+    last_us: int | None
+    senders: Mapping[Sender, int]
+    duplicates: int = 0
+    rejected: Mapping[Check, int] = field(default_factory=dict)
+    by_sender: Mapping[Sender, SenderStats] = field(default_factory=dict)
+
+    @property
+    def unsigned_rejected(self) -> int:
+        """Frames refused by signing: unsigned, wrongly signed and replayed ones."""
+        return sum(self.rejected.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """Records in an array of bytes, a row each: their frames, stamps and what the headers say.
+
+    ``sender`` (n,) is 256 * sysid + compid.
+    """
+
+    frames: Frames
+    stamps: Ints
+    sequence: Bytes
+    sysid: Bytes
+    compid: Bytes
+    sender: Ints
+
+    def select(self, rows: Ints) -> Records:
+        """Return the rows of an index array."""
+        return Records(
+            self.frames.select(rows),
+            self.stamps[rows],
+            self.sequence[rows],
+            self.sysid[rows],
+            self.compid[rows],
+            self.sender[rows],
+        )
+
+
+class Tally:
+    """Counts records as they are believed, and says which of them are to be used."""
+
+    def __init__(self, known: Definitions, signing: Signing | None) -> None:
+        self.record_bytes = 0
+        self._signing = signing
+        self._heartbeat = known.row_of[HEARTBEAT]
+        self._signed = 0
+        self._first: int | None = None
+        self._last: int | None = None
+        self._senders: dict[int, SenderCount] = {}
+        self._ground: set[int] = set()
+        self._rejected: dict[Check, int] = dict.fromkeys(_REFUSALS, 0)
+
+    def add(self, data: bytes, buffer: Bytes, records: Records) -> Ints | None:
+        """Count the records; return the rows that are accepted and no duplicates, None if all."""
+        self._count_bytes(records)
+        rows = None if self._signing is None else self._accepted(data, records, self._signing)
+        used = records if rows is None else records.select(rows)
+        new = self._count_senders(data, buffer, used)
+        self._find_ground(buffer, used)
+        if new is None:
+            return rows
+        return new if rows is None else rows[new]
+
+    def add_plain(self, data: bytes, records: Sequence[PlainRecord]) -> bool:
+        """Count records none of which came late, twice, or from somebody new; else count nothing.
+
+        Return whether they were counted; then all of them are to be used.
+        """
+        if self._signing is not None:
+            return False
+        by_sender: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
+        signed, ground = 0, set()
+        for begin, payload, end, length, row, stamp, sequence, key in records:
+            own = by_sender.get(key)
+            if own is None:
+                own = by_sender[key] = [], [], []
+            own[0].append(sequence)
+            own[1].append(stamp)
+            own[2].append(data[begin:end])
+            signed += end - payload - length > CRC_SIZE
+            is_typed = row == self._heartbeat and length > _TYPE_OFFSET
+            if is_typed and data[payload + _TYPE_OFFSET] == _MAV_TYPE_GCS:
+                ground.add(key)
+        for key, own in by_sender.items():
+            sender = self._senders.get(key)
+            if sender is None or not sender.goes_on(own[0]):
+                return False
+        for key, own in by_sender.items():
+            self._senders[key].follow(*own)
+        self._signed += signed
+        self._ground |= ground
+        self.record_bytes += len(data)
+        self._last = stamp
+        return True
+
+    def _count_bytes(self, records: Records) -> None:
+        frames = records.frames
+        if self._first is None:
+            self._first = int(records.stamps[0])
+        self._last = int(records.stamps[-1])
+        payload_bytes = int(frames.length.sum())
+        trailer_bytes = int((frames.end - frames.payload).sum()) - payload_bytes
+        self._signed += (trailer_bytes - CRC_SIZE * len(frames)) // SIGNATURE_SIZE
+        header_bytes = int((frames.payload - frames.begin).sum()) + STAMP_SIZE * len(frames)
+        self.record_bytes += header_bytes + payload_bytes + trailer_bytes
+
+    def _accepted(self, data: bytes, records: Records, signing: Signing) -> Ints:
+        checks = signing.check(data, records.frames, records.sysid, records.compid)
+        for check in self._rejected:
+            self._rejected[check] += int(np.count_nonzero(checks == check))
+        is_accepted = checks == Check.ACCEPTED
+        refused = np.bincount(records.sender[~is_accepted])
+        for key in np.flatnonzero(refused).tolist():
+            self._senders.setdefault(key, SenderCount()).rejected += int(refused[key])
+        return np.flatnonzero(is_accepted)
+
+    def _count_senders(self, data: bytes, buffer: Bytes, records: Records) -> Ints | None:
+        sender = records.sender
+        is_new = None
+        for key in np.flatnonzero(np.bincount(sender)).tolist():
+            rows = np.flatnonzero(sender == key)
+            own = records if len(rows) == len(records.frames) else records.select(rows)
+            heard = Heard(data, buffer, own.frames, own.stamps, own.sequence)
+            new = self._senders.setdefault(key, SenderCount()).add(heard)
+            if new is not None:
+                is_new = np.ones(len(sender), np.bool_) if is_new is None else is_new
+                is_new[rows] = new
+        return None if is_new is None else np.flatnonzero(is_new)
+
+    def _find_ground(self, buffer: Bytes, records: Records) -> None:
+        frames = records.frames
+        rows = np.flatnonzero((frames.row == self._heartbeat) & (frames.length > _TYPE_OFFSET))
+        is_ground = buffer[frames.payload[rows] + _TYPE_OFFSET] == _MAV_TYPE_GCS
+        self._ground.update(records.sender[rows[is_ground]].tolist())
+
+    def stats(
+        self,
+        decided_bytes: int,
+        passed_bytes: int,
+        bad_crc: Mapping[int, int],
+        unknown: Mapping[int, int],
+    ) -> LinkStats:
+        """Return the counts; ``passed_bytes`` of the ``decided_bytes`` were passed over whole.
+
+        Those are ``bad_crc`` and ``unknown`` records, by the sender their headers name; that of
+        noise is nobody's and counts in the sums only.
+        """
+        by_sender = {}
+        for key, sender in sorted(self._senders.items()):
+            is_ground = key >> 8 == GCS_SYSID or key in self._ground
+            passed = {"bad_crc": bad_crc.get(key, 0), "unknown": unknown.get(key, 0)}
+            found = sender.stats(is_ground=is_ground)
+            by_sender[divmod(key, 256)] = replace(found, **passed)
+        counts = by_sender.values()
+        return LinkStats(
+            frames=sum(count.frames for count in counts),
+            skipped_bytes=decided_bytes - passed_bytes - self.record_bytes,
+            bad_crc=sum(bad_crc.values()),
+            unknown=sum(unknown.values()),
+            lost=sum(count.lost for count in counts),
+            signed=self._signed,
+            first_us=self._first,
+            last_us=self._last,
+            senders=MappingProxyType({key: count.frames for key, count in by_sender.items()}),
+            duplicates=sum(count.duplicates for count in counts),
+            rejected=MappingProxyType(dict(self._rejected)),
+            by_sender=MappingProxyType(by_sender),
+        )

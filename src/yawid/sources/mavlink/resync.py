@@ -1,0 +1,188 @@
+"""Decide which intact frames are records of the stream, and which only look like one.
+
+The stream is walked from front to back; what is decided depends on the bytes alone, never on how
+they were cut. A position is *in step* when the record before it has just ended there.
+
+1. In step, an intact frame behind its stamp is a record.
+2. In step, a frame that is not intact (wrong CRC, unknown id) is passed over whole if a record
+   header follows whose stamp agrees with its own, so that nothing inside its payload is believed;
+   at the end of the stream the stamp before it must agree. It is the length that was damaged, and
+   3 applies, if an intact frame ends at that very place or lies inside what cannot be so long.
+3. Otherwise the next intact frame is looked for byte by byte.
+
+A frame inside an intact one is never looked at. A frame whose stamp would reach into the frame
+before has none: it hides what is inside it and is no record.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Bytes, Ints
+from yawid.sources.mavlink.definitions import UNKNOWN, Definitions
+from yawid.sources.mavlink.framing import (
+    LONGEST_HEADER,
+    MAGIC_V1,
+    MAGIC_V2,
+    STAMP_SIZE,
+    Frames,
+    read_header,
+)
+
+STAMP_TOLERANCE_US = 3 * 86400 * 1_000_000
+NO_STAMP = -1
+LATEST_US = 1 << 53  # the year 2255
+_NOT_YET = -1
+_MANY = 8  # with more gaps than this, plain lists are quicker than arrays
+
+
+class Stretch:
+    """Bytes not yet decided, ``data[start:stop]``, and the intact ``frames`` in them.
+
+    ``open_from`` is that of :func:`find_frames`. With ``final`` no more bytes will come and
+    everything is to be decided.
+    """
+
+    def __init__(
+        self, data: bytes, start: int, stop: int, frames: Frames, open_from: int, *, final: bool
+    ) -> None:
+        self.data = data
+        self.start = start
+        self.stop = stop
+        self.final = final
+        self.searched = stop if final else open_from - STAMP_SIZE
+        self.begin: list[int] | Ints = frames.begin
+        self.end: list[int] | Ints = frames.end
+        follows = frames.begin[1:] == frames.end[:-1] + STAMP_SIZE
+        self.run_ends: list[int] = [*(np.flatnonzero(~follows) + 1).tolist(), len(frames)]
+        if len(self.run_ends) > _MANY:
+            self.begin, self.end = frames.begin.tolist(), frames.end.tolist()
+
+    def first_at(self, position: int) -> int:
+        """Return the row of the first intact frame that begins at ``position`` or later."""
+        return bisect_left(self.begin, position)
+
+    def is_settled(self, row: int) -> bool:
+        """Return whether there is such a row and nothing before it can still become intact."""
+        return row < len(self.begin) and self.begin[row] < self.searched + STAMP_SIZE
+
+    def run_end(self, row: int) -> int:
+        """Return the row after the last of the records that follow one another from ``row`` on."""
+        return self.run_ends[bisect_right(self.run_ends, row)]
+
+    def stamp(self, at: int) -> int:
+        """Return the stamp that stands at a position, ``NO_STAMP`` if out of range."""
+        stamp = int.from_bytes(self.data[at : at + STAMP_SIZE], "big")
+        return stamp if stamp <= LATEST_US else NO_STAMP
+
+
+def stamps_agree(a: int, b: int) -> bool:
+    """Return whether two stamps may stand side by side: both in range and within 3 days."""
+    return NO_STAMP not in (a, b) and abs(a - b) <= STAMP_TOLERANCE_US
+
+
+def stamps_of(data: Bytes, begin: Ints) -> Ints:
+    """Return the stamps (n,) in microseconds in front of frames, ``NO_STAMP`` if out of range."""
+    stamp_at = np.ndarray((len(data) - STAMP_SIZE + 1,), ">i8", data, 0, (1,))
+    stamps = stamp_at[begin - STAMP_SIZE].astype(np.int64)
+    stamps[(stamps < 0) | (stamps > LATEST_US)] = NO_STAMP
+    return stamps
+
+
+class Chain:
+    """The walk along one stream.
+
+    ``bad_crc`` and ``unknown`` count the records passed over whole, by the sender that their header
+    names (256 * sysid + compid), ``passed_bytes`` is their size, and ``unstamped`` counts the
+    intact frames that have no stamp.
+    """
+
+    def __init__(self, known: Definitions) -> None:
+        self.bad_crc: Counter[int] = Counter()
+        self.unknown: Counter[int] = Counter()
+        self.passed_bytes = 0
+        self.unstamped = 0
+        self._known = known
+        self._in_step = True
+        self._last_stamp = NO_STAMP
+
+    def follow(self, last_us: int) -> None:
+        """Take note of records that were read elsewhere, in step, up to one of this stamp."""
+        self._last_stamp = last_us
+
+    @property
+    def is_in_step(self) -> bool:
+        """Whether the record before has just ended here."""
+        return self._in_step
+
+    def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
+        """Return the rows of the frames that are records, and where the undecided bytes begin."""
+        begin, end = stretch.begin, stretch.end
+        runs: list[tuple[int, int]] = []
+        at = stretch.start
+        while True:
+            row = stretch.first_at(at + STAMP_SIZE)
+            is_here = row < len(begin) and begin[row] == at + STAMP_SIZE
+            if is_here and (self._in_step or stretch.is_settled(row)):
+                after = stretch.run_end(row)
+                runs.append((row, after))
+                at, self._in_step = int(end[after - 1]), True
+                self._last_stamp = stretch.stamp(int(begin[after - 1]) - STAMP_SIZE)
+                continue
+            if self._in_step:
+                passed = self._pass_over(stretch, at)
+                if passed == _NOT_YET:
+                    return _rows(runs, len(begin)), at
+                if passed is not None:
+                    at = passed
+                    continue
+                self._in_step = False
+            row = stretch.first_at(at)
+            if not stretch.is_settled(row):
+                return _rows(runs, len(begin)), max(at, stretch.searched)
+            has_stamp = begin[row] >= at + STAMP_SIZE
+            at = int(begin[row] - STAMP_SIZE if has_stamp else end[row])
+            self._in_step = not has_stamp
+            self.unstamped += not has_stamp
+
+    def _pass_over(self, stretch: Stretch, at: int) -> int | None:
+        """Return where the damaged or unknown record at ``at`` ends.
+
+        None if there is no such record, ``_NOT_YET`` if the bytes that decide have not come.
+        """
+        begin = at + STAMP_SIZE
+        undecided = None if stretch.final else _NOT_YET
+        if begin + LONGEST_HEADER > stretch.stop:
+            return undecided
+        header = read_header(stretch.data, begin, self._known)
+        if header is None:
+            return None
+        after = begin + header.size
+        at_the_end = stretch.final and after == stretch.stop
+        if after + STAMP_SIZE >= stretch.stop and not at_the_end:
+            return undecided
+        neighbour = self._last_stamp if at_the_end else stretch.stamp(after)
+        follows = at_the_end or stretch.data[after + STAMP_SIZE] in (MAGIC_V1, MAGIC_V2)
+        if not follows or not stamps_agree(stretch.stamp(at), neighbour):
+            return None
+        inside = stretch.end[stretch.first_at(begin + 1) : stretch.first_at(after)]
+        if after in inside or (len(inside) and not header.may_be):
+            return None
+        count = self.unknown if header.row == UNKNOWN else self.bad_crc
+        count[header.sender] += 1
+        self.passed_bytes += after - at
+        return after
+
+
+def _rows(runs: list[tuple[int, int]], count: int) -> Ints | slice:
+    """Return the rows of all runs."""
+    if runs == [(0, count)]:
+        return slice(None)
+    keep: NDArray[np.bool_] = np.zeros(count, np.bool_)
+    for first, stop in runs:
+        keep[first:stop] = True
+    return np.flatnonzero(keep)

@@ -1,0 +1,209 @@
+"""One sender of a link: its frames, what is missing among them, and what came twice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Bytes, Ints
+from yawid.sources.mavlink.framing import Frames
+
+_CYCLE = 256
+_LONGEST = 128  # a larger step of the sequence is a restart, not a loss
+_LATE = 32  # a step back by this much is a frame that came late, by more a restart
+_TWICE_WITHIN_US = 2_000_000
+_WORD = 8
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class SenderStats:
+    """Counts of one sender.
+
+    ``frames`` are all that are intact, ``duplicates`` and ``rejected`` (by signing) those of them
+    that count no further, ``lost`` what is missing by sequence number: 0 for ground stations, whose
+    frames a log holds only in part. ``bad_crc`` and ``unknown`` are frames passed over whole whose
+    headers, which nothing protects, name the sender.
+    """
+
+    frames: int = 0
+    lost: int = 0
+    duplicates: int = 0
+    rejected: int = 0
+    bad_crc: int = 0
+    unknown: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """Frames of one sender in ``data`` (``buffer`` is the same as an array), in the order heard."""
+
+    data: bytes
+    buffer: Bytes
+    frames: Frames
+    stamps: Ints
+    sequence: Bytes
+
+
+class SenderCount:
+    """Counts the frames of one sender as they are heard.
+
+    Where two links carry the same vehicle each frame comes twice. A frame is a duplicate if the
+    last one of its sequence number was the same to the byte, not a whole turn of the sequence away
+    and within 2 s. Whichever link is first counts: MAVProxy writes the link's number into the two
+    low bits of the stamp, which are left as they are (a stamp may be 3 us off).
+    """
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.lost = 0
+        self.duplicates = 0
+        self.rejected = 0
+        self._last_kept: int | None = None
+        self._last: int | None = None
+        self._place = 0  # the last frame's sequence number, counted on past 255
+        self._highest = -1
+        self._recent: list[tuple[int, int, bytes] | None] = [None] * _CYCLE
+
+    def add(self, heard: Heard) -> Mask | None:
+        """Count the frames; return which are no duplicates, None if all."""
+        steps = _steps(heard.sequence, self._last)
+        place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
+        goes_on = bool(place[0] > self._highest and (steps[1:].view(np.int8) > 0).all())
+        is_new = None
+        self.frames += len(steps)
+        if goes_on:
+            self._count_lost(heard.sequence, None)
+        else:
+            is_taken, is_twice = self._compare(heard, place)
+            is_new = ~is_twice
+            self.duplicates += int(is_twice.sum())
+            self._count_lost(heard.sequence[is_new], is_taken[is_new])
+        self._remember(heard, place, goes_on=goes_on)
+        return None if is_new is None or is_new.all() else is_new
+
+    def goes_on(self, sequence: list[int]) -> bool:
+        """Whether frames of these numbers are each later than all before them."""
+        last, place = self._last, self._place
+        if last is None:
+            return False
+        is_first = True
+        for number in sequence:
+            step = (number - last) % _CYCLE
+            if not 0 < step < _LONGEST or (is_first and place + step <= self._highest):
+                return False
+            last, is_first = number, False
+        return True
+
+    def follow(self, sequence: list[int], stamps: list[int], frames: list[bytes]) -> None:
+        """Count frames that go on, as :meth:`add` does."""
+        assert self._last is not None
+        for number, stamp, frame in zip(sequence, stamps, frames, strict=True):
+            missing = -1 if self._last_kept is None else (number - self._last_kept) % _CYCLE - 1
+            if 0 < missing < _LONGEST:
+                self.lost += missing
+            self._place += (number - self._last) % _CYCLE
+            self._last = self._last_kept = number
+            self._recent[number] = self._place, stamp, frame
+        self._highest = self._place
+        self.frames += len(sequence)
+
+    def _count_lost(self, sequence: Bytes, is_taken: Mask | None) -> None:
+        """Add up what the steps leave out.
+
+        A frame that comes late was counted as missing before. One whose place ``is_taken`` already
+        is not late: the sender has begun anew.
+        """
+        if not len(sequence):
+            return
+        steps = _steps(sequence, self._last_kept).astype(np.int64)
+        self.lost += int((steps[(steps > 0) & (steps <= _LONGEST)] - 1).sum())
+        if is_taken is not None:
+            back = _CYCLE - steps[~is_taken]
+            self.lost -= int((back[back <= _LATE] + 1).sum())
+        self._last_kept = int(sequence[-1])
+
+    def _compare(self, heard: Heard, place: Ints) -> tuple[Mask, Mask]:
+        """Return which frames have the place of one before them, and which are the same."""
+        by_number = np.argsort(heard.sequence, kind="stable")
+        follows = np.diff(heard.sequence[by_number]) == 0
+        earlier, later = by_number[:-1][follows], by_number[1:][follows]
+        is_taken = np.zeros(len(place), np.bool_)
+        is_taken[later] = place[earlier] == place[later]
+        near = is_taken[later]
+        near &= np.abs(heard.stamps[earlier] - heard.stamps[later]) <= _TWICE_WITHIN_US
+        earlier, later = earlier[near], later[near]
+        is_twice = np.zeros(len(place), np.bool_)
+        is_twice[later] = _same_bytes(heard, earlier, later)
+        firsts = by_number[np.flatnonzero(np.concatenate(([True], ~follows)))]
+        for row in firsts.tolist():
+            recent = self._recent[heard.sequence[row]]
+            if recent is not None and recent[0] == place[row]:
+                is_near = abs(int(heard.stamps[row]) - recent[1]) <= _TWICE_WITHIN_US
+                is_taken[row] = True
+                is_twice[row] = is_near and recent[2] == _frame(heard, row)
+        return is_taken, is_twice
+
+    def _remember(self, heard: Heard, place: Ints, *, goes_on: bool) -> None:
+        """Keep the last frame of each sequence number."""
+        rows = _last_rows(heard.sequence)
+        begin, end = heard.frames.begin[rows].tolist(), heard.frames.end[rows].tolist()
+        when = place[rows].tolist(), heard.stamps[rows].tolist()
+        numbers = heard.sequence[rows].tolist()
+        for number, at, stamp, first, stop in zip(numbers, *when, begin, end, strict=True):
+            self._recent[number] = at, stamp, heard.data[first:stop]
+        self._last, self._place = int(heard.sequence[-1]), int(place[-1])
+        # Only of the frames kept: after a restart, places lower than before must not stay suspect.
+        kept = (entry[0] for entry in self._recent if entry is not None)
+        self._highest = self._place if goes_on else max(kept)
+
+    def stats(self, *, is_ground: bool) -> SenderStats:
+        """Return the counts."""
+        lost = 0 if is_ground else max(self.lost, 0)
+        return SenderStats(self.frames + self.rejected, lost, self.duplicates, self.rejected)
+
+
+def _steps(sequence: Bytes, before: int | None) -> Bytes:
+    """Return the steps of the sequence modulo 256; the first frame of all is one further."""
+    steps = np.empty(len(sequence), np.uint8)
+    steps[0] = 1 if before is None else (int(sequence[0]) - before) % _CYCLE
+    np.subtract(sequence[1:], sequence[:-1], out=steps[1:])
+    return steps
+
+
+def _last_rows(sequence: Bytes) -> Ints:
+    """Return the last row of each sequence number that occurs."""
+    if len(sequence) == 1:
+        return np.zeros(1, np.int64)
+    last_row = np.full(_CYCLE, -1)
+    first = max(len(sequence) - 4 * _CYCLE, 0)
+    last_row[sequence[first:]] = np.arange(first, len(sequence))
+    if first and (last_row < 0).any():
+        last_row[sequence] = np.arange(len(sequence))
+    return last_row[last_row >= 0]
+
+
+def _frame(heard: Heard, row: int) -> bytes:
+    return heard.data[heard.frames.begin[row] : heard.frames.end[row]]
+
+
+def _same_bytes(heard: Heard, earlier: Ints, later: Ints) -> Mask:
+    """Return whether the frames of two lists of rows are the same, byte for byte (n,)."""
+    frames = heard.frames
+    size = (frames.end - frames.begin)[earlier]
+    same: Mask = size == (frames.end - frames.begin)[later]
+    word_at = np.ndarray((len(heard.buffer) - _WORD + 1,), np.uint64, heard.buffer, 0, (1,))
+    rows = np.flatnonzero(same)
+    offset = 0
+    while len(rows):
+        # The last word ends with the frame: no frame is shorter than a word.
+        at = np.minimum(offset, size[rows] - _WORD)
+        first = word_at[frames.begin[earlier[rows]] + at]
+        second = word_at[frames.begin[later[rows]] + at]
+        same[rows] &= first == second
+        offset += _WORD
+        rows = rows[size[rows] > offset]
+    return same
