@@ -6,7 +6,7 @@ A key that does not apply is absent; no value is ever NaN.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Protocol
 
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
@@ -15,15 +15,37 @@ from yawid.channels.redundant_outputs import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.stage import Channels
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.yaw_reader import COARSE, SOURCES
-from yawid.pipeline import Pipeline
+from yawid.config.run import RunConfig
+from yawid.estimation.bank import Bank
 from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import bank_verdict
 from yawid.results.judge_estimate import Evidence
 from yawid.results.judge_samples import changed_rates
 from yawid.results.reasons import Reason, Verdict
+from yawid.sources.mavlink.link_stats import LinkStats
 
 
-def summarise(pipeline: Pipeline, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
+class Finished(Protocol):
+    """What is summarised of a finished run: counts, channels, estimators, configuration."""
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of what was read."""
+
+    @property
+    def channels(self) -> Channels:
+        """The channels, at the end of the log."""
+
+    @property
+    def bank(self) -> Bank | None:
+        """The estimators, None where there was no sample."""
+
+    @property
+    def config(self) -> RunConfig:
+        """What was asked for."""
+
+
+def summarise(pipeline: Finished, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
     """Return the summary of a finished pipeline and its verdict."""
     link = pipeline.link
     channels, bank = pipeline.channels, pipeline.bank
@@ -68,7 +90,7 @@ def as_summary(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _link(pipeline: Pipeline) -> dict[str, Any]:
+def _link(pipeline: Finished) -> dict[str, Any]:
     link, segmenter, aligner = (
         pipeline.link,
         pipeline.channels.segmenter,
@@ -126,7 +148,7 @@ def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
     return described
 
 
-def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
+def _verdict(pipeline: Finished, evidence: dict[str, Evidence]) -> Verdict:
     channels, bank = pipeline.channels, pipeline.bank
     missing = list(_missing(pipeline))
     if missing:
@@ -145,7 +167,7 @@ def _verdict(pipeline: Pipeline, evidence: dict[str, Evidence]) -> Verdict:
     return bank_verdict(bank, evidence, (yaw_hz, rudder_hz), travel_unit, found)
 
 
-def _missing(pipeline: Pipeline) -> Iterator[Reason]:
+def _missing(pipeline: Finished) -> Iterator[Reason]:
     """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
     channels, config = pipeline.channels, pipeline.config
     vehicle = channels.lock.vehicle
