@@ -216,7 +216,7 @@ def test_a_second_signal_ends_at_once() -> None:
 def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -> None:
     script = (
         "import sys, time\n"
-        "from yawid import cli\n"
+        "from yawid.cli import main as cli\n"
         "from yawid.runs.live import loop\n"
         "def slow(self): print('finishing', flush=True); time.sleep(60)\n"
         "loop._Loop.finish = slow\n"
