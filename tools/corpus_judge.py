@@ -21,7 +21,6 @@ from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
 from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import judge_methods
-from yawid.results.judge_samples import reaction_shares
 from yawid.results.summary import summarise
 from yawid.runs.inspect_log import inspect
 from yawid.runs.read_log import run_through
@@ -163,7 +162,7 @@ def _judged_methods(pipeline: Pipeline) -> Row:
     rates_hz = 1e6 / intervals[0], 1e6 / intervals[1]
     judged = judge_methods(bank, evidence, rates_hz, abs(pipeline.channels.surfaces[0].scale))
     row: Row = {"stroke_pct": 100.0 * judged.moved.most_own}
-    row["reacts"] = reaction_shares(bank.history())[0]
+    row["reacts"] = judged.reacts
     for method, reasons in judged.reasons.items():
         found = judged.coherence[method]
         margin = math.nan if found is None else found.squared - found.limit

@@ -66,7 +66,7 @@ class Conditioner:
     _notes: Notes = field(init=False)
 
     def __post_init__(self) -> None:
-        self._notes = Notes(self.sample_time_s, self._travel)
+        self._notes = Notes(self.sample_time_s, self.config.half_travel)
         if self.config.band is None:
             return
         sections = band_pass(self.config.band, self.sample_time_s)
@@ -101,14 +101,8 @@ class Conditioner:
         u = np.where(held[:, None], np.nan, block.u)
         return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))
 
-    @property
-    def _travel(self) -> float:
-        """Half the rudder's travel in the unit of u."""
-        degrees = self.config.rudder_max_deg
-        return 1.0 if degrees is None else float(np.deg2rad(degrees))
-
     def _note_saturation(self, block: SampleBlock) -> SampleBlock:
-        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self._travel
+        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self.config.half_travel
         return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 
     def _differenced(self, block: SampleBlock) -> SampleBlock:

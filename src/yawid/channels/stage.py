@@ -159,8 +159,7 @@ class Channels:
         if name != "rudder":
             return 1.0
         sign = -1.0 if self.config.rudder_sign == "nose-left" else 1.0
-        degrees = self.config.rudder_max_deg
-        return sign if degrees is None else sign * float(np.deg2rad(degrees))
+        return sign * self.config.half_travel
 
     def _read(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]

@@ -139,6 +139,11 @@ class RunConfig:
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
 
+    @property
+    def half_travel(self) -> float:
+        """What half the rudder's travel measures in the unit of u: 1, or its deflection in rad."""
+        return 1.0 if self.rudder_max_deg is None else math.radians(self.rudder_max_deg)
+
     def armax_orders(self) -> ArmaxOrders:
         """Return the orders with nb and nk for every input.
 

@@ -123,9 +123,8 @@ def _held_back_pct(bank: Bank, method: str, history: History) -> float:
         return math.nan
     config, rows = bank.estimators[method].config, slice(earlier.first, None)
     u, y = history.u[rows], history.y[rows]
-    degrees, moved = bank.config.rudder_max_deg, u[np.isfinite(u[:, 0]), 0]
-    unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
-    if len(moved) == 0 or strokes(moved, window_of(bank.sample_time_s)).max() < LEAST_STROKE * unit:
+    moved, least = u[np.isfinite(u[:, 0]), 0], LEAST_STROKE * bank.config.half_travel
+    if len(moved) == 0 or strokes(moved, window_of(bank.sample_time_s)).max() < least:
         return math.nan
     return fit_percent(y, simulate(earlier.theta[method], config.orders, config.bias, u, y))
 

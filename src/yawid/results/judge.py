@@ -39,9 +39,13 @@ BETTER = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """How the rudder moved, and by method the coherence at its mode and what speaks against it."""
+    """How the rudder moved, and by method the coherence at its mode and what speaks against it.
+
+    ``reacts`` is the part of the rudder that yaw rate and roll explain.
+    """
 
     moved: Excitation
+    reacts: float
     coherence: Mapping[str, Coherence | None]
     reasons: Mapping[str, list[Reason]]
 
@@ -72,7 +76,8 @@ def judge_methods(
     coherence, reasons = {}, {}
     found_wn = np.array([evidence[method].dutch_roll[0] for method in bank.methods])
     alike = bool(found_wn.max() < ALIKE * found_wn.min())
-    excites = reaction_shares(history)[0] < REACTS and alike
+    reacts = reaction_shares(history)[0]
+    excites = reacts < REACTS and alike
     for method in bank.methods:
         mode = evidence[method].dutch_roll
         wn = float(mode[0])
@@ -84,7 +89,7 @@ def judge_methods(
             *estimate_reasons(method, evidence[method], is_driven=is_driven),
             *coherence_reasons(wn, found),
         ]
-    return Judged(moved, coherence, reasons)
+    return Judged(moved, reacts, coherence, reasons)
 
 
 def bank_verdict(
@@ -112,7 +117,7 @@ def bank_verdict(
         *input_reasons(config.inputs, history.u, travel_unit),
         *flight_reasons(history, config.turn),
         *feedback_reasons(config.inputs, history),
-        *damper_reasons(reaction_shares(history)[0], evidence[answers].early_response),
+        *damper_reasons(judged.reacts, evidence[answers].early_response),
         *judged.reasons[answers],
         *agreement_reasons(evidence, judged.refused),
     ]

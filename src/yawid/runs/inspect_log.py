@@ -229,10 +229,8 @@ def stretches(log: Path, config: RunConfig, reading: Reading, boots: Boots) -> l
             *((b.boot_us / 1e6, b.u[:, 0], b.aileron, b.mode, b.y) for b in blocks), strict=True
         )
     )
-    degrees = config.rudder_max_deg
-    unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
     rudder = np.where(np.isfinite(y), u, np.nan)
-    moved = excitation(rudder, aileron, mode, unit, blocks[0].sample_time_s)
+    moved = excitation(rudder, aileron, mode, config.half_travel, blocks[0].sample_time_s)
     numbers = _boot_numbers(t_s, boots)
     known = np.where(np.isnan(mode), -1.0, mode)
     meaning = np.cumsum(

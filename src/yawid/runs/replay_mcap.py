@@ -187,14 +187,13 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         summary["estimates"] = {}
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
-        degrees = pipeline.config.rudder_max_deg
         # What was recovered knows of the grid alone, which is no faster than the messages were.
         least_hz, channels = 1.0 / bank.sample_time_s, before["channels"]
         yaw, rudder = (channels.get(name, {}) for name in ("yaw", pipeline.config.inputs[0]))
         yaw_hz, rudder_hz = (
             each.get("first_rate_hz", each.get("rate_hz", least_hz)) for each in (yaw, rudder)
         )
-        unit = 1.0 if degrees is None else float(np.deg2rad(degrees))
+        unit = pipeline.config.half_travel
         verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)
     elif run.grid is not None:
         verdict = Verdict.of(of_the_log)
