@@ -7,8 +7,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import pytest
+from places import SRC
 
-SRC = Path(__file__).parents[1] / "src" / "yawid"
 EVERYWHERE = {"__init__", "errors", "blocks"}
 """What any room may import: public names, errors, the arrays that travel."""
 WIRE, LOGS, LINK = "sources/mavlink", "sources/logs", "sources/link"

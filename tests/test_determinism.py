@@ -21,6 +21,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from places import REPLAY_LOGS as CASES
+from places import ROOT
 
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
@@ -30,8 +32,6 @@ from yawid.runs.outputs import Outputs, finish, open_mcap
 from yawid.runs.regress.case import Case, find_cases
 from yawid.runs.regress.check import regress
 
-ROOT = Path(__file__).parents[1]
-CASES = ROOT / "replay_logs"
 GAPS = CASES / "c172p_gaps" / "log.tlog"
 NAMES = ("c172p_gaps", "c172p_reboot", "c172p_gcs_rates", "two_vehicles")
 

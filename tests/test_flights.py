@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import SHARED_FLIGHTS as FLIGHTS
 
 from yawid.cli.main import main
 
-FLIGHTS = Path(__file__).parents[1] / ".." / "shared" / "flights"
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 
@@ -109,7 +109,7 @@ def test_alfas_rudder_and_aileron_cannot_be_separated(capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, "alfa_carbonz_engine_failure", *options)
 
     # Less than three messages a second on the vehicle's own clock come first in the contract's
-    # order; its twin at 20 Hz is in tests/test_inspect.py.
+    # order; its twin at 20 Hz is in tests/runs/test_inspect_log.py.
     assert code == 4
     assert list(reasons(summary))[:3] == ["rate_too_low", "mixed_rudder", "collinear_inputs"]
     assert "0.9999" in reasons(summary)["collinear_inputs"]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from places import SHARED_FLIGHTS as FLIGHTS
 
 from yawid.cli.main import main
 
-FLIGHTS = Path(__file__).parents[1] / ".." / "shared" / "flights"
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 

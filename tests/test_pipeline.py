@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flightlog import fly
+from places import REPLAY_LOGS as CASES
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.regress.compare import RowsSink
-
-CASES = Path(__file__).parents[1] / "replay_logs"
 
 
 class AllRows(RowsSink):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 ALGEBRA = "tests/estimation/test_armax_algebra.py::"
 LEAST_SQUARES = ALGEBRA + "test_theta_is_weighted_least_squares_over_the_regressors_seen"
 CONTRACT = "tests/estimation/test_armax_contract.py::"
-SURFACE = "tests/channels/test_mapping.py::"
+SURFACE = "tests/channels/test_find_surface.py::"
 ALIGN = "tests/channels/test_align.py::"
-YAW = "tests/channels/test_yaw.py::"
+YAW = "tests/channels/test_yaw_reader.py::"
 RESULTS = "tests/results/"
 
 
@@ -219,21 +219,21 @@ DEFECTS = (
         "results/judge_samples.py",
         "if close > COLLINEAR:",
         "if close > 1.0 + COLLINEAR:",
-        "tests/test_verdict.py::test_inputs_must_be_there_and_not_move_together_nor_at_their_stops",
+        "tests/results/test_verdict.py::test_inputs_must_be_there_and_not_move_together_nor_at_their_stops",
     ),
     Defect(
         "a replayed signature accepted once more",
         "sources/mavlink/signing.py",
         "if stamp <= self._streams.get(",
         "if stamp < self._streams.get(",
-        "tests/sources/test_signing.py::test_replayed_frames_are_rejected_and_counted",
+        "tests/sources/mavlink/test_signing.py::test_replayed_frames_are_rejected_and_counted",
     ),
     Defect(
         "a golden comparison that lets a million tolerances pass",
         "runs/regress/compare.py",
         "(np.abs(actual - expected) <= allowed)",
         "(np.abs(actual - expected) <= 1e6 * allowed)",
-        "tests/test_regress_command.py::test_a_mismatch_is_exit_1_and_leaves_rows_and_picture_and_the_way_to_update",
+        "tests/cli/test_regress.py::test_a_mismatch_is_exit_1_and_leaves_rows_and_picture_and_the_way_to_update",
     ),
     Defect(
         "a rudder that is the aileron's copy counts as moved",
@@ -247,7 +247,7 @@ DEFECTS = (
         "results/judge_estimate.py",
         "if held_back < LEAST_HELD_BACK_PCT:",
         "if held_back < -1e9 * LEAST_HELD_BACK_PCT:",
-        "tests/test_verdict.py::test_the_estimate_itself_is_judged",
+        "tests/results/test_verdict.py::test_the_estimate_itself_is_judged",
     ),
     Defect(
         "an autopilot that was never armed is believed",
@@ -275,6 +275,6 @@ DEFECTS = (
         "runs/replay.py",
         "is_whole = False",
         "is_whole = True",
-        "tests/test_interrupted.py::test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name",
+        "tests/runs/test_interrupted.py::test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name",
     ),
 )

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from flightlog import FlightLog, reason_ids, samples_of, summary_of
+from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sources.ulog_writer import ULogFile
+from sources.logs.ulog_writer import ULogFile
 
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.results.summary import summarise
 from yawid.runs.read_log import run_through
 
-FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 SECONDS, START_S = 30.0, 10.0
 ARMED, DISARMED = 128, 0
 

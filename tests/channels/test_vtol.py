@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from flightlog import FlightLog, Samples, samples_of, summary_of
+from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -17,7 +16,6 @@ from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.flight_modes import ARDUPLANE_HOVER
 from yawid.sources.open_log import open_log
 
-FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 FORWARD, HALFWAY_S, SECONDS = 5, 20.0, 40.0
 ARDUPILOT, PX4, PLANE, TILT_ROTOR = 3, 12, 1, 21
 IDLE, DRIVEN, SLOW = 1000, 1600, 1040

@@ -6,11 +6,11 @@ import hashlib
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-SOURCE = Path(__file__).parents[2] / "src"
+SOURCE = ROOT / "src"
 PROGRAM = """
 import hashlib, warnings
 warnings.simplefilter("error")

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import C172P
 
 from yawid.cli.main import main
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import NotIdentifiable
 from yawid.offline.orders import candidates, compare_orders, recommended
-
-C172P = Path(__file__).parents[2] / "replay_logs" / "c172p_3211" / "log.tlog"
 
 
 def second_order(n: int, nk: int, noise: float) -> tuple[np.ndarray, np.ndarray]:

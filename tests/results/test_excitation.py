@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from finished_runs import REPLAY_LOGS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from places import REPLAY_LOGS
 
 from yawid.results.excitation import LEAST_STROKE, around, excitation, own_part
 from yawid.results.judge_samples import excitation_reasons

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
 import pytest
+from places import SRC
 
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.sinks.answers import advice
 
-SRC = Path(__file__).parents[2] / "src" / "yawid"
 CONTRACT = {
     "interrupted": 130,
     "no_vehicle": 3, "no_rudder": 3, "no_yaw": 3,

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from places import SHARED_FLIGHTS as FLIGHTS
 from sources.tlog_records import run
 
 from yawid.sources.mavlink.framing import frame_size
 
-FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 WANTED = frozenset(

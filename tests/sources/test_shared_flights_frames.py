@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
 
 import pytest
+from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sources.tlog_records import ALL_NAMES, decode, run
 
-FLIGHTS = Path(__file__).parents[3] / "shared" / "flights"
 pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 FRAMES = {

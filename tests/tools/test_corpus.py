@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import TOOLS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import welch
 
 from yawid.config.run import RunConfig
-
-TOOLS = Path(__file__).parents[2] / "tools"
 
 if str(TOOLS) not in sys.path:
     sys.path.insert(0, str(TOOLS))

@@ -15,11 +15,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from places import REPLAY_LOGS, TOOLS
 from pymavlink.dialects.v10 import ardupilotmega as v1
 from pymavlink.dialects.v20 import ardupilotmega as v2
-
-TOOLS = Path(__file__).parents[2] / "tools"
-REPLAY_LOGS = Path(__file__).parents[2] / "replay_logs"
 
 if str(TOOLS) not in sys.path:
     sys.path.insert(0, str(TOOLS))

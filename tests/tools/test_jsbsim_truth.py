@@ -2,12 +2,10 @@
 
 import importlib
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-TOOLS = Path(__file__).parents[2] / "tools"
+from places import TOOLS
 
 if str(TOOLS) not in sys.path:
     sys.path.insert(0, str(TOOLS))

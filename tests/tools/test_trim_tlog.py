@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import REPLAY_LOGS, TOOLS
+from places import SHARED_FLIGHTS as SHARED
 from pymavlink.dialects.v20 import ardupilotmega
-
-TOOLS = Path(__file__).parents[2] / "tools"
-REPLAY_LOGS = Path(__file__).parents[2] / "replay_logs"
-SHARED = Path(__file__).parents[3] / "shared" / "flights"
 
 if str(TOOLS) not in sys.path:
     sys.path.insert(0, str(TOOLS))

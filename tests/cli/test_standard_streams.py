@@ -1,0 +1,154 @@
+"""Stdout and stderr full, closed, a pipe that nobody reads, ASCII only: one line, exit code 6."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from finished_runs import replayed
+from hostile import FLIGHT
+from places import REPLAY_LOGS
+
+FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short flight, its run, a case and a step response."""
+    folder = tmp_path_factory.mktemp("streams")
+    (folder / "a.tlog").write_bytes(FLIGHT)
+    replayed(folder / "a.tlog", folder, "--rate", 10)
+    shutil.copytree(REPLAY_LOGS / "no_rudder", folder / "no_rudder")
+    rows = [f"{t},{1.0 - math.exp(-t / 5.0)}" for t in range(40)]
+    (folder / "step.csv").write_text("\n".join(["t,y", *rows]) + "\n")
+    return folder
+
+
+COMMANDS = {
+    "help": ["--help"],
+    "replay": ["replay", "a.tlog", "--out", "OUT"],
+    "replay --json": ["replay", "a.tlog", "--out", "OUT", "--json"],
+    "inspect": ["inspect", "a.tlog"],
+    "orders": ["orders", "a.tlog"],
+    "step": ["step", "step.csv"],
+    "simulate": ["simulate", "yaw", "--seconds", "5", "--out", "OUT/s.csv"],
+    "view": ["view", "a.mcap", "--save", "OUT/v.rrd"],
+    "recover": ["recover", "a.mcap", "--out", "OUT/r.mcap"],
+    "regress": ["regress", "no_rudder"],
+}
+
+
+def yawid(
+    folder: Path, out: Path, arguments: list[str], redirected: str = "", **environment: str
+) -> tuple[int, bytes, bytes]:
+    """Run a command as a shell does; return its code and what came on both streams."""
+    usual = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHONIO", "PYTHONUNB"))}
+    arguments = [argument.replace("OUT", str(out)) for argument in arguments]
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-m", "yawid", *arguments],
+        cwd=folder,
+        capture_output=True,
+        check=False,
+        timeout=120,
+        env=usual | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@FULL
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_a_full_stdout_is_one_line_and_exit_6(folder: Path, tmp_path: Path, name: str) -> None:
+    code, _, error = yawid(folder, tmp_path, COMMANDS[name], "> /dev/full")
+
+    assert code == 6, error
+    assert error == b"yawid: stdout: No space left on device\n"
+
+
+@FULL
+@pytest.mark.parametrize("arguments", [["--help"], ["replay", "--help"], ["--version"]])
+def test_help_that_nobody_gets_is_exit_6_without_a_buffer_too(
+    folder: Path, tmp_path: Path, arguments: list[str]
+) -> None:
+    code, _, error = yawid(folder, tmp_path, arguments, "> /dev/full", PYTHONUNBUFFERED="1")
+
+    assert code == 6, error
+    assert error == b"yawid: stdout: No space left on device\n"
+
+
+@FULL
+def test_what_was_finished_before_stdout_failed_is_there(folder: Path, tmp_path: Path) -> None:
+    yawid(folder, tmp_path, COMMANDS["replay"], "> /dev/full")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_a_closed_stdout_is_said_before_anything_is_done(folder: Path, tmp_path: Path) -> None:
+    code, _, error = yawid(folder, tmp_path, COMMANDS["replay"], ">&-")
+
+    assert code == 6
+    assert error.startswith(b"yawid: stdout is closed")
+    assert error.count(b"\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["help", "replay", "inspect", "orders", "step", "regress"])
+def test_a_pipe_that_nobody_reads_is_quiet_and_exit_6(
+    folder: Path, tmp_path: Path, name: str
+) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "yawid"]
+    done = subprocess.run(
+        [*command, *(argument.replace("OUT", str(tmp_path)) for argument in COMMANDS[name])],
+        cwd=folder,
+        stdout=write,
+        stderr=subprocess.PIPE,
+        check=False,
+        timeout=120,
+        env={k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+        | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    os.close(write)
+
+    assert (done.returncode, done.stderr) == (6, b"")
+
+
+@FULL
+@pytest.mark.parametrize("redirected", ["2> /dev/full", "2>&-"])
+@pytest.mark.parametrize(("arguments", "expected"), [(["step", "none.csv"], 6), (["--what"], 2)])
+def test_a_stderr_that_takes_nothing_changes_no_exit_code(
+    folder: Path, tmp_path: Path, redirected: str, arguments: list[str], expected: int
+) -> None:
+    assert yawid(folder, tmp_path, arguments, redirected) == (expected, b"", b"")
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{"PYTHONIOENCODING": "ascii"},
+     {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}],
+    ids=["PYTHONIOENCODING", "LC_ALL"],
+)  # fmt: skip
+def test_a_terminal_of_ascii_only_gets_plain_words(
+    folder: Path, tmp_path: Path, environment: dict[str, str]
+) -> None:
+    code, out, error = yawid(folder, tmp_path, COMMANDS["replay"], **environment)
+    assert code == 0, error
+    assert b"+- is one sigma" in out
+    assert out.isascii()
+    code, out, _ = yawid(folder, tmp_path, COMMANDS["step"], **environment)
+    assert code == 0
+    assert b" +- " in out
+
+
+def test_a_name_that_is_no_text_is_printed_as_its_bytes(folder: Path, tmp_path: Path) -> None:
+    log = os.fsdecode(b"caf\xe9.tlog")
+    (folder / log).write_bytes(FLIGHT)
+    code, out, error = yawid(folder, tmp_path, ["replay", log, "--out", "OUT"])
+
+    assert code == 0, error
+    assert b"caf\xe9.tlog\n" in out
+    assert b"caf\xe9.mcap\n" in out

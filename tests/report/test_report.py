@@ -1,0 +1,221 @@
+"""``yawid report``: what its first screen says, that it stands alone, and that it holds its own."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Browser, find_chromium
+from finished_runs import replayed
+from flightlog import FlightLog, fly
+from places import C172P, REPLAY_LOGS
+from report_page import Page, first_screen
+
+from yawid.blocks import Noted
+from yawid.cli.main import main
+from yawid.config.estimator import ArmaxOrders
+from yawid.report.curves import frequency_band, poles_with_sigma, step_band
+from yawid.report.data import Model, gather
+from yawid.report.write import report, write_report
+from yawid.sinks.mcap.reader import open_run
+
+PICTURES = ("fit", "residuals", "modes", "parameters", "bode", "poles", "step", "link")
+PAIRS = (("wn_rad_s", "wn_std"), ("zeta", "zeta_std"))
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("good")
+    return replayed(C172P, folder, "--rate", 10, "--forgetting", 1)
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rudder that never moved, in a log whose name and parameters are markup."""
+    folder = tmp_path_factory.mktemp("still")
+    rng = np.random.default_rng(7)
+    log = FlightLog()
+    log.heartbeat(9.0)
+    log.parameter(9.1, "<b>&$x_{1}$</b>", 1.0)
+    flown = fly(lambda t: 0.05 * float(rng.normal()), lambda t: 1500, 30.0)
+    path = folder / "<img src=x onerror=alert(1)>.tlog"
+    path.write_bytes(log.data + flown.data)
+    return replayed(path, folder)
+
+
+def test_the_first_screen_answers_the_four_questions(good: Path) -> None:
+    run = open_run(good)
+    mode = run.summary["estimates"][run.summary["verdict"]["method"]]["dutch_roll"]
+    text = first_screen(report(run))
+    assert f"Natural frequency ωn {mode['wn_rad_s']:.3f} rad/s ± {2 * mode['wn_std']:.3f}" in text
+    assert f"Damping ratio ζ {mode['zeta']:.4f} ± {2 * mode['zeta_std']:.4f}" in text
+    wn_pct, zeta_pct = (200 * mode[s] / mode[v] for v, s in PAIRS)
+    assert f"How sure? Fairly ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
+    assert "Can I use it? Yes, with care 1 warning" in text
+    assert "coloured residuals" in text
+
+
+def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(still: Path) -> None:
+    run = open_run(still)
+    text = first_screen(report(run))
+    decisive = run.summary["verdict"]["reasons"][0]["text"]
+    assert f"This log cannot say how the yaw answers the rudder: {decisive}." in text
+    assert "Can I use it? No" in text
+    assert "not excited" in text
+    assert "MIL-F-8785C" not in text
+    assert "Fly rudder doublets" in text
+
+
+def test_the_page_counts_the_samples_of_each_note(good: Path) -> None:
+    noted = np.concatenate([samples.noted for samples in open_run(good).samples()])
+    count = int(np.sum(noted & Noted.NOT_EXCITED != 0))
+    assert count > 40
+    assert re.search(rf"not excited\W+{count} samples", Page(report(open_run(good))).text)
+
+
+def test_the_page_stands_alone(good: Path) -> None:
+    html = report(open_run(good))
+    page = Page(html)
+    assert "script" not in page.tags
+    assert all(address.startswith(("#", "data:,")) for address in page.addresses)
+    outside = set(re.findall(r"https?://[^\s\"'<>)]+", html))
+    assert outside <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert not re.search(r"url\((?!#)", html)
+
+
+def test_every_picture_is_drawn_says_what_to_look_for_and_shares_no_id(good: Path) -> None:
+    html = report(open_run(good))
+    page = Page(html)
+    assert len(page.ids) == len(set(page.ids))
+    for key in PICTURES:
+        figure = html[html.index(f'<figure id="{key}">') :].partition("</figure>")[0]
+        assert figure.count("<svg") == 1
+        assert figure.count("<path") > 5
+        [look] = re.findall("<figcaption>(.*?)</figcaption>", figure)
+        assert len(look) > 60
+    assert page.tags.count("svg") == len(PICTURES)
+
+
+def test_hostile_names_are_shown_and_never_obeyed(still: Path) -> None:
+    html = report(open_run(still))
+    page = Page(html)
+    assert "img" not in page.tags
+    assert "<img src=x onerror=alert(1)>.tlog" in page.text
+    assert "b" not in page.tags or "onerror" not in "".join(page.addresses)
+    assert "&lt;b&gt;&amp;$x_{1}$&lt;/b&gt;" in html
+
+
+def test_the_same_run_gives_the_same_bytes(good: Path, tmp_path: Path) -> None:
+    paths = [write_report(good, tmp_path / f"{name}.html") for name in "ab"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_a_run_without_a_rudder_has_a_first_screen_and_no_pictures(tmp_path: Path) -> None:
+    log = FlightLog()
+    log.heartbeat(1.0, kind=2)
+    path = tmp_path / "copter.tlog"
+    path.write_bytes(log.data)
+    html = report(open_run(replayed(path, tmp_path)))
+    assert "Can I use it? No" in first_screen(html)
+    assert "svg" not in Page(html).tags
+
+
+def test_it_is_written_beside_the_run_and_never_over_a_file(
+    good: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = good.with_suffix(".html")
+    assert main(["report", str(good)]) == 0
+    assert capsys.readouterr().out == f"{path}\n"
+    before = path.read_bytes()
+    assert main(["report", str(good)]) == 6
+    assert "--force" in capsys.readouterr().err
+    assert main(["report", str(good), "--force"]) == 0
+    assert path.read_bytes() == before
+    assert not list(good.parent.glob("*.part"))
+
+
+def test_the_file_replays_from_itself(good: Path) -> None:
+    data = gather(open_run(good))
+    assert data is not None
+    assert data.model.same
+    assert np.isfinite(data.model.covariance).all()
+
+
+def model(rng: np.random.Generator) -> tuple[Model, Any]:
+    theta = np.array([-1.5, 0.62, 0.11, 0.06, 0.3, 0.0])
+    spread = np.diag([0.01, 0.012, 0.004, 0.005, 0.02, 1e-3])
+    mixing = np.eye(6) + 0.3 * rng.normal(size=(6, 6))
+    covariance = mixing @ spread**2 @ mixing.T
+    orders = ArmaxOrders(na=2, nb=2, nc=1, nk=1)  # type: ignore[arg-type] # an int means one input
+    return Model(theta, covariance, orders, 0.1, True), rng.multivariate_normal(
+        theta, covariance, 4000
+    )
+
+
+def test_bands_are_the_spread_of_what_the_covariance_allows() -> None:
+    given, drawn = model(np.random.default_rng(3))
+    frequency_hz = np.array([0.2, 0.7, 2.0])
+    band = frequency_band(given, frequency_hz)
+    answer, answer_std = step_band(given, 40)
+    every = [Model(theta, given.covariance, given.orders, 0.1, True) for theta in drawn]
+    ln_g = np.array([np.log(frequency_band(m, frequency_hz).G / band.G) for m in every])
+    steps = np.array([step_band(m, 40)[0] for m in every])
+
+    np.testing.assert_allclose(band.log_magnitude_std, ln_g.real.std(axis=0), rtol=0.1)
+    np.testing.assert_allclose(band.phase_std_rad, ln_g.imag.std(axis=0), rtol=0.1)
+    np.testing.assert_allclose(answer_std[1:15], steps.std(axis=0)[1:15], rtol=0.1)
+    np.testing.assert_allclose(answer[:2], [0.0, given.theta[2]])
+    z, spread = poles_with_sigma(given)
+    upper = z[np.argmax(z.imag)]
+    a = drawn[:, :2]
+    poles = -a[:, 0] / 2 + np.sqrt((a[:, 0] ** 2 / 4 - a[:, 1]).astype(complex))
+    assert upper.imag > 0.0
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(spread[np.argmax(z.imag)])), [poles.real.std(), poles.imag.std()], rtol=0.1
+    )
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
+@pytest.mark.parametrize("name", ["good", "still"])
+def test_a_real_browser_has_nothing_to_complain_of_and_nothing_to_fetch(
+    name: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    run: Path = request.getfixturevalue(name)
+    path = write_report(run, tmp_path / "report.html")
+    with Browser() as browser:
+        for width, phone in ((1280, False), (390, True)):
+            browser.open(path.as_uri(), width, 800, phone=phone)
+            browser.listen(0.2)
+            overflow = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            assert browser.evaluate(overflow) == 0
+            sizes = browser.evaluate(
+                "[...document.querySelectorAll('figure svg')].map(svg => Math.min("
+                "svg.getBoundingClientRect().width, svg.getBoundingClientRect().height))"
+            )
+            assert all(size > 100 for size in sizes)
+            assert len(sizes) == (len(PICTURES) if name == "good" else len(sizes))
+        bottom = browser.evaluate("document.querySelector('header').getBoundingClientRect().bottom")
+        assert bottom < 1200
+        assert browser.complaints == []
+        assert set(browser.requests) <= {path.as_uri(), "about:blank"}
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
+def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -> None:
+    path = tmp_path / "bad.html"
+    path.write_text("<img src='http://127.0.0.1:9/x.png'><script>boom()</script>")
+    with Browser() as browser:
+        browser.open(path.as_uri())
+        browser.listen(0.5)
+        assert "http://127.0.0.1:9/x.png" in browser.requests
+        assert browser.complaints
+
+
+def test_the_two_other_flights_make_reports_too(tmp_path: Path) -> None:
+    log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
+    html = report(open_run(replayed(log, tmp_path, "--forgetting", 0.99)))
+    assert "rate low" in first_screen(html)
+    assert Page(html).tags.count("svg") == len(PICTURES)

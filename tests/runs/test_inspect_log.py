@@ -1,0 +1,299 @@
+"""What ``yawid inspect`` tells of a log: how it was flown and recorded, and what to do about it."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from flightlog import FlightLog, fly
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from inspecting import inspected
+from places import C172P, ROOT
+from places import SHARED_FLIGHTS as FLIGHTS
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sources.logs.test_bare_frames import bare
+from sources.mavlink.test_signed_sessions import PASSPHRASE, signed, signer
+
+from yawid.channels.clock import Series
+from yawid.channels.survey import Survey
+from yawid.channels.yaw_reader import AIRSPEED, COLUMNS, MODE, ON_GROUND
+from yawid.cli.main import main
+from yawid.sources.mavlink.flight_modes import mode_name
+
+RECORDED = sorted(
+    [*FLIGHTS.glob("*.tlog"), *FLIGHTS.glob("*.ulg"), *ROOT.glob("replay_logs/*/log.tlog")]
+)
+ARMED = 128
+
+
+def page(log: Path, capsys, *options: str) -> list[str]:
+    main(["inspect", str(log), *options])
+    return capsys.readouterr().out.splitlines()
+
+
+def mode_flight(
+    stretches: list[tuple[float, float, int, float]],
+    kind: int = 1,
+    autopilot: int = 3,
+) -> FlightLog:
+    """Log ATTITUDE and servos at 10 Hz; stretches are (from s, to s, custom mode, speed m/s)."""
+    log = FlightLog()
+    for begin, end, mode, speed in stretches:
+        armed = ARMED if speed > 0.0 else 0
+        for t in np.arange(begin, end, 0.1).tolist():
+            if round(10 * t) % 10 == 0 or t == begin:
+                log.add(t, mavlink.MAVLink_heartbeat_message(kind, autopilot, armed, mode, 4, 3))
+                log.add(t, mavlink.MAVLink_vfr_hud_message(speed, speed, 0, 50, 100.0, 0.0))
+            log.attitude(t, 0.1 * np.sin(t))
+            log.servos(t + 0.03, [1500, 1500, 1500, round(1500 + 100 * np.sin(3 * t))])
+    return log
+
+
+def phases(report: dict[str, Any]) -> list[tuple[Any, ...]]:
+    return [
+        (p["boot"], round(p["from"]), round(p["to"]), p["mode"], p.get("state"))
+        for p in report["phases"]
+    ]
+
+
+def test_a_flight_is_told_mode_by_mode_on_the_ground_and_in_the_air(tmp_path: Path, capsys):
+    log = mode_flight([(10, 20, 0, 0.0), (20, 30, 13, 18.0), (30, 45, 5, 20.0), (45, 50, 99, 0.0)])
+
+    _, report = inspected(log.data, tmp_path, capsys)
+
+    assert phases(report) == [
+        (1, 10, 20, "MANUAL", "on ground"),
+        (1, 20, 30, "TAKEOFF", "airborne"),
+        (1, 30, 45, "FBWA", "airborne"),
+        (1, 45, 50, "mode 99", "on ground"),
+    ]
+    assert "phases  10 to 20 s MANUAL on ground, 20 to 30 s TAKEOFF airborne" in " ".join(
+        page(tmp_path / "log.tlog", capsys)
+    )
+
+
+def test_px4s_modes_have_their_names(tmp_path: Path, capsys):
+    log = mode_flight([(10, 20, 1 << 16, 20.0), (20, 30, 4 << 16 | 4 << 24, 20.0)], autopilot=12)
+
+    _, report = inspected(log.data, tmp_path, capsys)
+
+    assert [p["mode"] for p in report["phases"]] == ["MANUAL", "MISSION"]
+
+
+def test_the_names_of_modes_are_the_vehicles_own():
+    assert mode_name(3, 1, 5) == "FBWA"
+    assert mode_name(3, 2, 5) == "LOITER"
+    assert mode_name(3, 1, 4_000_000_000) == "mode 4000000000"
+    assert mode_name(12, 1, 99 << 16) == f"mode {99 << 16}"
+    assert mode_name(0, 1, 5) == "mode 5"
+    assert mode_name(3, 250, 5) == "mode 5"
+
+
+def test_a_slow_multirotor_is_not_said_to_stand_on_the_ground(tmp_path: Path, capsys):
+    _, report = inspected(mode_flight([(10, 20, 5, 1.0)], kind=2).data, tmp_path, capsys)
+
+    assert phases(report) == [(1, 10, 20, "LOITER", "slow")]
+
+
+def test_without_speeds_nobody_knows_whether_it_flew(tmp_path: Path, capsys):
+    log = fly(lambda t: 0.1, lambda t: 1500, 10.0)
+
+    _, report = inspected(log.data, tmp_path, capsys)
+
+    assert phases(report) == [(1, 10, 20, "MANUAL", None)]
+
+
+def test_a_reboot_starts_a_boot_of_its_own_and_a_step_of_the_clock_does_not(tmp_path: Path, capsys):
+    log = mode_flight([(10, 20, 5, 20.0), (18, 30, 5, 20.0), (12, 25, 5, 20.0)])
+
+    _, report = inspected(log.data, tmp_path, capsys)
+
+    assert phases(report) == [(1, 10, 30, "FBWA", "airborne"), (2, 12, 25, "FBWA", "airborne")]
+    assert "boot 2: 12 to 25 s FBWA" in " ".join(page(tmp_path / "log.tlog", capsys))
+
+
+def rows_of_yaw(t_us: list[int], told: list[tuple[int, int]]) -> Series:
+    values = np.zeros((len(t_us), COLUMNS))
+    values[:, AIRSPEED] = 20.0
+    values[:, [ON_GROUND, MODE]] = np.array(told, float).reshape(-1, 2)
+    order = np.arange(len(t_us))
+    return Series(order, order, np.array(t_us, np.int64), values)
+
+
+STEPS = st.tuples(
+    st.sampled_from([20_000, 20_000, 0, -40_000, -1_400_000, -90_000_000, 447_000_000]),
+    st.integers(0, 1),
+    st.integers(0, 2),
+)
+
+
+@settings(deadline=None)
+@given(st.lists(STEPS, min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=6))
+def test_phases_and_intervals_do_not_depend_on_the_cut(
+    steps: list[tuple[int, int, int]], cuts: list[int]
+):
+    t_us = np.cumsum([step for step, *_ in steps]).tolist()
+    series = rows_of_yaw(t_us, [(ground, mode) for _, ground, mode in steps])
+    none = Series.empty(1)
+    whole, pieces = Survey(), Survey()
+    whole.note(series, none)
+    edges = [0, *sorted(cuts), len(t_us)]
+    for low, high in pairwise(edges):
+        pieces.note(series.select(slice(low, high)), none)
+
+    assert pieces.phases == whole.phases
+    assert pieces.intervals() == whole.intervals()
+    assert all(phase.from_us <= phase.to_us for phase in whole.phases)
+
+
+def test_jitter_is_the_middle_of_the_intervals_and_a_gap_or_a_reboot_is_none(
+    tmp_path: Path, capsys
+):
+    log = FlightLog()
+    log.heartbeat(10.0)
+    rng = np.random.default_rng(2)
+    t = 10.0
+    for i in range(2000):
+        t = round(t + rng.uniform(0.03, 0.05), 3)
+        t += 7.0 if i == 500 else 0.0
+        t -= 30.0 if i == 1000 else 0.0
+        log.attitude(t, 0.1 * np.sin(t))
+        if i % 2 == 0:
+            log.servos(t, [1500, 1500, 1500, 1500])
+
+    _, report = inspected(log.data, tmp_path, capsys)
+
+    yaw, rudder = report["rates"]["yaw"], report["rates"]["rudder"]
+    assert yaw["messages"] == 2 * rudder["messages"] == 2000
+    assert yaw["interval_median_s"] == pytest.approx(0.040, abs=0.001)
+    assert yaw["interval_p5_s"] == pytest.approx(0.031, abs=0.001)
+    assert yaw["interval_p95_s"] == pytest.approx(0.049, abs=0.001)
+    assert yaw["rate_hz"] == pytest.approx(25.0, rel=0.03)
+    assert rudder["rate_hz"] == pytest.approx(12.5, rel=0.03)
+    assert report["answerable"]["wn_max_rad_s"] == pytest.approx(2 * np.pi * 12.5 / 4, rel=0.03)
+    assert "interval  yaw 40 ms (5-95 %: 31 to 49), rudder 80 ms" in "\n".join(
+        page(tmp_path / "log.tlog", capsys)
+    )
+
+
+def test_a_rate_that_falls_in_flight_is_the_one_recommended(tmp_path: Path, capsys):
+    """The grid may not be finer than the messages that come after its first five seconds."""
+    rng = np.random.default_rng(3)
+    sticks = 1500 + 100 * rng.choice([-1, 1], 400)
+    log = fly(
+        lambda t: 0.4 * np.sin(2.0 * t) * np.cos(0.7 * t),
+        lambda t: int(sticks[int(4 * t)]),
+        90.0,
+        skip=lambda t: t > 8.0 and round(t / 0.02) % 5 > 0,
+    )
+
+    _, report = inspected(log.data, tmp_path, capsys)
+
+    assert report["channels"]["yaw"]["first_rate_hz"] == pytest.approx(50.0, rel=0.01)
+    assert report["channels"]["yaw"]["rate_hz"] < 15.0
+    assert report["recommend"]["rate"] <= 10.0
+
+
+def test_the_report_has_the_contracts_keys(tmp_path: Path, capsys):
+    code, report = inspected(C172P, tmp_path, capsys)
+
+    assert code == 0
+    keys = {"log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict", "recommend"}
+    assert keys <= report.keys()
+    assert {"rate", "orders", "inputs", "from", "to"} <= report["recommend"].keys()
+    assert report["link"]["frames"] == sum(report["senders"].values())
+
+
+def test_the_recommended_options_replay(tmp_path: Path, capsys):
+    _, report = inspected(C172P, tmp_path, capsys)
+    words = shlex.split(report["command"])
+
+    assert main([*words[1:], "--out", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["estimates"]["rml"]["dutch_roll"]
+    assert found["wn_rad_s"] == pytest.approx(2.425, rel=0.03)  # by JSBSim's own linearisation
+
+
+@pytest.mark.parametrize("name", sorted(p.parent.name for p in ROOT.glob("replay_logs/*/log.tlog")))
+def test_the_page_is_read_in_ten_seconds(name: str, capsys):
+    lines = page(ROOT / "replay_logs" / name / "log.tlog", capsys)
+
+    assert len(lines) <= 40
+    assert lines[1].startswith("verdict")
+    assert all(len(line) <= 80 for line in lines[1:] if "yawid replay" not in line)
+
+
+@pytest.mark.parametrize("path", RECORDED, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_the_line_that_inspect_prints_has_the_verdict_that_inspect_gave(path, capsys, tmp_path):
+    code, report = inspected(path, tmp_path, capsys)
+
+    if "command" not in report:
+        assert code != 0
+        assert not report["verdict"]["usable"]
+        return
+    words = shlex.split(report["command"])
+    assert words[:3] == ["yawid", "replay", str(path)]
+    again = main([*words[1:], "--json", "--out", str(tmp_path)])
+    summary = json.loads(capsys.readouterr().out)
+    assert again == code
+    assert summary["verdict"] == report["verdict"]
+
+
+def test_frames_without_stamps_are_inspected_where_the_format_is_given(tmp_path: Path, capsys):
+    (tmp_path / "noname").write_bytes(bare(C172P.read_bytes()))
+
+    assert main(["inspect", str(tmp_path / "noname"), "--json"]) == 6
+    assert "--format raw" in capsys.readouterr().err
+    _, report = inspected(tmp_path / "noname", tmp_path, capsys, "--format", "raw")
+    _, with_stamps = inspected(C172P, tmp_path, capsys)
+    assert report["phases"] == with_stamps["phases"]
+    assert report["recommend"] == with_stamps["recommend"]
+
+
+def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys):
+    key, log, link = tmp_path / "key", FlightLog(), signer()
+    key.write_text(PASSPHRASE)
+    for t in np.arange(10.0, 20.0, 0.05).tolist():
+        log.heartbeat(t)
+        log.attitude(t, 0.1)
+        log.servos(t, [1500] * 8)
+    records, at = [], 0
+    while at < len(log.data):
+        size = 8 + 12 + log.data[at + 9]
+        records.append(log.data[at : at + size])
+        at += size
+    mixed = [each for rec in records for each in (signed(rec, link), rec)]
+
+    _, report = inspected(b"".join(mixed), tmp_path, capsys, "--signing-key-file", str(key))
+
+    assert report["link"]["unsigned_rejected"] == len(records)
+    assert report["rates"]["yaw"]["messages"] == 200
+    assert PASSPHRASE not in json.dumps(report)
+
+
+def test_orders_reads_frames_without_stamps_too(tmp_path: Path, capsys):
+    (tmp_path / "noname").write_bytes(bare(C172P.read_bytes()))
+
+    assert main(["orders", str(tmp_path / "noname"), "--json"]) == 6
+    capsys.readouterr()
+    assert main(["orders", str(tmp_path / "noname"), "--json", "--format", "raw"]) == 0
+    of_frames = json.loads(capsys.readouterr().out)
+    assert main(["orders", str(C172P), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recommended"] == of_frames["recommended"]
+
+
+def test_the_line_of_a_log_of_several_boots_names_the_boot(tmp_path: Path, capsys):
+    """Whose --from and --to would else cut every boot alike."""
+    log = ROOT / "replay_logs" / "c172p_reboot" / "log.tlog"
+
+    code, report = inspected(log, tmp_path, capsys)
+
+    longest = max(report["excited"], key=lambda each: each["to"] - each["from"])
+    assert code == 0
+    assert report["recommend"]["boot"] == longest["boot"]
+    assert f"--boot {longest['boot']}" in report["command"]

@@ -1,0 +1,272 @@
+"""SIGINT and SIGTERM: what is finished is kept under its own name, and nothing passes for whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from finished_runs import replayed
+from interrupting import repeated, yawid_with
+from places import C172P, REPLAY_LOGS
+
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
+from yawid.runs import replay as session
+from yawid.runs.outputs import Outputs
+from yawid.runs.stop import Interrupted, StopFlag
+from yawid.sinks.base import Sink
+
+CODES = {"SIGINT": 130, "SIGTERM": 143}
+Ended = tuple[str, subprocess.CompletedProcess[str], Path]
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return repeated(C172P, tmp_path_factory.mktemp("long") / "long.tlog", 4)
+
+
+@pytest.fixture(scope="module", params=list(CODES))
+def ended(
+    request: pytest.FixtureRequest, long: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Ended:
+    """A replay of three logs that got a signal in the first."""
+    folder = tmp_path_factory.mktemp("ended")
+    options = ("--out", folder, "--rerun", "save", "--json")
+    done = yawid_with(request.param, 3, "replay", long, C172P, "x.tlog", *options)
+    return request.param, done, folder
+
+
+def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
+    ended: Ended, long: Path
+) -> None:
+    name, done, folder = ended
+
+    assert done.returncode == CODES[name], done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["verdict"]["usable"] is False
+    reason = summary["verdict"]["reasons"][0]
+    assert (reason["id"], reason["weight"]) == ("interrupted", "fatal")
+    assert name in reason["text"]
+    assert 0 < summary["bytes_read"] < long.stat().st_size
+    assert "sha256" not in summary
+    names = ["long.interrupted.mcap", "long.interrupted.rrd"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    assert sorted(Path(path).name for path in summary["files"].values()) == names
+
+
+def test_the_logs_not_reached_are_named(ended: Ended) -> None:
+    name, done, _ = ended
+    assert done.stderr == f"yawid: {name}: not reached: {C172P}, x.tlog\n"
+
+
+def test_what_was_kept_can_be_replayed_and_is_still_no_answer(
+    ended: Ended, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = str(ended[2] / "long.interrupted.mcap")
+    assert main(["replay", kept, "--out", str(tmp_path), "--orders", "2,2,2,1"]) == 130
+    assert f"interrupted: {ended[0]} after" in capsys.readouterr().out
+
+
+def test_a_signal_that_comes_when_all_is_read_changes_nothing(tmp_path: Path) -> None:
+    done = yawid_with("SIGINT", 1, "replay", C172P, "--rate", "10", "--out", tmp_path, "--json")
+
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["verdict"]["usable"]
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_a_whole_run_is_never_overwritten_by_one_that_was_stopped(
+    long: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "long.mcap").write_bytes(b"whole")
+    done = yawid_with("SIGINT", 3, "replay", long, "--out", tmp_path, "--force")
+    assert done.returncode == 130
+    assert (tmp_path / "long.mcap").read_bytes() == b"whole"
+
+    (tmp_path / "long.mcap").unlink()
+    (tmp_path / "long.interrupted.mcap").write_bytes(b"earlier")
+    done = yawid_with("SIGINT", 3, "replay", long, "--out", tmp_path)
+    assert done.returncode == 6
+    assert "long.interrupted.mcap exists: --force" in done.stderr
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"earlier"]
+
+
+def test_a_replay_of_a_run_is_interrupted_alike(tmp_path: Path) -> None:
+    # Two blocks of samples.
+    first = replayed(repeated(C172P, tmp_path / "a.tlog", 1), tmp_path / "first", "--rate", 50)
+    done = yawid_with("SIGTERM", 1, "replay", first, "--out", tmp_path / "again", "--json")
+
+    assert done.returncode == 143, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["verdict"]["reasons"][0]["id"] == "interrupted"
+    assert 0 < summary["bytes_read"] < first.stat().st_size
+    assert "sha256" not in summary
+    assert [path.name for path in (tmp_path / "again").iterdir()] == ["a.interrupted.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("command", "name"), [("inspect", "SIGTERM"), ("orders", "SIGINT"), ("report", "SIGTERM")]
+)
+def test_a_command_that_makes_one_answer_ends_without_it(
+    long: Path, tmp_path: Path, name: str, command: str
+) -> None:
+    arguments = [command, str(long)]
+    if command == "report":
+        run = replayed(C172P, tmp_path, "--rate", 10)
+        arguments = [command, str(run)]
+    done = stopped(name, arguments)
+
+    assert done.returncode == CODES[name], done.stderr
+    assert done.stdout == ""
+    assert done.stderr == "yawid: interrupted: there is nothing of it to keep\n"
+    assert not [path for path in tmp_path.iterdir() if path.suffix in (".html", ".part")]
+
+
+STOPPED = """
+import os, signal, sys
+from yawid.cli import main as cli
+from yawid.channels import stage
+from yawid.sinks.mcap import reader as mcap_run
+def signalled(*arguments):
+    os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+stage.Channels.finish = mcap_run.McapRun.blocks = signalled
+sys.exit(cli.main(sys.argv[2:]))
+"""
+
+
+def stopped(name: str, arguments: list[str]) -> subprocess.CompletedProcess[str]:
+    """Run a command that gets the signal when it has read its log, or goes to draw its rows."""
+    return subprocess.run(
+        [sys.executable, "-c", STOPPED, name, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+
+
+def test_a_regression_tells_the_cases_it_compared_and_names_the_others(tmp_path: Path) -> None:
+    cases = [tmp_path / name for name in ("a", "b", "c")]
+    shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", cases[0])
+    assert main(["regress", str(cases[0]), "--update", "--why", "a test"]) == 0
+    for case in cases[1:]:
+        shutil.copytree(cases[0], case)
+    done = yawid_with("SIGTERM", 2, "regress", *cases, "--json", "--junit", tmp_path / "r.xml")
+
+    assert done.returncode == 143, done.stderr
+    told = json.loads(done.stdout)
+    assert told["exit_code"] == 143
+    assert [(case["name"], case["ok"]) for case in told["cases"]] == [
+        ("a", True), ("b", False), ("c", False)
+    ]  # fmt: skip
+    assert done.stderr == "yawid: not reached: b, c\n"
+    assert 'errors="2"' in (tmp_path / "r.xml").read_text()
+
+
+def test_an_update_that_was_stopped_names_the_cases_that_keep_their_references(
+    tmp_path: Path,
+) -> None:
+    cases = [tmp_path / name for name in ("a", "b")]
+    for case in cases:
+        shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", case)
+    before = (cases[1] / "case.toml").read_bytes()
+    done = yawid_with("SIGINT", 2, "regress", *cases, "--update", "--why", "x")
+
+    assert (done.returncode, done.stdout) == (130, "updated  a\n")
+    assert done.stderr == "yawid: not updated: b\n"
+    assert (cases[1] / "case.toml").read_bytes() == before
+    assert not list(tmp_path.glob("*/*.part"))
+
+
+def test_a_second_signal_ends_at_once() -> None:
+    """Also what never looks whether it is to stop, as a loop of numba's does not."""
+    script = (
+        "import signal, sys, time\n"
+        "from yawid.runs.stop import StopFlag\n"
+        "with StopFlag().installed() as stop:\n"
+        "    print('ready', flush=True)\n"
+        "    while not stop.is_set: time.sleep(0.01)\n"
+        "    print('told', flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    for second, code in ((signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, -signal.SIGTERM)):
+        with subprocess.Popen(
+            [sys.executable, "-c", script],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        ) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            process.send_signal(signal.SIGINT)
+            assert process.stdout.readline() == "told\n"
+            process.send_signal(second)
+            assert process.wait(10.0) == code
+
+
+def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -> None:
+    script = (
+        "import sys, time\n"
+        "from yawid.cli import main as cli\n"
+        "from yawid.runs.live import loop\n"
+        "def slow(self): print('finishing', flush=True); time.sleep(60)\n"
+        "loop._Loop.finish = slow\n"
+        "sys.exit(cli.main(sys.argv[1:]))\n"
+    )
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"udpin:127.0.0.1:{free.getsockname()[1]}"
+    with subprocess.Popen(
+        [sys.executable, "-c", script, "live", endpoint, "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert "listening" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "finishing\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == -signal.SIGINT
+
+
+def test_the_flag_is_looked_at_or_raises_and_leaves_the_handlers_as_they_were() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with StopFlag().installed() as stop:
+        assert not stop.is_set
+        os.kill(os.getpid(), signal.SIGTERM)
+        deadline = time.monotonic() + 5.0
+        while not stop.is_set and time.monotonic() < deadline:
+            time.sleep(0.001)
+        assert (stop.is_set, stop.exit_code, stop.name) == (True, 143, "SIGTERM")
+        with pytest.raises(Interrupted), stop.raising():
+            pytest.fail("it has been told before")
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_replay_told_to_stop_before_its_first_bytes_keeps_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop, real = StopFlag(), session.open_sinks
+
+    def told_while_opening(*arguments: Any) -> list[Sink]:
+        stop.is_set = True
+        return real(*arguments)
+
+    monkeypatch.setattr(session, "open_sinks", told_while_opening)
+    with pytest.raises(Interrupted):
+        session.replay(C172P, RunConfig(), Outputs(tmp_path, "log"), stop)
+
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,88 @@
+"""``yawid view``: a finished MCAP in Rerun, with the picture of the run itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from finished_runs import replayed
+from places import C172P
+from sinks.rerun.rerun_reading import recorded, statics
+
+from yawid.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    return replayed(C172P, folder, "--rate", 10, "--rerun", "save")
+
+
+def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
+    run: Path, tmp_path: Path
+) -> None:
+    assert main(["view", str(run), "--save", str(tmp_path / "view.rrd")]) == 0
+
+    saved, viewed = recorded(run.with_suffix(".rrd")), recorded(tmp_path / "view.rrd")
+    assert saved.keys() == viewed.keys()
+    assert len(saved) > 10
+    for entity, columns in saved.items():
+        names = [name for name in columns if ":" in name or name in ("boot_time", "unix_time")]
+        for name in names:
+            rows = [sorted(map(str, side[name])) for side in (columns, viewed[entity])]
+            assert rows[0] == rows[1], f"{entity} {name}"
+    for path in (run.with_suffix(".rrd"), tmp_path / "view.rrd"):
+        [text] = statics(path, "/verdict", "TextDocument:text")[-1]
+        assert text.startswith("# Usable")
+        assert "Natural frequency ωn: **2.4" in text
+
+
+def test_without_a_screen_it_is_one_line_and_exit_code_6(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["view", str(run)]) == 6
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "no screen" in error
+    assert "--save" in error
+
+
+def test_a_viewer_that_does_not_listen_is_one_line_and_exit_code_6(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(run), "--to", "rerun+http://127.0.0.1:9/proxy"]) == 6
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_recording_that_exists_is_refused_without_force(run: Path, tmp_path: Path) -> None:
+    path = tmp_path / "view.rrd"
+    path.write_bytes(b"precious")
+    assert main(["view", str(run), "--save", str(path)]) == 6
+    assert path.read_bytes() == b"precious"
+    assert main(["view", str(run), "--save", str(path), "--force"]) == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["view.rrd"]
+
+
+@pytest.mark.parametrize("damage", ["torn", "text", "missing", "foreign"])
+def test_a_file_that_is_no_finished_run_is_one_line(
+    run: Path, tmp_path: Path, damage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.mcap"
+    if damage == "torn":
+        path.write_bytes(run.read_bytes()[:50_000])
+    elif damage == "text":
+        path.write_text("hello")
+    elif damage == "foreign":
+        from mcap.writer import Writer
+
+        writer = Writer(str(path))
+        writer.start()
+        writer.finish()
+    for command in (["view", str(path), "--save", str(tmp_path / "x.rrd")], ["report", str(path)]):
+        assert main(command) == 6
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert str(path) in error
+    assert sorted(p.name for p in tmp_path.iterdir()) in ([], ["bad.mcap"])

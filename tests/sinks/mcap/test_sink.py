@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
+from sinks.mcap.mcap_reading import SUMMARY, decoded, open_sink, raw, write_file
+from sinks.sink_blocks import (
+    cut,
+    make_blocks,
+    run_script,
+)
+
+from yawid.errors import SinkError
+from yawid.sinks.mcap.sink import McapSink
+
+
+@settings(max_examples=25, deadline=None)
+@given(edges=st.lists(st.integers(1, 59)))
+def test_the_way_a_stream_is_cut_into_blocks_does_not_show(
+    edges: list[int], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("cuts")
+    blocks = make_blocks(n=60)
+    whole, parts = folder / "whole.mcap", folder / "parts.mcap"
+    write_file(whole, blocks)
+    write_file(parts, blocks, edges)
+    assert parts.read_bytes() == whole.read_bytes()
+
+
+def test_for_each_sample_the_order_is_sample_estimates_modes(tmp_path: Path) -> None:
+    n = 4
+    topics = [topic for topic, *_ in raw(write_file(tmp_path / "a.mcap", make_blocks(n=n)))]
+    row = ["/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes"]
+    assert topics == ["/yawid/mode", *(row * n), "/yawid/verdict"]
+
+
+@pytest.mark.parametrize("edges", [[], list(range(60)), [2, 20, 41]])
+def test_the_flight_mode_stands_by_name_wherever_it_changes_however_blocks_are_cut(
+    tmp_path: Path, edges: list[int]
+) -> None:
+    samples, estimates, modes = make_blocks(n=60)
+    mode = np.zeros(60)
+    mode[:2], mode[20:41], mode[50] = np.nan, 10.0, 77.0
+    samples = replace(samples, mode=mode)
+    found = decoded(write_file(tmp_path / "a.mcap", (samples, estimates, modes), edges))
+    told = [(round(1e6 * each.boot_time), each.name) for _, each in found["/yawid/mode"]]
+    names = ["unknown", "MANUAL", "AUTO", "MANUAL", "mode 77", "MANUAL"]
+    rows = [0, 2, 20, 41, 50, 51]
+    assert told == list(zip(samples.boot_us[rows].tolist(), names, strict=True))
+    assert [m.log_time for m, _ in found["/yawid/mode"]] == samples.unix_ns[rows].tolist()
+    assert [each.custom_mode for _, each in found["/yawid/mode"]][1:] == [0, 10, 0, 77, 0]
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
+    assert max(spans) < 1_000_000_000
+    write_file(tmp_path / "b.mcap", (samples, estimates, modes))
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_no_chunk_is_longer_than_a_second_and_none_is_one_sample(tmp_path: Path) -> None:
+    n = 205
+    path = write_file(tmp_path / "a.mcap", make_blocks(n=n))
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    chunks = summary.chunk_indexes
+    assert all(c.message_end_time - c.message_start_time < 1_000_000_000 for c in chunks)
+    assert len(chunks) == -(-n // 20)
+    assert {c.compression for c in chunks} == {"zstd"}
+
+
+def test_the_file_bears_its_final_name_only_when_finished(tmp_path: Path) -> None:
+    path, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
+    sink = McapSink(path, {})
+    assert part.stat().st_size > 0
+    assert not path.exists()
+    sink.finish(SUMMARY, {})
+    assert path.exists()
+    assert not part.exists()
+
+
+def test_a_run_without_a_grid_still_leaves_its_verdict(tmp_path: Path) -> None:
+    McapSink(tmp_path / "a.mcap", {}).finish(SUMMARY, {})
+    assert decoded(tmp_path / "a.mcap").keys() == {"/yawid/verdict"}
+
+
+def test_an_aborted_run_leaves_an_indexed_part(tmp_path: Path) -> None:
+    sink = open_sink(tmp_path / "a.mcap")
+    sink.write(*make_blocks(n=30))
+    sink.abort()
+    assert not (tmp_path / "a.mcap").exists()
+    assert len(decoded(tmp_path / "a.mcap.part")["/yawid/sample"]) == 30
+    sink.abort()  # twice does no harm
+
+
+def test_flush_makes_the_last_sample_readable_in_the_open_file(tmp_path: Path) -> None:
+    sink = open_sink(tmp_path / "a.mcap")
+    sink.write(*make_blocks(n=3))
+    sink.flush()
+    found = []
+    with (tmp_path / "a.mcap.part").open("rb") as stream, contextlib.suppress(EndOfFile):
+        for _, channel, _ in NonSeekingReader(stream).iter_messages(log_time_order=False):
+            found.append(channel.topic)
+    sink.abort()
+    assert found.count("/yawid/modes") == 3
+
+
+def test_flushing_after_every_sample_does_not_make_a_chunk_of_each(tmp_path: Path) -> None:
+    sink = open_sink(tmp_path / "a.mcap")
+    begin = time.monotonic()
+    for block in cut(make_blocks(n=200), list(range(200))):
+        sink.write(*block)
+        sink.flush()
+    sink.finish(SUMMARY, {})
+    by_wall_time = (time.monotonic() - begin) / 0.5 + 1
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) <= 10 + by_wall_time + 1
+
+
+def occupied(folder: Path, how: str) -> Path:
+    """A path that cannot be written, and why."""
+    match how:
+        case "exists":
+            (folder / "a.mcap").write_bytes(b"precious")
+        case "part exists":
+            (folder / "a.mcap.part").write_bytes(b"precious")
+        case "folder":
+            (folder / "a.mcap").mkdir()
+        case "no folder":
+            return folder / "missing" / "a.mcap"
+        case "file for folder":
+            (folder / "file").write_bytes(b"precious")
+            return folder / "file" / "a.mcap"
+    return folder / "a.mcap"
+
+
+@pytest.mark.parametrize("how", ["exists", "part exists", "folder", "no folder", "file for folder"])
+def test_a_path_that_cannot_be_written_is_one_line_and_costs_nothing(
+    tmp_path: Path, how: str
+) -> None:
+    path = occupied(tmp_path, how)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    with pytest.raises(SinkError, match=str(path)) as caught:
+        McapSink(path, {})
+    assert "\n" not in str(caught.value)
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+@pytest.mark.parametrize("how", ["exists", "part exists"])
+def test_force_overwrites_but_only_when_finished(tmp_path: Path, how: str) -> None:
+    path = occupied(tmp_path, how)
+    sink = McapSink(path, {}, force=True)
+    if how == "exists":
+        assert path.read_bytes() == b"precious"
+    sink.finish(SUMMARY, {})
+    assert decoded(path).keys() == {"/yawid/verdict"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap.part").symlink_to("/dev/full")
+    with pytest.raises(SinkError, match=r"a\.mcap\.part: No space left on device$"):
+        McapSink(tmp_path / "a.mcap", {}, force=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+DISK_FILLS_UP = """
+import resource, sys
+from pathlib import Path
+from sinks.sink_blocks import GRID, VERDICT, make_blocks
+from yawid.errors import SinkError
+from yawid.sinks.mcap.sink import McapSink
+sink = McapSink(Path(sys.argv[1]), {})
+sink.start(GRID)
+resource.setrlimit(resource.RLIMIT_FSIZE, (8000, resource.RLIM_INFINITY))
+sink.write(*make_blocks(n=19))
+try:
+    match sys.argv[2]:
+        case "write": sink.write(*make_blocks(n=1000))
+        case "flush": sink.flush()
+        case "finish": sink.finish({"verdict": VERDICT}, {})
+except SinkError as error:
+    print(error)
+sink.abort()
+"""
+
+
+@pytest.mark.parametrize("moment", ["write", "flush", "finish"])
+def test_a_disk_that_fills_up_is_one_line_and_abort_is_quiet(tmp_path: Path, moment: str) -> None:
+    """A process may not write more than 8 kB to a file: the system refuses as a full disk does."""
+    path = tmp_path / "a.mcap"
+    done = run_script(DISK_FILLS_UP, str(path), moment)
+    assert done.stdout == f"cannot write {path}.part: File too large\n"
+    assert done.stderr == ""
+    assert not path.exists()

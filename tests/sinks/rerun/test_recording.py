@@ -1,0 +1,248 @@
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from sinks.rerun.rerun_reading import SUMMARY, VIEWER, fail, recorded, save, statics, values
+from sinks.sink_blocks import (
+    GRID,
+    PARAMETERS,
+    SAMPLE_TIME_S,
+    VERDICT,
+    make_blocks,
+    run_script,
+)
+
+from yawid.blocks import Held, Noted, Status
+from yawid.errors import SinkError
+from yawid.sinks.rerun.sink import RerunSink
+
+
+def test_the_saved_recording_holds_every_sample_on_both_clocks(tmp_path: Path) -> None:
+    samples, estimates, modes = make_blocks(n=2500)
+    entities = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
+    els = estimates["els"]
+    live = els.status != Status.WARMING_UP
+    yaw_rate = np.column_stack([samples.y, np.where(live, els.y_hat, np.nan)])
+    np.testing.assert_array_equal(values(entities, "/input"), samples.u)
+    np.testing.assert_array_equal(values(entities, "/yaw_rate"), yaw_rate)
+    theta = np.where(live[:, None], els.theta, np.nan)
+    np.testing.assert_array_equal(values(entities, "/parameters/theta"), theta)
+    np.testing.assert_array_equal(values(entities, "/dutch_roll/wn")[:, 0], modes.dutch_roll[:, 0])
+    boot = np.sort(entities["/input"]["boot_time"]) // 1000
+    np.testing.assert_array_equal(boot, samples.boot_us)
+    unix = sorted(entities["/input"]["unix_time"])
+    assert unix == samples.unix_ns.tolist()
+
+
+def test_bands_are_two_sigma_on_either_side(tmp_path: Path) -> None:
+    blocks = make_blocks(n=50)
+    entities = recorded(save(tmp_path / "a.rrd", blocks))
+    els = blocks[1]["els"]
+    innovation = values(entities, "/innovation")
+    np.testing.assert_array_equal(innovation[:, 0], els.innovation)
+    np.testing.assert_allclose(innovation[:, 1:], np.outer(els.noise_std, [-2, 2]))
+    wn, lower, upper = values(entities, "/dutch_roll/wn").T
+    drawn = ~np.isnan(lower)
+    np.testing.assert_allclose((upper - lower)[drawn], 4 * blocks[2].dutch_roll[drawn, 1])
+    assert drawn.sum() > 10
+    assert (lower[drawn] >= -wn[drawn]).all()
+
+
+def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.rrd", make_blocks(n=10))
+    [names] = statics(path, "/parameters/theta", "SeriesLines:names")
+    assert names == list(PARAMETERS)
+    assert statics(path, "/input", "SeriesLines:names") == [["rudder [half travel]"]]
+    in_rad = RerunSink("save", name="flight", warn=fail, path=tmp_path / "b.rrd")
+    in_rad.start(replace(GRID, inputs=("rudder", "aileron"), rudder_unit="rad"))
+    in_rad.finish(SUMMARY, {})
+    named = statics(tmp_path / "b.rrd", "/input", "SeriesLines:names")
+    assert named == [["rudder [rad]", "aileron [half travel]"]]
+    for entity, columns in recorded(path).items():
+        if "Scalars:scalars" in columns:
+            [colours] = statics(path, entity, "SeriesLines:colors")
+            assert len(colours) == len(columns["Scalars:scalars"][0])
+
+
+def test_the_way_a_stream_is_cut_into_blocks_does_not_show(tmp_path: Path) -> None:
+    blocks = make_blocks(n=60)
+    whole = recorded(save(tmp_path / "a.rrd", blocks))
+    parts = recorded(save(tmp_path / "b.rrd", blocks, list(range(60))))
+    assert whole.keys() == parts.keys()
+    for entity in whole:
+        if "Scalars:scalars" in whole[entity]:
+            np.testing.assert_array_equal(values(whole, entity), values(parts, entity))
+        else:
+            assert sorted_rows(whole[entity]) == sorted_rows(parts[entity])
+
+
+def sorted_rows(columns: dict[str, Any]) -> list[str]:
+    """Rows as text, but for the ids and times of writing, which are the recording's own."""
+    names = sorted(name for name in columns if ":" in name or name == "unix_time")
+    return sorted(str(row) for row in zip(*(columns[name] for name in names), strict=True))
+
+
+def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Path) -> None:
+    samples, estimates, modes = make_blocks(n=30)
+    held = np.zeros(30, np.int64)
+    held[10:13] = Held.GAP | Held.ON_GROUND
+    noted = np.zeros(30, np.int64)
+    noted[24:26], noted[26:28] = Noted.NOT_EXCITED, Noted.NOT_EXCITED | Noted.AIRSPEED_CHANGED
+    mode = np.zeros(30)
+    mode[:2], mode[5:20] = np.nan, 10.0
+    samples = replace(samples, held=held, noted=noted, mode=mode)
+    entities = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
+
+    def lane(name: str) -> list[tuple[int, str]]:
+        columns = entities[f"/state/{name}"]
+        times = (t // 1000 for t in columns["boot_time"])
+        states = (state for [state] in columns["StateChange:state"])
+        found = sorted(zip(times, states, strict=True))
+        return [(samples.boot_us.tolist().index(t), state) for t, state in found]
+
+    assert lane("samples") == [
+        (0, "used"),
+        (10, "held: gap, on ground"),
+        (13, "used"),
+        (24, "used, not excited"),
+        (26, "used, airspeed changed, not excited"),
+        (28, "used"),
+    ]
+    assert lane("flight_mode") == [(0, "unknown"), (2, "MANUAL"), (5, "AUTO"), (20, "MANUAL")]
+    assert lane("estimator")[0] == (0, "warming up")
+
+
+def test_poles_are_drawn_where_the_roots_of_a_lie_with_the_imaginary_axis_up(
+    tmp_path: Path,
+) -> None:
+    samples, estimates, modes = make_blocks(n=100)
+    els = estimates["els"]
+    z = 0.8 + 0.3j
+    rows = els.rows.copy()
+    rows[:, :2] = -2.0 * z.real, abs(z) ** 2
+    estimates = estimates | {"els": replace(els, rows=rows)}
+    columns = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))["/z_plane/poles"]
+    every_other = samples.k % round(2.0 / SAMPLE_TIME_S) == 0
+    live = els.status != Status.WARMING_UP
+    assert len(columns["LineStrips2D:strips"]) == (every_other & live).sum() > 1
+    for strips in columns["LineStrips2D:strips"]:
+        centres = {tuple(np.round(np.array(strip)[2], 5)) for strip in strips}
+        assert centres == {(0.8, -0.3), (0.8, 0.3)}
+
+
+def test_the_autocorrelation_of_the_last_minute_is_that_of_the_residuals(tmp_path: Path) -> None:
+    samples, estimates, modes = make_blocks(n=2200)
+    columns = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
+    last = int(np.flatnonzero(samples.k % round(20.0 / SAMPLE_TIME_S) == 0)[-1])
+    x = estimates["els"].residual[last + 1 - 1200 : last + 1]
+    x = x - x.mean()
+    wanted = [np.sum(x[lag:] * x[:-lag]) / np.sum(x * x) for lag in range(1, 21)]
+    bars = columns["/whiteness/correlation"]["BarChart:values"]
+    np.testing.assert_allclose(buffer_of(bars[-1]), [0.0, *wanted], atol=1e-12)
+    bound = columns["/whiteness/upper_bound"]["BarChart:values"]
+    np.testing.assert_allclose(buffer_of(bound[-1])[1:], 2.0 / np.sqrt(1200))
+
+
+def buffer_of(row: Any) -> Any:
+    [tensor] = row
+    return np.array(tensor["buffer"])
+
+
+def test_log_and_verdict_are_there_to_be_read(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.rrd", make_blocks(n=30))
+    log = recorded(path)["/log"]
+    assert log["TextLog:text"] == [["before the grid is known"], ["gap of 3 s"]]
+    assert log["TextLog:level"] == [["INFO"], ["WARN"]]
+    verdict = statics(path, "/verdict", "TextDocument:text")[-1][0]
+    assert verdict.startswith("# Not usable\n")
+    for reason in VERDICT["reasons"]:
+        assert reason["text"] in verdict
+
+
+def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.rrd", make_blocks(n=30))
+    reader = RrdReader(path)
+    [blueprint] = reader.blueprints()
+    origins = {
+        origin
+        for chunk in reader.stream(store=blueprint).to_chunks()
+        for batch in [chunk.to_record_batch()]
+        if "ViewBlueprint:space_origin" in batch.schema.names
+        for [origin] in batch.column("ViewBlueprint:space_origin").to_pylist()
+    }
+    flight = {"/input", "/yaw_rate", "/innovation", "/state", "/parameters"}
+    worth = {"/verdict", "/log", "/z_plane", "/whiteness"}
+    hidden = {"/none"}  # holds the time range that all time axes share
+    assert origins == flight | worth | hidden | {"/dutch_roll/wn", "/dutch_roll/zeta"}
+    subprocess.run([VIEWER, "rrd", "verify", str(path)], check=True, capture_output=True)
+
+
+def test_the_file_bears_its_final_name_only_when_finished(tmp_path: Path) -> None:
+    path, part = tmp_path / "a.rrd", tmp_path / "a.rrd.part"
+    sink = RerunSink("save", name="flight", warn=fail, path=path)
+    assert part.exists()
+    assert not path.exists()
+    sink.finish(SUMMARY, {})
+    assert path.exists()
+    assert not part.exists()
+
+
+def test_an_aborted_recording_keeps_what_it_had(tmp_path: Path) -> None:
+    sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    sink.start(GRID)
+    sink.write(*make_blocks(n=30))
+    sink.abort()
+    assert not (tmp_path / "a.rrd").exists()
+    assert len(values(recorded(tmp_path / "a.rrd.part"), "/input")) == 30
+
+
+@pytest.mark.parametrize("how", ["exists", "no folder"])
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, how: str) -> None:
+    path = tmp_path / "a.rrd" if how == "exists" else tmp_path / "missing" / "a.rrd"
+    if how == "exists":
+        path.write_bytes(b"precious")
+    with pytest.raises(SinkError, match=str(path)) as caught:
+        RerunSink("save", name="flight", warn=fail, path=path)
+    assert "\n" not in str(caught.value)
+
+
+DISK_FILLS_UP = """
+import resource, sys
+from pathlib import Path
+from sinks.sink_blocks import GRID, VERDICT, make_blocks
+from yawid.errors import SinkError
+from yawid.sinks.rerun.sink import RerunSink
+sink = RerunSink("save", name="flight", warn=print, path=Path(sys.argv[1]))
+sink.start(GRID)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+try:
+    sink.write(*make_blocks(n=3000))
+    sink.finish({"verdict": VERDICT}, {})
+except SinkError as error:
+    print(error)
+sink.abort()
+"""
+
+
+def test_a_disk_that_fills_up_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    done = run_script(DISK_FILLS_UP, str(path))
+    assert done.stdout.startswith(f"cannot write {path}.part: ")
+    assert len(done.stdout.splitlines()) == 1
+    assert done.stderr == ""
+    assert not path.exists()
+
+
+def test_a_recording_that_rerun_refuses_is_one_line_and_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RERUN", "off")
+    with pytest.raises(SinkError, match="switched off"):
+        RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,161 @@
+"""What a person is shown is the answer of the method that answers, and it says nothing absurd."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from finished_runs import replayed
+from places import C172P
+from report_page import Page, first_screen
+
+from yawid.report.data import gather
+from yawid.report.time_pictures import fit_picture, modes_picture
+from yawid.report.write import report
+from yawid.sinks.answers import cards, headline, percent, use
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.rerun.series import verdict_markdown
+from yawid.sinks.terminal.summary_table import print_summary
+
+LONG = (
+    "the natural frequency went from 3.1 to 9.4 rad/s in the last third while its sigma was 0.02 "
+    "rad/s; another way of flying, such as a turn? Choose --from and --to so that it is left out"
+)
+
+
+@pytest.fixture(scope="module")
+def by_rml(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
+    """A run of which RML answers though ELS was asked for first."""
+    run = open_run(replayed(C172P, tmp_path_factory.mktemp("rml"), "--output", "yaw"))
+    assert run.summary["verdict"]["method"] == "rml"
+    assert next(iter(run.summary["estimates"])) == "els"
+    return run
+
+
+def test_the_report_answers_with_the_method_of_the_verdict(by_rml: McapRun) -> None:
+    els, rml = (by_rml.summary["estimates"][name]["dutch_roll"] for name in ("els", "rml"))
+    html = report(by_rml)
+    text = first_screen(html)
+    assert f"Dutch roll of {rml['wn_rad_s']:.3g} rad/s" in text
+    assert f"ωn {rml['wn_rad_s']:.3f} rad/s ± {2 * rml['wn_std']:.3f}" in text
+    assert "ELS beside it" in text
+    assert "RML beside it" not in text
+    assert " RML, orders" in text
+    assert f"ELS at the end: {els['wn_rad_s']:.3g}" in html
+    assert "RML answers" in Page(html).text
+
+
+def test_its_pictures_are_those_of_that_method(by_rml: McapRun) -> None:
+    rml = by_rml.summary["estimates"]["rml"]
+    data = gather(by_rml, "rml")
+    assert data is not None
+    assert data.model.same
+    np.testing.assert_allclose(data.model.theta, list(rml["theta"].values()))
+    shown = data.track.dutch_roll[-1]  # within a thinned row of the end
+    assert shown[0] == pytest.approx(rml["dutch_roll"]["wn_rad_s"], rel=1e-2)
+    assert shown[1] == pytest.approx(rml["dutch_roll"]["wn_std"], rel=0.1)
+
+
+def test_the_terminal_marks_its_column_and_the_viewer_shows_its_numbers(by_rml: McapRun) -> None:
+    out = io.StringIO()
+    print_summary(by_rml.summary, out)
+    (heading,) = [line for line in out.getvalue().splitlines() if "one sigma" in line]
+    assert heading.split("sigma")[1].split() == ["ELS", "RML", "answers"]
+    panel = verdict_markdown(by_rml.summary)
+    assert f"**{by_rml.summary['estimates']['rml']['dutch_roll']['wn_rad_s']:.3f} rad/s**" in panel
+    assert "Answered by RML; the lines drawn are those of ELS." in panel
+
+
+def estimate(wn: float, simulated: float = 90.0) -> dict[str, Any]:
+    mode = {"wn_rad_s": wn, "wn_std": 0.01, "zeta": 0.2, "zeta_std": 0.01}
+    return {"dutch_roll": mode, "fit": {"simulation_pct": simulated}}
+
+
+def summary_of(reason: str | None = None, **verdict: str) -> dict[str, Any]:
+    reasons = [{"id": "not_converged", "weight": "fatal", "text": reason}] if reason else []
+    said = {"usable": reason is None, "reasons": reasons} | verdict
+    return {"estimates": {"els": estimate(2.0), "rml": estimate(3.0)}, "verdict": said}
+
+
+def test_a_run_that_does_not_say_who_answers_shows_the_first() -> None:
+    assert cards(summary_of())[0].answer.startswith("2.000")
+    assert cards(summary_of(method="rml"))[0].answer.startswith("3.000")
+    assert cards(summary_of(method="neither"))[0].answer.startswith("2.000")
+
+
+def test_nobody_is_fairly_sure_of_what_cannot_be_used() -> None:
+    sure = {reason: cards(summary_of(reason))[2].answer for reason in (None, "it moved")}
+    assert sure == {None: "Very", "it moved": "Not usable"}
+    assert use(summary_of("it moved")).answer == "No"
+
+
+def test_the_headline_ends_where_a_sentence_ends() -> None:
+    said = headline(summary_of(LONG)).removeprefix(
+        "This log cannot say how the yaw answers the rudder: "
+    )
+    assert said.endswith("such as a turn?")
+    assert LONG.startswith(said)
+    unbroken = "the rudder " + "hardly " * 30 + "moves"
+    assert headline(summary_of(unbroken)).endswith(f"{unbroken}.")
+
+
+def test_a_fit_of_an_exploding_model_is_no_number() -> None:
+    out = io.StringIO()
+    fits = {"one_step_pct": 97.0, "simulation_pct": -1000.0, "simulation_held_back_pct": -1e51}
+    both = estimate(2.0) | {
+        "fit": fits, "updates": 9, "held": 1, "sample_time_s": 0.1,
+        "orders": {"na": 2, "nb": 2, "nc": 2, "nk": 1},
+    }  # fmt: skip
+    summary = summary_of("it fits badly") | {
+        "log": "a", "estimates": {"els": both}, "channels": {}, "link": {"frames": 1}
+    }  # fmt: skip
+    print_summary(summary, out)
+    assert out.getvalue().count("< -1000") == 2
+    assert "e+" not in out.getvalue()
+    assert percent(-999.0, ".0f") == "-999"
+
+
+def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(by_rml: McapRun) -> None:
+    """A warning of the drawing is an error in these tests."""
+    data, grid = gather(by_rml), by_rml.grid
+    assert data is not None
+    assert grid is not None
+    rows = np.arange(len(data.judged.t))
+    grown = (-1.0) ** rows * 10.0 ** np.linspace(-3.0, 307.0, len(rows))
+    grown[-100:] = np.inf
+    judged = replace(data.judged, simulated=grown, y_hat=grown)
+    exploded = {"rml": {"dutch_roll": {"wn_rad_s": 1e9, "zeta": -1e9}}}
+    fit = fit_picture(replace(data, judged=judged), {"simulation_pct": -1000.0}, grid)
+    over_time = modes_picture(data, exploded)
+    assert "simulated < -1000 %" in fit.look
+    assert "RML at the end: 1e+09, off the picture" in over_time.svg
+    for picture in (fit, over_time):
+        assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
+
+
+@pytest.mark.slow
+def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
+    tmp_path: Path,
+) -> None:
+    options = ("--orders", "30,30,20,1", "--forgetting", 1, "--method", "rml")
+    run = open_run(replayed(C172P, tmp_path, *options))
+    assert run.summary["estimates"]["rml"]["fit"]["simulation_pct"] == -1000.0
+    text = Page(report(run)).text
+    assert "< -1000" in text
+    assert not re.findall(r"[1-9]e\+\d\d", text)
+
+
+def test_what_was_held_is_said_once(tmp_path: Path) -> None:
+    """Samples without enough before them teach nothing either, but nothing holds them."""
+    run = open_run(replayed(C172P, tmp_path, "--rate", 10, "--forgetting", 1))
+    text = Page(report(run)).text
+    counts = [run.summary["estimates"][method]["held"] for method in ("els", "rml")]
+    assert min(counts) > 0
+    assert f"others: held, or too few before them {counts[0]} {counts[1]}" in text
+    assert "samples held, by reason any no sample" in text
+    assert "none held" not in text

@@ -1,0 +1,71 @@
+"""A file that bears .part is somebody's: who opened it removes it, and nobody else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from finished_runs import replayed
+from places import C172P
+
+from yawid.cli.main import main
+
+
+def test_a_replay_that_cannot_begin_leaves_another_runs_recording_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "log.rrd.part"
+    other.write_bytes(b"being written")
+
+    assert main(["replay", str(C172P), "--out", str(tmp_path), "--rerun", "save"]) == 6
+    assert f"{other} exists" in capsys.readouterr().err
+    assert [(path, path.read_bytes()) for path in tmp_path.iterdir()] == [(other, b"being written")]
+
+
+def test_a_replay_that_fails_removes_its_own_parts(tmp_path: Path) -> None:
+    arguments = ["replay", str(C172P), "--out", str(tmp_path), "--rerun", "save", "--rate", "90"]
+    assert main(arguments) == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_view_of_a_damaged_run_removes_its_own_part_and_no_others(tmp_path: Path) -> None:
+    run = replayed(C172P, tmp_path / "run", "--rate", 10)
+    data = bytearray(run.read_bytes())
+    data[len(data) // 2] ^= 0xFF  # in a chunk: found when the rows are read
+    (tmp_path / "bad.mcap").write_bytes(data)
+    other = tmp_path / "theirs.rrd.part"
+    other.write_bytes(b"being written")
+
+    assert main(["view", str(tmp_path / "bad.mcap"), "--save", str(tmp_path / "mine.rrd")]) == 6
+    assert main(["view", str(run), "--save", str(tmp_path / "theirs.rrd")]) == 6
+    assert other.read_bytes() == b"being written"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.mcap", "run", other.name]
+
+
+def test_a_simulation_neither_takes_anothers_part_nor_leaves_its_own(tmp_path: Path) -> None:
+    other = tmp_path / "a.csv.part"
+    other.write_bytes(b"being written")
+    arguments = ["simulate", "yaw", "--seconds", "5", "--out"]
+
+    assert main([*arguments, str(tmp_path / "a.csv")]) == 6
+    assert other.read_bytes() == b"being written"
+    assert main([*arguments, str(tmp_path / "b.csv")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [other.name, "b.csv"]
+
+
+def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from yawid.runs.stop import Interrupted
+    from yawid.runs.view import view
+    from yawid.sinks.rerun import sink as rerun_sink
+
+    run = replayed(C172P, tmp_path / "run", "--rate", 10)
+
+    def stopped(target: object, name: str) -> None:
+        raise Interrupted(130)
+
+    monkeypatch.setattr(rerun_sink, "_open_view", stopped)
+    with pytest.raises(Interrupted):
+        view(run, tmp_path / "mine.rrd")
+    assert not list(tmp_path.glob("*.rrd*"))

@@ -1,0 +1,110 @@
+"""A good log and how faults are put into it: JSBSim's C172P of replay_logs/c172p_3211.
+
+``same`` means the very numbers of the clean run, ``near`` that wn and zeta of ELS and RML lie
+within three sigma of them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from log_surgery import Encoder, Record, join, rewrite, split
+from places import REPLAY_LOGS
+
+from yawid.config.run import RunConfig
+from yawid.pipeline import Pipeline
+from yawid.results.summary import summarise
+
+CASE = REPLAY_LOGS / "c172p_3211"
+Summary = dict[str, Any]
+MIDDLE_S = 90.0  # vehicle time; the flight lasts from 30 s to 150 s
+
+
+def run(log: bytes, **settings: Any) -> Summary:
+    pipeline = Pipeline(RunConfig(**({"rate": 10.0, "forgetting": 1.0} | settings)))
+    for at in range(0, len(log), 1 << 16):
+        pipeline.feed(log[at : at + (1 << 16)])
+    pipeline.finish()
+    summary, _ = summarise(pipeline, "log.tlog", "")
+    return summary
+
+
+@functools.cache
+def good() -> tuple[Record, ...]:
+    return tuple(split((CASE / "log.tlog").read_bytes()))
+
+
+@functools.cache
+def clean() -> Summary:
+    return run(join(good()))
+
+
+def dutch_roll(summary: Summary, method: str) -> np.ndarray:
+    found = summary["estimates"][method]["dutch_roll"]
+    return np.array([found[name] for name in ("wn_rad_s", "zeta", "wn_std", "zeta_std")])
+
+
+def assert_same(log: bytes) -> Summary:
+    found = run(log)
+    for method in ("els", "rml"):
+        assert found["estimates"][method]["theta"] == clean()["estimates"][method]["theta"]
+    assert found["verdict"] == clean()["verdict"]
+    return found
+
+
+def assert_near(log: bytes, **settings: Any) -> Summary:
+    found = run(log, **settings)
+    for method in ("els", "rml"):
+        expected, actual = dutch_roll(clean(), method), dutch_roll(found, method)
+        sigmas = np.abs(actual - expected)[:2] / expected[2:]
+        assert (sigmas <= 3.0).all(), (method, sigmas, actual, expected)
+    assert found["verdict"]["usable"]
+    return found
+
+
+def assert_refused(log: bytes, reason: str, code_order: int = 0, **settings: Any) -> Summary:
+    found = run(log, **settings)
+    assert not found["verdict"]["usable"]
+    fatal = [r["id"] for r in found["verdict"]["reasons"] if r["weight"] == "fatal"]
+    assert fatal[code_order] == reason
+    return found
+
+
+def changed(change: Callable[[Any], Any], *, start_s: float = 0.0) -> bytes:
+    """Return the good log with ``change`` done to the vehicle's messages from a time on."""
+    boot_s = [0.0]
+
+    def one(message: Any) -> list[Any]:
+        if message.get_type() == "ATTITUDE":
+            boot_s[0] = message.time_boot_ms / 1000
+        if message.get_srcSystem() == 1 and boot_s[0] >= start_s:
+            change(message)
+        return [message]
+
+    return join(rewrite(good(), one))
+
+
+def shifted(seconds: float, start_s: float = 0.0) -> bytes:
+    """Return the good log with the vehicle's clock moved from a time on, servo time in 32 bits."""
+
+    def shift(message: Any) -> None:
+        if hasattr(message, "time_boot_ms"):
+            message.time_boot_ms += round(1000 * seconds)
+        elif hasattr(message, "time_usec"):
+            message.time_usec = (message.time_usec + round(1e6 * seconds)) % 2**32
+
+    return changed(shift, start_s=start_s)
+
+
+def with_others(messages: Iterable[tuple[int, Any, tuple[int, int]]]) -> bytes:
+    """Return the good log with (every so many records, message, sender ids) among its records."""
+    encoder, records = Encoder(), []
+    for i, record in enumerate(good()):
+        for every, message, ids in messages:
+            if i % every == 0:
+                records.append((record[0], encoder.frame(message, ids)))
+        records.append(record)
+    return join(records)

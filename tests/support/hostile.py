@@ -1,0 +1,202 @@
+"""What an attacker would hand over: logs, names, forged runs; and what must hold of the answer."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+from flightlog import FlightLog, fly
+from log_surgery import split
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex, Footer
+from mcap.writer import CompressionType, Writer
+from places import ROOT
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+
+def flight() -> FlightLog:
+    return fly(
+        lambda t: 0.1 * np.sin(2.4 * t),
+        lambda t: 1500 + int(150 * np.sin(2.0 * t) + 60 * np.sin(5.3 * t)),
+        25.0,
+    )
+
+
+FLIGHT = flight().data
+
+
+def run_limited(code: str, megabytes: int, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run Python code in a process that may take so much memory at its peak.
+
+    Linux counts into ru_maxrss what the parent took before the process began; VmHWM is its own.
+    """
+    limited = (
+        "import resource, sys\n"
+        "sys.path.insert(0, sys.argv.pop(1))\n"
+        f"{code}\n"
+        "from pathlib import Path as P\n"
+        "lines = P('/proc/self/status').read_text().splitlines() if P('/proc').is_dir() else []\n"
+        "own = [int(line.split()[1]) for line in lines if line.startswith('VmHWM')]\n"
+        "print((own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] // 1024)\n"
+    )
+    command = [sys.executable, "-c", limited, str(ROOT / "src"), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[-1]) < megabytes
+    return done
+
+
+HOSTILE_NAMES = (
+    b"../../../../x",
+    b"/etc/passwd",
+    b"<script>alert",
+    b"\x1b[2J\x1b]0;own\x07",
+    b"[red]x[/red]",
+    b"a\nb\r\nc",
+    b"\xff\xfe\x80",
+    b'"onload="x',
+    b"&lt;b&gt;",
+    b"%s%n{0}",
+    b"SERVO99_FUNCTIO",
+)
+
+
+def hostile_log() -> bytes:
+    log = FlightLog()
+    log.heartbeat(9.0)
+    log.parameter(9.0, "SERVO4_FUNCTION", 21.0)
+    for name in HOSTILE_NAMES:
+        log.data += struct.pack(">Q", split(FLIGHT)[0][0]) + parameter(name)
+    return log.data + FLIGHT
+
+
+def parameter(name: bytes) -> bytes:
+    body = struct.pack("<fHH16sB", 1.0, 1, 0, name.ljust(16, b"\0"), 9)
+    header = bytes([0xFE, len(body), 0, 1, 1, mavlink.MAVLINK_MSG_ID_PARAM_VALUE])
+    crc = mavlink.x25crc(header[1:] + body)
+    crc.accumulate(bytes([mavlink.MAVLink_param_value_message.crc_extra]))
+    return header + body + struct.pack("<H", crc.crc)
+
+
+class Tags(HTMLParser):
+    """Collects what a browser would act on."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.names: set[str] = set()
+        self.attributes: list[tuple[str, str]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.add(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+
+
+def assert_harmless(page: str) -> None:
+    """No script, no event handler, nothing loaded or followed outside the page."""
+    tags = Tags(page)
+    active = {"script", "iframe", "object", "embed", "img", "base", "form"}
+    assert tags.names & active == set()
+    assert not [name for name, _ in tags.attributes if name.startswith("on")]
+    for name, value in tags.attributes:
+        if name in ("href", "src", "xlink:href", "action", "data"):
+            assert value.startswith(("#", "data:")), (name, value)
+    assert "alert(1)>" not in page
+
+
+INJECTION = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>"
+
+
+def poisoned(value: Any) -> Any:
+    """Return the value with every text in it, keys too, turned into an attack."""
+    if isinstance(value, dict):
+        return {key: poisoned(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [poisoned(entry) for entry in value]
+    return f"{value}{INJECTION}" if isinstance(value, str) else value
+
+
+def rewritten(source: Path, out: Path, poison_metadata: bool) -> Path:
+    """Copy an MCAP with its summary, its parameters and perhaps its metadata poisoned."""
+    with source.open("rb") as stream, out.open("wb") as target:
+        reader, writer = make_reader(stream), Writer(target, compression=CompressionType.ZSTD)
+        writer.start(profile="", library="yawid")
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
+        for record in reader.iter_metadata():
+            metadata = poisoned(dict(record.metadata)) if poison_metadata else record.metadata
+            writer.add_metadata(record.name, metadata)
+        for attachment in reader.iter_attachments():
+            data = attachment.data
+            if attachment.name == "summary.json":
+                data = json.dumps(poisoned(json.loads(data))).encode()
+            elif attachment.name == "parameters.txt":
+                data = INJECTION.encode() + b" 1.0\n" + data
+            writer.add_attachment(0, 0, attachment.name, attachment.media_type, data)
+        writer.finish()
+    return out
+
+
+def bomb(megabytes: int) -> bytes:
+    """Return an MCAP whose one chunk is small and claims, truly, to hold so many megabytes."""
+    out = io.BytesIO()
+    writer = Writer(out, compression=CompressionType.NONE)
+    writer.start(profile="", library="bomb")
+    channel = writer.register_channel("/x", "json", 0)
+    writer.add_message(channel, 0, b"x", 0)
+    writer.finish()
+    return out.getvalue()[: out.getvalue().index(b"\x06")] + bomb_chunk(megabytes)
+
+
+def bomb_chunk(megabytes: int) -> bytes:
+    compressor = zstandard.ZstdCompressor().compressobj(size=megabytes << 20)
+    data = b"".join(compressor.compress(bytes(1 << 20)) for _ in range(megabytes))
+    data += compressor.flush()
+    body = struct.pack("<QQQI", 0, 0, megabytes << 20, 0)
+    body += struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(data)) + data
+    return b"\x06" + struct.pack("<Q", len(body)) + body
+
+
+def with_bomb(good: bytes, megabytes: int) -> bytes:
+    """Return a run's file with one chunk more, of which the index says that it holds log lines."""
+    summary = make_reader(io.BytesIO(good)).get_summary()
+    assert summary is not None
+    line = next(n for n, channel in summary.channels.items() if channel.topic == "/yawid/log")
+    summary_start = struct.unpack("<Q", good[-28:-20])[0]
+    chunk, data = bomb_chunk(megabytes), good[: summary_start - 13]
+    index = RecordBuilder()
+    ChunkIndex(
+        chunk_length=len(chunk),
+        chunk_start_offset=len(data),
+        compression="zstd",
+        compressed_size=len(chunk),
+        message_end_time=2**63,
+        message_index_length=0,
+        message_index_offsets={line: len(data)},
+        message_start_time=0,
+        uncompressed_size=megabytes << 20,
+    ).write(index)
+    tail = RecordBuilder()
+    Footer(len(data) + len(chunk) + 13, 0, 0).write(tail)
+    data_end = b"\x0f" + struct.pack("<QI", 4, 0)
+    offsets = struct.unpack("<Q", good[-20:-12])[0] or len(good) - 37
+    told = data + chunk + data_end + good[summary_start:offsets] + index.end() + tail.end()
+    return told + good[-8:]
