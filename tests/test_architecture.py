@@ -31,12 +31,33 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"channels", "results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "sinks", "sinks/mcap", "sinks/rerun"},
-    "pipeline": {*STAGES, "sinks", "sources", WIRE},
-    "runs": {"config", "channels", "offline", "pipeline", "plant", "results", "sources", WIRE, LOGS}
+    "pipeline": {*STAGES, "sinks"},
+    "runs": {
+        "config",
+        "channels",
+        "offline",
+        "physics",
+        "pipeline",
+        "plant",
+        "results",
+        "sources",
+        WIRE,
+        LOGS,
+    }
     | SINKS,
     "runs/live": {*STAGES, "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
-    "runs/regress": {"config", "channels", "results", "runs", "sinks", "sources", WIRE, LOGS},
+    "runs/regress": {
+        "config",
+        "channels",
+        "pipeline",
+        "results",
+        "runs",
+        "sinks",
+        "sources",
+        WIRE,
+        LOGS,
+    },
     "cli": {"config", "estimation", "offline", "plant", "report", "runs", "runs/live"}
     | {"runs/regress", "sinks/mcap", "sinks/terminal", "sources", WIRE, LOGS},
     "__main__": {"cli"},

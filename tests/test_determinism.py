@@ -24,13 +24,16 @@ from mcap.reader import make_reader
 from places import REPLAY_LOGS as CASES
 from places import ROOT
 
+from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
-from yawid.runs.outputs import Outputs, finish, open_mcap
+from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
 from yawid.runs.regress.case import Case, find_cases
 from yawid.runs.regress.check import regress
+from yawid.runs.run_log import run_log
+from yawid.sources.open_log import TlogBytes
 
 GAPS = CASES / "c172p_gaps" / "log.tlog"
 NAMES = ("c172p_gaps", "c172p_reboot", "c172p_gcs_rates", "two_vehicles")
@@ -93,11 +96,11 @@ def written(path: Path, data: bytes, edges: list[int]) -> dict[str, Any]:
     config = RunConfig(rate=10.0)
     outputs = Outputs(path.parent, path.stem, force=True)
     pipeline = Pipeline(config, [open_mcap(config, outputs)])
-    for low, high in zip([0, *edges], [*edges, len(data)], strict=True):
-        pipeline.feed(data[low:high])
-    pipeline.finish()
-    summary, _ = summarise(pipeline, "log.tlog", "")
-    finish(pipeline, summary, outputs.files())
+    pieces = [data[low:high] for low, high in zip([0, *edges], [*edges, len(data)], strict=True)]
+    source = TlogBytes(pieces, WANTED)
+    run_log(source, pipeline)
+    summary, _ = summarise(pipeline, source.link, "log.tlog", "")
+    finish(pipeline, summary, outputs.files(), parameters_of(pipeline))
     return contents(path)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from daylog import long_log
-from flightlog import fly, samples_of
+from flightlog import finished, fly, samples_of
 from log_surgery import join, split
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
@@ -21,8 +21,6 @@ from yawid.blocks import Floats, Status
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.config.run import RunConfig
 from yawid.estimation.armax import RecursiveArmax
-from yawid.pipeline import Pipeline
-from yawid.results.summary import summarise
 
 DAY = 24 * 3600 * 20
 """A day of samples at 20 Hz."""
@@ -182,11 +180,7 @@ def doublets(n: int, seed: int) -> Floats:
 
 
 def summary_of(log: bytes, chunk: int = 1 << 20, **settings) -> dict:
-    pipeline = Pipeline(RunConfig(rate=HZ, **settings))
-    for at in range(0, len(log), chunk):
-        pipeline.feed(log[at : at + chunk])
-    pipeline.finish()
-    return summarise(pipeline, "", "")[0]
+    return finished(log, RunConfig(rate=HZ, **settings), size=chunk)[0]
 
 
 def assert_found(summary: dict, bias: float = 0.0) -> None:

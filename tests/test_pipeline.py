@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from flightlog import fly
+from flightlog import finished, fly
 from places import REPLAY_LOGS as CASES
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.pipeline import Pipeline
-from yawid.results.summary import summarise
 from yawid.runs.regress.compare import RowsSink
 
 
@@ -37,11 +35,7 @@ def pick(block, i: int):
 
 def run(data: bytes, size: int, **settings) -> tuple[np.ndarray, dict]:
     rows = AllRows()
-    pipeline = Pipeline(RunConfig(**settings), [rows])
-    for at in range(0, len(data), size):
-        pipeline.feed(data[at : at + size])
-    pipeline.finish()
-    summary, _ = summarise(pipeline, "log.tlog", "")
+    summary, _ = finished(data, RunConfig(**settings), size=size, sinks=[rows])
     return np.array(rows.rows), summary
 
 

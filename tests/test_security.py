@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from daylog import long_log
-from flightlog import FlightLog
+from flightlog import FlightLog, finished
 from hostile import FLIGHT, run_limited
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -27,8 +27,6 @@ from yawid.channels.grid_rate import MOST_SEGMENTS
 from yawid.channels.stage import WANTED, Channels
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
-from yawid.pipeline import Pipeline
-from yawid.results.summary import summarise
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
@@ -41,10 +39,7 @@ KNOWN_CODES = {0, 3, 4, 5, 6}
 
 def told(records: bytes, key: bytes | None) -> dict[str, Any]:
     reading = Reading(key=None if key is None else SigningKey(key))
-    pipeline = Pipeline(RunConfig(rate=10.0), reading=reading)
-    pipeline.feed(records)
-    pipeline.finish()
-    return summarise(pipeline, "", "")[0]
+    return finished(records, RunConfig(rate=10.0), options=reading)[0]
 
 
 def over_udp(datagrams: list[bytes]) -> bytes:

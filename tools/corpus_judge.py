@@ -23,7 +23,8 @@ from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import judge_methods
 from yawid.results.summary import summarise
 from yawid.runs.inspect_log import inspect
-from yawid.runs.read_log import run_through
+from yawid.runs.run_log import open_log, run_log
+from yawid.sources.open_log import Log
 
 Row = dict[str, Any]
 RIGHT, WRONG, SIGMAS = 0.05, 0.10, 3.0
@@ -48,9 +49,11 @@ RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
 of turns advises."""
 
 
-def finished(log: Path, config: RunConfig) -> Pipeline:
-    """Return the pipeline after the whole log: ``bank.history()`` has u, y, roll, airspeed."""
-    return run_through(log, config)[0]
+def finished(log: Path, config: RunConfig) -> tuple[Pipeline, Log]:
+    """Return the pipeline after the whole log, and the log: ``bank.history()`` has its samples."""
+    source, pipeline = open_log(log), Pipeline(config)
+    run_log(source, pipeline)
+    return pipeline, source
 
 
 def samples(pipeline: Pipeline) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -130,10 +133,10 @@ def _row(log: Path, run: str, truth: dict[str, Any]) -> Row:
         config = RUNS[run](log)
         if config is None:
             return row | {"usable": False, "reasons": "no_run_recommended"}
-        pipeline = finished(log, config)
+        pipeline, source = finished(log, config)
     except YawidError as error:
         return row | {"usable": False, "reasons": type(error).__name__}
-    summary, verdict = summarise(pipeline, str(log), "")
+    summary, verdict = summarise(pipeline, source.link, str(log), "")
     row |= {"usable": verdict.usable, "reasons": " ".join(r.id for r in verdict.reasons)}
     method = verdict.method or config.method
     row |= {"method": method, "inputs": "+".join(config.inputs)} | _estimates(summary, method)

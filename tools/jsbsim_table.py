@@ -20,9 +20,12 @@ from jsbsim_flight import FlightPlan
 from jsbsim_truth import truth
 from telemetry import Link
 
+from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
+from yawid.runs.run_log import run_log
+from yawid.sources.open_log import TlogBytes
 
 FLIGHTS = (
     ("c172p", 80.0, 3000.0),
@@ -53,9 +56,10 @@ def fly(
     config = RunConfig(rate=10.0, forgetting=1.0)
     frames = fly_jsbsim.fly(plan, Link(attitude_hz=50.0, servo_hz=50.0))
     pipeline = Pipeline(config)
-    pipeline.feed(b"".join(struct.pack(">Q", stamp_us) + frame for stamp_us, frame in frames))
-    pipeline.finish()
-    summary, _ = summarise(pipeline, aircraft, "")
+    records = b"".join(struct.pack(">Q", stamp_us) + frame for stamp_us, frame in frames)
+    source = TlogBytes([records], WANTED)
+    run_log(source, pipeline)
+    summary, _ = summarise(pipeline, source.link, aircraft, "")
     return truth(plan)["dutch_roll"], summary["estimates"]
 
 

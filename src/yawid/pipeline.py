@@ -1,42 +1,32 @@
 """The whole way through, to be read from top to bottom.
 
-    bytes -> frames -> channels -> samples on one grid -> estimates -> physics -> sinks
+    source -> messages -> channels -> samples on one grid -> estimates -> physics -> sinks
 
-The only module that knows all stages; whether the bytes come from a file or a socket it does not.
+The only module that knows all stages; where messages come from, a file or a socket, it does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
-from yawid.channels.stage import WANTED, Channels
+from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
 from yawid.physics.stage import PhysicsRows
 from yawid.sinks.base import Grid, Sink, rudder_unit
-from yawid.sources.mavlink.link_stats import LinkStats
-from yawid.sources.read_options import Reading
 
 BLOCK = 4096
 """Samples estimated and written at once: the covariance of each row makes blocks heavy."""
 
 
-class Counted(Protocol):
-    """What messages come from: a decoder or the reader of a log."""
-
-    @property
-    def link(self) -> LinkStats:
-        """Counts of what has been read."""
-
-
 class Pipeline:
-    """Feed it tlog bytes cut anywhere, then ``finish``; the sinks are told as results come.
+    """Feed it messages, or samples that a run's file holds, then ``finish``; the sinks get rows.
 
-    What reads another kind of log is its ``source`` in the decoder's place: ``take`` its messages.
-    ``make_bank`` makes the estimators once the sample time is known.
+    ``sinks`` may grow until the first sample. ``make_bank`` makes the estimators once the sample
+    time is known. ``modes_of`` names autopilot and vehicle type, by which flight modes have their
+    names, where no HEARTBEAT passes through.
 
     Raises:
         ConfigError: what was asked for does not fit the log (its rate).
@@ -47,46 +37,34 @@ class Pipeline:
         self,
         config: RunConfig,
         sinks: Sequence[Sink] = (),
-        reading: Reading | None = None,
         make_bank: Callable[[RunConfig, float], Bank] = Bank,
+        modes_of: tuple[int, int] = (0, 0),
     ) -> None:
         self.config = config
-        self._make_bank = make_bank
-        self.sinks = list(sinks)
-        self.decoder = (reading or Reading()).decoder(WANTED)
-        self.source: Counted = self.decoder
+        self.sinks = sinks
         self.channels = Channels(config)
         self.bank: Bank | None = None
         self.modes: ModesBlock | None = None
         self.newest: SampleBlock | None = None
         self.samples = 0
-        self.modes_of = (0, 0)
-        """Autopilot and vehicle type where no HEARTBEAT passes through, as with a file of results.
-        """
+        self._make_bank = make_bank
+        self._vehicle_known = modes_of
 
-    @property
-    def link(self) -> LinkStats:
-        """Counts of what came from the source."""
-        return self.source.link
-
-    def feed(self, data: bytes) -> None:
-        """Take bytes in; every sample they complete is estimated and written."""
-        self.take(self.decoder.feed(data))
+    def feed(self, block: FrameBlock | SampleBlock | None) -> None:
+        """Take a block of messages or samples in; every sample it completes is estimated."""
+        if isinstance(block, SampleBlock):
+            self.estimate(block)
+        elif block is not None:
+            for samples in self.channels.feed(block):
+                self.estimate(samples)
 
     def finish(self) -> None:
-        """Take in what was held back for want of more; the sinks stay open for the summary."""
-        self.take(self.decoder.finish())
+        """Estimate what was held back for want of more; the sinks stay open for the summary."""
         for samples in self.channels.finish():
             self.estimate(samples)
 
-    def take(self, frames: FrameBlock | None) -> None:
-        """Take messages in; every sample they complete is estimated and written."""
-        if frames is not None:
-            for samples in self.channels.feed(frames):
-                self.estimate(samples)
-
     def estimate(self, samples: SampleBlock) -> None:
-        """Take samples of one epoch in, such as a file of results holds; estimate and write."""
+        """Estimate samples of one epoch and write them."""
         for first in range(0, len(samples), BLOCK):
             self._estimate(samples.select(slice(first, first + BLOCK)))
 
@@ -122,4 +100,4 @@ class Pipeline:
     def _modes_of(self) -> tuple[int, int]:
         """Return the autopilot and the vehicle type whose flight modes the samples bear."""
         vehicle = self.channels.lock.vehicle
-        return self.modes_of if vehicle is None else (vehicle.autopilot, vehicle.type)
+        return self._vehicle_known if vehicle is None else (vehicle.autopilot, vehicle.type)

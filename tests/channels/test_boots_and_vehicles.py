@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, samples_of
+from flightlog import FlightLog, run_through, samples_of
 from places import ROOT
 
 from yawid.channels.survey import Survey
 from yawid.cli.main import main
 from yawid.config.run import RunConfig, settings_from_toml
 from yawid.errors import ConfigError
-from yawid.runs.read_log import run_through
+from yawid.pipeline import Pipeline
+from yawid.runs.run_log import open_log, run_log
 
 TWO_VEHICLES = ROOT / "replay_logs" / "two_vehicles" / "log.tlog"
 
@@ -67,7 +68,9 @@ def test_the_boots_do_not_depend_on_the_cut():
 
 def test_the_numbers_are_those_of_the_phases_that_inspect_shows(log: Path):
     survey = Survey()
-    pipeline, _ = run_through(log, RunConfig(), watch=survey.note)
+    pipeline = Pipeline(RunConfig())
+    pipeline.channels.watch = survey.note
+    run_log(open_log(log), pipeline)
     told = pipeline.channels.boots.spans_us
 
     assert {phase.boot: (phase.from_us, phase.to_us) for phase in survey.phases} == told

@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, reason_ids, samples_of, summary_of
+from flightlog import FlightLog, reason_ids, samples_of, summarised, summary_of
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.logs.ulog_writer import ULogFile
 
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
-from yawid.results.summary import summarise
-from yawid.runs.read_log import run_through
 
 SECONDS, START_S = 30.0, 10.0
 ARMED, DISARMED = 128, 0
@@ -105,7 +103,7 @@ def ulog(arming: Callable[[float], int], path: Path) -> dict[str, Any]:
         log.add("vehicle_angular_velocity", now + 1, 0, [0, 0, 0.1 * np.sin(0.02 * k)])
         log.add("actuator_controls_0", now + 2, [0.1, 0.0, 0.25 * (k // 50 % 2)])
     path.write_bytes(log.data)
-    return summarise(run_through(path, RunConfig())[0], "", "")[0]
+    return summarised(path, RunConfig())[0]
 
 
 def test_an_on_board_log_disarmed_throughout_is_refused(tmp_path: Path):

@@ -10,11 +10,10 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
-from yawid.channels.stage import WANTED, Channels
+from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
-from yawid.sources.mavlink.decoder import Decoder
+from yawid.runs.run_log import open_log
 from yawid.sources.mavlink.flight_modes import ARDUPLANE_HOVER
-from yawid.sources.open_log import open_log
 
 FORWARD, HALFWAY_S, SECONDS = 5, 20.0, 40.0
 ARDUPILOT, PX4, PLANE, TILT_ROTOR = 3, 12, 1, 21
@@ -160,9 +159,9 @@ def test_what_is_held_does_not_depend_on_the_cut():
 
 @pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 def test_a_real_tilt_rotor_is_learned_from_on_its_wings_alone():
-    decoder, channels = Decoder(WANTED), Channels(RunConfig(rudder="servo:1"))
+    channels = Channels(RunConfig(rudder="servo:1"))
     blocks = []
-    for _, frames in open_log(FLIGHTS / "vtol_quadplane.tlog", decoder).read():
+    for _, frames in open_log(FLIGHTS / "vtol_quadplane.tlog").read():
         blocks += [] if frames is None else channels.feed(frames)
     found = Samples(channels, blocks + channels.finish())
     hovering = np.isin(found.mode, ARDUPLANE_HOVER)

@@ -125,8 +125,9 @@ def test_around_is_five_seconds_before_and_after():
 
 
 def test_the_aileron_of_a_real_log_is_read_though_it_is_no_input():
+    from flightlog import run_through
+
     from yawid.config.run import RunConfig
-    from yawid.runs.read_log import run_through
 
     log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
     alone = run_through(log, RunConfig(rate=10.0))[0].bank.history()

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import corpus_quiet
 import pytest
+from flightlog import summarised
 
 from yawid.config.run import RunConfig
 from yawid.results.reasons import Verdict
-from yawid.results.summary import summarise
+from yawid.runs.choose_orders import with_orders
 from yawid.runs.inspect_log import inspect
-from yawid.runs.read_log import run_through, with_orders
+from yawid.runs.run_log import open_log
 
 TRUE_WN = 1.287
 """By JSBSim's own linearisation at the mean speed flown, of the flight with the line."""
@@ -25,7 +26,7 @@ def lined(tmp_path_factory) -> Path:
 
 
 def judged(log: Path, config: RunConfig) -> Verdict:
-    return summarise(run_through(log, config)[0], "", "")[1]
+    return summarised(log, config)[1]
 
 
 def test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit(lined: Path):
@@ -40,7 +41,7 @@ def test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit(lined: Path):
 
 @pytest.mark.slow
 def test_choosing_the_orders_by_the_log_does_not_make_the_line_usable(lined: Path):
-    verdict = judged(lined, with_orders(lined, RunConfig()))
+    verdict = judged(lined, with_orders(open_log(lined), RunConfig()))
 
     assert "mode_not_driven" in {reason.id for reason in verdict.reasons}
 
@@ -57,7 +58,7 @@ def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: P
         from_s=report["recommend"]["from"],
         to_s=report["recommend"]["to"],
     )
-    summary, again = summarise(run_through(lined, config)[0], "", "")
+    summary, again = summarised(lined, config)
     answer = summary["estimates"][again.method]["dutch_roll"]
     assert again == verdict
     assert answer["wn_rad_s"] == pytest.approx(TRUE_WN, rel=0.03)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from flightlog import fly
+from flightlog import finished, fly, summarised
 from hypothesis import given
 from hypothesis import strategies as st
 from places import REPLAY_LOGS
@@ -14,7 +14,6 @@ from places import REPLAY_LOGS
 from yawid.blocks import Status
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import History
-from yawid.pipeline import Pipeline
 from yawid.results.collinearity import closeness
 from yawid.results.judge_estimate import Evidence, agreement_reasons, estimate_reasons
 from yawid.results.judge_samples import (
@@ -26,8 +25,6 @@ from yawid.results.judge_samples import (
     rate_reasons,
 )
 from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.results.summary import summarise
-from yawid.runs.read_log import run_through
 
 BEFORE = np.array([2.38, 0.21])
 GOOD = Evidence(
@@ -228,8 +225,7 @@ def test_gusts_are_no_poor_fit_where_the_rudder_clearly_drives_the_mode():
 def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():
     def closed_loop(case):
         config = RunConfig(rate=10.0, forgetting=1.0, inputs=("rudder", "aileron"))
-        pipeline, _ = run_through(REPLAY_LOGS / case / "log.tlog", config)
-        reasons = summarise(pipeline, "", "")[1].reasons
+        reasons = summarised(REPLAY_LOGS / case / "log.tlog", config)[1].reasons
         return [reason.text for reason in reasons if reason.id == "closed_loop"]
 
     [text] = closed_loop("c172p_3211")
@@ -291,9 +287,8 @@ def test_a_method_that_cannot_be_used_beside_one_that_can_is_said_with_its_reaso
 
 def test_where_els_cannot_be_used_and_rml_can_rml_answers():
     config = RunConfig(output="yaw")
-    pipeline, _ = run_through(REPLAY_LOGS / "c172p_3211" / "log.tlog", config)
 
-    summary, verdict = summarise(pipeline, "", "")
+    summary, verdict = summarised(REPLAY_LOGS / "c172p_3211" / "log.tlog", config)
 
     assert verdict.usable
     assert summary["verdict"]["method"] == "rml"
@@ -317,10 +312,7 @@ def test_a_reversed_servo_is_a_warning_in_the_whole_run():
             lambda t: int(1500 + sign * levels[min(int(t / 0.6), 199)]),
             60.0,
         )
-        pipeline = Pipeline(RunConfig(rate=10.0))
-        pipeline.feed(log.data)
-        pipeline.finish()
-        summary, _ = summarise(pipeline, "log", "")
+        summary, _ = finished(log.data, RunConfig(rate=10.0))
         return {reason["id"] for reason in summary["verdict"]["reasons"]}
 
     assert "wrong_sign" not in run(+1)

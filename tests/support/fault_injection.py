@@ -11,12 +11,11 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from flightlog import finished
 from log_surgery import Encoder, Record, join, rewrite, split
 from places import REPLAY_LOGS
 
 from yawid.config.run import RunConfig
-from yawid.pipeline import Pipeline
-from yawid.results.summary import summarise
 
 CASE = REPLAY_LOGS / "c172p_3211"
 Summary = dict[str, Any]
@@ -24,12 +23,8 @@ MIDDLE_S = 90.0  # vehicle time; the flight lasts from 30 s to 150 s
 
 
 def run(log: bytes, **settings: Any) -> Summary:
-    pipeline = Pipeline(RunConfig(**({"rate": 10.0, "forgetting": 1.0} | settings)))
-    for at in range(0, len(log), 1 << 16):
-        pipeline.feed(log[at : at + (1 << 16)])
-    pipeline.finish()
-    summary, _ = summarise(pipeline, "log.tlog", "")
-    return summary
+    config = RunConfig(**({"rate": 10.0, "forgetting": 1.0} | settings))
+    return finished(log, config, size=1 << 16)[0]
 
 
 @functools.cache

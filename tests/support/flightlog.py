@@ -6,6 +6,7 @@ import itertools
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,13 @@ from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import Verdict
 from yawid.results.summary import summarise
+from yawid.runs.run_log import open_log, run_log
+from yawid.sinks.base import Sink
 from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.open_log import Log, TlogBytes
+from yawid.sources.read_options import Reading
 
 START_US = 1_700_000_000_000_000
 
@@ -105,10 +111,35 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
 
 def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
     """Replay a log as a whole, verdict included."""
-    pipeline = Pipeline(config or RunConfig())
-    pipeline.feed(data)
-    pipeline.finish()
-    return summarise(pipeline, "log", "")[0]
+    return finished(data, config)[0]
+
+
+def finished(
+    data: bytes,
+    config: RunConfig | None = None,
+    *,
+    size: int = 0,
+    options: Reading | None = None,
+    sinks: Sequence[Sink] = (),
+) -> tuple[dict[str, Any], Verdict]:
+    """Replay a log in pieces of ``size`` bytes (0: one); return its summary and verdict."""
+    pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
+    source, pipeline = TlogBytes(pieces, WANTED, options), Pipeline(config or RunConfig(), sinks)
+    run_log(source, pipeline)
+    return summarise(pipeline, source.link, "log.tlog", "")
+
+
+def run_through(path: Path, config: RunConfig) -> tuple[Pipeline, Log]:
+    """Run a whole log through a pipeline without sinks; return both."""
+    source, pipeline = open_log(path), Pipeline(config)
+    run_log(source, pipeline)
+    return pipeline, source
+
+
+def summarised(path: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
+    """Return summary and verdict of a log."""
+    pipeline, source = run_through(path, config)
+    return summarise(pipeline, source.link, "", "")
 
 
 def reason_ids(summary: dict[str, Any]) -> set[str]:

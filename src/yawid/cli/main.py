@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 from yawid import __version__
 from yawid.cli.finished_run import add_view_and_report
@@ -45,11 +45,6 @@ from yawid.errors import (
     YawidError,
 )
 from yawid.runs.stop import Interrupted, StopFlag
-
-if TYPE_CHECKING:
-    from yawid.config.run import RunConfig
-    from yawid.runs.outputs import Outputs
-    from yawid.sources.read_options import Reading
 
 INTERRUPTED = 130
 _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
@@ -98,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _replay(arguments: argparse.Namespace) -> int:
     from yawid.runs.outputs import output_names
+    from yawid.runs.replay import replay
     from yawid.runs.replay_mcap import replay_run
     from yawid.sinks.mcap.reader import is_mcap
 
@@ -112,10 +108,11 @@ def _replay(arguments: argparse.Namespace) -> int:
                 unreached.append(log)
                 continue
             outputs = outputs_of(arguments, name)
-            run = partial(_replay_one, log, config, outputs, stop, reading, automatic)
+            run = partial(replay, log, config, outputs, stop, reading)
             if is_mcap(log):
-                run = partial(replay_run, log, settings_of(arguments), outputs, stop, automatic)
+                run = partial(replay_run, log, settings_of(arguments), outputs, stop)
             try:
+                run = partial(run, automatic=automatic)
                 codes.append(_told(run, arguments.json, _print_summary))
             except Interrupted:
                 unreached.append(log)
@@ -139,26 +136,8 @@ def _warn_of_compiling() -> None:
         _say("compiling the estimator, once per installation: some 20 seconds")
 
 
-def _replay_one(
-    log: Path,
-    config: RunConfig,
-    outputs: Outputs,
-    stop: StopFlag,
-    reading: Reading,
-    automatic: bool,
-) -> tuple[dict[str, Any], Any]:
-    from yawid.runs.replay import replay
-
-    if automatic:
-        from yawid.runs.read_log import with_orders
-
-        with stop.raising():
-            config = with_orders(log, config, reading)
-    return replay(log, config, outputs, stop, reading)
-
-
 def _orders(arguments: argparse.Namespace) -> int:
-    from yawid.runs.read_log import orders_report
+    from yawid.runs.choose_orders import orders_report
     from yawid.sinks.terminal.summary_table import print_orders
 
     if arguments.orders is not None:

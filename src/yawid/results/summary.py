@@ -26,11 +26,7 @@ from yawid.sources.mavlink.link_stats import LinkStats
 
 
 class Finished(Protocol):
-    """What is summarised of a finished run: counts, channels, estimators, configuration."""
-
-    @property
-    def link(self) -> LinkStats:
-        """Counts of what was read."""
+    """What is summarised of a finished run: channels, estimators, configuration."""
 
     @property
     def channels(self) -> Channels:
@@ -45,9 +41,10 @@ class Finished(Protocol):
         """What was asked for."""
 
 
-def summarise(pipeline: Finished, log: str, sha256: str) -> tuple[dict[str, Any], Verdict]:
-    """Return the summary of a finished pipeline and its verdict."""
-    link = pipeline.link
+def summarise(
+    pipeline: Finished, link: LinkStats, log: str, sha256: str
+) -> tuple[dict[str, Any], Verdict]:
+    """Return the summary of a finished pipeline and its verdict; ``link`` counts what was read."""
     channels, bank = pipeline.channels, pipeline.bank
     summary: dict[str, Any] = {
         "log": log,
@@ -69,14 +66,14 @@ def summarise(pipeline: Finished, log: str, sha256: str) -> tuple[dict[str, Any]
             {"boot": number, "from": first / 1e6, "to": last / 1e6}
             for number, (first, last) in boots.items()
         ]
-    summary["link"] = _link(pipeline)
+    summary["link"] = _link(link, channels)
     summary["channels"] = _channels(channels)
     evidence: dict[str, Evidence] = {}
     if bank is not None and channels.surfaces:
         summary["estimates"] = {}
         for method in bank.methods:
             summary["estimates"][method], evidence[method] = method_summary(bank, method)
-    verdict = _verdict(pipeline, evidence)
+    verdict = _verdict(pipeline, link, evidence)
     summary["verdict"] = as_summary(verdict)
     return summary, verdict
 
@@ -90,12 +87,8 @@ def as_summary(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _link(pipeline: Finished) -> dict[str, Any]:
-    link, segmenter, aligner = (
-        pipeline.link,
-        pipeline.channels.segmenter,
-        pipeline.channels.aligner,
-    )
+def _link(link: LinkStats, channels: Channels) -> dict[str, Any]:
+    segmenter, aligner = channels.segmenter, channels.aligner
     return {
         "frames": link.frames,
         "skipped_bytes": link.skipped_bytes,
@@ -148,9 +141,9 @@ def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
     return described
 
 
-def _verdict(pipeline: Finished, evidence: dict[str, Evidence]) -> Verdict:
+def _verdict(pipeline: Finished, link: LinkStats, evidence: dict[str, Evidence]) -> Verdict:
     channels, bank = pipeline.channels, pipeline.bank
-    missing = list(_missing(pipeline))
+    missing = list(_missing(pipeline, link))
     if missing:
         return Verdict.of(missing)
     found = [Reason(*said) for said in channels.command.texts(channels.lock.vehicle)]
@@ -167,15 +160,15 @@ def _verdict(pipeline: Finished, evidence: dict[str, Evidence]) -> Verdict:
     return bank_verdict(bank, evidence, (yaw_hz, rudder_hz), travel_unit, found)
 
 
-def _missing(pipeline: Finished) -> Iterator[Reason]:
+def _missing(pipeline: Finished, link: LinkStats) -> Iterator[Reason]:
     """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
     channels, config = pipeline.channels, pipeline.config
     vehicle = channels.lock.vehicle
     if vehicle is None:
-        rejected = pipeline.link.unsigned_rejected
+        rejected = link.unsigned_rejected
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
         nothing = "not one MAVLink frame came: is it the right address or file?"
-        why = channels.lock.why_none() if pipeline.link.frames or rejected else nothing
+        why = channels.lock.why_none() if link.frames or rejected else nothing
         yield Reason("no_vehicle", why + keyed)
         return
     # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.

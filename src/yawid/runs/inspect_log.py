@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from yawid.blocks import Floats, Ints
+from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.boots import Boots
 from yawid.channels.clock import REBOOT_US
 from yawid.channels.decimate import RATE_SLACK
@@ -23,14 +23,16 @@ from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
 from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
+from yawid.pipeline import Pipeline
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.judge_samples import LEAST_RATE_HZ, reaction_shares
 from yawid.results.reasons import KINDS, Verdict
 from yawid.results.summary import as_summary, summarise
-from yawid.runs.read_log import collect, run_through
+from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.sources.mavlink.flight_modes import mode_name
 from yawid.sources.mavlink.sequence import SenderStats
+from yawid.sources.open_log import Log
 from yawid.sources.read_options import Reading
 
 BRIDGE_S = 20.0
@@ -98,6 +100,30 @@ class Trial:
         return found
 
 
+class Trials:
+    """Replays of one log without outputs, each configuration estimated once."""
+
+    def __init__(self, source: Log) -> None:
+        self._source = source
+        self._made: dict[RunConfig, Trial] = {}
+
+    def of(self, config: RunConfig) -> Trial:
+        """Return the trial of a configuration.
+
+        Raises:
+            ConfigError: the channels or the rate do not fit.
+        """
+        if config not in self._made:
+            pipeline = Pipeline(config)
+            run_log(self._source, pipeline)
+            reacts = 0.0
+            if pipeline.bank is not None and config.inputs == BOTH:
+                reacts = reaction_shares(pipeline.bank.history())[1]
+            told = summarise(pipeline, self._source.link, "", "")
+            self._made[config] = Trial(config, *told, reacts)
+        return self._made[config]
+
+
 def inspect(
     log: Path, config: RunConfig, reading: Reading | None = None
 ) -> tuple[dict[str, Any], Verdict]:
@@ -109,15 +135,21 @@ def inspect(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    reading, survey = reading or Reading(), Survey()
-    pipeline, sha256 = run_through(log, config, reading=reading, watch=survey.note)
-    whole = Trial(config, *summarise(pipeline, str(log.absolute()), sha256))
+    with closing(open_log(log, reading, again=True)) as source:
+        return _inspected(source, config)
+
+
+def _inspected(source: Log, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
+    pipeline, survey = KeepingPipeline(config), Survey()
+    pipeline.channels.watch = survey.note
+    run_log(source, pipeline)
+    log, link = source.path, source.link
+    whole = Trial(config, *summarise(pipeline, link, str(log.absolute()), source.sha256))
     found: list[Stretch] = []
-    if pipeline.bank is not None and pipeline.channels.surfaces:
-        found = stretches(log, config, reading, pipeline.channels.boots)
+    if pipeline.kept and pipeline.channels.surfaces:
+        found = stretches(pipeline.kept, config, pipeline.channels.boots)
     kept = ("log", "sha256", "duration_s", "vehicle", "vehicles", "boots", "link", "channels")
     report = {key: whole.summary[key] for key in kept if key in whole.summary}
-    link = pipeline.link
     report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}
     counted = {key: SenderStats(frames) for key, frames in link.senders.items()} | dict(
         link.by_sender
@@ -125,7 +157,7 @@ def inspect(
     report["by_sender"] = {f"{s}/{c}": asdict(n) for (s, c), n in counted.items()}
     if link.signed:
         report["link"]["signed"] = link.signed
-    if (said := reading.unchecked(link)) is not None:
+    if (said := source.options.unchecked(link)) is not None:
         report["unchecked"] = said
     report |= flown(survey, pipeline.channels.lock.vehicle)
     report["excited"] = [
@@ -137,9 +169,9 @@ def inspect(
         longest = max(found, key=lambda stretch: stretch.seconds)
         later_hz = min(each["rate_hz"] for each in report["rates"].values())
         boot = longest.boot if len(pipeline.channels.boots.spans_us) > 1 else config.boot
-        chosen = _best(log, whole, reading, replace(longest, boot=boot), later_hz)
+        chosen = _best(Trials(source), whole, replace(longest, boot=boot), later_hz)
         report["recommend"] = said_options(chosen.config)
-        report["command"] = command_line(log, chosen.config, reading)
+        report["command"] = command_line(log, chosen.config, source.options)
     ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
     if record := what_to_record(ids, pipeline.channels):
         report["recommend"]["record"] = record
@@ -215,14 +247,11 @@ def _phase(phase: Phase, vehicle: Vehicle) -> dict[str, Any]:
     return told
 
 
-def stretches(log: Path, config: RunConfig, reading: Reading, boots: Boots) -> list[Stretch]:
+def stretches(blocks: list[SampleBlock], config: RunConfig, boots: Boots) -> list[Stretch]:
     """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
 
     A reboot and a change of flight mode end a stretch.
     """
-    blocks = collect(log, config, reading)
-    if not blocks:
-        return []
     t_s, u, aileron, mode, y = (
         np.concatenate(columns)
         for columns in zip(
@@ -269,7 +298,7 @@ def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Stretch]:
                 yield Stretch(boot, round(first, 1), round(last, 1))
 
 
-def _best(log: Path, whole: Trial, reading: Reading, stretch: Stretch, later_hz: float) -> Trial:
+def _best(trials: Trials, whole: Trial, stretch: Stretch, later_hz: float) -> Trial:
     """Return the replay to recommend: of an excited stretch, with what mends its reasons.
 
     The rate gives about sixteen samples per Dutch-roll period, and no more than ``later_hz``, what
@@ -280,26 +309,26 @@ def _best(log: Path, whole: Trial, reading: Reading, stretch: Stretch, later_hz:
     config = replace(whole.config, boot=stretch.boot, from_s=stretch.from_s, to_s=stretch.to_s)
     if config.memory is None and config.forgetting is None:
         config = replace(config, forgetting=1.0)
-    best = _trial(log, config, reading)
+    best = trials.of(config)
     if config.inputs != BOTH:
         with suppress(ConfigError):  # no aileron, or in another message
-            both = _trial(log, replace(config, inputs=BOTH), reading)
+            both = trials.of(replace(config, inputs=BOTH))
             worth = both.simulation_pct > best.simulation_pct + WORTH_PCT
             if worth and both.aileron_reacts < MOST_REACTION:
                 best = both
     if whole.config.rate is None:
         rate = _rate(best, later_hz)
         with suppress(ConfigError):  # a rate that jitters below what it seemed
-            best = _trial(log, replace(best.config, rate=rate), reading)
+            best = trials.of(replace(best.config, rate=rate))
     for _ in range(MOST_REMEDIES):
-        better = _mended(log, best, reading)
+        better = _mended(trials, best)
         if better is None:
             break
         best = better
     return whole if whole.verdict.usable and not best.verdict.usable else best
 
 
-def _mended(log: Path, trial: Trial, reading: Reading) -> Trial | None:
+def _mended(trials: Trials, trial: Trial) -> Trial | None:
     """Return the trial of what its reasons ask for, None where that is nothing or no better."""
     remedy: dict[str, Any] = {}
     for reason in trial.verdict.reasons:
@@ -314,7 +343,7 @@ def _mended(log: Path, trial: Trial, reading: Reading) -> Trial | None:
         low, high = remedy["band"]
         remedy["band"] = (low, min(high, float(f"{0.45 * remedy.get('rate', own_hz):.2g}")))
     try:
-        tried = _trial(log, replace(trial.config, **remedy), reading)
+        tried = trials.of(replace(trial.config, **remedy))
     except ConfigError:
         return None
     return tried if _weight(tried.verdict) < _weight(trial.verdict) else None
@@ -324,18 +353,6 @@ def _weight(verdict: Verdict) -> tuple[int, ...]:
     """Return how much speaks against a verdict, for comparison: fewer fatal reasons are better."""
     fatal = [reason for reason in verdict.reasons if reason.kind.exit_code]
     return (len(fatal), *(-list(KINDS).index(reason.id) for reason in fatal))
-
-
-def _trial(log: Path, config: RunConfig, reading: Reading) -> Trial:
-    """Return a replay without outputs.
-
-    Raises:
-        ConfigError: the channels or the rate do not fit.
-    """
-    pipeline, _ = run_through(log, config, reading=reading)
-    is_both = pipeline.bank is not None and config.inputs == BOTH
-    reacts = reaction_shares(pipeline.bank.history())[1] if is_both and pipeline.bank else 0.0
-    return Trial(config, *summarise(pipeline, "", ""), reacts)
 
 
 def _rate(trial: Trial, later_hz: float) -> float:

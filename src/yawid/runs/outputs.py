@@ -128,17 +128,24 @@ def _make_folder(folder: Path) -> None:
         raise SinkError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
-def finish(pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str]) -> None:
+def finish(
+    pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str], parameters: bytes
+) -> None:
     """Add the file names to the summary and finish every sink with it."""
     summary["files"] = files
-    parameters = pipeline.channels.parameters.values
     attachments = {
         "configuration.toml": pipeline.config.to_toml().encode(),
-        "parameters.txt": "".join(f"{n} {v!r}\n" for n, v in sorted(parameters.items())).encode(),
+        "parameters.txt": parameters,
         "summary.json": json.dumps(summary).encode(),
     }
     for sink in pipeline.sinks:
         sink.finish(summary, attachments)
+
+
+def parameters_of(pipeline: Pipeline) -> bytes:
+    """Return the vehicle's parameters, a line each, as they are attached to a run's file."""
+    values = pipeline.channels.parameters.values
+    return "".join(f"{name} {value!r}\n" for name, value in sorted(values.items())).encode()
 
 
 def versions() -> dict[str, str]:

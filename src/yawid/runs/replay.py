@@ -1,22 +1,81 @@
-"""One replay, from the log to its finished files."""
+"""One replay, from a log or a finished run to its files."""
 
 from __future__ import annotations
 
-import hashlib
 import sys
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary, summarise
-from yawid.runs.outputs import Outputs, finish, keep_as_interrupted, open_sinks, whole_or_none
+from yawid.runs.choose_orders import with_orders
+from yawid.runs.outputs import (
+    Outputs,
+    finish,
+    keep_as_interrupted,
+    open_sinks,
+    parameters_of,
+    whole_or_none,
+)
+from yawid.runs.run_log import open_log, run_log
 from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
 from yawid.sinks.terminal.progress import progress
-from yawid.sources.open_log import open_log
+from yawid.sources.open_log import Log, Source
 from yawid.sources.read_options import Reading
+
+
+class Origin(Protocol):
+    """What is replayed: where its blocks come from, and what is to be said when they have."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+
+    @property
+    def source(self) -> Source:
+        """The file, opened for reading."""
+
+    @property
+    def modes_of(self) -> tuple[int, int]:
+        """Autopilot and vehicle type, where the source has no HEARTBEAT; else zeros."""
+
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[dict[str, Any], Verdict]:
+        """Return the summary and the verdict of the pipeline that has had what was read."""
+
+    def parameters(self, pipeline: Pipeline) -> bytes:
+        """Return the vehicle's parameters, as they are attached to a run's file."""
+
+    def log_lines(self) -> list[Any]:
+        """Return lines for people that were written when the samples were made."""
+
+
+class LogOrigin:
+    """A log, replayed for the first time."""
+
+    modes_of = (0, 0)
+
+    def __init__(self, source: Log) -> None:
+        self.source, self.path = source, source.path
+
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[dict[str, Any], Verdict]:
+        """See :class:`Origin`."""
+        boots, link = pipeline.channels.boots, self.source.link
+        for said in (boots.warning(pipeline.config), self.source.options.unchecked(link)):
+            if said is not None:
+                sys.stderr.write(f"yawid: {said}\n")
+        return summarise(pipeline, link, str(self.path.absolute()), self.source.sha256)
+
+    def parameters(self, pipeline: Pipeline) -> bytes:
+        """See :class:`Origin`."""
+        return parameters_of(pipeline)
+
+    def log_lines(self) -> list[Any]:
+        """See :class:`Origin`."""
+        return []
 
 
 def replay(
@@ -25,8 +84,10 @@ def replay(
     outputs: Outputs,
     stop: StopFlag,
     reading: Reading | None = None,
+    *,
+    automatic: bool = False,
 ) -> tuple[dict[str, Any], Verdict]:
-    """Replay one log; return its summary and verdict.
+    """Replay one log; return its summary and verdict; ``automatic`` chooses the orders by the log.
 
     Told to ``stop`` it keeps what it has read, by names and with a verdict that say so.
 
@@ -36,41 +97,44 @@ def replay(
         SinkError: an output cannot be written.
         ConfigError: what is asked for does not fit the log.
     """
-    digest = hashlib.sha256()
-    reading = reading or Reading()
-    pipeline = Pipeline(config, reading=reading)
     with stop.raising():
-        pipeline.source = reader = open_log(log, pipeline.decoder, reading.form)
-    pipeline.sinks = open_sinks(config, outputs)
-    total, taken, is_whole = log.stat().st_size, 0, True
-    with whole_or_none(pipeline.sinks):
-        with progress(sys.stderr, log.name, total) as advance:
-            for size, frames in reader.read(digest):
-                if stop.is_set:
-                    is_whole = False
-                    break
-                pipeline.take(frames)
-                taken += size
-                advance(size)
-        if not is_whole and taken == 0:
+        source = open_log(log, reading, again=automatic)
+    with closing(source):
+        if automatic:
+            with stop.raising():
+                config = with_orders(source, config)
+        return to_files(LogOrigin(source), config, outputs, stop)
+
+
+def to_files(
+    origin: Origin, config: RunConfig, outputs: Outputs, stop: StopFlag
+) -> tuple[dict[str, Any], Verdict]:
+    """Run what is replayed to its files; return the summary and the verdict.
+
+    Raises:
+        Interrupted, SourceError, SinkError, ConfigError: as :func:`replay`.
+    """
+    sinks = open_sinks(config, outputs)
+    pipeline = Pipeline(config, sinks, modes_of=origin.modes_of)
+    total = origin.source.size
+    with whole_or_none(sinks):
+        with progress(sys.stderr, origin.path.name, total) as advance:
+            read, is_whole = run_log(origin.source, pipeline, stop, advance)
+        if not is_whole and read == 0:
             raise Interrupted(stop.exit_code)
-        pipeline.finish()
-        if is_whole:
-            pipeline.channels.boots.check(config)
-        if (warning := pipeline.channels.boots.warning(config)) is not None:
-            sys.stderr.write(f"yawid: {warning}\n")
-        if (said := reading.unchecked(pipeline.link)) is not None:
-            sys.stderr.write(f"yawid: {said}\n")
-        summary, verdict = summarise(pipeline, str(log.absolute()), digest.hexdigest())
+        summary, verdict = origin.conclude(pipeline, is_whole=is_whole)
         files = outputs.files()
         if not is_whole:
-            summary, verdict = cut_short(summary, verdict, stop.name, (taken, total))
-            files = keep_as_interrupted(pipeline.sinks, outputs)
-        finish(pipeline, summary, files)
+            summary, verdict = _cut_short(summary, verdict, stop.name, (read, total))
+            files = keep_as_interrupted(sinks, outputs)
+        for sink in sinks:
+            for line in origin.log_lines():
+                sink.log(line.unix_ns, line.level, line.text)
+        finish(pipeline, summary, files, origin.parameters(pipeline))
     return summary, verdict
 
 
-def cut_short(
+def _cut_short(
     summary: dict[str, Any], verdict: Verdict, signal: str, read_bytes: tuple[int, int]
 ) -> tuple[dict[str, Any], Verdict]:
     """Return summary and verdict of a run that a signal ended: a part of a log answers for no log.

@@ -7,8 +7,6 @@ concerns the estimators can, and gives what a replay of the log itself would giv
 from __future__ import annotations
 
 import hashlib
-import json
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from itertools import pairwise
@@ -20,19 +18,18 @@ import numpy as np
 from yawid.blocks import SampleBlock
 from yawid.channels.boots import outside
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError, NotIdentifiable, SinkError, SourceError
-from yawid.offline.orders import candidates, compare_orders, recommended
+from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.pipeline import Pipeline
 from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import bank_verdict
 from yawid.results.judge_estimate import Evidence
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.summary import as_summary
-from yawid.runs.outputs import Outputs, keep_as_interrupted, open_sinks, whole_or_none
-from yawid.runs.replay import cut_short
+from yawid.runs.choose_orders import with_orders
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import to_files
 from yawid.runs.stop import StopFlag
-from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.sinks.terminal.progress import progress
+from yawid.sinks.mcap.reader import LogLine, McapRun, open_run
 
 CHANGEABLE = (
     "orders",
@@ -57,9 +54,10 @@ def replay_run(
     settings: Mapping[str, Any],
     outputs: Outputs,
     stop: StopFlag,
+    *,
     automatic: bool = False,
 ) -> tuple[dict[str, Any], Verdict]:
-    """Estimate anew from a run's file; return the summary and the verdict.
+    """Estimate a run's samples again; return the summary and the verdict.
 
     ``settings`` overrule those of the run; ``automatic`` chooses the orders by the samples.
 
@@ -71,38 +69,61 @@ def replay_run(
     """
     with stop.raising():
         run = open_run(mcap)
-    if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
-        raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
-    config = changed(run, settings)
-    if automatic:
-        with stop.raising():
-            config = _with_orders(run, config)
-    pipeline = Pipeline(config)
-    if run.grid is not None:
-        pipeline.modes_of = run.grid.autopilot, run.grid.vehicle_type
-    pipeline.sinks = open_sinks(config, outputs)
-    size, rows, is_whole = mcap.stat().st_size, 0, True
-    with whole_or_none(pipeline.sinks):
-        with progress(sys.stderr, mcap.name, size) as advance:
-            for samples in _samples(run, config):
-                if stop.is_set:
-                    is_whole = False
-                    break
-                pipeline.estimate(samples)
-                rows += len(samples)
-                advance(size * len(samples) / max(run.rows, 1))
+        if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
+            raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
+        config = changed(run, settings)
+        if automatic:
+            config = with_orders(RunSource(run, config), config)
+    return to_files(RunOrigin(run, config), config, outputs, stop)
+
+
+class RunSource:
+    """The samples of a finished run that a configuration asks for, as a source."""
+
+    def __init__(self, run: McapRun, config: RunConfig) -> None:
+        self._run, self._config = run, config
+        self.size = run.path.stat().st_size
+
+    def read(self) -> Iterator[tuple[int, SampleBlock]]:
+        """Yield (bytes, samples), a block for each epoch at least; samples lie evenly."""
+        config, each = self._config, self.size / max(self._run.rows, 1)
+        low, high = config.window_us
+        columns = [self._run.config.inputs.index(name) for name in config.inputs]
+        for block in self._run.samples():
+            samples = replace(block, u=np.ascontiguousarray(block.u[:, columns]))
+            rows = (samples.boot_us >= low) & (samples.boot_us <= high)
+            samples = samples if rows.all() else samples.select(rows)
+            changes = (np.flatnonzero(np.diff(samples.epoch)) + 1).tolist()
+            for first, last in pairwise([0, *changes, len(samples)]):
+                if last > first:
+                    yield int(each * (last - first)), samples.select(slice(first, last))
+
+
+class RunOrigin:
+    """A finished run, estimated again."""
+
+    def __init__(self, run: McapRun, config: RunConfig) -> None:
+        self._run, self.path = run, run.path
+        self.source = RunSource(run, config)
+        grid = run.grid
+        self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
+
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[dict[str, Any], Verdict]:
+        """See :class:`yawid.runs.replay.Origin`."""
+        run, config = self._run, pipeline.config
         if is_whole and pipeline.bank is None and run.grid is not None:
             if config.from_s is None and config.to_s is None:
-                raise SourceError(f"{mcap} holds no sample: replay the log itself")
-            raise outside(config, f"{mcap}, which covers {_covered(run)}")
-        summary, verdict = _summary(run, pipeline)
-        files = outputs.files()
-        if not is_whole:
-            read = size * rows // max(run.rows, 1)  # as the samples lie in the file, evenly
-            summary, verdict = cut_short(summary, verdict, stop.name, (read, size))
-            files = keep_as_interrupted(pipeline.sinks, outputs)
-        _finish(run, pipeline, summary, files)
-    return summary, verdict
+                raise SourceError(f"{run.path} holds no sample: replay the log itself")
+            raise outside(config, f"{run.path}, which covers {_covered(run)}")
+        return _summary(run, pipeline)
+
+    def parameters(self, pipeline: Pipeline) -> bytes:
+        """See :class:`yawid.runs.replay.Origin`."""
+        return self._run.attachments.get("parameters.txt", b"")
+
+    def log_lines(self) -> list[LogLine]:
+        """See :class:`yawid.runs.replay.Origin`."""
+        return self._run.log
 
 
 def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
@@ -141,32 +162,6 @@ def _covered(run: McapRun) -> str:
     return f"{low:.1f} to {high:.1f} s"
 
 
-def _samples(run: McapRun, config: RunConfig) -> Iterator[SampleBlock]:
-    """Yield the samples that are wanted, a block for each epoch at least."""
-    low = -np.inf if config.from_s is None else 1e6 * config.from_s
-    high = np.inf if config.to_s is None else 1e6 * config.to_s
-    columns = [run.config.inputs.index(name) for name in config.inputs]
-    for block in run.samples():
-        samples = replace(block, u=np.ascontiguousarray(block.u[:, columns]))
-        rows = (samples.boot_us >= low) & (samples.boot_us <= high)
-        samples = samples if rows.all() else samples.select(rows)
-        changes = (np.flatnonzero(np.diff(samples.epoch)) + 1).tolist()
-        for first, last in pairwise([0, *changes, len(samples)]):
-            if last > first:
-                yield samples.select(slice(first, last))
-
-
-def _with_orders(run: McapRun, config: RunConfig) -> RunConfig:
-    blocks = list(_samples(run, config))
-    if not blocks:
-        raise NotIdentifiable(f"{run.path}: no sample has both rudder and yaw rate")
-    u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
-    extra = int(config.output == "yaw")
-    tried = candidates(len(config.inputs), extra_b=extra)
-    orders = recommended(compare_orders(u, y, blocks[0].sample_time_s, tried)).orders
-    return replace(config, orders=(orders.na, orders.nb[0] - extra, orders.nc, orders.nk[0]))
-
-
 def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]:
     with run.path.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -201,18 +196,3 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         verdict = Verdict.of(reasons)
     summary["verdict"] = as_summary(verdict)
     return summary, verdict
-
-
-def _finish(
-    run: McapRun, pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str]
-) -> None:
-    summary["files"] = files
-    attachments = {
-        "configuration.toml": pipeline.config.to_toml().encode(),
-        "parameters.txt": run.attachments.get("parameters.txt", b""),
-        "summary.json": json.dumps(summary).encode(),
-    }
-    for sink in pipeline.sinks:
-        for line in run.log:
-            sink.log(line.unix_ns, line.level, line.text)
-        sink.finish(summary, attachments)

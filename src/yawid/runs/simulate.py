@@ -9,15 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
 from yawid.results.summary import summarise
-from yawid.runs.outputs import Outputs, finish, open_mcap, whole_or_none
+from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
+from yawid.runs.run_log import run_log
 from yawid.sinks.base import check_free, write_whole
 from yawid.sources.logs.simulated_tlog import Flight, tlog_of
+from yawid.sources.open_log import TlogBytes
 
 FULL_RUDDER_RAD = np.deg2rad(25.0)
 """The deflection that a tlog shows as full travel: --rudder-max-deg 25 makes radians of it
@@ -82,11 +85,11 @@ def _tlog(simulation: Simulation) -> bytes:
 def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> None:
     """Write what a replay of the simulated tlog would write."""
     config = replace(RunConfig(), rate=min(rate_hz, 20.0), forgetting=1.0)
-    pipeline = Pipeline(config)
     outputs = Outputs(out.parent, out.stem, force=force)
-    pipeline.sinks = [open_mcap(config, outputs)]
-    with whole_or_none(pipeline.sinks):
-        pipeline.feed(_tlog(simulation))
-        pipeline.finish()
-        summary, _ = summarise(pipeline, str(out), "")
-        finish(pipeline, summary, outputs.files())
+    source = TlogBytes([_tlog(simulation)], WANTED)
+    sinks = [open_mcap(config, outputs)]
+    with whole_or_none(sinks):
+        pipeline = Pipeline(config, sinks)
+        run_log(source, pipeline)
+        summary, _ = summarise(pipeline, source.link, str(out), "")
+        finish(pipeline, summary, outputs.files(), parameters_of(pipeline))

@@ -5,11 +5,14 @@ A log is known by its first bytes, never by its name: dataflash, ULog, and a tel
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import hashlib
+import pickle
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from tempfile import SpooledTemporaryFile
 from typing import Protocol
 
-from yawid.blocks import FrameBlock
+from yawid.blocks import FrameBlock, SampleBlock
 from yawid.sources.logs.dataflash import DataflashReader
 from yawid.sources.logs.dataflash_index import MAGIC as DATAFLASH
 from yawid.sources.logs.tlog import Digest, Form, check_readable, read_tlog
@@ -17,24 +20,38 @@ from yawid.sources.logs.ulog import MAGIC as ULOG
 from yawid.sources.logs.ulog import UlogReader
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.sources.read_options import Reading
 
 SUFFIXES = (".tlog", ".bin", ".ulg")
 """What logs are called, by their kind: telemetry, dataflash, ULog."""
+IN_MEMORY = 64 << 20
+"""Bytes of decoded messages kept in memory; what is more goes to a file of its own."""
+
+
+class Source(Protocol):
+    """Something recorded, opened for reading: messages of a log, or the samples of a run."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+
+    def read(self) -> Iterator[tuple[int, FrameBlock | SampleBlock | None]]:
+        """Yield (bytes read, what they hold) from the start, what was held back at the end too."""
 
 
 class LogReader(Protocol):
-    """A log opened for reading."""
+    """What reads one kind of log."""
 
     @property
     def link(self) -> LinkStats:
         """Counts of what the log holds; of a telemetry log, of what has been read so far."""
 
-    def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
+    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
         """Yield (bytes read, the messages they hold), continuing ``digest`` by the bytes."""
 
 
 class TlogReader:
-    """A telemetry log, read through a decoder; its owner calls ``finish`` after the last piece.
+    """A telemetry log, read through a decoder.
 
     Raises:
         SourceError: as :func:`yawid.sources.logs.tlog.check_readable`.
@@ -51,26 +68,98 @@ class TlogReader:
         """Counts of all that has been decided so far."""
         return self._decoder.link
 
-    def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
+    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
         """Yield (bytes read, the messages they completed), continuing ``digest`` by the bytes."""
         for chunk in read_tlog(self._path, digest=digest, form=self._form):
             yield len(chunk), self._decoder.feed(chunk)
+        yield 0, self._decoder.finish()
 
 
-def open_log(path: Path, decoder: Decoder, form: Form = "auto") -> LogReader:
-    """Return the reader of a log; a telemetry log of this ``form`` is read by ``decoder``.
+class Log:
+    """A log opened for reading: the ``wanted`` messages, their counts and the file's hash.
 
-    A dataflash log or a ULog gives the messages that the channels can use.
+    It is decoded once. With ``again`` its messages are kept for whoever reads it again, those
+    beyond ``IN_MEMORY`` in a temporary file, until ``close``.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or it is no log.
     """
-    head = _head(path) if form == "auto" else b""
-    if head.startswith(DATAFLASH):
-        return DataflashReader(path)
-    if head.startswith(ULOG):
-        return UlogReader(path)
-    return TlogReader(path, decoder, form)
+
+    def __init__(
+        self,
+        path: Path,
+        wanted: Iterable[str],
+        options: Reading | None = None,
+        *,
+        again: bool = False,
+    ) -> None:
+        self.options = options or Reading()
+        self._reader = self._open(path, wanted)
+        self.path, self.size = path, path.stat().st_size
+        self._digest = hashlib.sha256()
+        self._kept = SpooledTemporaryFile(IN_MEMORY) if again else None  # noqa: SIM115 until the end
+        self._is_decoded = False
+
+    def _open(self, path: Path, wanted: Iterable[str]) -> LogReader:
+        head = _head(path) if self.options.form == "auto" else b""
+        if head.startswith(DATAFLASH):
+            return DataflashReader(path)
+        if head.startswith(ULOG):
+            return UlogReader(path)
+        return TlogReader(path, self.options.decoder(wanted), self.options.form)
+
+    def close(self) -> None:
+        """Remove what was kept, if anything was."""
+        if self._kept is not None:
+            self._kept.close()
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of what the log holds, once it has been read."""
+        return self._reader.link
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the file's bytes, once it has been read."""
+        return self._digest.hexdigest()
+
+    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
+        """See :class:`Source`."""
+        if self._is_decoded:
+            assert self._kept is not None, "a log is decoded once"
+            self._kept.seek(0)
+            while (piece := pickle.load(self._kept)) is not None:
+                yield piece
+            return
+        for piece in self._reader.read(self._digest):
+            if self._kept is not None:
+                pickle.dump(piece, self._kept, pickle.HIGHEST_PROTOCOL)
+            yield piece
+        self._is_decoded = True
+        if self._kept is not None:
+            pickle.dump(None, self._kept)
+
+
+class TlogBytes:
+    """The bytes of a telemetry log in memory, in pieces cut anywhere, as a source."""
+
+    def __init__(
+        self, pieces: Iterable[bytes], wanted: Iterable[str], options: Reading | None = None
+    ) -> None:
+        self._pieces = list(pieces)
+        self._decoder = (options or Reading()).decoder(wanted)
+        self.size = sum(map(len, self._pieces))
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of what has been read."""
+        return self._decoder.link
+
+    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
+        """See :class:`Source`."""
+        for piece in self._pieces:
+            yield len(piece), self._decoder.feed(piece)
+        yield 0, self._decoder.finish()
 
 
 def log_suffix(path: Path) -> str:

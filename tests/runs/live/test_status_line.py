@@ -12,10 +12,12 @@ from live_link import Screen, frames, listening, send
 from places import C172P
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.runs.live import Console
 from yawid.runs.live.standing import Standing
+from yawid.sources.mavlink.decoder import Decoder
 
 
 class Terminal(io.StringIO):
@@ -102,11 +104,12 @@ def test_a_link_nobody_has_sent_on_is_waited_for(tmp_path: Path):
 
 def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
     pipeline = Pipeline(RunConfig(rate=10.0))
-    pipeline.feed(C172P.read_bytes()[:38_000])
+    decoder = Decoder(WANTED)
+    pipeline.feed(decoder.feed(C172P.read_bytes()[:38_000]))
     assert pipeline.modes is not None
     assert pipeline.newest is not None
 
-    line = Standing().line(pipeline, 0, int(pipeline.newest.received_us[-1]))
+    line = Standing().line(pipeline, decoder.link.frames, 0, int(pipeline.newest.received_us[-1]))
 
     assert "no Dutch roll yet" in line
     assert "nan" not in line

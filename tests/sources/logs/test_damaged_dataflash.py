@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
 from pathlib import Path
 
@@ -14,13 +15,11 @@ from sources.logs.dataflash_flight import columns, logged, with_imu, written
 from sources.logs.dataflash_writer import DataflashLog
 from sources.logs.onboard_flight import flown
 
-from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
+from yawid.runs.run_log import open_log
 from yawid.sources.logs.dataflash import DataflashReader
-from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.open_log import open_log
 
 
 @pytest.mark.parametrize("cut", [3, 50, 20_001, 90_000])
@@ -63,8 +62,8 @@ def test_flipped_bytes_are_survived_in_silence(tmp_path: Path, seed: int):
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         pipeline = Pipeline(RunConfig())
-        for _, frames in DataflashReader(written(tmp_path, data.tobytes())).read():
-            pipeline.take(frames)
+        for _, frames in DataflashReader(written(tmp_path, data.tobytes())).read(hashlib.sha256()):
+            pipeline.feed(frames)
         pipeline.finish()
     assert said.getvalue() == ""
 
@@ -88,7 +87,7 @@ def test_a_file_that_only_begins_like_a_log_is_refused_in_one_line(tmp_path: Pat
     for data in (b"\xa3\x95", b"\xa3\x95\x80" + bytes(50), b"\xa3\x95" * 500):
         path = written(tmp_path, data)
         with pytest.raises(SourceError, match="holds no readable message") as caught:
-            open_log(path, Decoder(WANTED))
+            open_log(path)
         assert "\n" not in str(caught.value)
 
 

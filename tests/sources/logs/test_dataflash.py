@@ -28,13 +28,12 @@ from sources.logs.dataflash_flight import (
 from sources.logs.dataflash_writer import DataflashLog
 from sources.logs.onboard_flight import flown
 
-from yawid.channels.stage import WANTED, Channels
+from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
+from yawid.runs.run_log import open_log
 from yawid.sources.logs.dataflash import DataflashReader
-from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.open_log import TlogReader, open_log
 
 
 @pytest.fixture
@@ -44,7 +43,7 @@ def bin_file(tmp_path: Path) -> Path:
 
 def samples(path: Path) -> Samples:
     channels, blocks = Channels(RunConfig()), []
-    for _, frames in DataflashReader(path).read():
+    for _, frames in DataflashReader(path).read(hashlib.sha256()):
         blocks += [] if frames is None else channels.feed(frames)
     return Samples(channels, blocks + channels.finish())
 
@@ -229,7 +228,8 @@ def test_a_parameter_that_changes_in_flight_holds_from_there_on(tmp_path: Path):
     log.add("PARM", us(flight().t[-1]) + 9000, "SERVO4_TRIM", 1520, 0)
     log.add("RCOU", us(flight().t[-1]) + 20_000, 1500)
     path = written(tmp_path, log.data)
-    blocks = [frames.messages["PARAM_VALUE"] for _, frames in DataflashReader(path).read()
+    pieces = DataflashReader(path).read(hashlib.sha256())
+    blocks = [frames.messages["PARAM_VALUE"] for _, frames in pieces
               if frames is not None and "PARAM_VALUE" in frames.messages]  # fmt: skip
     order = np.concatenate([block.order for block in blocks])
 
@@ -267,7 +267,7 @@ def test_sticks_come_as_rc_channels(tmp_path: Path):
 
 def test_order_rises_through_the_log_whatever_the_message(bin_file: Path):
     low = -1
-    for _, frames in DataflashReader(bin_file).read():
+    for _, frames in DataflashReader(bin_file).read(hashlib.sha256()):
         orders = np.sort(np.concatenate([b.order for b in frames.messages.values()]))
         assert (np.diff(orders) > 0).all()
         assert orders[0] > low
@@ -276,8 +276,7 @@ def test_order_rises_through_the_log_whatever_the_message(bin_file: Path):
 
 def test_a_telemetry_log_is_still_read_as_one(tmp_path: Path):
     path = written(tmp_path, telemetry(flown(2.0)).data, "flight.bin")
-    reader = open_log(path, Decoder(WANTED))
-    assert isinstance(reader, TlogReader)
+    reader = open_log(path)
     assert sum(size for size, _ in reader.read()) == path.stat().st_size
 
 

@@ -14,15 +14,15 @@ MEGABYTES = 80
 SIZE = 12 << 20
 READ = """
 from pathlib import Path
-from yawid.sources.open_log import open_log
+from yawid.sources.open_log import Log
 from yawid.sources.read_options import Reading
 
 reading = Reading(sys.argv[2])
-decoder = reading.decoder({"ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE", "VFR_HUD"})
-for _ in open_log(Path(sys.argv[1]), decoder, reading.form).read():
+wanted = {"ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
+log = Log(Path(sys.argv[1]), wanted, reading)
+for _ in log.read():
     pass
-decoder.finish()
-print(decoder.link.frames, decoder.link.skipped_bytes)
+print(log.link.frames, log.link.skipped_bytes)
 """
 RECORDS = random_records(np.random.default_rng(1), 2000)
 HEAD = b"".join(RECORDS[:5])

@@ -29,7 +29,7 @@ from sources.logs.ulog_flight import (
 )
 from sources.logs.ulog_writer import ULogFile
 
-from yawid.channels.stage import WANTED, Channels
+from yawid.channels.stage import Channels
 from yawid.channels.vehicle import PX4
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
@@ -37,11 +37,10 @@ from yawid.pipeline import Pipeline
 from yawid.runs.inspect_log import inspect
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
+from yawid.runs.run_log import open_log
 from yawid.sources.logs.as_mavlink import table
 from yawid.sources.logs.ulog import UlogReader
-from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.flight_modes import mode_name, px4_custom_modes
-from yawid.sources.open_log import open_log
 
 
 @pytest.fixture
@@ -51,7 +50,7 @@ def ulg(tmp_path: Path) -> Path:
 
 def samples(path: Path, **settings: str) -> Samples:
     channels, blocks = Channels(RunConfig(**settings)), []
-    for _, frames in UlogReader(path).read():
+    for _, frames in UlogReader(path).read(hashlib.sha256()):
         blocks += [] if frames is None else channels.feed(frames)
     return Samples(channels, blocks + channels.finish())
 
@@ -223,7 +222,7 @@ def test_a_parameter_changed_in_flight_holds_from_there_on(tmp_path: Path):
     log.add("actuator_outputs", us(30.0), [1500])
     blocks = [
         frames.messages["PARAM_VALUE"]
-        for _, frames in UlogReader(written(tmp_path, log.data)).read()
+        for _, frames in UlogReader(written(tmp_path, log.data)).read(hashlib.sha256())
         if frames is not None and "PARAM_VALUE" in frames.messages
     ]
     order = np.concatenate([block.order for block in blocks])
@@ -268,7 +267,7 @@ def test_rates_of_older_logs_come_from_the_gyro(tmp_path: Path):
 
 def test_order_rises_through_the_log_whatever_the_message(ulg: Path):
     low = -1
-    for _, frames in UlogReader(ulg).read():
+    for _, frames in UlogReader(ulg).read(hashlib.sha256()):
         orders = np.sort(np.concatenate([b.order for b in frames.messages.values()]))
         np.testing.assert_array_equal(orders, np.arange(low + 1, low + 1 + len(orders)))
         low = orders[-1]
@@ -295,8 +294,8 @@ def test_flipped_bytes_are_read_or_refused_in_silence(tmp_path: Path, seed: int)
     said, pipeline = io.StringIO(), Pipeline(RunConfig())
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         with contextlib.suppress(SourceError):
-            for _, frames in UlogReader(written(tmp_path, data.tobytes())).read():
-                pipeline.take(frames)
+            for _, frames in UlogReader(written(tmp_path, data.tobytes())).read(hashlib.sha256()):
+                pipeline.feed(frames)
         pipeline.finish()
     assert said.getvalue() == ""
 
@@ -306,7 +305,7 @@ def test_a_log_of_other_topics_is_refused_in_one_line(tmp_path: Path):
     log.add("unrelated_topic", 5)
     for data, text in ((log.data, "without any of the topics"), (log.data[:9], "cannot be read")):
         with pytest.raises(SourceError, match=text) as caught:
-            open_log(written(tmp_path, data), Decoder(WANTED))
+            open_log(written(tmp_path, data))
         assert "\n" not in str(caught.value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from functools import cache
 from pathlib import Path
@@ -95,7 +96,7 @@ def written(folder: Path, data: bytes, name: str = "flight.ulg") -> Path:
 
 def columns(path: Path) -> dict[str, np.ndarray]:
     parts: dict[str, list[np.ndarray]] = {}
-    for _, frames in UlogReader(path).read():
+    for _, frames in UlogReader(path).read(hashlib.sha256()):
         for name, block in (frames.messages if frames else {}).items():
             parts.setdefault(name, []).append(block.fields)
     return {name: np.concatenate(found) for name, found in parts.items()}

@@ -24,12 +24,12 @@ class Standing:
         """Count the rate from here: so many frames have been read, and not at the link's pace."""
         self._rate_from = time.monotonic(), frames
 
-    def line(self, pipeline: Pipeline, waiting: int, now_us: int) -> str:
-        """Return how much comes and what it gives; ``waiting`` bytes are not estimated yet.
+    def line(self, pipeline: Pipeline, frames: int, waiting: int, now_us: int) -> str:
+        """Return how much comes and what it gives; ``frames`` are read, ``waiting`` bytes not yet.
 
         Where nothing comes any more that stands first: a narrow terminal cuts the rest off.
         """
-        frames, now_s = pipeline.link.frames, time.monotonic()
+        now_s = time.monotonic()
         since_s, before = self._rate_from
         self._rate_from = now_s, frames
         quiet = self._quiet(pipeline, now_us)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from yawid.channels.stage import WANTED
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError
@@ -22,7 +23,7 @@ from yawid.runs.live.standing import Standing
 from yawid.runs.live.tlog_recorder import TlogRecorder
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.warm_up import MOST_HELD, Warming
-from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun
+from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sources.read_options import Reading
@@ -71,8 +72,9 @@ class LiveSession:
         if setting.state is not None:
             self._state = StateFile(setting.state, setting.config, self.tell)
         self._viewer = self._open_viewer()
-        viewers: list[Sink] = [] if self._viewer is None else [self._viewer]
-        self.pipeline = Pipeline(setting.config, viewers, setting.reading, self._make_bank)
+        self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
+        self.decoder = setting.reading.decoder(WANTED)
+        self.pipeline = Pipeline(setting.config, self._sinks, self._make_bank)
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
@@ -116,7 +118,7 @@ class LiveSession:
             return
         self.catch_up()
         before = self.pipeline.samples
-        self.pipeline.feed(data)
+        self.pipeline.feed(self.decoder.feed(data))
         newest = self.pipeline.newest
         if before and newest is not None and self.pipeline.samples > before:
             # Not the first samples of all: they wait for the rate to be known.
@@ -129,8 +131,8 @@ class LiveSession:
         waited, self._waiting = bytes(self._waiting), bytearray()
         self._setting.warming.held -= len(waited)
         for first in range(0, len(waited), _PIECE):
-            self.pipeline.feed(waited[first : first + _PIECE])
-        self._standing.skip(self.pipeline.link.frames)
+            self.pipeline.feed(self.decoder.feed(waited[first : first + _PIECE]))
+        self._standing.skip(self.decoder.link.frames)
 
     def tick(self) -> None:
         """Bring out what is complete; made to be called several times a second."""
@@ -138,7 +140,7 @@ class LiveSession:
             self.catch_up()
         if self._tlog is not None:
             self._tlog.look()
-        for sink in self.pipeline.sinks:
+        for sink in self._sinks:
             sink.flush()
         if self._state is not None:
             self._state.tick(self.pipeline)
@@ -152,6 +154,7 @@ class LiveSession:
         if self._waiting:
             self._setting.warming.wait()
             self.catch_up()
+        self.pipeline.feed(self.decoder.finish())
         self.pipeline.finish()
 
     def stopped(self) -> bool:
@@ -160,8 +163,9 @@ class LiveSession:
 
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
-        stands = self._standing.line(self.pipeline, len(self._waiting), self._setting.now_us())
-        return f"{self._label}{stands}, lost {self.pipeline.link.lost} on the link, {lost}"
+        link, now_us = self.decoder.link, self._setting.now_us()
+        stands = self._standing.line(self.pipeline, link.frames, len(self._waiting), now_us)
+        return f"{self._label}{stands}, lost {link.lost} on the link, {lost}"
 
     def finish(self, live: dict[str, Any]) -> Ended:
         """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""
@@ -170,10 +174,13 @@ class LiveSession:
         if self._state is not None:
             self._state.save(self.pipeline)
         tlog = None if self._tlog is None else self._tlog.finish()
-        summary, verdict = summarise(self.pipeline, self._log(tlog), self._sha256.hexdigest())
+        summary, verdict = summarise(
+            self.pipeline, self.decoder.link, self._log(tlog), self._sha256.hexdigest()
+        )
         summary["live"] = live | self._own(live["events"])
         files = {n: p for n, p in self._files().items() if self._guards[n].failure is None}
-        finish(self.pipeline, summary, files | ({} if tlog is None else {"tlog": str(tlog)}))
+        files |= {} if tlog is None else {"tlog": str(tlog)}
+        finish(self.pipeline, summary, files, parameters_of(self.pipeline))
         # A file may fail as it is finished.
         for name in [n for n, guard in self._guards.items() if guard.failure is not None]:
             summary["files"].pop(name, None)
@@ -186,7 +193,7 @@ class LiveSession:
         """Close what is open under its unfinished name: what was recorded stays."""
         if self._tlog is not None:
             self._tlog.abort()
-        for sink in self.pipeline.sinks:
+        for sink in self._sinks:
             sink.abort()
 
     def _open(self) -> None:
@@ -217,7 +224,7 @@ class LiveSession:
 
     def _look_for_signatures(self) -> None:
         """Say, one time, that frames are signed and nobody checks them."""
-        said = self._setting.reading.unchecked(self.pipeline.link)
+        said = self._setting.reading.unchecked(self.decoder.link)
         if said is not None:
             self._signing_said = True
             self.tell(said)
@@ -230,7 +237,7 @@ class LiveSession:
             self._give_up(error)
             return
         self._guards[name] = guarded
-        self.pipeline.sinks.insert(0, guarded)
+        self._sinks.insert(0, guarded)
 
     def _give_up(self, error: SinkError) -> None:
         self.failures.append(str(error))

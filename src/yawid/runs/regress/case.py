@@ -11,9 +11,10 @@ from typing import Any
 
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError
+from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
-from yawid.runs.read_log import run_through
 from yawid.runs.regress.compare import NOT_COMPARED, RowsSink
+from yawid.runs.run_log import open_log, run_log
 from yawid.sources.open_log import SUFFIXES
 
 _KEYS = {
@@ -79,9 +80,10 @@ class Case:
             SourceError: the log cannot be read.
             ConfigError: the options do not fit the log.
         """
-        rows = RowsSink()
-        pipeline, sha256 = run_through(self.log, self.config, [rows])
-        summary, _ = summarise(pipeline, self.log.name, sha256)
+        rows, source = RowsSink(), open_log(self.log)
+        pipeline = Pipeline(self.config, [rows])
+        run_log(source, pipeline)
+        summary, _ = summarise(pipeline, source.link, self.log.name, source.sha256)
         rows.finish(summary, {})
         kept = {key: value for key, value in summary.items() if key not in NOT_COMPARED}
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))

@@ -1,0 +1,97 @@
+"""Which orders suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.config.run import RunConfig
+from yawid.errors import ChannelError, NotIdentifiable, YawidError
+from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
+from yawid.physics.modes import finite
+from yawid.results.summary import summarise
+from yawid.runs.run_log import KeepingPipeline, open_log, run_log
+from yawid.sources.open_log import Log, Source
+from yawid.sources.read_options import Reading
+
+
+def try_orders(
+    pipeline: KeepingPipeline,
+) -> tuple[list[Candidate], Candidate]:
+    """Return every structure tried on a run's samples, best simulation first, and the one to use.
+
+    Raises:
+        NotIdentifiable: there are too few samples.
+    """
+    config, blocks = pipeline.config, pipeline.kept
+    if not blocks:
+        raise NotIdentifiable("no sample has both rudder and yaw rate")
+    u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
+    tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
+    found = compare_orders(u, y, blocks[0].sample_time_s, tried)
+    return found, recommended(found)
+
+
+def with_orders(source: Source, config: RunConfig) -> RunConfig:
+    """Return the configuration with the orders that suit a source (``--orders auto``).
+
+    Where nothing can be compared it stays as it is: the verdict of the replay then says why.
+
+    Raises:
+        SourceError: the source cannot be read.
+        ConfigError: what is asked for does not fit the source.
+    """
+    pipeline = KeepingPipeline(config)
+    run_log(source, pipeline)
+    try:
+        _, chosen = try_orders(pipeline)
+    except NotIdentifiable:
+        return config
+    orders = chosen.orders
+    nb = orders.nb[0] - int(config.output == "yaw")
+    return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
+
+
+def orders_report(log: Path, config: RunConfig, reading: Reading | None = None) -> dict[str, Any]:
+    """Return what ``yawid orders --json`` prints.
+
+    Raises:
+        ChannelError: the log has no vehicle, rudder or yaw.
+        NotIdentifiable: the log has too few samples.
+        SourceError: the log cannot be read.
+        ConfigError: what is asked for does not fit the log.
+    """
+    source, pipeline = open_log(log, reading), KeepingPipeline(config)
+    run_log(source, pipeline)
+    if not pipeline.kept:
+        raise _why_nothing(source, pipeline)
+    found, chosen = try_orders(pipeline)
+    return {
+        "log": str(log.absolute()),
+        "recommended": _orders(chosen),
+        "candidates": [_described(candidate) for candidate in found],
+    }
+
+
+def _why_nothing(log: Log, pipeline: KeepingPipeline) -> YawidError:
+    """Return what a replay's verdict says of a log without samples."""
+    _, verdict = summarise(pipeline, log.link, "", "")
+    first = verdict.reasons[0]
+    kind = ChannelError if first.kind.exit_code == 3 else NotIdentifiable
+    return kind(f"{log.path}: {first.id}: {first.text}")
+
+
+def _orders(candidate: Candidate) -> dict[str, int]:
+    orders = candidate.orders
+    return {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
+
+
+def _described(candidate: Candidate) -> dict[str, Any]:
+    names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
+    values = {name: getattr(candidate, name) for name in names}
+    mode = zip(("wn_rad_s", "wn_std", "zeta", "zeta_std"), candidate.dutch_roll, strict=True)
+    described: dict[str, Any] = _orders(candidate) | finite(values)
+    return described | ({"dutch_roll": found} if (found := finite(dict(mode))) else {})
