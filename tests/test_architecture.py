@@ -32,32 +32,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/terminal": {"channels", "results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "sinks", "sinks/mcap", "sinks/rerun"},
     "pipeline": {*STAGES, "sinks"},
-    "runs": {
-        "config",
-        "channels",
-        "offline",
-        "physics",
-        "pipeline",
-        "plant",
-        "results",
-        "sources",
-        WIRE,
-        LOGS,
-    }
-    | SINKS,
+    "runs": {"config", "channels", "offline", "physics", "pipeline", "plant", "results"}
+    | {"sources", WIRE, LOGS, *SINKS},
     "runs/live": {*STAGES, "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
-    "runs/regress": {
-        "config",
-        "channels",
-        "pipeline",
-        "results",
-        "runs",
-        "sinks",
-        "sources",
-        WIRE,
-        LOGS,
-    },
+    "runs/regress": {"config", "channels", "pipeline", "results", "runs", "sinks"}
+    | {"sources", WIRE, LOGS},
     "cli": {"config", "estimation", "offline", "plant", "report", "runs", "runs/live"}
     | {"runs/regress", "sinks/mcap", "sinks/terminal", "sources", WIRE, LOGS},
     "__main__": {"cli"},
