@@ -1,14 +1,15 @@
-"""The command line of ``yawid view`` and ``yawid report``: looking at a finished run."""
+"""The command line of ``yawid view``, ``report`` and ``recover``: on the file of a run."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
 
-def add_view_and_report(commands: Any) -> None:
-    """Add both commands to the parser's."""
+def add_finished_run(commands: Any) -> None:
+    """Add the commands to the parser's."""
     view = commands.add_parser("view", help="show a finished run in the Rerun viewer")
     view.add_argument("mcap", metavar="RUN.mcap", type=Path)
     view.add_argument("--save", type=Path, metavar="X.rrd", help="write a recording instead")
@@ -24,6 +25,11 @@ def add_view_and_report(commands: Any) -> None:
     )
     report.add_argument("--force", action="store_true", help="overwrite a report that exists")
     report.set_defaults(run=_report)
+    recover = commands.add_parser("recover", help="make a proper MCAP of one that was cut off")
+    recover.add_argument("broken", metavar="BROKEN.mcap", type=Path)
+    recover.add_argument("-o", "--out", metavar="OUT.mcap", type=Path, required=True)
+    recover.add_argument("--force", action="store_true", help="overwrite a file that exists")
+    recover.set_defaults(run=_recover)
 
 
 def _view(arguments: argparse.Namespace) -> int:
@@ -44,4 +50,15 @@ def _report(arguments: argparse.Namespace) -> int:
     from yawid.report.write import write_report
 
     print(write_report(arguments.mcap, arguments.out, force=arguments.force), flush=True)
+    return 0
+
+
+def _recover(arguments: argparse.Namespace) -> int:
+    from yawid.sinks.mcap.recover import recover
+
+    found = recover(arguments.broken, arguments.out, force=arguments.force)
+    topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
+    if found.left_out:
+        sys.stderr.write(f"yawid: not to be trusted and left out: {found.left_out}\n")
+    sys.stdout.write(f"{arguments.out}: {topics}\n")
     return 0

@@ -1,18 +1,14 @@
-"""The command line of ``yawid live`` and ``yawid recover``."""
+"""The command line of ``yawid live``."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from yawid.config.run import RunConfig
-    from yawid.runs.outputs import Outputs
-    from yawid.sources.read_options import Reading
+from yawid.cli.options import add_outputs, config_of, outputs_of, reading_of
 
 ASKED_HZ = 50.0
 _ENDPOINT = (
@@ -21,8 +17,8 @@ _ENDPOINT = (
 )
 
 
-def add_live(commands: Any, add_outputs: Callable[[argparse.ArgumentParser], None]) -> Any:
-    """Add ``live`` to the commands; return its parser."""
+def add_live(commands: Any) -> None:
+    """Add ``live`` to the commands."""
     live: argparse.ArgumentParser = commands.add_parser(
         "live", help="estimate from a live link, passively"
     )
@@ -37,32 +33,19 @@ def add_live(commands: Any, add_outputs: Callable[[argparse.ArgumentParser], Non
         help="transmit: ask the vehicle for attitude and servos at so many Hz (50)",
     )  # fmt: skip
     add_outputs(live)
-    return live
+    live.set_defaults(run=_live)
 
 
-def add_recover(commands: Any) -> Any:
-    """Add ``recover`` to the commands; return its parser."""
-    recover: argparse.ArgumentParser = commands.add_parser(
-        "recover", help="make a proper MCAP of one that was cut off"
-    )
-    recover.add_argument("broken", metavar="BROKEN.mcap", type=Path)
-    recover.add_argument("-o", "--out", metavar="OUT.mcap", type=Path, required=True)
-    recover.add_argument("--force", action="store_true", help="overwrite a file that exists")
-    return recover
-
-
-def run_live(
-    arguments: argparse.Namespace,
-    config: RunConfig,
-    outputs: Outputs,
-    reading: Reading,
-    *,
-    every_vehicle: bool,
-) -> int:
+def _live(arguments: argparse.Namespace) -> int:
     """Tap the link; print what each vehicle's session came to and return the highest code."""
-    from yawid.runs.live import Console, LiveOptions, live
-    from yawid.runs.replay import StopFlag
+    from yawid.runs.live import Console, LiveOptions, live, session_name
+    from yawid.runs.stop import StopFlag
+    from yawid.sinks.terminal.summary_table import print_summary
 
+    every_vehicle = arguments.sysid == "all"
+    if every_vehicle:
+        arguments.sysid = None
+    config, outputs = config_of(arguments), outputs_of(arguments, session_name())
     options = LiveOptions(
         arguments.endpoint,
         arguments.seconds,
@@ -71,25 +54,10 @@ def run_live(
         every_vehicle=every_vehicle,
     )
     with StopFlag().installed() as stop:
-        ended = live(options, config, outputs, stop, Console(sys.stderr), reading)
+        ended = live(options, config, outputs, stop, Console(sys.stderr), reading_of(arguments))
     for session in ended:
         if arguments.json:
-            sys.stdout.write(json.dumps(session.summary) + "\n")
-            sys.stdout.flush()
+            print(json.dumps(session.summary), flush=True)
         else:
-            from yawid.sinks.terminal.summary_table import print_summary
-
             print_summary(session.summary, sys.stdout)
     return max(session.exit_code for session in ended)
-
-
-def run_recover(arguments: argparse.Namespace) -> int:
-    """Recover a torn MCAP and say what it holds."""
-    from yawid.sinks.mcap.recover import recover
-
-    found = recover(arguments.broken, arguments.out, force=arguments.force)
-    topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
-    if found.left_out:
-        sys.stderr.write(f"yawid: not to be trusted and left out: {found.left_out}\n")
-    sys.stdout.write(f"{arguments.out}: {topics}\n")
-    return 0

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from yawid import __version__
-from yawid.cli.finished_run import add_view_and_report
-from yawid.cli.live import add_live, add_recover, run_live, run_recover
+from yawid.cli.finished_run import add_finished_run
+from yawid.cli.live import add_live
 from yawid.cli.options import (
     OneLineParser,
     add_estimator_options,
@@ -27,14 +27,12 @@ from yawid.cli.options import (
     add_signing,
     auto_orders,
     config_of,
-    given_options,
     outputs_of,
     reading_of,
     settings_of,
 )
 from yawid.cli.paper import add_commands
 from yawid.cli.regress import add_regress
-from yawid.cli.regress import run as run_regress
 from yawid.cli.standard_streams import bring_out, make_ready, mute, show
 from yawid.errors import (
     ChannelError,
@@ -68,8 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     add_format(replay)
     add_outputs(replay)
     replay.set_defaults(run=_replay)
-    add_live(commands, add_outputs).set_defaults(run=_live)
-    add_recover(commands).set_defaults(run=run_recover)
+    add_live(commands)
     inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
     recorded = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
     inspect.add_argument("log", metavar="LOG", type=Path, help=recorded)
@@ -86,8 +83,8 @@ def _parser() -> argparse.ArgumentParser:
     add_estimator_options(orders)
     orders.set_defaults(run=_orders)
     add_commands(commands)
-    add_view_and_report(commands)
-    add_regress(commands, add_estimator_options).set_defaults(run=_regress)
+    add_finished_run(commands)
+    add_regress(commands)
     return parser
 
 
@@ -150,30 +147,12 @@ def _orders(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _live(arguments: argparse.Namespace) -> int:
-    from yawid.runs.live import session_name
-
-    every_vehicle = arguments.sysid == "all"
-    if every_vehicle:
-        arguments.sysid = None
-    config, outputs = config_of(arguments), outputs_of(arguments, session_name())
-    reading = reading_of(arguments)
-    return run_live(arguments, config, outputs, reading, every_vehicle=every_vehicle)
-
-
 def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.runs.inspect_log import inspect
     from yawid.sinks.terminal.inspection import print_inspection
 
     run = partial(inspect, arguments.log, config_of(arguments), reading_of(arguments))
     return _told(run, arguments.json, print_inspection)
-
-
-def _regress(arguments: argparse.Namespace) -> int:
-    from yawid.config.run import settings_from_toml
-
-    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    return run_regress(arguments, settings | given_options(arguments), partial(print, flush=True))
 
 
 def _told(

@@ -5,23 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from yawid.cli.options import add_estimator_options, given_options
 from yawid.errors import ConfigError
 from yawid.runs.stop import Interrupted
 
 if TYPE_CHECKING:
     from yawid.runs.regress.check import Outcome
 
-Say = Callable[[str], None]
 MOST_LINES = 20
 
 
-def add_regress(
-    commands: Any, add_estimator_options: Callable[[argparse.ArgumentParser], None]
-) -> argparse.ArgumentParser:
+def add_regress(commands: Any) -> None:
     """Add the command to the parser's."""
     regress: argparse.ArgumentParser = commands.add_parser(
         "regress",
@@ -40,30 +38,27 @@ def add_regress(
     regress.add_argument("--new", type=Path, metavar="LOG", help="make a case from a log")
     regress.add_argument("--name", metavar="CASE", help="the new case's name")
     add_estimator_options(regress)
-    return regress
+    regress.set_defaults(run=_regress)
 
 
-def run(arguments: argparse.Namespace, settings: Mapping[str, Any], say: Say) -> int:
-    """Compare, update or make a case; return the exit code.
+def _regress(arguments: argparse.Namespace) -> int:
+    """Compare, update or make a case; return the exit code."""
+    from yawid.config.run import settings_from_toml
 
-    ``settings`` are the estimator options given, by their name without dashes; ``say`` prints a
-    line to stdout.
-
-    Raises:
-        ConfigError: the options do not go together, or there is no such case.
-    """
+    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
+    settings |= given_options(arguments)  # as they were given: they go into the case's own file
     _check(arguments, settings)
     if arguments.new is not None:
-        return _new(arguments, settings, say)
+        return _new(arguments, settings)
     if arguments.update:
         from yawid.runs.regress.update import update
 
         try:
-            update(arguments.folder, arguments.cases, arguments.why, say)
+            update(arguments.folder, arguments.cases, arguments.why, _say)
         except Interrupted as stopped:
             return stopped.exit_code  # those updated before stay so
         return 0
-    return _compare(arguments, say)
+    return _compare(arguments)
 
 
 def _check(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> None:
@@ -82,17 +77,17 @@ def _check(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> None:
         raise ConfigError("--json and --junit tell of a comparison, not of --new or --update")
 
 
-def _new(arguments: argparse.Namespace, settings: Mapping[str, Any], say: Say) -> int:
+def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
     from yawid.runs.regress.new_case import new_case
 
     case = new_case(arguments.new, arguments.name, arguments.folder, settings)
-    say(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
-    say("say in its case.toml whose log it is; then")
-    say(f'yawid regress --update --why "first reference" {case.folder}')
+    _say(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
+    _say("say in its case.toml whose log it is; then")
+    _say(f'yawid regress --update --why "first reference" {case.folder}')
     return 0
 
 
-def _compare(arguments: argparse.Namespace, say: Say) -> int:
+def _compare(arguments: argparse.Namespace) -> int:
     from yawid.runs.regress.case import find_cases
     from yawid.runs.regress.check import Outcome, regress
     from yawid.runs.regress.reports import as_json, exit_code, write_junit
@@ -103,27 +98,31 @@ def _compare(arguments: argparse.Namespace, say: Say) -> int:
         for outcome in regress(cases, arguments.workers):
             outcomes.append(outcome)
             if not arguments.json:
-                _tell(outcome, say)
+                _tell(outcome)
     except Interrupted as stopped:
         unreached = cases[len(outcomes) :]
         sys.stderr.write(f"yawid: not reached: {', '.join(case.name for case in unreached)}\n")
         code, why = stopped.exit_code, ("interrupted: not compared",)
         outcomes += [Outcome(case.name, case.folder.absolute(), code, why) for case in unreached]
     if arguments.json:
-        say(json.dumps(as_json(outcomes)))
+        _say(json.dumps(as_json(outcomes)))
     if arguments.junit is not None:
         write_junit(arguments.junit, outcomes)
     return exit_code(outcomes)
 
 
-def _tell(outcome: Outcome, say: Say) -> None:
-    say(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
+def _tell(outcome: Outcome) -> None:
+    _say(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
     for line in outcome.wrong[:MOST_LINES]:
-        say(f"        {line}")
+        _say(f"        {line}")
     if len(outcome.wrong) > MOST_LINES:
-        say(f"        and {len(outcome.wrong) - MOST_LINES} more: --json tells them all")
+        _say(f"        and {len(outcome.wrong) - MOST_LINES} more: --json tells them all")
     for what, path in outcome.files.items():
-        say(f"        {what}: {path}")
+        _say(f"        {what}: {path}")
     if outcome.code == 1:
-        say("        if the change is meant:")
-        say(f'        yawid regress --update --why "..." {outcome.folder}')
+        _say("        if the change is meant:")
+        _say(f'        yawid regress --update --why "..." {outcome.folder}')
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
