@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,35 @@ def shifted(x: Floats, count: int) -> Floats:
     elif -len(x) < count < 0:
         found[:count] = x[-count:]
     return found
+
+
+class Columns:
+    """A struct of arrays, a row each; what is no array is common to all rows."""
+
+    __slots__: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(getattr(self, self.__slots__[-1]))
+
+    def select(self, rows: NDArray[Any] | slice) -> Self:
+        """Return the rows chosen by a mask (n,), an index array (m,) or a slice."""
+        columns: list[Any] = []
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                columns.append(value[rows])
+            else:
+                columns.append(value.select(rows) if isinstance(value, Columns) else value)
+        return type(self)(*columns)
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Self]) -> Self:
+        """Return the rows of several blocks (at least one), one after the other."""
+        first = blocks[0]
+        if len(blocks) == 1:
+            return first
+        columns = ([getattr(block, name) for block in blocks] for name in cls.__slots__)
+        return cls(*(np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for c in columns))
 
 
 class Status(IntEnum):
@@ -71,7 +100,7 @@ class Noted(IntFlag):
 
 
 @dataclass(frozen=True, slots=True)
-class MessageBlock:
+class MessageBlock(Columns):
     """Messages of one type, in the order heard.
 
     ``order`` (n,) is the byte at which the record starts in the stream: it sorts messages of all
@@ -87,20 +116,6 @@ class MessageBlock:
     compid: Bytes
     fields: NDArray[Any]
 
-    def __len__(self) -> int:
-        return len(self.order)
-
-    def select(self, rows: NDArray[Any] | slice) -> MessageBlock:
-        """Return the rows chosen by a mask, an index array or a slice."""
-        return MessageBlock(
-            self.name,
-            self.order[rows],
-            self.received_us[rows],
-            self.sysid[rows],
-            self.compid[rows],
-            self.fields[rows],
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class FrameBlock:
@@ -110,7 +125,7 @@ class FrameBlock:
 
 
 @dataclass(frozen=True, slots=True)
-class SampleBlock:
+class SampleBlock(Columns):
     """Samples on the uniform grid ``t_k = k * sample_time_s`` of vehicle time.
 
     ``k`` (n,) grid index; ``boot_us`` (n,) vehicle time in microseconds; ``unix_ns`` (n,) the same
@@ -146,20 +161,6 @@ class SampleBlock:
     mode: Floats
     on_ground: Floats
     altitude: Floats
-
-    def __len__(self) -> int:
-        return len(self.k)
-
-    def select(self, rows: NDArray[Any] | slice) -> SampleBlock:
-        """Return the rows chosen by a mask, an index array or a slice."""
-        columns = [getattr(self, name)[rows] for name in self.__slots__[1:]]
-        return SampleBlock(self.sample_time_s, *columns)
-
-    @classmethod
-    def joined(cls, blocks: Sequence[SampleBlock]) -> SampleBlock:
-        """Return the rows of blocks of one grid, one after the other."""
-        columns = [np.concatenate([getattr(b, name) for b in blocks]) for name in cls.__slots__[1:]]
-        return cls(blocks[0].sample_time_s, *columns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,10 @@ from yawid.blocks import Held, MessageBlock
 from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import Part, Surface
-from yawid.channels.vehicle import ARDUPILOT, PX4, Vehicle
+from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 
 def servo_block(pwm: list[int]) -> MessageBlock:

@@ -8,7 +8,7 @@ from flightlog import FlightLog
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import FrameBlock
-from yawid.channels.flight_state import Context
+from yawid.channels.flight_state import FlightState
 from yawid.channels.stage import WANTED
 from yawid.sources.mavlink.decoder import Decoder
 
@@ -18,12 +18,12 @@ UNDEFINED, LANDED, IN_AIR, TAKING_OFF = range(4)
 
 def context_of(*messages: mavlink.MAVLink_message) -> np.ndarray:
     """Return airspeed, on ground, mode and altitude as known after these messages."""
-    log, context = FlightLog(), Context()
+    log, context = FlightLog(), FlightState()
     for message in messages:
         log.add(10.0, message)
     decoder = Decoder(WANTED)
     for frames in (decoder.feed(log.data), decoder.finish()):
-        context.note((frames or FrameBlock({})).messages)
+        context.observe((frames or FrameBlock({})).messages)
     return context.at(np.array([len(log.data)]))[0]
 
 

@@ -55,7 +55,7 @@ def test_an_even_rate_is_told_once():
 def test_a_silence_a_reboot_and_a_repeated_message_are_no_part_of_the_rate():
     flow = Flow()
     for start in (100.0, 140.0, 20.0):  # a gap, then a clock that starts anew
-        flow.note((1e6 * (start + np.repeat(np.arange(50), 2) * 0.1)).astype(np.int64))
+        flow.observe((1e6 * (start + np.repeat(np.arange(50), 2) * 0.1)).astype(np.int64))
 
     assert flow.rate_hz == pytest.approx(10.0)
     assert flow.flowed_us == 3 * 4_900_000
@@ -71,9 +71,9 @@ def test_a_silence_a_reboot_and_a_repeated_message_are_no_part_of_the_rate():
 def test_the_count_does_not_depend_on_the_cut(steps: list[int], cuts: list[int]):
     t_us = np.cumsum([10_000_000, *steps])
     whole, cut = Flow(), Flow()
-    whole.note(t_us)
+    whole.observe(t_us)
     for piece in np.split(t_us, sorted(cuts)):
-        cut.note(piece)
+        cut.observe(piece)
 
     assert cut == whole
 

@@ -9,8 +9,9 @@ from flightlog import FlightLog, reason_ids, samples_of, summary_of
 from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import Part
-from yawid.channels.vehicle import ARDUPILOT, PX4, Vehicle
+from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 RUDDER = {"RC4_MIN": 1000.0, "RC4_TRIM": 1520.0, "RC4_MAX": 1950.0, "RC4_REV": -1.0}
 AILERON = {"RC1_MIN": 1050.0, "RC1_TRIM": 1490.0, "RC1_MAX": 1900.0, "RC1_REV": 1.0}

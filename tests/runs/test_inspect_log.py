@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.logs.test_bare_frames import bare
 from sources.mavlink.test_signed_sessions import PASSPHRASE, signed, signer
 
-from yawid.channels.clock import Series
+from yawid.channels.series import Series
 from yawid.channels.survey import Survey
 from yawid.channels.yaw_reader import AIRSPEED, COLUMNS, MODE, ON_GROUND
 from yawid.cli.main import main

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock
-from yawid.channels.clock import Piece, Series, flow_together
+from yawid.blocks import Columns, Floats, Held, Ints, Noted, SampleBlock
+from yawid.channels.series import Piece, Series, flow_together
 from yawid.channels.yaw_reader import (
     AIRSPEED,
     ALTITUDE,
@@ -35,7 +35,7 @@ MOST_INSTANTS = 2**16
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class AlignedRows(Columns):
     """Aligned rows, not yet samples; ``order`` (n,) is the message that completed each."""
 
     k: Ints
@@ -95,7 +95,7 @@ class Aligner:
     def _ts_us(self) -> float:
         return 1e6 * self.sample_time_s
 
-    def _start(self) -> list[Rows]:
+    def _start(self) -> list[AlignedRows]:
         """Begin the grid once both channels flow, with one held sample where a segment ended."""
         together = flow_together(self._yaw, self._surface)
         if together is None:
@@ -107,7 +107,7 @@ class Aligner:
         received = self._yaw if self._yaw.order[0] == both else self._surface
         hole = np.full((1, COLUMNS), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
         return [
-            Rows(
+            AlignedRows(
                 np.array([self._next_k - 1]),
                 np.array([both]),
                 received.received_us[:1],
@@ -117,7 +117,7 @@ class Aligner:
             )
         ]
 
-    def _emit(self, first_k: int) -> list[Rows]:
+    def _emit(self, first_k: int) -> list[AlignedRows]:
         """Align the grid instants that both channels have passed, so many of them at a time."""
         last = min(self._yaw.t_us[-1], self._surface.t_us[-1] - self._ts_us) / self._ts_us
         stop = min(math.floor(last) + 3, first_k + MOST_INSTANTS)
@@ -135,28 +135,25 @@ class Aligner:
         self.gaps += int(first_of_gap.sum())
         yaw[gap], surface[gap] = np.nan, np.nan
         later = self._yaw.order[yaw_row] >= self._surface.order[surface_row]
-        rows = Rows(
+        order = np.where(later, self._yaw.order[yaw_row], self._surface.order[surface_row])
+        rows = AlignedRows(
             k,
-            np.where(later, self._yaw.order[yaw_row], self._surface.order[surface_row]),
+            order,
             np.where(later, self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]),
-            np.zeros(n, np.int64),
+            self._offset_at(order),
             yaw,
             surface,
             np.where(gap, int(Held.GAP), 0),
         )
         keep = ~gap | first_of_gap
-        kept = [getattr(rows, name)[keep] for name in rows.__slots__]
-        kept[3] = self._offset_at(kept[1])
-        return [Rows(*kept)] if keep.any() else []
+        return [rows.select(keep)] if keep.any() else []
 
     def _at_instants(self, t: Floats) -> tuple[Floats, Ints, Bools]:
         """Interpolate the yaw columns; return them, the later message used and the gaps."""
         b = np.searchsorted(self._yaw.t_us, t, side="left")
         a = np.where(self._yaw.t_us[b] == t, b, b - 1)
         width = (self._yaw.t_us[b] - self._yaw.t_us[a]).astype(float)
-        weight = np.where(
-            width > 0.0, (t - self._yaw.t_us[a]) / np.where(width > 0.0, width, 1.0), 0.0
-        )
+        weight = (t - self._yaw.t_us[a]) / np.maximum(width, 1.0)
         low, high = self._yaw.values[a], self._yaw.values[b]
         between = low + weight[:, None] * (high - low)
         between[:, AIRSPEED:] = low[:, AIRSPEED:]
@@ -184,10 +181,8 @@ class Aligner:
         """Forget the rows no later sample can need."""
         if self._next_k is None:
             # Until the other channel starts, only the newest row can reach into the first sample.
-            self._yaw, self._surface = (
-                self._yaw.select(slice(-1, None)),
-                self._surface.select(slice(-1, None)),
-            )
+            last = slice(-1, None)
+            self._yaw, self._surface = self._yaw.select(last), self._surface.select(last)
         else:
             t = self._next_k * self._ts_us
             self._yaw, self._surface = _from(self._yaw, t), _from(self._surface, t)
@@ -198,25 +193,24 @@ class Aligner:
         else:
             self._offset = (self._offset[0][-1:], self._offset[1][-1:])
 
-    def _samples(self, blocks: list[Rows]) -> SampleBlock:
-        columns = [np.concatenate([getattr(b, name) for b in blocks]) for name in Rows.__slots__]
-        k, _, received, offset, yaw, surface, held = columns
+    def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
+        rows = AlignedRows.joined(blocks)
+        k, yaw, u, aileron = rows.k, rows.yaw, rows.surface[:, :-1], rows.surface[:, -1]
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
-        unix = np.maximum.accumulate(np.append(self._last_unix_ns, (boot_us + offset) * 1000))[1:]
+        unix = np.append(self._last_unix_ns, (boot_us + rows.offset_us) * 1000)
+        unix = np.maximum.accumulate(unix)[1:]
         self._last_unix_ns = int(unix[-1])
-        u, aileron, before = surface[:, :-1], surface[:, -1], held
-        no_rudder = (held == 0) & np.isnan(u).any(axis=1)
-        no_yaw = (held == 0) & np.isnan(yaw[:, RATE])
-        on_ground = (held == 0) & (yaw[:, ON_GROUND] == 1.0)
-        held = held + int(Held.RUDDER_INVALID) * no_rudder + int(Held.YAW_INVALID) * no_yaw
         barred = np.nan_to_num(yaw[:, BARRED]).astype(np.int64)
-        held = held + int(Held.ON_GROUND) * on_ground + np.where(before == 0, barred, 0)
+        barred += int(Held.RUDDER_INVALID) * np.isnan(u).any(axis=1)
+        barred += int(Held.YAW_INVALID) * np.isnan(yaw[:, RATE])
+        barred += int(Held.ON_GROUND) * (yaw[:, ON_GROUND] == 1.0)
+        held = np.where(rows.held != 0, rows.held, barred)
         return SampleBlock(
             self.sample_time_s,
             k,
             boot_us,
             unix,
-            received,
+            rows.received_us,
             np.where(held[:, None] != 0, np.nan, u),
             np.where(held != 0, np.nan, yaw[:, RATE]),
             yaw[:, YAW],
@@ -235,12 +229,12 @@ class Aligner:
     def _noted(self, mode: Floats) -> Ints:
         """Mark the samples at which the flight mode is another than before."""
         known = np.isfinite(mode)
-        before = np.concatenate([[self._last_mode], mode[known]])
         changed = np.zeros(len(mode), np.int64)
-        changed[known] = np.where(np.diff(before) != 0.0, int(Noted.MODE_CHANGED), 0)
-        if np.isnan(self._last_mode) and known.any():
-            changed[np.argmax(known)] = 0
-        self._last_mode = float(before[-1])
+        if known.any():
+            first = mode[known][0] if math.isnan(self._last_mode) else self._last_mode
+            steps = np.diff(mode[known], prepend=first)
+            changed[known] = int(Noted.MODE_CHANGED) * (steps != 0.0)
+            self._last_mode = float(mode[known][-1])
         return changed
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from yawid.channels.clock import Series
+from yawid.channels.series import Series
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
@@ -29,7 +29,7 @@ class Boots:
 
     spans_us: dict[int, tuple[int, int]] = field(default_factory=dict)
 
-    def note(self, boot: int, yaw: Series) -> None:
+    def observe(self, boot: int, yaw: Series) -> None:
         """Take in rows of yaw from one boot."""
         if len(yaw) == 0 or (len(self.spans_us) >= MOST and boot not in self.spans_us):
             return

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.clock import Piece
-from yawid.channels.flight_state import ARMED
 from yawid.channels.latest import Latest
+from yawid.channels.series import Piece
 from yawid.channels.surface import raw_outputs
 from yawid.channels.vehicle import Vehicle
 from yawid.channels.yaw_reader import ON_GROUND
 from yawid.config.run import RunConfig
+from yawid.sources.mavlink.enums import ARMED
 
 MOVED = 0.002
 """An output whose values differ by more than this part of them has moved: 3 us of a servo."""
@@ -38,7 +38,7 @@ class Output:
     low: float = math.inf
     high: float = -math.inf
 
-    def note(self, values: Floats) -> None:
+    def observe(self, values: Floats) -> None:
         """Take in its raw values (n,), n >= 1."""
         self.rows += len(values)
         self.low, self.high = (
@@ -69,7 +69,7 @@ class Command:
     _sampled: Latest = field(default_factory=lambda: Latest(1))
     _armed: Latest = field(default_factory=lambda: Latest(1))
 
-    def take(self, piece: Piece) -> None:
+    def observe_yaw(self, piece: Piece) -> None:
         """Take in a piece of a segment: its rows of yaw say where samples can be taken."""
         if self.moved and self.armed:  # nothing is left to be found out
             return
@@ -78,11 +78,11 @@ class Command:
         sampled &= (yaw.values[:, ON_GROUND] != 1.0) & (self.config.boot in (None, piece.boot))
         self._rows.append((yaw.order, sampled[:, None].astype(float)))
 
-    def note(self, messages: Mapping[str, MessageBlock]) -> None:
+    def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the messages among which those rows were."""
         if self.moved and self.armed:
             return
-        self._armed.note(
+        self._armed.observe(
             messages.get("HEARTBEAT"),
             lambda f: (f["base_mode"] & ARMED != 0)[:, None].astype(float),
         )
@@ -99,16 +99,16 @@ class Command:
             self._sampled.add(*(np.concatenate(column) for column in zip(*rows, strict=True)))
         for name in messages.keys() & set(_OUTPUTS):
             block = messages[name]
-            self._note_outputs(block.select(self._sampled.at(block.order)[:, 0] == 1.0))
+            self._observe_outputs(block.select(self._sampled.at(block.order)[:, 0] == 1.0))
 
-    def _note_outputs(self, block: MessageBlock) -> None:
+    def _observe_outputs(self, block: MessageBlock) -> None:
         if self.moved:
             return
         for number, values in raw_outputs(block):
             told = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
             if len(told):
                 output = self.outputs.setdefault((block.name, number), Output())
-                output.note(told)
+                output.observe(told)
                 self.moved |= output.moved
 
     def texts(self, vehicle: Vehicle | None) -> Iterator[tuple[str, str]]:

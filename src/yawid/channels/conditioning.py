@@ -81,7 +81,7 @@ class Conditioner:
 
         Samples that thereby miss something become held.
         """
-        block = self._note_saturation(block)
+        block = self._flag_saturation(block)
         if self.config.output == "yaw":
             block = self._differenced(block)
         if self.config.turn == "remove":
@@ -101,7 +101,7 @@ class Conditioner:
         u = np.where(held[:, None], np.nan, block.u)
         return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))
 
-    def _note_saturation(self, block: SampleBlock) -> SampleBlock:
+    def _flag_saturation(self, block: SampleBlock) -> SampleBlock:
         at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self.config.half_travel
         return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 

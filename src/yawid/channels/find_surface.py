@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
 from yawid.channels.stick_fallback import stick, stick_part
 from yawid.channels.surface import STICKS, Part, Surface
-from yawid.channels.vehicle import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER, Vehicle, has_wings
+from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle, has_wings
+from yawid.sources.mavlink.enums import ARDUPILOT, FIXED_WING
 
 AP_VTAIL_LEFT, AP_VTAIL_RIGHT = 79, 80
 AP_ELEVON_LEFT, AP_ELEVON_RIGHT = 77, 78

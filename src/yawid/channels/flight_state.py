@@ -11,19 +11,16 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.latest import Latest
-from yawid.channels.vehicle import ARDUPILOT, Vehicle
+from yawid.channels.vehicle import Vehicle
 from yawid.channels.vtol import Wings
+from yawid.sources.mavlink.enums import ARDUPILOT, ARMED, LANDED
 
 LEAST_AIRSPEED = 5.0
 """Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
-ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
-LANDED = 1
-"""MAV_LANDED_STATE: on the ground. Larger ones are in the air, taking off and landing."""
 
 
 @dataclass(slots=True)
-class Context:
+class FlightState:
     """What VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE said last of the ``vehicle``."""
 
     vehicle: Vehicle | None = None
@@ -32,15 +29,15 @@ class Context:
     _state: Latest = field(default_factory=lambda: Latest(2))
     _landed: Latest = field(default_factory=lambda: Latest(1))
 
-    def note(self, messages: Mapping[str, MessageBlock]) -> None:
+    def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the context messages of a block."""
-        self._hud.note(messages.get("VFR_HUD"), _columns("airspeed", "groundspeed", "alt"))
-        self._state.note(
+        self._hud.observe(messages.get("VFR_HUD"), _columns("airspeed", "groundspeed", "alt"))
+        self._state.observe(
             messages.get("HEARTBEAT"),
             lambda f: np.stack([f["custom_mode"], f["base_mode"] & ARMED], axis=1).astype(float),
         )
-        self._landed.note(messages.get("EXTENDED_SYS_STATE"), _columns("landed_state"))
-        self.wings.note(messages)
+        self._landed.observe(messages.get("EXTENDED_SYS_STATE"), _columns("landed_state"))
+        self.wings.observe(messages)
 
     def at(self, order: Ints) -> Floats:
         """Return what is known at each place, NaN where it is not, (n, 5).

@@ -24,7 +24,7 @@ class Flow:
     flowed_us: int = 0
     _newest_us: int | None = None
 
-    def note(self, t_us: Ints) -> None:
+    def observe(self, t_us: Ints) -> None:
         """Take in the times (n,) of its rows."""
         if len(t_us) == 0:
             return

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.channels.clock import Piece, Series, flow_together
+from yawid.channels.series import Piece, Series, flow_together
 from yawid.config.run import DEFAULT_RATE_HZ
 from yawid.errors import ConfigError
 

@@ -23,7 +23,7 @@ class Latest:
     def __post_init__(self) -> None:
         self.values = np.full((1, self.columns), np.nan)
 
-    def note(self, block: MessageBlock | None, read: Callable[[NDArray[Any]], Floats]) -> None:
+    def observe(self, block: MessageBlock | None, read: Callable[[NDArray[Any]], Floats]) -> None:
         """Take a block in; of what came before only the newest row is still needed."""
         if block is None:
             self.add(self.order[:0], np.zeros((0, self.columns)))
@@ -31,7 +31,7 @@ class Latest:
             self.add(block.order, read(block.fields))
 
     def add(self, order: Ints, values: Floats) -> None:
-        """Take in values (n, columns) told at places ``order`` (n,), as :meth:`note` does."""
+        """Take in values (n, columns) told at places ``order`` (n,), as :meth:`observe` does."""
         self.order = np.concatenate([self.order[-1:], order])
         self.values = np.concatenate([self.values[-1:], values])
 

@@ -25,7 +25,7 @@ class Twins:
 
     _counts: dict[tuple[str, int, int], tuple[int, int]] = field(default_factory=dict)
 
-    def note(self, block: MessageBlock, surface: Surface) -> None:
+    def observe(self, block: MessageBlock, surface: Surface) -> None:
         """Compare the surface's twins with its first output in rows that carry both."""
         for twin in surface.twins:
             first, other = (surface.normalised(part, block) for part in (surface.parts[0], twin))

@@ -13,17 +13,18 @@ import numpy as np
 from yawid.blocks import FrameBlock, Held, MessageBlock, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.boots import Boots
-from yawid.channels.clock import Piece, Segmenter, Series
 from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.decimate import finer_by
 from yawid.channels.find_surface import find_surface
-from yawid.channels.flight_state import Context
+from yawid.channels.flight_state import FlightState
 from yawid.channels.flow import Flow
 from yawid.channels.grid_rate import StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.redundant_outputs import Twins
-from yawid.channels.stick_fallback import OUTPUTS, Heard
+from yawid.channels.segments import Segmenter
+from yawid.channels.series import Piece, Series
+from yawid.channels.stick_fallback import OUTPUTS, ReceivedMessages
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.surface_reader import SurfaceReader
 from yawid.channels.vehicle import VehicleLock
@@ -63,8 +64,8 @@ class Channels:
         self.used, self.held = 0, Held.NONE
         self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
-        self._heard = Heard()
-        self._context = Context()
+        self._received = ReceivedMessages()
+        self._state_of_flight = FlightState()
         self.command = Command(config)
         self.boots = Boots()
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
@@ -85,11 +86,11 @@ class Channels:
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
             return []
-        self._context.vehicle = self.lock.vehicle
+        self._state_of_flight.vehicle = self.lock.vehicle
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
             if self.yaw.source in (None, UNTIMED):
-                self._surface.note_own_clock(stretch, surfaces)
+                self._surface.observe_own_clock(stretch, surfaces)
                 self.yaw.wait(self._surface.own_clock)
             samples += self._read(stretch, surfaces)
         return samples
@@ -104,7 +105,7 @@ class Channels:
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
         """Cut the block where something told changes the surfaces; yield each stretch with them."""
-        wings = self._context.wings
+        wings = self._state_of_flight.wings
         self.surfaces, self.aileron, wings.lift = self._find_all()
         low = -1
         for order in self._told(messages, parameters):
@@ -122,12 +123,12 @@ class Channels:
         In the stream's own order, so that a decision never knows what comes after it.
         """
         low = -1
-        for high, name in [*self._heard.events(messages), (END, None)]:
+        for high, name in [*self._received.events(messages), (END, None)]:
             for block in parameters:
                 rows = (block.order >= low) & (block.order < high)
                 yield from self.parameters.changes(block.select(rows))
             if name is not None:
-                self._heard.count(name)
+                self._received.count(name)
                 yield high
             low = high
 
@@ -152,7 +153,7 @@ class Channels:
         vehicle = self.lock.vehicle
         assert vehicle is not None
         selector = getattr(self.config, name)
-        surface = find_surface(name, selector, vehicle, self.parameters, self._heard.names)
+        surface = find_surface(name, selector, vehicle, self.parameters, self._received.names)
         return None if surface is None else replace(surface, scale=self._scale(name))
 
     def _scale(self, name: str) -> float:
@@ -172,16 +173,16 @@ class Channels:
         samples = self._read_rows(_between(messages, -1, order), surfaces)
         if self.yaw.rows:
             self.segmenter.new_meaning()
-        self.yaw.take(name)
+        self.yaw.switch_to(name)
         return samples + self._read(_between(messages, order, None), surfaces)
 
     def _read_rows(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
-        self._context.note(messages)
+        self._state_of_flight.observe(messages)
         untimed = self.yaw.source == UNTIMED
-        yaw = self.yaw.read(messages, self._context, self._surface.own_clock)
-        self._surface.note_clock(None if untimed else messages.get(self.yaw.source or ""))
+        yaw = self.yaw.read(messages, self._state_of_flight, self._surface.own_clock)
+        self._surface.observe_clock(None if untimed else messages.get(self.yaw.source or ""))
         surface = self._surface.read(messages, surfaces, self.aileron, own_clock=untimed)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
@@ -194,18 +195,18 @@ class Channels:
         if len(surface):
             self._used = surfaces
         samples += self._segments(yaw, surface)
-        self.command.note(messages)
+        self.command.observe(messages)
         return samples
 
     def _segments(self, yaw: Series, surface: Series) -> list[SampleBlock]:
         for flow, rows in zip(self.flows, (yaw, surface), strict=True):
-            flow.note(rows.t_us)
+            flow.observe(rows.t_us)
         if self.watch is not None:
             self.watch(yaw, surface)
         samples = []
         for piece in self.segmenter.feed(yaw, surface):
-            self.command.take(piece)
-            self.boots.note(piece.boot, piece.yaw)
+            self.command.observe_yaw(piece)
+            self.boots.observe(piece.boot, piece.yaw)
             samples += self._align(piece)
         return samples
 

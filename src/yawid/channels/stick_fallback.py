@@ -16,7 +16,7 @@ from yawid.blocks import Ints, MessageBlock
 from yawid.channels.clock import boot_us
 from yawid.channels.parameters import PX4_TRAVEL_US, STOCK_TRAVEL_US, ParameterTable
 from yawid.channels.surface import STICKS, Part, Surface
-from yawid.channels.vehicle import ARDUPILOT, PX4
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 WAIT_US = 5_000_000
 """How long what is stood in for has to show up, on the vehicle's clock."""
@@ -42,7 +42,7 @@ class Wait:
     over_at: int | None = None
     _began_us: int | None = None
 
-    def note(self, order: Ints, t_us: Ints) -> None:
+    def observe(self, order: Ints, t_us: Ints) -> None:
         """Take in where (n,) and when (n,) it came; a clock that starts anew begins anew."""
         if self.over_at is not None or len(order) == 0:
             return
@@ -55,7 +55,7 @@ class Wait:
 
 
 @dataclass(slots=True)
-class Heard:
+class ReceivedMessages:
     """Which messages a surface could be read from have been heard: sticks after their wait only."""
 
     names: frozenset[str] = frozenset()
@@ -72,7 +72,7 @@ class Heard:
             order = np.concatenate([block.order for block in sticks])
             t_us = np.concatenate([boot_us(block.fields) for block in sticks])
             by_order = np.argsort(order)
-            self._wait.note(order[by_order], t_us[by_order])
+            self._wait.observe(order[by_order], t_us[by_order])
         if self._wait.over_at is not None:
             over = self._wait.over_at
             new = self._sticks.keys() - self.names

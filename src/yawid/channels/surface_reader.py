@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.clock import UNIX_US, OwnClock, Series, boot_us, unwrap_uint32_us
+from yawid.channels.clock import UNIX_US, OwnClock, boot_us, unwrap_uint32_us
 from yawid.channels.latest import Latest
 from yawid.channels.redundant_outputs import Twins
+from yawid.channels.series import Series
 from yawid.channels.surface import Surface
 
 APART_US = 10_000_000
@@ -38,7 +39,7 @@ class SurfaceReader:
     _unix_offset: int = 0
     _boot: tuple[Ints, Ints] = (_NONE, _NONE)
 
-    def note_clock(self, clock: MessageBlock | None) -> None:
+    def observe_clock(self, clock: MessageBlock | None) -> None:
         """Remember the full boot times of a block of the yaw source and the newest before it."""
         if clock is None:
             self._boot = (self._boot[0][-1:], self._boot[1][-1:])
@@ -46,12 +47,12 @@ class SurfaceReader:
         order = np.concatenate([self._boot[0][-1:], clock.order])
         self._boot = (order, np.concatenate([self._boot[1][-1:], boot_us(clock.fields)]))
 
-    def note_own_clock(
+    def observe_own_clock(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> None:
         """Remember the servo message's own times, for a yaw source that has none."""
         block = messages.get(surfaces[0].message) if surfaces else None
-        self.own_clock.note(None if block is None else block.select(surfaces[0].rows(block)))
+        self.own_clock.observe(None if block is None else block.select(surfaces[0].rows(block)))
 
     def read(
         self,
@@ -64,7 +65,7 @@ class SurfaceReader:
 
         Its time is the boot time of the yaw source's clock, or by its ``own_clock``.
         """
-        self._note_aileron(messages, aileron)
+        self._observe_aileron(messages, aileron)
         none = Series.empty(self.columns + 1)
         order = self.own_clock.order if own_clock else self._boot[0]
         if not surfaces or surfaces[0].message not in messages or len(order) == 0:
@@ -74,20 +75,22 @@ class SurfaceReader:
         if len(block) == 0:
             return none
         for surface in surfaces:
-            self.twins.note(block, surface)
+            self.twins.observe(block, surface)
         beside = self._aileron.at(block.order + 1)[:, 0]  # of the same message: of this very row
         values = np.stack([*(s.deflection(block) for s in surfaces), beside], axis=1)
         times = self.own_clock.at(block.order) if own_clock else self._times(block)
         return Series(block.order, block.received_us, times, values)
 
-    def _note_aileron(self, messages: Mapping[str, MessageBlock], surface: Surface | None) -> None:
+    def _observe_aileron(
+        self, messages: Mapping[str, MessageBlock], surface: Surface | None
+    ) -> None:
         """Take in the aileron's own message, which need not be that of the inputs."""
         block = None if surface is None else messages.get(surface.message)
         if surface is None or block is None:
-            self._aileron.note(None, _no_values)
+            self._aileron.observe(None, _no_values)
             return
         block = block.select(surface.rows(block))
-        self._aileron.note(block, lambda _: surface.deflection(block)[:, None])
+        self._aileron.observe(block, lambda _: surface.deflection(block)[:, None])
 
     def _times(self, block: MessageBlock) -> Ints:
         order, boot = self._boot

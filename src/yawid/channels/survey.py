@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.channels.clock import BACK_STEP_US, REBOOT_US, Series
+from yawid.channels.segments import BACK_STEP_US, REBOOT_US
+from yawid.channels.series import Series
 from yawid.channels.yaw_reader import MODE, ON_GROUND
 
 AIRBORNE, GROUNDED, UNKNOWN = range(3)

@@ -12,14 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import FrameBlock, MessageBlock
+from yawid.sources.mavlink.enums import AUTOPILOT_INVALID, FIXED_WING, VTOL_TYPES
 
-AUTOPILOT_INVALID = 8
-ARDUPILOT = 3
-PX4 = 12
-GENERIC = 0
-FIXED_WING = 1
-VTOL_TYPES = range(19, 26)
-"""MAV_TYPE of what hovers and flies on wings."""
 WITHOUT_RUDDER = frozenset({2, 3, 4, 10, 12, 13, 14, 15, 29, 35, 43})
 """MAV_TYPE of helicopters and multirotors, ground rover and submarine: what turns them is none."""
 TYPE_NAMES = {
@@ -98,7 +92,7 @@ class VehicleLock:
         """
         heartbeats = frames.messages.get("HEARTBEAT")
         if heartbeats is not None:
-            self._note_heartbeats(heartbeats)
+            self._observe_heartbeats(heartbeats)
         if "PARAM_VALUE" in frames.messages:
             self._parameters.append(frames.messages["PARAM_VALUE"])
         if self.vehicle is None:
@@ -118,7 +112,7 @@ class VehicleLock:
         rows = (block.sysid == self.vehicle.sysid) & (block.compid == self.vehicle.compid)
         return block.select(rows)
 
-    def _note_heartbeats(self, block: MessageBlock) -> None:
+    def _observe_heartbeats(self, block: MessageBlock) -> None:
         kinds, autopilots = block.fields["type"], block.fields["autopilot"]
         senders = np.stack([block.sysid, block.compid, kinds, autopilots], axis=1)
         for sysid, compid, kind, autopilot in np.unique(senders, axis=0).tolist():

@@ -16,7 +16,8 @@ from yawid.blocks import Floats, Held, Ints, MessageBlock
 from yawid.channels.latest import Latest
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import raw_output
-from yawid.channels.vehicle import ARDUPILOT, VTOL_TYPES, Vehicle, has_wings
+from yawid.channels.vehicle import Vehicle, has_wings
+from yawid.sources.mavlink.enums import ARDUPILOT, VTOL_TYPES, WINGS
 from yawid.sources.mavlink.flight_modes import ARDUPLANE_HOVER
 
 AP_MOTORS = range(33, 41)
@@ -25,8 +26,6 @@ DRIVEN = 0.05
 """A motor above this part of its range is driven: ArduPilot's motors that are armed and idle stand
 at their minimum in forward flight."""
 MOTOR_TRAVEL_US = 1000.0, 2000.0
-FORWARD_STATE = 4
-"""MAV_VTOL_STATE: on wings. Smaller ones are without them and between, 0 says nothing."""
 OUTPUTS_PER_PORT = 16
 
 
@@ -68,9 +67,9 @@ class Wings:
     _state: Latest = field(default_factory=lambda: Latest(1))
     _driven: tuple[Latest, Latest] = field(default_factory=lambda: (Latest(1), Latest(1)))
 
-    def note(self, messages: Mapping[str, MessageBlock]) -> None:
+    def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in what tells it in a block."""
-        self._state.note(messages.get("EXTENDED_SYS_STATE"), lambda f: f["vtol_state"][:, None])
+        self._state.observe(messages.get("EXTENDED_SYS_STATE"), lambda f: f["vtol_state"][:, None])
         servos = messages.get("SERVO_OUTPUT_RAW")
         if not self.lift or servos is None:
             return
@@ -90,13 +89,13 @@ class Wings:
     def held(self, order: Ints, mode: Floats, vehicle: Vehicle | None) -> Ints:
         """Return the bits of :class:`Held` at places (n,), ``mode`` (n,) being the flight mode."""
         state = self._state.at(order)[:, 0]
-        hovers = (state > 0.0) & (state < FORWARD_STATE)
+        hovers = (state > 0.0) & (state < WINGS)
         if vehicle is not None and has_wings(vehicle):
             if vehicle.autopilot == ARDUPILOT:
                 hovers |= (mode >= ARDUPLANE_HOVER.start) & (mode < ARDUPLANE_HOVER.stop)
             elif vehicle.type in VTOL_TYPES:
                 # Its rudder is one in forward flight alone: what does not say so is none.
-                hovers |= state != FORWARD_STATE
+                hovers |= state != WINGS
         driven = [port.at(order)[:, 0] == 1.0 for port in self._driven]
         lifts = np.any(driven, axis=0) & bool(self.lift)
         found: Ints = int(Held.HOVER) * hovers + int(Held.LIFT_MOTORS) * lifts

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Held, Ints, MessageBlock
-from yawid.channels.clock import OwnClock, Series, boot_us
-from yawid.channels.flight_state import LEAST_AIRSPEED, Context
+from yawid.channels.clock import OwnClock, boot_us
+from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.heading_filter import FINE_STD, WHOLE_DEGREES_STD, HeadingRate
+from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
 
 GRAVITY = 9.80665
@@ -115,7 +116,7 @@ class YawReader:
 
     def wait(self, clock: OwnClock) -> None:
         """Wait for a better source than VFR_HUD while another message's clock goes on."""
-        self._wait.note(clock.order, clock.t_us)
+        self._wait.observe(clock.order, clock.t_us)
 
     def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
         """Return the first better source among these messages and where it starts."""
@@ -140,13 +141,13 @@ class YawReader:
         places: Ints = block.order[rows]
         return places
 
-    def take(self, source: str) -> None:
+    def switch_to(self, source: str) -> None:
         """Read another source from now on."""
         self.source = source
         self._slope = HeadingRate(COARSE[source]) if source in COARSE else None
 
     def read(
-        self, messages: Mapping[str, MessageBlock], context: Context, clock: OwnClock
+        self, messages: Mapping[str, MessageBlock], context: FlightState, clock: OwnClock
     ) -> Series:
         """Return the rows of the source's messages, NaN where a value is not finite or absurd.
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from yawid.channels.stage import Channels
-from yawid.channels.vehicle import ARDUPILOT, WITHOUT_RUDDER, Vehicle
+from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
+from yawid.sources.mavlink.enums import ARDUPILOT
 
 
 def what_to_record(reasons: Iterable[str], channels: Channels) -> list[str]:

@@ -17,10 +17,10 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.boots import Boots
-from yawid.channels.clock import REBOOT_US
 from yawid.channels.decimate import RATE_SLACK
+from yawid.channels.segments import REBOOT_US
 from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
-from yawid.channels.vehicle import FIXED_WING, GENERIC, Vehicle
+from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
@@ -30,6 +30,7 @@ from yawid.results.judge_samples import LEAST_RATE_HZ, reaction_shares
 from yawid.results.reasons import KINDS, Verdict
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
+from yawid.sources.mavlink.enums import FIXED_WING, GENERIC
 from yawid.sources.mavlink.flight_modes import mode_name
 from yawid.sources.mavlink.sequence import SenderStats
 from yawid.sources.open_log import Log

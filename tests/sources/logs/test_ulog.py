@@ -30,7 +30,6 @@ from sources.logs.ulog_flight import (
 from sources.logs.ulog_writer import ULogFile
 
 from yawid.channels.stage import Channels
-from yawid.channels.vehicle import PX4
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
@@ -40,6 +39,7 @@ from yawid.runs.replay import StopFlag, replay
 from yawid.runs.run_log import open_log
 from yawid.sources.logs.as_mavlink import table
 from yawid.sources.logs.ulog import UlogReader
+from yawid.sources.mavlink.enums import PX4
 from yawid.sources.mavlink.flight_modes import mode_name, px4_custom_modes
 
 

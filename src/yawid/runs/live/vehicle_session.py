@@ -30,7 +30,7 @@ from yawid.sources.read_options import Reading
 
 INPUT_OR_OUTPUT_FAILED = 6
 MOST_EVENTS = 100
-_PIECE = 1 << 20  # bytes: what waited for the estimators is not decoded all at once
+_CHUNK = 1 << 20  # bytes: what waited for the estimators is not decoded all at once
 
 
 class Ended(NamedTuple):
@@ -130,8 +130,8 @@ class LiveSession:
             return
         waited, self._waiting = bytes(self._waiting), bytearray()
         self._setting.warming.held -= len(waited)
-        for first in range(0, len(waited), _PIECE):
-            self.pipeline.feed(self.decoder.feed(waited[first : first + _PIECE]))
+        for first in range(0, len(waited), _CHUNK):
+            self.pipeline.feed(self.decoder.feed(waited[first : first + _CHUNK]))
         self._standing.skip(self.decoder.link.frames)
 
     def tick(self) -> None:

@@ -8,11 +8,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
-from yawid.channels.vehicle import AUTOPILOT_INVALID, NOT_A_VEHICLE
+from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.live.saved_state import check_states
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sources.link.tap import sysid_of
+from yawid.sources.mavlink.enums import AUTOPILOT_INVALID
 from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
 
 KEPT = 8192

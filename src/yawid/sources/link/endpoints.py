@@ -8,7 +8,7 @@ from typing import Literal
 
 from yawid.errors import ConfigError
 
-Kind = Literal["udpin", "udpout", "udpbcast", "mcast", "tcp", "serial"]
+EndpointKind = Literal["udpin", "udpout", "udpbcast", "mcast", "tcp", "serial"]
 MULTICAST = ("239.255.145.50", 14550)  # ArduPilot's group, and pymavlink's default
 BAUD = 57600
 _HOST_PORT = re.compile(r"(udpin|udpout|udpbcast|tcp):([^:\s\[\]]+):(\d+)")
@@ -27,7 +27,7 @@ class Endpoint:
 
     host: str
     port: int
-    kind: Kind = "udpin"
+    kind: EndpointKind = "udpin"
 
     def __str__(self) -> str:
         if self.kind == "serial":
@@ -61,7 +61,7 @@ def parse_endpoint(text: str) -> Endpoint:
             raise ConfigError(f"{text!r}: {baud} is no baud rate, write {match[1]},{BAUD}")
         return Endpoint(match[1], baud, "serial")
     if match := _HOST_PORT.fullmatch(text) or _HOST6_PORT.fullmatch(text):
-        kind: dict[str, Kind] = {
+        kind: dict[str, EndpointKind] = {
             "udpin": "udpin",
             "udpout": "udpout",
             "udpbcast": "udpbcast",

@@ -10,7 +10,7 @@ from itertools import chain
 
 Address = tuple[str, int]
 """Host and port; an IPv6 host that is one only on its link says on which: ``fe80::1%2``."""
-Heard = tuple[list[int], list[bytes], list[Address]]
+Batch = tuple[list[int], list[bytes], list[Address]]
 """Stamps, datagrams and senders, as many of each."""
 QUEUE = 200_000  # datagrams: a minute and more of a busy link
 JUMP_S = 1.0
@@ -73,7 +73,7 @@ class Inbox:
         self.stamps = stamps
         self._size = size
         self._taken = 0
-        self._queue: deque[Heard] = deque()
+        self._queue: deque[Batch] = deque()
         self._arrived = threading.Event()
 
     def __len__(self) -> int:
@@ -99,7 +99,7 @@ class Inbox:
         """Wait until there is something; return whether there is."""
         return self._arrived.wait(timeout_s)
 
-    def take(self) -> Iterator[tuple[int, bytes, Address]]:
+    def get(self) -> Iterator[tuple[int, bytes, Address]]:
         """Return what is queued, the oldest first, up to a bound: stamp, datagram and sender."""
         self._arrived.clear()
         taken, count = [], 0

@@ -51,7 +51,7 @@ class Receiver(Protocol):
     def wait(self) -> Arrivals:
         """Return the next datagram, and others if they are there; none after the time-out."""
 
-    def take(self) -> Arrivals:
+    def take_all(self) -> Arrivals:
         """Return what is there, ``MOST`` at most."""
 
 
@@ -81,7 +81,7 @@ class OneByOne:
             return _untold([(data, _address(*sender))])
         return NOTHING
 
-    def take(self) -> Arrivals:
+    def take_all(self) -> Arrivals:
         """See :class:`Receiver`."""
         heard: list[tuple[bytes, Address]] = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
@@ -100,7 +100,7 @@ def _address(host: str, port: int, _flow: int = 0, scope: int = 0) -> Address:
     return (f"{host}%{scope}" if scope and "%" not in host else host), port
 
 
-class _Piece(ctypes.Structure):  # struct iovec
+class _Span(ctypes.Structure):  # struct iovec
     _fields_ = (("base", ctypes.c_size_t), ("size", ctypes.c_size_t))
 
 
@@ -116,7 +116,7 @@ class _Message(ctypes.Structure):  # struct mmsghdr
     _fields_ = (("header", _Header), ("size", ctypes.c_uint32))
 
 
-class _Told(ctypes.Structure):  # struct cmsghdr and the struct timeval it heads
+class _Arrival(ctypes.Structure):  # struct cmsghdr and the struct timeval it heads
     _fields_ = (
         ("length", ctypes.c_size_t), ("level", ctypes.c_int), ("kind", ctypes.c_int),
         ("seconds", ctypes.c_long), ("us", ctypes.c_long),
@@ -161,7 +161,7 @@ class ManyAtOnce:
         memory = mmap.mmap(-1, MOST * _LONGEST, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         data = np.frombuffer(memory, np.uint8).reshape(MOST, _LONGEST)
         names = np.zeros((MOST, _NAME_SIZE // 8), np.uint64)
-        told, pieces = np.zeros(MOST, np.dtype(_Told)), np.zeros(MOST, np.dtype(_Piece))
+        told, pieces = np.zeros(MOST, np.dtype(_Arrival)), np.zeros(MOST, np.dtype(_Span))
         pieces["base"], pieces["size"] = _places(data), _LONGEST
         messages = np.zeros(MOST, np.dtype(_Message))
         headers = messages["header"]
@@ -187,12 +187,12 @@ class ManyAtOnce:
         """See :class:`Receiver`."""
         return self._receive(_WAIT_FOR_ONE)
 
-    def take(self) -> Arrivals:
+    def take_all(self) -> Arrivals:
         """See :class:`Receiver`."""
         return self._receive(_DONT_WAIT)
 
     def _receive(self, flags: int) -> Arrivals:
-        self._told_sizes[:], self._seconds[:] = ctypes.sizeof(_Told), 0
+        self._told_sizes[:], self._seconds[:] = ctypes.sizeof(_Arrival), 0
         count = self._ask(MOST, flags)
         view, seconds = self._view, self._seconds[:count].tolist()
         times = zip(seconds, self._us[:count].tolist(), strict=True)

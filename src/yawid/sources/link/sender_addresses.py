@@ -17,7 +17,7 @@ class Addresses:
         self._heard_us: dict[int, dict[Address, int]] = {}
         self._told: set[int] = set()
 
-    def note(self, pairs: set[tuple[int, Address]], now_us: int) -> list[str]:
+    def observe(self, pairs: set[tuple[int, Address]], now_us: int) -> list[str]:
         """Take the (system id, address) pairs heard since the last call; say what is new and odd.
 
         A system id from two addresses at once is said one time; an address that takes over from a

@@ -119,7 +119,7 @@ class Tap(ABC):
         parts: list[bytes] = []
         pairs: set[tuple[int, Address]] = set()
         stamp, pack = 0, _STAMP.pack
-        for stamp, datagram, address in self._inbox.take():
+        for stamp, datagram, address in self._inbox.get():
             prefix = pack(stamp)
             if frame_size(datagram) == len(datagram):
                 parts += (prefix, datagram)
@@ -130,7 +130,7 @@ class Tap(ABC):
             for frame in frames:
                 parts += (prefix, frame)
                 pairs.add((sysid_of(frame), address))
-        self.news.extend(self.senders.note(pairs, stamp))
+        self.news.extend(self.senders.observe(pairs, stamp))
         if not parts and self._failure is not None:
             raise SourceError(f"{self.endpoint} failed: {self._failure}")
         return b"".join(parts)

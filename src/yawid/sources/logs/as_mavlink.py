@@ -20,10 +20,6 @@ from yawid.sources.mavlink.link_stats import LinkStats
 Bools = NDArray[np.bool_]
 COMPID = 1
 """MAV_COMP_ID_AUTOPILOT1: who writes an on-board log."""
-ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
-LANDED, IN_AIR = 1, 2
-"""MAV_LANDED_STATE."""
 STRAY_US = 10_000_000
 """A time this far from its neighbours' is a damaged one."""
 ANGLES_GAP_US = 1_000_000
@@ -86,7 +82,7 @@ def within(block: MessageBlock, low: int, high: int) -> MessageBlock:
     return block.select(slice(int(first), int(stop)))
 
 
-def frames(blocks: Iterable[MessageBlock]) -> FrameBlock | None:
+def frame_block(blocks: Iterable[MessageBlock]) -> FrameBlock | None:
     """Return the blocks that have rows as one, None where none has any."""
     found = {block.name: block for block in blocks if len(block)}
     return FrameBlock(found) if found else None
@@ -105,14 +101,14 @@ def steady(t_us: Ints) -> Bools:
     return away <= STRAY_US
 
 
-def latest(values: Floats) -> Floats:
+def fill_forward(values: Floats) -> Floats:
     """Return the values (n,) with each NaN replaced by the last known one before it."""
     rows = np.where(np.isnan(values), -1, np.arange(len(values)))
     rows = np.maximum.accumulate(rows)
     return np.where(rows < 0, np.nan, values[rows])
 
 
-def held(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
+def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
     """Merge columns told at places of their own: all at every place, the last value held.
 
     The first row, at place -1, is the ``opening``; what is told at one place makes one row.
@@ -124,7 +120,7 @@ def held(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints,
     for first, (own, values) in zip(opening, parts, strict=True):
         column = np.full(len(places), np.nan)
         column[0], column[start : start + len(own)] = first, values
-        columns.append(latest(column[in_place]))
+        columns.append(fill_forward(column[in_place]))
         start += len(own)
     places = places[in_place]
     last = np.append(np.diff(places) != 0, True)

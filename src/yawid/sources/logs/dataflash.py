@@ -23,7 +23,7 @@ from yawid.sources.logs.as_mavlink import (
     DTYPES,
     angles_at,
     counts,
-    frames,
+    frame_block,
     message,
     table,
     within,
@@ -101,7 +101,7 @@ class DataflashReader:
         """Yield (bytes read, the messages they hold) from the start, continuing ``digest``."""
         data = self._index.data
         opening = [within(block, 0, self._shift) for block in self._context]
-        yield 0, frames([opening[0], self._first])
+        yield 0, frame_block([opening[0], self._first])
         for low in range(0, len(data), CHUNK):
             chunk = data[low : low + CHUNK]
             if digest is not None:
@@ -109,7 +109,7 @@ class DataflashReader:
             high = low + len(chunk)
             edges = low + self._shift, high + self._shift
             context = [within(block, *edges) for block in self._context]
-            yield len(chunk), frames([*context, *self._flying(low, high)])
+            yield len(chunk), frame_block([*context, *self._flying(low, high)])
 
     def _flying(self, low: int, high: int) -> Iterator[MessageBlock]:
         """Yield what is logged fast, of the bytes [low, high)."""

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
-from yawid.sources.logs.as_mavlink import ARMED, IN_AIR, LANDED, held, table
+from yawid.sources.logs.as_mavlink import hold_last, table
 from yawid.sources.logs.dataflash_index import DataflashIndex
+from yawid.sources.mavlink.enums import ARDUPILOT, ARMED, IN_AIR, LANDED
 
-Told = tuple[Ints, NDArray[Any]]
+PlacedFields = tuple[Ints, NDArray[Any]]
 
 NAMES = ("PARM", "MODE", "ARM", "EV", "MSG", "VER")
 """The log's messages read here, beside those with a time that counts."""
 TIMED_NAMES = ("GPS", "CTUN", "ARSP", "NTUN", "POS", "STAT")
-ARDUPILOT = 3  # MAV_AUTOPILOT
 _TYPE_OF_BUILD = {1: 10, 2: 2, 3: 1, 4: 5, 7: 12, 12: 7, 13: 4}  # VER.BU -> MAV_TYPE
 _TYPE_OF_NAME = {b"Plane": 1, b"Copter": 2, b"Rover": 10, b"Sub": 12, b"Tracker": 5, b"Blimp": 7}
 _AIRSPEED = (("CTUN", "As"), ("ARSP", "Airspeed"), ("NTUN", "Arspd"))  # best first
@@ -47,7 +47,7 @@ def unix_minus_boot_us(index: DataflashIndex) -> int:
     return int(np.median((unix_us - index.times("GPS", offsets))[fixed]))
 
 
-def parameters(index: DataflashIndex) -> tuple[Told, Told]:
+def parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
     """Return the first value of every parameter, and all values told after those.
 
     A log writes its parameters down within the first seconds; they held from its beginning.
@@ -72,7 +72,7 @@ def system_id(first: NDArray[Any]) -> int:
     return 1
 
 
-def heartbeats(index: DataflashIndex) -> Told:
+def heartbeats(index: DataflashIndex) -> PlacedFields:
     """Return a HEARTBEAT for what held at the start, at byte -1, then one for every change."""
     modes, mode = _NONE, np.zeros(0)
     column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
@@ -82,7 +82,7 @@ def heartbeats(index: DataflashIndex) -> Told:
     arms, armed = _arming(index)
     # Unless told otherwise a log begins with arming (LOG_DISARMED is 0).
     opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)
-    offsets, (mode, armed) = held(opening, (modes, mode), (arms, armed))
+    offsets, (mode, armed) = hold_last(opening, (modes, mode), (arms, armed))
     base_mode = np.where(armed > 0.0, ARMED, 0)
     named = {"type": _vehicle_type(index), "autopilot": ARDUPILOT}
     fields = table("HEARTBEAT", len(offsets), base_mode=base_mode, custom_mode=mode, **named)
@@ -102,7 +102,7 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
     return _NONE, np.zeros(0)
 
 
-def hud(index: DataflashIndex) -> Told:
+def hud(index: DataflashIndex) -> PlacedFields:
     """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
     ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
@@ -111,7 +111,7 @@ def hud(index: DataflashIndex) -> Told:
         rows = index.rows("GPS", offsets)
         is_fixed = rows["Status"] >= _FIX_3D
         ground = offsets, np.where(is_fixed, index.si("GPS", rows, "Spd"), np.nan)
-    offsets, columns = held((np.nan,) * 3, air, ground, height)
+    offsets, columns = hold_last((np.nan,) * 3, air, ground, height)
     names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
     known = {name: column[told] for name, column in zip(names, columns, strict=True)}
     return offsets[told], table("VFR_HUD", len(offsets) - 1, **known)
@@ -126,7 +126,7 @@ def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tup
     return _NONE, np.zeros(0)
 
 
-def system_state(index: DataflashIndex) -> Told:
+def system_state(index: DataflashIndex) -> PlacedFields:
     """Return an EXTENDED_SYS_STATE for each time that ArduPlane says whether it believes to fly."""
     if not index.has("STAT", "isFlying"):
         return _NONE, table("EXTENDED_SYS_STATE", 0)

@@ -23,12 +23,11 @@ import numpy as np
 
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
 from yawid.sources.logs.as_mavlink import (
-    ARMED,
     COMPID,
     angles_at,
     counts,
-    frames,
-    held,
+    frame_block,
+    hold_last,
     in_order,
     message,
     table,
@@ -36,8 +35,8 @@ from yawid.sources.logs.as_mavlink import (
 )
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.logs.ulog_file import (
-    Rows,
-    Topic,
+    PlacedFields,
+    UlogTopic,
     array,
     euler,
     parsed,
@@ -47,11 +46,11 @@ from yawid.sources.logs.ulog_file import (
 )
 from yawid.sources.logs.ulog_vehicle import TOPICS as STATE_TOPICS
 from yawid.sources.logs.ulog_vehicle import system_state
+from yawid.sources.mavlink.enums import ARMED, FIXED_WING, PX4, VTOL_TYPES
 from yawid.sources.mavlink.flight_modes import px4_custom_modes
 from yawid.sources.mavlink.link_stats import LinkStats
 
 MAGIC = b"ULog\x01\x12\x35"
-PX4 = 12  # MAV_AUTOPILOT
 _AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
@@ -61,13 +60,12 @@ _TOPICS = (
     *("vehicle_local_position", "vehicle_global_position", "vehicle_air_data", *_GPS),
     *STATE_TOPICS,
 )
-_ARMED_STATE, _FIXED_WING_STATE, _FIXED_WING = 2, 2, 1
-_VTOL_TYPES = range(19, 26)  # MAV_TYPE
+_ARMED_STATE, _FIXED_WING_STATE = 2, 2
 _FIX_3D = 3
 _UNIX_US = 10**15  # no boot time is as late, no flight as early
 _NONE = np.zeros(0, np.int64)
 
-_NO_ROWS: Topic = {"timestamp": _NONE}
+_NO_ROWS: UlogTopic = {"timestamp": _NONE}
 
 
 class UlogReader:
@@ -118,9 +116,9 @@ class UlogReader:
                 chunk = file.read(CHUNK)
                 if digest is not None:
                     digest.update(chunk)
-                yield len(chunk), frames(within(block, low, high) for block in self._blocks)
+                yield len(chunk), frame_block(within(block, low, high) for block in self._blocks)
 
-    def _messages(self) -> Iterator[tuple[str, Rows]]:
+    def _messages(self) -> Iterator[tuple[str, PlacedFields]]:
         """Yield each message's name, the times of its rows and their fields."""
         yield "HEARTBEAT", self._heartbeats()
         yield "PARAM_VALUE", self._parameters()
@@ -141,7 +139,7 @@ class UlogReader:
             columns = {f"chan{i + 1}_raw": values[:, i] for i in range(18)}
             yield "RC_CHANNELS", _timed("RC_CHANNELS", stick, **columns)
 
-    def _in_order(self, parts: Mapping[str, Rows]) -> Iterator[MessageBlock]:
+    def _in_order(self, parts: Mapping[str, PlacedFields]) -> Iterator[MessageBlock]:
         """Yield the blocks, each row's order its place among all rows by time."""
         for name, order, rows in in_order(parts):
             t_us, fields = parts[name]
@@ -157,9 +155,9 @@ class UlogReader:
     def _vehicle_type(self) -> int:
         kind = self._first("system_type", "MAV_TYPE")
         flies_as = self._status.get("vehicle_type", _NONE)
-        return kind or (_FIXED_WING if (flies_as == _FIXED_WING_STATE).any() else 0)
+        return kind or (FIXED_WING if (flies_as == _FIXED_WING_STATE).any() else 0)
 
-    def _heartbeats(self) -> Rows:
+    def _heartbeats(self) -> PlacedFields:
         """Return a HEARTBEAT for what held at the start, then one for each vehicle_status."""
         status = self._status
         n = len(status["timestamp"])
@@ -178,7 +176,7 @@ class UlogReader:
         )
         return np.concatenate([[-1], published(status)]), fields
 
-    def _parameters(self) -> Rows:
+    def _parameters(self) -> PlacedFields:
         told = [(-1, name, value) for name, value in self._log.initial_parameters.items()]
         told += self._log.changed_parameters
         told = [(t, n, v) for t, n, v in told if isinstance(v, int | float)]
@@ -190,14 +188,14 @@ class UlogReader:
         )
         return np.array([t for t, _, _ in told], np.int64), fields
 
-    def _hud(self) -> Rows:
+    def _hud(self) -> PlacedFields:
         """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
         air = self._first_known(("airspeed_validated", _AIRSPEED), ("airspeed", _AIRSPEED))
         ground = self._over_ground()
         height = self._first_known(
             ("vehicle_global_position", ("alt",)), ("vehicle_air_data", ("baro_alt_meter",))
         )
-        t_us, columns = held((np.nan,) * 3, air, ground, height)
+        t_us, columns = hold_last((np.nan,) * 3, air, ground, height)
         names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
         known = {name: column[told] for name, column in zip(names, columns, strict=True)}
         return t_us[told], table("VFR_HUD", len(t_us) - 1, **known)
@@ -226,7 +224,7 @@ class UlogReader:
                 return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
         return _NONE, np.zeros(0)
 
-    def _attitude(self) -> Rows:
+    def _attitude(self) -> PlacedFields:
         attitude = self._topics.get(("vehicle_attitude", 0), _NO_ROWS)
         for topic, columns in (
             (
@@ -246,7 +244,7 @@ class UlogReader:
                 return published(topic), fields
         return _NONE, table("ATTITUDE", 0)
 
-    def _servos(self) -> Rows:
+    def _servos(self) -> PlacedFields:
         parts = []
         for (name, port), topic in self._topics.items():
             if name == "actuator_outputs":
@@ -257,8 +255,8 @@ class UlogReader:
             return _NONE, table("SERVO_OUTPUT_RAW", 0)
         return np.concatenate([t for t, _ in parts]), np.concatenate([f for _, f in parts])
 
-    def _controls(self) -> Rows:
-        is_vtol = self._status.get("is_vtol", _NONE).any() or self._vehicle_type() in _VTOL_TYPES
+    def _controls(self) -> PlacedFields:
+        is_vtol = self._status.get("is_vtol", _NONE).any() or self._vehicle_type() in VTOL_TYPES
         for own in (1, 0) if is_vtol else (0,):
             topic = self._topics.get((f"actuator_controls_{own}", 0))
             if topic is not None:
@@ -283,6 +281,6 @@ class UlogReader:
         return 0
 
 
-def _timed(name: str, topic: Topic, **columns: Any) -> Rows:
+def _timed(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
     t_us = published(topic)
     return t_us, table(name, len(t_us), time_usec=t_us, **columns)

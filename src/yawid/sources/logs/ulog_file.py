@@ -15,8 +15,8 @@ from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
 from yawid.sources.logs.as_mavlink import quiet, steady
 
-Topic = Mapping[str, NDArray[Any]]
-Rows = tuple[Ints, NDArray[Any]]
+UlogTopic = Mapping[str, NDArray[Any]]
+PlacedFields = tuple[Ints, NDArray[Any]]
 """The times of a message's rows in microseconds since boot, and their fields."""
 _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 
@@ -45,9 +45,9 @@ def parsed(path: Path, topics: Iterable[str]) -> Any:
     return log
 
 
-def topics_of(log: Any) -> dict[tuple[str, int], Topic]:
+def topics_of(log: Any) -> dict[tuple[str, int], UlogTopic]:
     """Return the topics by name and instance, each column (n,) by its name."""
-    found: dict[tuple[str, int], Topic] = {}
+    found: dict[tuple[str, int], UlogTopic] = {}
     for topic in log.data_list:
         if "timestamp" not in topic.data:
             continue
@@ -57,19 +57,19 @@ def topics_of(log: Any) -> dict[tuple[str, int], Topic]:
     return found
 
 
-def published(topic: Topic) -> Ints:
+def published(topic: UlogTopic) -> Ints:
     """Return when the rows (n,) were published, in microseconds since boot."""
     return topic["timestamp"].astype(np.int64)
 
 
-def sampled(topic: Topic) -> Ints:
+def sampled(topic: UlogTopic) -> Ints:
     """Return when the values (n,) were sampled, or where that is not told published."""
     t_us = published(topic)
     sampled = topic.get("timestamp_sample", np.zeros(len(t_us))).astype(np.int64)
     return np.where((sampled > 0) & (np.abs(t_us - sampled) < _OLDEST_SAMPLE_US), sampled, t_us)
 
 
-def array(topic: Topic, name: str, size: int) -> Floats:
+def array(topic: UlogTopic, name: str, size: int) -> Floats:
     """Return the columns name[0], name[1], ... as (n, size), NaN where the log has fewer."""
     values = np.full((len(topic["timestamp"]), size), np.nan)
     with quiet():
@@ -79,7 +79,7 @@ def array(topic: Topic, name: str, size: int) -> Floats:
     return values
 
 
-def euler(attitude: Topic) -> tuple[Floats, Floats, Floats]:
+def euler(attitude: UlogTopic) -> tuple[Floats, Floats, Floats]:
     """Return roll, pitch and yaw in rad (n,) of the quaternion w, x, y, z from body to north."""
     w, x, y, z = array(attitude, "q", 4).T
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))

@@ -7,30 +7,29 @@ from collections.abc import Mapping
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.sources.logs.as_mavlink import IN_AIR, LANDED, held, table
-from yawid.sources.logs.ulog_file import Rows, Topic, published
+from yawid.sources.logs.as_mavlink import hold_last, table
+from yawid.sources.logs.ulog_file import PlacedFields, UlogTopic, published
+from yawid.sources.mavlink.enums import IN_AIR, LANDED, ROTORS, TO_ROTORS, TO_WINGS, WINGS
 
-TO_WINGS, TO_ROTORS, ROTORS, WINGS = 1, 2, 3, 4
-"""MAV_VTOL_STATE, and PX4's own numbers of it."""
 TOPICS = ("vehicle_land_detected", "vtol_vehicle_status")
 _ROTARY_WING = 1  # vehicle_status.vehicle_type
 _NOTHING = np.zeros(0, np.int64), np.zeros(0)
 
 
-def system_state(topics: Mapping[tuple[str, int], Topic]) -> Rows:
+def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
     """Return an EXTENDED_SYS_STATE wherever one of its columns is told anew, the other one held."""
     land = topics.get(("vehicle_land_detected", 0), {})
     landed = _NOTHING
     if "landed" in land:
         landed = published(land), np.where(land["landed"] != 0, LANDED, IN_AIR).astype(float)
-    t_us, columns = held((0.0, 0.0), landed, _vtol(topics))
+    t_us, columns = hold_last((0.0, 0.0), landed, _vtol(topics))
     fields = table(
         "EXTENDED_SYS_STATE", len(t_us) - 1, landed_state=columns[0][1:], vtol_state=columns[1][1:]
     )
     return t_us[1:], fields
 
 
-def _vtol(topics: Mapping[tuple[str, int], Topic]) -> tuple[Ints, Floats]:
+def _vtol(topics: Mapping[tuple[str, int], UlogTopic]) -> tuple[Ints, Floats]:
     """Return the state of a VTOL as its own status says it, else as the vehicle's type then."""
     own = topics.get(("vtol_vehicle_status", 0), {})
     if "vehicle_vtol_state" in own:

@@ -13,8 +13,9 @@ from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
 from yawid.sources.mavlink.definitions import definitions, dtype_of
 from yawid.sources.mavlink.fast_path import STAMP, PlainReader, PlainRecord, plain_messages
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, Frames, find_frames
-from yawid.sources.mavlink.link_stats import LinkStats, Records, Tally
+from yawid.sources.mavlink.link_stats import LinkStats, Tally
 from yawid.sources.mavlink.resync import Chain, Stretch, stamps_of
+from yawid.sources.mavlink.sequence import Records
 from yawid.sources.mavlink.signing import Signing
 from yawid.sources.mavlink.stamp_filter import StampFilter
 
@@ -94,8 +95,8 @@ class Decoder:
         records = self._plain.read(data, last_us)
         if records is None or not self._tally.add_plain(data, records):
             return None
-        self._filter.follow(records[-1][STAMP])
-        self._chain.follow(records[-1][STAMP])
+        self._filter.observe(records[-1][STAMP])
+        self._chain.observe(records[-1][STAMP])
         return records
 
     def finish(self) -> FrameBlock | None:
@@ -117,7 +118,7 @@ class Decoder:
         self._tail = joined[decided:stop]
         self._decided += decided - start
         if held:
-            records = self._held_frames.joined(records)
+            records = Frames.joined([self._held_frames, records])
             order = np.concatenate((self._held_order, order))
         return self._believe(joined, buffer, records, order, final=final)
 
@@ -210,12 +211,4 @@ def _merge(blocks: list[FrameBlock | None]) -> FrameBlock | None:
             parts.setdefault(name, []).append(message)
     if not parts:
         return None
-    return FrameBlock({name: _joined(parts[name]) for name in sorted(parts)})
-
-
-def _joined(blocks: list[MessageBlock]) -> MessageBlock:
-    if len(blocks) == 1:
-        return blocks[0]
-    columns = ("order", "received_us", "sysid", "compid", "fields")
-    arrays = (np.concatenate([getattr(block, name) for block in blocks]) for name in columns)
-    return MessageBlock(blocks[0].name, *arrays)
+    return FrameBlock({name: MessageBlock.joined(parts[name]) for name in sorted(parts)})

@@ -40,7 +40,7 @@ to make one for each frame costs as much as to check it.
 """
 ROW, STAMP = 4, 5
 """Places in a record."""
-Kind = tuple[str, np.dtype[Any]]
+WantedMessage = tuple[str, np.dtype[Any]]
 """A message's name and what its payload is."""
 
 
@@ -97,7 +97,7 @@ class PlainReader:
 
 
 def plain_messages(
-    data: bytes, first: int, records: Sequence[PlainRecord], wanted: Mapping[int, Kind]
+    data: bytes, first: int, records: Sequence[PlainRecord], wanted: Mapping[int, WantedMessage]
 ) -> dict[str, MessageBlock]:
     """Return the records of the messages wanted, by name; ``wanted`` is by their rows.
 

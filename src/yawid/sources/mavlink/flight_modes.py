@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Ints
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
-_ARDUPILOT, _PX4 = 3, 12  # MAV_AUTOPILOT
 _PX4_MODES = {
     0: (1, 0), 1: (2, 0), 2: (3, 0), 3: (4, 4), 4: (4, 3), 5: (4, 5), 10: (5, 0),
     14: (6, 0), 15: (7, 0), 17: (4, 2), 18: (4, 6), 19: (4, 8),
@@ -32,9 +32,9 @@ def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
     from pymavlink import mavutil
 
     name = None
-    if autopilot == _ARDUPILOT:
+    if autopilot == ARDUPILOT:
         name = (mavutil.mode_mapping_bynumber(vehicle_type) or {}).get(custom_mode)
-    elif autopilot == _PX4:
+    elif autopilot == PX4:
         told = mavutil.interpret_px4_mode(0, custom_mode)
         name = None if told == "UNKNOWN" else told
     return name or f"mode {custom_mode}"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Bytes, Ints
+from yawid.blocks import Bytes, Columns, Ints
 from yawid.sources.mavlink.crc import crc_of_frames
 from yawid.sources.mavlink.definitions import UNKNOWN, Definitions
 
@@ -24,7 +24,7 @@ CRC_SIZE = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
+class Frames(Columns):
     """Frames in an array of bytes, a row each, by rising position.
 
     ``begin`` (n,) is the position of the magic, ``end`` one past the last byte, ``payload`` and
@@ -36,18 +36,6 @@ class Frames:
     payload: Ints
     length: Ints
     row: Ints
-
-    def __len__(self) -> int:
-        return len(self.begin)
-
-    def select(self, rows: Ints | slice) -> Frames:
-        """Return the rows chosen by an index array or a slice."""
-        return Frames(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def joined(self, other: Frames) -> Frames:
-        """Return these frames and then the others."""
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        return Frames(*(np.concatenate(pair) for pair in pairs))
 
 
 class Header(NamedTuple):
@@ -103,7 +91,7 @@ def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple
     found = _intact(data, v2, known)
     others = _intact(data, v1, known)
     if len(others):
-        found = found.joined(others) if len(found) else others
+        found = Frames.joined([found, others]) if len(found) else others
         found = found.select(np.argsort(found.begin, kind="stable"))
     unread = at[np.searchsorted(at, stop - LONGEST_HEADER + 1) :]
     open_from = min([stop, open_v1, open_v2, *unread[:1].tolist()])

@@ -10,14 +10,14 @@ import numpy as np
 
 from yawid.blocks import Bytes, Ints
 from yawid.sources.mavlink.definitions import HEARTBEAT, Definitions
+from yawid.sources.mavlink.enums import GROUND_STATION
 from yawid.sources.mavlink.fast_path import PlainRecord
-from yawid.sources.mavlink.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE, Frames
-from yawid.sources.mavlink.sequence import Heard, SenderCount, SenderStats
+from yawid.sources.mavlink.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE
+from yawid.sources.mavlink.sequence import Records, SenderCount, SenderStats
 from yawid.sources.mavlink.signing import Check, Signing
 
 Sender = tuple[int, int]
 GCS_SYSID = 255
-_MAV_TYPE_GCS = 6
 _REFUSALS = (Check.UNSIGNED, Check.WRONG, Check.REPLAYED)
 _TYPE_OFFSET = 4  # of HEARTBEAT.type in the payload
 
@@ -58,32 +58,6 @@ class LinkStats:
         return sum(self.rejected.values())
 
 
-@dataclass(frozen=True, slots=True)
-class Records:
-    """Records in an array of bytes, a row each: their frames, stamps and what the headers say.
-
-    ``sender`` (n,) is 256 * sysid + compid.
-    """
-
-    frames: Frames
-    stamps: Ints
-    sequence: Bytes
-    sysid: Bytes
-    compid: Bytes
-    sender: Ints
-
-    def select(self, rows: Ints) -> Records:
-        """Return the rows of an index array."""
-        return Records(
-            self.frames.select(rows),
-            self.stamps[rows],
-            self.sequence[rows],
-            self.sysid[rows],
-            self.compid[rows],
-            self.sender[rows],
-        )
-
-
 class Tally:
     """Counts records as they are believed, and says which of them are to be used."""
 
@@ -103,7 +77,7 @@ class Tally:
         self._count_bytes(records)
         rows = None if self._signing is None else self._accepted(data, records, self._signing)
         used = records if rows is None else records.select(rows)
-        new = self._count_senders(data, buffer, used)
+        new = self._count_senders(data, used)
         self._find_ground(buffer, used)
         if new is None:
             return rows
@@ -127,14 +101,14 @@ class Tally:
             own[2].append(data[begin:end])
             signed += end - payload - length > CRC_SIZE
             is_typed = row == self._heartbeat and length > _TYPE_OFFSET
-            if is_typed and data[payload + _TYPE_OFFSET] == _MAV_TYPE_GCS:
+            if is_typed and data[payload + _TYPE_OFFSET] == GROUND_STATION:
                 ground.add(key)
         for key, own in by_sender.items():
             sender = self._senders.get(key)
             if sender is None or not sender.goes_on(own[0]):
                 return False
         for key, own in by_sender.items():
-            self._senders[key].follow(*own)
+            self._senders[key].add_plain(*own)
         self._signed += signed
         self._ground |= ground
         self.record_bytes += len(data)
@@ -162,14 +136,13 @@ class Tally:
             self._senders.setdefault(key, SenderCount()).rejected += int(refused[key])
         return np.flatnonzero(is_accepted)
 
-    def _count_senders(self, data: bytes, buffer: Bytes, records: Records) -> Ints | None:
+    def _count_senders(self, data: bytes, records: Records) -> Ints | None:
         sender = records.sender
         is_new = None
         for key in np.flatnonzero(np.bincount(sender)).tolist():
             rows = np.flatnonzero(sender == key)
             own = records if len(rows) == len(records.frames) else records.select(rows)
-            heard = Heard(data, buffer, own.frames, own.stamps, own.sequence)
-            new = self._senders.setdefault(key, SenderCount()).add(heard)
+            new = self._senders.setdefault(key, SenderCount()).add(data, own)
             if new is not None:
                 is_new = np.ones(len(sender), np.bool_) if is_new is None else is_new
                 is_new[rows] = new
@@ -178,7 +151,7 @@ class Tally:
     def _find_ground(self, buffer: Bytes, records: Records) -> None:
         frames = records.frames
         rows = np.flatnonzero((frames.row == self._heartbeat) & (frames.length > _TYPE_OFFSET))
-        is_ground = buffer[frames.payload[rows] + _TYPE_OFFSET] == _MAV_TYPE_GCS
+        is_ground = buffer[frames.payload[rows] + _TYPE_OFFSET] == GROUND_STATION
         self._ground.update(records.sender[rows[is_ground]].tolist())
 
     def stats(

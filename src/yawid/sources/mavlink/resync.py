@@ -110,7 +110,7 @@ class Chain:
         self._in_step = True
         self._last_stamp = NO_STAMP
 
-    def follow(self, last_us: int) -> None:
+    def observe(self, last_us: int) -> None:
         """Take note of records that were read elsewhere, in step, up to one of this stamp."""
         self._last_stamp = last_us
 

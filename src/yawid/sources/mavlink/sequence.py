@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Bytes, Ints
+from yawid.blocks import Bytes, Columns, Ints
 from yawid.sources.mavlink.framing import Frames
 
 _CYCLE = 256
@@ -38,18 +38,22 @@ class SenderStats:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """Frames of one sender in ``data`` (``buffer`` is the same as an array), in the order heard."""
+class Records(Columns):
+    """Records in an array of bytes, a row each: their frames, stamps and what the headers say.
 
-    data: bytes
-    buffer: Bytes
+    ``sender`` (n,) is 256 * sysid + compid.
+    """
+
     frames: Frames
     stamps: Ints
     sequence: Bytes
+    sysid: Bytes
+    compid: Bytes
+    sender: Ints
 
 
 class SenderCount:
-    """Counts the frames of one sender as they are heard.
+    """Counts the frames of one sender as they are received.
 
     Where two links carry the same vehicle each frame comes twice. A frame is a duplicate if the
     last one of its sequence number was the same to the byte, not a whole turn of the sequence away
@@ -68,21 +72,21 @@ class SenderCount:
         self._highest = -1
         self._recent: list[tuple[int, int, bytes] | None] = [None] * _CYCLE
 
-    def add(self, heard: Heard) -> Mask | None:
+    def add(self, data: bytes, own: Records) -> Mask | None:
         """Count the frames; return which are no duplicates, None if all."""
-        steps = _steps(heard.sequence, self._last)
+        steps = _steps(own.sequence, self._last)
         place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
         goes_on = bool(place[0] > self._highest and (steps[1:].view(np.int8) > 0).all())
         is_new = None
         self.frames += len(steps)
         if goes_on:
-            self._count_lost(heard.sequence, None)
+            self._count_lost(own.sequence, None)
         else:
-            is_taken, is_twice = self._compare(heard, place)
+            is_taken, is_twice = self._compare(data, own, place)
             is_new = ~is_twice
             self.duplicates += int(is_twice.sum())
-            self._count_lost(heard.sequence[is_new], is_taken[is_new])
-        self._remember(heard, place, goes_on=goes_on)
+            self._count_lost(own.sequence[is_new], is_taken[is_new])
+        self._remember(data, own, place, goes_on=goes_on)
         return None if is_new is None or is_new.all() else is_new
 
     def goes_on(self, sequence: list[int]) -> bool:
@@ -98,7 +102,7 @@ class SenderCount:
             last, is_first = number, False
         return True
 
-    def follow(self, sequence: list[int], stamps: list[int], frames: list[bytes]) -> None:
+    def add_plain(self, sequence: list[int], stamps: list[int], frames: list[bytes]) -> None:
         """Count frames that go on, as :meth:`add` does."""
         assert self._last is not None
         for number, stamp, frame in zip(sequence, stamps, frames, strict=True):
@@ -126,36 +130,36 @@ class SenderCount:
             self.lost -= int((back[back <= _LATE] + 1).sum())
         self._last_kept = int(sequence[-1])
 
-    def _compare(self, heard: Heard, place: Ints) -> tuple[Mask, Mask]:
+    def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Mask, Mask]:
         """Return which frames have the place of one before them, and which are the same."""
-        by_number = np.argsort(heard.sequence, kind="stable")
-        follows = np.diff(heard.sequence[by_number]) == 0
+        by_number = np.argsort(own.sequence, kind="stable")
+        follows = np.diff(own.sequence[by_number]) == 0
         earlier, later = by_number[:-1][follows], by_number[1:][follows]
         is_taken = np.zeros(len(place), np.bool_)
         is_taken[later] = place[earlier] == place[later]
         near = is_taken[later]
-        near &= np.abs(heard.stamps[earlier] - heard.stamps[later]) <= _TWICE_WITHIN_US
+        near &= np.abs(own.stamps[earlier] - own.stamps[later]) <= _TWICE_WITHIN_US
         earlier, later = earlier[near], later[near]
         is_twice = np.zeros(len(place), np.bool_)
-        is_twice[later] = _same_bytes(heard, earlier, later)
+        is_twice[later] = _same_bytes(data, own.frames, earlier, later)
         firsts = by_number[np.flatnonzero(np.concatenate(([True], ~follows)))]
         for row in firsts.tolist():
-            recent = self._recent[heard.sequence[row]]
+            recent = self._recent[own.sequence[row]]
             if recent is not None and recent[0] == place[row]:
-                is_near = abs(int(heard.stamps[row]) - recent[1]) <= _TWICE_WITHIN_US
+                is_near = abs(int(own.stamps[row]) - recent[1]) <= _TWICE_WITHIN_US
                 is_taken[row] = True
-                is_twice[row] = is_near and recent[2] == _frame(heard, row)
+                is_twice[row] = is_near and recent[2] == _frame(data, own.frames, row)
         return is_taken, is_twice
 
-    def _remember(self, heard: Heard, place: Ints, *, goes_on: bool) -> None:
+    def _remember(self, data: bytes, own: Records, place: Ints, *, goes_on: bool) -> None:
         """Keep the last frame of each sequence number."""
-        rows = _last_rows(heard.sequence)
-        begin, end = heard.frames.begin[rows].tolist(), heard.frames.end[rows].tolist()
-        when = place[rows].tolist(), heard.stamps[rows].tolist()
-        numbers = heard.sequence[rows].tolist()
+        rows = _last_rows(own.sequence)
+        begin, end = own.frames.begin[rows].tolist(), own.frames.end[rows].tolist()
+        when = place[rows].tolist(), own.stamps[rows].tolist()
+        numbers = own.sequence[rows].tolist()
         for number, at, stamp, first, stop in zip(numbers, *when, begin, end, strict=True):
-            self._recent[number] = at, stamp, heard.data[first:stop]
-        self._last, self._place = int(heard.sequence[-1]), int(place[-1])
+            self._recent[number] = at, stamp, data[first:stop]
+        self._last, self._place = int(own.sequence[-1]), int(place[-1])
         # Only of the frames kept: after a restart, places lower than before must not stay suspect.
         kept = (entry[0] for entry in self._recent if entry is not None)
         self._highest = self._place if goes_on else max(kept)
@@ -186,16 +190,15 @@ def _last_rows(sequence: Bytes) -> Ints:
     return last_row[last_row >= 0]
 
 
-def _frame(heard: Heard, row: int) -> bytes:
-    return heard.data[heard.frames.begin[row] : heard.frames.end[row]]
+def _frame(data: bytes, frames: Frames, row: int) -> bytes:
+    return data[frames.begin[row] : frames.end[row]]
 
 
-def _same_bytes(heard: Heard, earlier: Ints, later: Ints) -> Mask:
+def _same_bytes(data: bytes, frames: Frames, earlier: Ints, later: Ints) -> Mask:
     """Return whether the frames of two lists of rows are the same, byte for byte (n,)."""
-    frames = heard.frames
     size = (frames.end - frames.begin)[earlier]
     same: Mask = size == (frames.end - frames.begin)[later]
-    word_at = np.ndarray((len(heard.buffer) - _WORD + 1,), np.uint64, heard.buffer, 0, (1,))
+    word_at = np.ndarray((len(data) - _WORD + 1,), np.uint64, data, 0, (1,))
     rows = np.flatnonzero(same)
     offset = 0
     while len(rows):

@@ -60,7 +60,7 @@ class StampFilter:
         """The stamp of the last record believed, None before the first."""
         return self._last
 
-    def follow(self, last_us: int) -> None:
+    def observe(self, last_us: int) -> None:
         """Take note of records whose stamps fit, found so elsewhere, up to one of this stamp."""
         self._last = last_us
 
