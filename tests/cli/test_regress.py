@@ -193,7 +193,7 @@ def test_one_broken_case_does_not_keep_the_others_from_being_told(folder: Path):
     outcomes = list(regress(find_cases(folder, [])))
 
     assert [o.code for o in outcomes] == [2, 0]
-    assert "--rate 90 is above the log's own rate" in outcomes[0].wrong[0]
+    assert "--rate 90 is above the rate of the messages" in outcomes[0].wrong[0]
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def sample_rate(asked_hz: float | None, intervals_us: tuple[float, float]) -> fl
         return min(DEFAULT_RATE_HZ, own)
     if asked_hz > own * RATE_TOLERANCE:
         raise ConfigError(
-            f"--rate {asked_hz:g} is above the log's own rate (yaw {yaw_hz:.3g} Hz, rudder "
+            f"--rate {asked_hz:g} is above the rate of the messages (yaw {yaw_hz:.3g} Hz, rudder "
             f"{surface_hz:.3g} Hz): the most that can be had is --rate {own:g}"
         )
     return asked_hz

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import fly_jsbsim
@@ -33,6 +34,7 @@ from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
 from yawid.runs.live import Console, LiveOptions, live
+from yawid.runs.live.vehicles import records
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 
@@ -181,6 +183,30 @@ def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
     line = next(text for text in session.screen.getvalue().splitlines() if "tracking" in text)
     for word in ("msg/s", "samples", "ωn", "rad/s", "ζ", "±"):
         assert word in line
+
+
+def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_recording(
+    tmp_path: Path,
+):
+    sent, port, screen = frames(20.0), free_port(), Screen()
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    config = replace(CONFIG, rate=90.0)
+
+    def play() -> None:
+        screen.wait_for("listening")
+        send(sent, port)
+
+    sender = threading.Thread(target=play)
+    sender.start()
+    with pytest.raises(ConfigError, match="most that can be had is --rate 50") as refused:
+        live(options, config, Outputs(tmp_path, "live"), StopFlag(), Console(screen))
+    sender.join()
+
+    assert str(tmp_path / "live.tlog") in str(refused.value)
+    recorded = (tmp_path / "live.tlog").read_bytes()
+    frames_recorded = [record[8:] for record in records(recorded)]
+    assert len(frames_recorded) > 500  # more than the five seconds that decide the rate
+    assert frames_recorded == sent[: len(frames_recorded)]
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_socket_opens(tmp_path: Path):

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
+from yawid.results.summary import summarise
 from yawid.runs.live import Console
 from yawid.runs.live.standing import Standing
 from yawid.sources.mavlink.decoder import Decoder
@@ -113,3 +114,18 @@ def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
 
     assert "no Dutch roll yet" in line
     assert "nan" not in line
+
+
+def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
+    pipeline = Pipeline(RunConfig(rate=10.0, forgetting=1.0))
+    pipeline.feed(C172P.read_bytes())
+    pipeline.finish()
+    assert pipeline.newest is not None
+    summary, verdict = summarise(pipeline, "log.tlog", "")
+    answer = summary["estimates"][verdict.method]["dutch_roll"]
+    assert verdict.method == "rml" != pipeline.config.method
+
+    line = Standing().line(pipeline, 0, int(pipeline.newest.received_us[-1]))
+
+    assert f"ωn {answer['wn_rad_s']:.4g} ± {answer['wn_std']:.2g} rad/s" in line
+    assert "by RML, tracking" in line

@@ -59,9 +59,9 @@ def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
     receiver = kind(hearing)
-    assert receiver.wait() == receiver.take_all() == NOTHING
+    assert receiver.wait() == receiver.get() == NOTHING
     hearing.connect(nobody)
-    for ask in (receiver.wait, receiver.take):
+    for ask in (receiver.wait, receiver.get):
         hearing.send(b"anyone there?")
         assert ask() == NOTHING
 
@@ -125,6 +125,6 @@ def until_it_tells(receiver: Receiver, hearing: socket.socket, link: socket.sock
 def everything(receiver: Receiver) -> list[tuple[int, bytes, tuple[str, int]]]:
     """Wait for the first, then take what there is."""
     heard = list(zip(*receiver.wait(), strict=True))
-    while more := list(zip(*receiver.take_all(), strict=True)):
+    while more := list(zip(*receiver.get(), strict=True)):
         heard += more
     return heard

@@ -105,6 +105,10 @@ def _attend(
         loop.run(stop)
         tap.close()
         return loop.finish()
+    except ConfigError as error:
+        kept = [tlog for session in sessions.running() if (tlog := session.give_up())]
+        recorded = f"; what was recorded is in {kept[0]}" if kept else ""
+        raise ConfigError(f"{error}{recorded}") from error
     except BaseException:
         for session in sessions.running():
             session.abort()

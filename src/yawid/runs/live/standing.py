@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 import time
 
-from yawid.blocks import Status
+from yawid.blocks import EstimateBlock, Floats, Status
+from yawid.estimation.bank import Bank
+from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
+from yawid.results.judge import BETTER
 
+SOUND = (Status.TRACKING, Status.HELD)
+"""An estimator that says this of itself may answer."""
 QUIET_S = 1.5
 """So long without anything, and what was last estimated is no longer how things stand."""
 
@@ -37,17 +42,16 @@ class Standing:
             return ", ".join([*quiet, f"{waiting} bytes wait for the estimator"])
         rate = (frames - before) / max(now_s - since_s, 1e-9)
         parts = [*quiet, f"{rate:.0f} msg/s", f"{pipeline.samples} samples"]
-        found, bank = pipeline.modes, pipeline.bank
-        if found is None or bank is None:
+        if pipeline.bank is None or not pipeline.bank.last:
             return ", ".join([*parts, "waiting for rudder and yaw rate"])
-        wn, wn_std, zeta, zeta_std = found.dutch_roll[-1]
+        method, status, (wn, wn_std, zeta, zeta_std) = answering(pipeline.bank)
         if math.isfinite(wn):
-            parts += [f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"]
+            answer = f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"
+            parts += [*answer, f"by {method.upper()}"]
         else:
             parts.append("no Dutch roll yet")
         if not quiet:
-            last = bank.last[pipeline.config.method]
-            parts.append(Status(int(last.status[-1])).name.lower().replace("_", " "))
+            parts.append(status.name.lower().replace("_", " "))
         return ", ".join(parts)
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
@@ -62,6 +66,28 @@ class Standing:
             return [f"nothing received for {quiet_s:.0f} s"]
         idle_s = _idle_s(pipeline, now_us)
         return [f"no sample for {idle_s:.0f} s"] if idle_s else []
+
+
+def answering(bank: Bank) -> tuple[str, Status, Floats]:
+    """Return the method that answers just now, its status and its Dutch roll.
+
+    That is (4,): wn in rad/s, its sigma, zeta and its sigma. The method asked for answers unless it
+    has no Dutch roll or has diverged, or another knows wn better by the verdict's own measure. The
+    verdict at the end also weighs what would take too long here.
+    """
+    found = {}
+    for method, block in bank.last.items():
+        newest = EstimateBlock(block.rows[-1:], block.p)
+        orders = bank.config.armax_orders()
+        mean_output = bank.config.output == "yaw"
+        roll = modes(newest, orders, bank.sample_time_s, mean_output=mean_output).dutch_roll[0]
+        found[method] = method, Status(int(newest.status[0])), roll
+    sound = [m for m, (_, s, roll) in found.items() if s in SOUND and math.isfinite(roll[0])]
+    chosen = sound[0] if sound else bank.config.method
+    for method in sound[1:]:
+        if found[method][2][1] < BETTER * found[chosen][2][1]:
+            chosen = method
+    return found[chosen]
 
 
 def _idle_s(pipeline: Pipeline, now_us: int) -> float:

@@ -196,6 +196,12 @@ class LiveSession:
         for sink in self._sinks:
             sink.abort()
 
+    def give_up(self) -> Path | None:
+        """End what cannot be estimated as asked; return its tlog, whole, if there is one."""
+        tlog, self._tlog = self._tlog, None
+        self.abort()
+        return None if tlog is None else tlog.finish()
+
     def _open(self) -> None:
         self._opened = True
         outputs = self._setting.outputs
@@ -206,7 +212,7 @@ class LiveSession:
             try:
                 self._tlog = TlogRecorder(outputs.path(".tlog"), self.tell, force=outputs.force)
             except SinkError as error:
-                self._give_up(error)
+                self._go_on_without(error)
 
     def _look_for_others(self) -> None:
         """Say of every further vehicle, one time, that it is not estimated."""
@@ -234,12 +240,12 @@ class LiveSession:
         try:
             guarded = Guarded(make(), part, self.tell)
         except SinkError as error:
-            self._give_up(error)
+            self._go_on_without(error)
             return
         self._guards[name] = guarded
         self._sinks.insert(0, guarded)
 
-    def _give_up(self, error: SinkError) -> None:
+    def _go_on_without(self, error: SinkError) -> None:
         self.failures.append(str(error))
         self.tell(f"{error}: the session goes on without it")
 

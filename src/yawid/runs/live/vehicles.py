@@ -154,8 +154,9 @@ class Fleet:
             act(self._sessions[sysid])
         except ConfigError as error:
             self._refused.add(sysid)
-            self._sessions[sysid].tell(f"{error}: no longer estimated")
-            self._sessions[sysid].abort()
+            tlog = self._sessions[sysid].give_up()
+            recorded = f"; what was recorded is in {tlog}" if tlog else ""
+            self._sessions[sysid].tell(f"{error}: no longer estimated{recorded}")
 
 
 def records(data: bytes) -> Iterator[bytes]:

@@ -51,7 +51,7 @@ class Receiver(Protocol):
     def wait(self) -> Arrivals:
         """Return the next datagram, and others if they are there; none after the time-out."""
 
-    def take_all(self) -> Arrivals:
+    def get(self) -> Arrivals:
         """Return what is there, ``MOST`` at most."""
 
 
@@ -81,7 +81,7 @@ class OneByOne:
             return _untold([(data, _address(*sender))])
         return NOTHING
 
-    def take_all(self) -> Arrivals:
+    def get(self) -> Arrivals:
         """See :class:`Receiver`."""
         heard: list[tuple[bytes, Address]] = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
@@ -187,7 +187,7 @@ class ManyAtOnce:
         """See :class:`Receiver`."""
         return self._receive(_WAIT_FOR_ONE)
 
-    def take_all(self) -> Arrivals:
+    def get(self) -> Arrivals:
         """See :class:`Receiver`."""
         return self._receive(_DONT_WAIT)
 

@@ -57,7 +57,7 @@ class UdpTap(Tap):
         """Queue all that is there; return how many there were."""
         count = 0
         while self._receiver.can_gather:
-            taken = self._put(self._receiver.take_all())
+            taken = self._put(self._receiver.get())
             count += taken
             if taken < MOST:
                 break
