@@ -35,6 +35,14 @@ def shifted(x: Floats, count: int) -> Floats:
     return found
 
 
+def euler(w: Floats, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return roll, pitch and yaw in rad (n,) of unit quaternions (n,) each, from body to north."""
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
 class Columns:
     """A struct of arrays, a row each; what is no array is common to all rows."""
 

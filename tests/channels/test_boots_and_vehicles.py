@@ -111,7 +111,7 @@ def test_the_summary_has_the_boots_only_where_there_are_several(log: Path, tmp_p
         (["--from", "100", "--to", "200"], "--from 100 --to 200 is outside"),
         (["--from", "200", "--boot", "3"], "--from 200 is outside"),
         (["--boot", "4"], "--boot 4: the log covers boot 1 from 300.0 to 330.0 s"),
-        (["--boot", "0"], "--boot counts from 1"),
+        (["--boot", "0"], "--boot must be at least 1"),
     ],
 )
 @pytest.mark.parametrize("command", ["replay", "inspect", "orders"])
@@ -161,5 +161,5 @@ def test_two_vehicles_are_named_and_the_one_that_is_answered(
 
 def test_a_log_of_one_vehicle_beside_its_ground_station_has_no_list_of_them():
     pipeline, _ = run_through(ROOT / "replay_logs" / "no_rudder" / "log.tlog", RunConfig())
-    assert len(pipeline.channels.lock.heard) == 2
+    assert len(pipeline.channels.lock.senders) == 2
     assert len(pipeline.channels.lock.vehicles) == 1

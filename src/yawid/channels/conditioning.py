@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
-from yawid.channels.decimate import BAND_ORDER, Decimator, GridFilter
+from yawid.channels.decimate import Decimator, GridFilter, butterworth
 from yawid.channels.sample_flags import Notes
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -26,24 +26,13 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
     Raises:
         ConfigError: the upper edge is not below half the rate.
     """
-    from scipy.signal import butter  # half a second to load: only for those who filter
-
     rate_hz = 1.0 / sample_time_s
     if not band_hz[1] < rate_hz / 2.0:
         raise ConfigError(
             f"--band reaches to {band_hz[1]:g} Hz: at {rate_hz:g} Hz it must end below "
             f"{rate_hz / 2.0:g} Hz"
         )
-    sections: Floats = butter(BAND_ORDER, band_hz, "bandpass", fs=rate_hz, output="sos")
-    return sections
-
-
-def high_pass(low_hz: float, sample_time_s: float) -> Floats:
-    """Return its lower end alone."""
-    from scipy.signal import butter
-
-    sections: Floats = butter(BAND_ORDER, low_hz, "high", fs=1.0 / sample_time_s, output="sos")
-    return sections
+    return butterworth(band_hz, "bandpass", rate_hz)
 
 
 @dataclass(slots=True)
@@ -62,7 +51,6 @@ class Conditioner:
     _filter: GridFilter | None = field(default=None, init=False)
     _decimator: Decimator | None = field(default=None, init=False)
     _last: tuple[int, float, float] | None = field(default=None, init=False)
-
     _notes: Notes = field(init=False)
 
     def __post_init__(self) -> None:
@@ -73,7 +61,7 @@ class Conditioner:
         if self.count > 1:  # the upper corner acts before the samples are thinned, and only there
             low_hz, high_hz = self.config.band
             self._decimator = Decimator(self.sample_time_s, self.count, high_hz)
-            sections = high_pass(low_hz, self.sample_time_s)
+            sections = butterworth(low_hz, "high", 1.0 / self.sample_time_s)
         self._filter = GridFilter(sections)
 
     def feed(self, block: SampleBlock) -> SampleBlock | None:
@@ -87,14 +75,12 @@ class Conditioner:
         if self.config.turn == "remove":
             turn = block.turn
             unknown = (block.held == 0) & np.isnan(turn)
-            block = replace(
-                block, y=block.y - turn, held=block.held + int(Held.NO_AIRSPEED) * unknown
-            )
-        if self._decimator is not None:
-            thinned = self._decimator.feed(block)
-            if thinned is None:
-                return None
-            block = thinned
+            held = block.held + int(Held.NO_AIRSPEED) * unknown
+            block = replace(block, y=block.y - turn, held=held)
+        thinned = block if self._decimator is None else self._decimator.feed(block)
+        if thinned is None:
+            return None
+        block = thinned
         if self._filter is not None:
             block = self._filter.feed(block)
         held = block.held != 0
@@ -114,16 +100,11 @@ class Conditioner:
         k, yaw, turn = block.k[good], block.yaw[good], block.turn[good]
         if len(k) == 0:
             return block
-        first = self._last or (k[0] - 2, np.nan, np.nan)
-        k_before = np.concatenate([[first[0]], k[:-1]])
-        yaw_before, turn_before = (
-            np.concatenate([[start], column[:-1]])
-            for start, column in ((first[1], yaw), (first[2], turn))
-        )
+        last_k, last_yaw, last_turn = self._last or (k[0] - 2, np.nan, np.nan)
         self._last = (int(k[-1]), float(yaw[-1]), float(turn[-1]))
-        adjacent = k - k_before == 1
+        adjacent = np.diff(k, prepend=last_k) == 1
         y, mean_turn, held = np.full(len(block), np.nan), block.turn.copy(), block.held.copy()
-        y[good] = (yaw - yaw_before) / self.sample_time_s
-        mean_turn[good] = 0.5 * (turn + turn_before)
+        y[good] = np.diff(yaw, prepend=last_yaw) / self.sample_time_s
+        mean_turn[good] = 0.5 * (turn + np.append(last_turn, turn[:-1]))
         held[good] = np.where(adjacent & np.isfinite(y[good]), 0, int(Held.GAP))
         return replace(block, y=y, turn=mean_turn, held=held)

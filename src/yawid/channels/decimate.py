@@ -27,6 +27,14 @@ def finer_by(sample_time_s: float, interval_us: float) -> int:
     return max(1, math.ceil(RATE_SLACK * 1e6 * sample_time_s / interval_us))
 
 
+def butterworth(corner_hz: float | tuple[float, float], kind: str, rate_hz: float) -> Floats:
+    """Return one end of the band, or both, as second-order sections (n, 6)."""
+    from scipy.signal import butter
+
+    sections: Floats = butter(BAND_ORDER, corner_hz, kind, fs=rate_hz, output="sos")
+    return sections
+
+
 @dataclass(slots=True)
 class GridFilter:
     """One filter for inputs and output alike; carries its state from block to block."""
@@ -70,10 +78,8 @@ class Decimator:
     _open: SampleBlock | None = None
 
     def __post_init__(self) -> None:
-        from scipy.signal import butter
-
         rate_hz = self.count / self.sample_time_s
-        self._filter = GridFilter(butter(BAND_ORDER, self.corner_hz, fs=rate_hz, output="sos"))
+        self._filter = GridFilter(butterworth(self.corner_hz, "low", rate_hz))
 
     def feed(self, block: SampleBlock) -> SampleBlock | None:
         """Take fine samples in; return those of the grid that are complete."""

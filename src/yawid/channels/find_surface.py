@@ -7,7 +7,7 @@ names the control surface that servo moves.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
 from dataclasses import dataclass
 
 from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
@@ -16,9 +16,10 @@ from yawid.channels.surface import STICKS, Part, Surface
 from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle, has_wings
 from yawid.sources.mavlink.enums import ARDUPILOT, FIXED_WING
 
-AP_VTAIL_LEFT, AP_VTAIL_RIGHT = 79, 80
-AP_ELEVON_LEFT, AP_ELEVON_RIGHT = 77, 78
-AP_FLAPERON_LEFT, AP_FLAPERON_RIGHT = 24, 25
+AP_VTAIL, AP_ELEVON, AP_FLAPERON = (79, 80), (77, 78), (24, 25)
+"""SERVOn_FUNCTION of left and right."""
+AP_SINGLE = {"rudder": AP_RUDDER, "aileron": AP_AILERON}
+AP_PAIRS = {"rudder": (AP_VTAIL,), "aileron": (AP_ELEVON, AP_FLAPERON)}
 STOCK_SERVO = {"rudder": 4, "aileron": 1}
 CONTROL_INDEX = {"rudder": 2, "aileron": 0}
 PX4_SINGLE = {"rudder": (4,), "aileron": (15,)}
@@ -145,9 +146,8 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     servo_of: dict[int, int] = {}
     for servo, function in functions.items():
         servo_of.setdefault(function, servo)
-    single = AP_RUDDER if what == "rudder" else AP_AILERON
-    twins = [n for n, function in functions.items() if function == single][1:]
-    parts = _ap_rudder(servo_of, outputs) if what == "rudder" else _ap_aileron(servo_of, outputs)
+    twins = [n for n, function in functions.items() if function == AP_SINGLE[what]][1:]
+    parts = _ap_parts(what, servo_of, outputs)
     if not parts:
         return None
     told = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
@@ -156,24 +156,18 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
 
-def _ap_rudder(servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
-    if AP_RUDDER in servo_of:
-        return (outputs.servo(servo_of[AP_RUDDER]),)
-    if AP_VTAIL_LEFT in servo_of and AP_VTAIL_RIGHT in servo_of:
-        return outputs.vtail(servo_of[AP_VTAIL_LEFT], servo_of[AP_VTAIL_RIGHT])
-    return ()
-
-
-def _ap_aileron(servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
-    if AP_AILERON in servo_of:
-        return (outputs.servo(servo_of[AP_AILERON]),)
-    if AP_ELEVON_LEFT in servo_of and AP_ELEVON_RIGHT in servo_of:
-        weight = 0.5 / outputs.mixing
-        left, right = servo_of[AP_ELEVON_LEFT], servo_of[AP_ELEVON_RIGHT]
-        return outputs.servo(left, -weight), outputs.servo(right, weight)
-    if AP_FLAPERON_LEFT in servo_of and AP_FLAPERON_RIGHT in servo_of:
-        left, right = servo_of[AP_FLAPERON_LEFT], servo_of[AP_FLAPERON_RIGHT]
-        return outputs.servo(left, 0.5), outputs.servo(right, 0.5)
+def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
+    """Return the output of the single surface, else the pair that is mixed of it."""
+    single = AP_SINGLE[what]
+    if single in servo_of:
+        return (outputs.servo(servo_of[single]),)
+    for pair in AP_PAIRS[what]:
+        if servo_of.keys() >= {*pair}:
+            left, right = (servo_of[function] for function in pair)
+            if pair == AP_VTAIL:
+                return outputs.vtail(left, right)
+            weight = 0.5 if pair == AP_FLAPERON else -0.5 / outputs.mixing
+            return outputs.servo(left, weight), outputs.servo(right, abs(weight))
     return ()
 
 
@@ -206,26 +200,14 @@ def _px4_output(
     index: int, weight: float, table: ParameterTable, heard: frozenset[str]
 ) -> tuple[str, Part] | None:
     """Return the message and the output that move control surface ``index``."""
-    found = next(_px4_outputs(PX4_FIRST_SERVO + index, table), None)
-    if found is None:
-        return None
-    bank, number, shift = found
-    travel, reverse = table.px4_travel(bank, number)
-    return _px4_message(bank, heard), Part(number + shift, travel, reverse, weight)
-
-
-def _px4_message(bank: str, heard: frozenset[str]) -> str:
-    if bank == "HIL_ACT":
-        return "HIL_ACTUATOR_CONTROLS"
     raw, status = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS"
-    return status if status in heard and raw not in heard else raw
-
-
-def _px4_outputs(function: int, table: ParameterTable) -> Iterator[tuple[str, int, int]]:
-    for bank, shift in PX4_BANKS:
-        for number in range(1, 17):
-            if table.get(f"{bank}_FUNC{number}", 0.0) == function:
-                yield bank, number, shift
+    for (bank, shift), number in itertools.product(PX4_BANKS, range(1, 17)):
+        if table.get(f"{bank}_FUNC{number}", 0.0) == PX4_FIRST_SERVO + index:
+            travel, reverse = table.px4_travel(bank, number)
+            message = status if status in heard and raw not in heard else raw
+            message = "HIL_ACTUATOR_CONTROLS" if bank == "HIL_ACT" else message
+            return message, Part(number + shift, travel, reverse, weight)
+    return None
 
 
 def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:

@@ -77,12 +77,14 @@ def has_wings(vehicle: Vehicle) -> bool:
 
 @dataclass(slots=True)
 class VehicleLock:
-    """Finds the vehicle and keeps only its messages; remembers who else was heard."""
+    """Finds the vehicle and keeps only its messages.
+
+    ``senders`` has the type and autopilot of whoever sent a HEARTBEAT, by (sysid, compid).
+    """
 
     sysid: int | None = None
     vehicle: Vehicle | None = None
-    heard: dict[tuple[int, int], int] = field(default_factory=dict)
-    autopilots: dict[tuple[int, int], int] = field(default_factory=dict)
+    senders: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
     _parameters: list[MessageBlock] = field(default_factory=list)
 
     def filter(self, frames: FrameBlock) -> tuple[dict[str, MessageBlock], list[MessageBlock]]:
@@ -116,8 +118,7 @@ class VehicleLock:
         kinds, autopilots = block.fields["type"], block.fields["autopilot"]
         senders = np.stack([block.sysid, block.compid, kinds, autopilots], axis=1)
         for sysid, compid, kind, autopilot in np.unique(senders, axis=0).tolist():
-            self.heard.setdefault((sysid, compid), kind)
-            self.autopilots.setdefault((sysid, compid), autopilot)
+            self.senders.setdefault((sysid, compid), (kind, autopilot))
         if self.vehicle is not None:
             return
         flies = (autopilots != AUTOPILOT_INVALID) & ~np.isin(kinds, list(NOT_A_VEHICLE))
@@ -138,18 +139,17 @@ class VehicleLock:
         """Every vehicle heard, by its address: sysid, compid, type and autopilot."""
         return [
             {"sysid": sysid, "compid": compid, "type": kind, "autopilot": autopilot}
-            for (sysid, compid), kind in sorted(self.heard.items())
-            if (autopilot := self.autopilots[sysid, compid]) != AUTOPILOT_INVALID
-            and kind not in NOT_A_VEHICLE
+            for (sysid, compid), (kind, autopilot) in sorted(self.senders.items())
+            if autopilot != AUTOPILOT_INVALID and kind not in NOT_A_VEHICLE
         ]
 
     def why_none(self) -> str:
         """Say who was heard instead of a vehicle."""
-        if not self.heard:
+        if not self.senders:
             return "no HEARTBEAT in the log: nobody says what vehicle this is"
         names = ", ".join(
             f"{sysid}/{compid} {TYPE_NAMES.get(kind, f'type {kind}')}"
-            for (sysid, compid), kind in sorted(self.heard.items())
+            for (sysid, compid), (kind, _) in sorted(self.senders.items())
         )
         wanted = "" if self.sysid is None else f" with system id {self.sysid}"
         return f"no vehicle{wanted} among the HEARTBEATs heard: {names}"

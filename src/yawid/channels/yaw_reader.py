@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Held, Ints, MessageBlock
+from yawid.blocks import Floats, Held, Ints, MessageBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.heading_filter import FINE_STD, WHOLE_DEGREES_STD, HeadingRate
@@ -30,67 +31,51 @@ BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be 
 COLUMNS = BARRED + 1
 
 Fields = NDArray[Any]
-Angles = tuple[Floats, Floats, Floats, Floats, Floats]
-"""Roll, pitch, yaw in rad, pitch rate and yaw rate about the body's axes in rad/s; NaN if
-unknown."""
 
 
-def _attitude(f: Fields) -> Angles:
-    return _columns(f["roll"], f["pitch"], f["yaw"], f["pitchspeed"], f["yawspeed"])
+def _attitude(f: Fields) -> Floats:
+    return _angles(f["roll"], f["pitch"], f["yaw"], f["pitchspeed"], f["yawspeed"])
 
 
-def _quaternion(f: Fields) -> Angles:
+def _quaternion(f: Fields) -> Floats:
     w, x, y, z = (np.asarray(f[f"q{i}"], float) for i in range(1, 5))
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return _columns(roll, pitch, yaw, f["pitchspeed"], f["yawspeed"])
+    return _angles(*euler(w, x, y, z), f["pitchspeed"], f["yawspeed"])
 
 
-def _gyro(f: Fields, scale: float = 1.0) -> Angles:
-    unknown = np.full(len(f), np.nan)
-    rates = [scale * np.asarray(f[name], float) for name in ("ygyro", "zgyro")]
-    return _columns(unknown, unknown, unknown, *rates)
+def _gyro(f: Fields, scale: float = 1.0) -> Floats:
+    rates = (scale * np.asarray(f[name], float) for name in ("ygyro", "zgyro"))
+    return _angles(*np.full((3, len(f)), np.nan), *rates)
 
 
-def _milli_gyro(f: Fields) -> Angles:
-    return _gyro(f, 1e-3)
+def _heading(degrees: Floats) -> Floats:
+    unknown = np.full(len(degrees), np.nan)
+    yaw = np.deg2rad((degrees + 180.0) % 360.0 - 180.0)
+    return _angles(unknown, unknown, yaw, unknown, unknown)
 
 
-def _heading(f: Fields) -> Angles:
-    return _from_degrees(np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0))
+def _angles(*rows: Any) -> Floats:
+    """Return them as (5, n), NaN where a value is absurd or no number."""
+    angles = np.array(rows, float)
+    return np.where(np.abs(angles) < ABSURD_RAD_S, angles, np.nan)
 
 
-def _whole_heading(f: Fields) -> Angles:
-    return _from_degrees(np.asarray(f["heading"], float))
-
-
-def _from_degrees(heading: Floats) -> Angles:
-    unknown = np.full(len(heading), np.nan)
-    yaw = np.deg2rad((heading + 180.0) % 360.0 - 180.0)
-    return _columns(unknown, unknown, yaw, unknown, unknown)
-
-
-def _columns(*values: Any) -> Angles:
-    roll, pitch, yaw, q, r = (np.asarray(value, float) for value in values)
-    return _sound(roll), _sound(pitch), _sound(yaw), _sound(q), _sound(r)
-
-
-def _sound(values: Floats) -> Floats:
-    return np.where(np.abs(values) < ABSURD_RAD_S, values, np.nan)
-
-
-SOURCES: dict[str, tuple[str, Callable[[Fields], Angles]]] = {
+SOURCES: dict[str, tuple[str, Callable[[Fields], Floats]]] = {
     "ATTITUDE": ("yawspeed", _attitude),
     "ATTITUDE_QUATERNION": ("yawspeed", _quaternion),
     "HIGHRES_IMU": ("zgyro", _gyro),
-    "SCALED_IMU": ("zgyro", _milli_gyro),
-    "RAW_IMU": ("zgyro", _milli_gyro),
-    "GLOBAL_POSITION_INT": ("hdg", _heading),
-    "VFR_HUD": ("heading", _whole_heading),
+    "SCALED_IMU": ("zgyro", partial(_gyro, scale=1e-3)),
+    "RAW_IMU": ("zgyro", partial(_gyro, scale=1e-3)),
+    "GLOBAL_POSITION_INT": (
+        "hdg",
+        lambda f: _heading(np.where(f["hdg"] == 65535, np.nan, f["hdg"] / 100.0)),
+    ),
+    "VFR_HUD": ("heading", lambda f: _heading(np.asarray(f["heading"], float))),
 }
-"""Message -> field and reader, best first. RAW_IMU is in mrad/s as ArduPilot sends it; the headings
-are coarse. VFR_HUD's comes in whole degrees and without a time of its own, the last resort."""
+"""Message -> field and reader, best first; RAW_IMU is in mrad/s as ArduPilot sends it.
+
+A reader returns (5, n): roll, pitch and yaw in rad, pitch and yaw rate about the body's axes in
+rad/s; NaN where unknown. VFR_HUD's heading comes in whole degrees and without a time: the last
+resort."""
 COARSE = {"GLOBAL_POSITION_INT": FINE_STD, "VFR_HUD": WHOLE_DEGREES_STD}
 """The sources that tell a heading alone, and its sigma in rad."""
 UNTIMED = "VFR_HUD"

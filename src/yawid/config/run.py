@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig
+from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig, forgetting_factor
 from yawid.errors import ConfigError
 
 OUTPUTS = ("yaw-rate", "heading-rate", "yaw")
@@ -24,6 +25,18 @@ SELECTORS = {
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 _INTEGERS = ("sysid", "boot")
+_LIMITS: dict[str, tuple[Callable[[float], bool], str]] = {
+    "memory": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
+    "forgetting": (lambda factor: 0.0 < factor <= 1.0, "lie in (0, 1]"),
+    "rate": (lambda hz: 0.1 <= hz <= 1000.0, "lie in 0.1 to 1000 Hz"),
+    "rudder_max_deg": (lambda deg: 0.0 < deg <= 90.0, "be > 0 and at most 90"),
+    "servo_tau": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
+    "from_s": (math.isfinite, "be finite"),
+    "to_s": (math.isfinite, "be finite"),
+    "sysid": (lambda number: 1 <= number <= 255, "be 1 to 255"),
+    "boot": (lambda number: number >= 1, "be at least 1: boots count from 1"),
+}
+"""What a value given must satisfy, and how to say so."""
 _LISTS: dict[str, tuple[type, str]] = {
     "orders": (int, "na,nb,nc,nk, four whole numbers (replay --orders auto: by the log)"),
     "inputs": (str, "rudder or rudder,aileron"),
@@ -95,8 +108,6 @@ class RunConfig:
         _check_choice("engine", self.engine, ENGINES)
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting say the same thing: give one of them")
-        if self.forgetting is not None and not 0.0 < self.forgetting <= 1.0:
-            raise ConfigError(f"--forgetting must lie in (0, 1], got {self.forgetting!r}")
 
     def _check_channels(self) -> None:
         if self.inputs not in INPUTS:
@@ -112,30 +123,18 @@ class RunConfig:
                 choices = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
                 choices = "vtail:L,R, " + choices if name == "rudder" else choices
                 raise ConfigError(f"--{name} must be {choices}, got {selector!r}")
-        if self.sysid is not None and not 1 <= self.sysid <= 255:
-            raise ConfigError(f"--sysid must be 1 to 255, got {self.sysid!r}")
 
     def _check_numbers(self) -> None:
-        for name in ("memory", "rate", "rudder_max_deg", "servo_tau"):
+        for name, (is_sound, what) in _LIMITS.items():
             value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                option = name.replace("_", "-")
-                raise ConfigError(f"--{option} must be > 0 and finite, got {value!r}")
-        if self.rudder_max_deg is not None and self.rudder_max_deg > 90.0:
-            raise ConfigError(f"--rudder-max-deg must be at most 90, got {self.rudder_max_deg!r}")
-        if self.rate is not None and not 0.1 <= self.rate <= 1000.0:
-            raise ConfigError(f"--rate must lie in 0.1 to 1000 Hz, got {self.rate!r}")
+            if value is not None and not is_sound(value):
+                option = name.removesuffix("_s").replace("_", "-")
+                raise ConfigError(f"--{option} must {what}, got {value!r}")
         if self.band is not None:
             object.__setattr__(self, "band", tuple(self.band))
             if len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf:
                 given = ",".join(f"{edge:g}" for edge in self.band)
                 raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {given}")
-        if self.boot is not None and self.boot < 1:
-            raise ConfigError(f"--boot counts from 1, got {self.boot!r}")
-        for name in ("from_s", "to_s"):
-            value = getattr(self, name)
-            if value is not None and not math.isfinite(value):
-                raise ConfigError(f"--{name[:-2]} must be finite, got {value!r}")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
 
@@ -163,7 +162,7 @@ class RunConfig:
         """
         if self.forgetting is not None:
             return self.forgetting
-        factor = math.exp(-sample_time_s / (self.memory or DEFAULT_MEMORY_S))
+        factor = forgetting_factor(self.memory or DEFAULT_MEMORY_S, sample_time_s)
         if factor == 0.0:
             text = f"is far below one sample of {sample_time_s:g} s: give some periods of the mode"
             raise ConfigError(f"--memory {self.memory!r} {text}")

@@ -15,7 +15,7 @@ from sinks.rerun.rerun_reading import VIEWER
 from sinks.rerun.test_viewer import viewer
 
 from yawid.runs.live import Console
-from yawid.runs.live.guarded_sink import check_present
+from yawid.runs.live.tlog_recorder import TlogRecorder
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.link.inbox import Stamps
@@ -92,9 +92,21 @@ def test_a_clock_that_is_set_is_one_line_and_no_stamp_moves(
     assert (ended.summary["link"]["clock_steps"], ended.summary["link"]["reboots"]) == (0, 0)
 
 
-def test_a_file_that_is_still_there_is_not_called_removed(tmp_path: Path):
-    (tmp_path / "part").write_text("")
-    check_present(tmp_path / "part")
+def test_a_file_is_called_removed_when_it_is_and_not_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("yawid.runs.live.guarded_sink.LOOK_S", 0.0)
+    said: list[str] = []
+    recorder = TlogRecorder(tmp_path / "live.tlog", said.append, force=False)
+    recorder.look()
+    assert (recorder.failure, said) == (None, [])
+
+    (tmp_path / "live.tlog.part").unlink()
+    recorder.look()
+    recorder.look()
+    assert recorder.finish() is None
+    assert recorder.failure == f"{tmp_path / 'live.tlog.part'} has been removed"
+    assert said == [f"{recorder.failure}: the session goes on without its tlog"]
 
 
 def test_a_viewer_that_dies_is_one_line_and_the_files_are_whole(tmp_path: Path):

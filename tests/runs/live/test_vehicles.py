@@ -10,6 +10,7 @@ from pathlib import Path
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.channels.stage import WANTED
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.mavlink.decoder import Decoder
@@ -59,7 +60,7 @@ def test_each_vehicle_s_tlog_has_the_ground_station_but_no_other_vehicle(tmp_pat
 
     told = {}
     for sysid in (1, 2):
-        decoder = Decoder()
+        decoder = Decoder(WANTED)
         decoder.feed((tmp_path / f"live-{sysid}.tlog").read_bytes())
         decoder.finish()
         told[sysid] = dict(decoder.link.senders)

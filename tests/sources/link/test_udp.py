@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
+from yawid.channels.stage import WANTED
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import MOST_AT_ONCE, Stamps
@@ -61,7 +62,7 @@ def test_every_frame_sent_comes_out_as_a_record(tap: UdpTap, vehicle: socket.soc
 def test_replaying_what_was_recorded_gives_the_same_messages(
     tap: UdpTap, vehicle: socket.socket
 ) -> None:
-    decoder = Decoder()
+    decoder = Decoder(WANTED)
     recorded, live = b"", []
     for i, frame in enumerate(FRAMES[:60]):
         vehicle.sendto(frame, tap.address)
@@ -69,7 +70,7 @@ def test_replaying_what_was_recorded_gives_the_same_messages(
         recorded += data
         live.append(decoder.feed(data))
     live.append(decoder.finish())
-    replayed = Decoder()
+    replayed = Decoder(WANTED)
     again = [replayed.feed(recorded), replayed.finish()]
     assert rows([block for block in live if block]) == rows([block for block in again if block])
     assert decoder.link == replayed.link

@@ -21,6 +21,7 @@ from sources.tlog_records import (
 )
 
 from yawid.blocks import FrameBlock, MessageBlock
+from yawid.channels.stage import WANTED
 from yawid.sources.mavlink import decoder as frames
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
@@ -125,7 +126,7 @@ def test_the_short_way_is_the_one_taken_and_stops_at_what_is_odd() -> None:
 
 
 def test_what_a_live_link_sends_takes_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    decoder, data = Decoder(), random_records(np.random.default_rng(2), 200)
+    decoder, data = Decoder(WANTED), random_records(np.random.default_rng(2), 200)
     first = 10  # the first records of all, and of a sender, are the long way's
     decoder.feed(b"".join(data[:first]))
     monkeypatch.delattr(Decoder, "_decode")

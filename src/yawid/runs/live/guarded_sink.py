@@ -1,4 +1,4 @@
-"""A sink that fails is one line, and the session goes on without it."""
+"""A file or sink that fails is one line, and the session goes on without it."""
 
 from __future__ import annotations
 
@@ -8,24 +8,53 @@ from typing import Any
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.sinks.base import Grid, LogLevel, Pace, Sink
+from yawid.sinks.base import Grid, LogLevel, Pace, Sink, os_errors_as_sink_error
 
 LOOK_S = 1.0
 
 
-class Guarded:
-    """Stands in front of a sink that writes ``part``; ``failure`` says why it was given up.
+class Guard:
+    """What writes ``part`` and may fail; ``failure`` says why it was given up.
 
     A file that is removed while it is written raises no error by itself: that it is still there is
     looked at every ``LOOK_S``.
     """
 
-    def __init__(self, sink: Sink, part: Path, tell: Callable[[str], None]) -> None:
+    what = "it"
+    """What the session goes on without."""
+
+    def __init__(self, part: Path, tell: Callable[[str], None]) -> None:
         self.failure: str | None = None
-        self._sink = sink
         self._part = part
         self._tell = tell
         self._look = Pace(LOOK_S)
+
+    def abort(self) -> None:
+        """Close what is open; its file keeps its unfinished name."""
+        raise NotImplementedError
+
+    def _check_present(self) -> None:
+        if self._look.due() and not self._part.exists():
+            raise SinkError(f"{self._part} has been removed")
+
+    def _attempt(self, act: Callable[[], object]) -> None:
+        """Do it, unless there was a failure before; a failure is said one time."""
+        if self.failure is None:
+            try:
+                with os_errors_as_sink_error(self._part):
+                    act()
+            except SinkError as error:
+                self._tell(f"{error}: the session goes on without {self.what}")
+                self.abort()
+                self.failure = str(error)
+
+
+class Guarded(Guard):
+    """Stands in front of a sink that writes ``part``."""
+
+    def __init__(self, sink: Sink, part: Path, tell: Callable[[str], None]) -> None:
+        super().__init__(part, tell)
+        self._sink = sink
 
     def start(self, grid: Grid) -> None:
         """See :meth:`yawid.sinks.base.Sink.start`."""
@@ -55,22 +84,5 @@ class Guarded:
             self._sink.abort()
 
     def _flush(self) -> None:
-        if self._look.due():
-            check_present(self._part)
+        self._check_present()
         self._sink.flush()
-
-    def _attempt(self, act: Callable[[], None]) -> None:
-        if self.failure is not None:
-            return
-        try:
-            act()
-        except SinkError as error:
-            self.failure = str(error)
-            self._tell(f"{error}: the session goes on without it")
-            self._sink.abort()
-
-
-def check_present(part: Path) -> None:
-    """Raise SinkError where a file that is being written has been removed."""
-    if not part.exists():
-        raise SinkError(f"{part} has been removed")

@@ -11,7 +11,7 @@ from typing import Any
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
-from yawid.runs.live.vehicles import Fleet, Sessions, Single
+from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.warm_up import Warming
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
@@ -99,7 +99,7 @@ def _attend(
     tap: Tap, setting: Setting, options: LiveOptions, stop: StopFlag, console: Console
 ) -> list[Ended]:
     """Read the tap until told to stop, close it and finish; what is cut short is left readable."""
-    sessions: Sessions = Fleet(setting) if options.every_vehicle else Single(setting)
+    sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
         loop = _Loop(tap, sessions, setting.warming, options, setting.reading, console)
         loop.run(stop)
@@ -136,7 +136,7 @@ class _Loop:
     def __init__(
         self,
         tap: Tap,
-        sessions: Sessions,
+        sessions: Single | Fleet,
         warming: Warming,
         options: LiveOptions,
         reading: Reading,

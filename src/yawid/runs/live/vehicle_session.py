@@ -174,11 +174,11 @@ class LiveSession:
         if self._state is not None:
             self._state.save(self.pipeline)
         tlog = None if self._tlog is None else self._tlog.finish()
-        summary, verdict = summarise(
-            self.pipeline, self.decoder.link, self._log(tlog), self._sha256.hexdigest()
-        )
+        log = self._setting.endpoint if tlog is None else str(tlog)
+        sha256, path = self._sha256.hexdigest(), self._setting.outputs.path
+        summary, verdict = summarise(self.pipeline, self.decoder.link, log, sha256)
         summary["live"] = live | self._own(live["events"])
-        files = {n: p for n, p in self._files().items() if self._guards[n].failure is None}
+        files = {n: str(path(f".{n}")) for n, g in self._guards.items() if g.failure is None}
         files |= {} if tlog is None else {"tlog": str(tlog)}
         finish(self.pipeline, summary, files, parameters_of(self.pipeline))
         # A file may fail as it is finished.
@@ -217,10 +217,12 @@ class LiveSession:
     def _look_for_others(self) -> None:
         """Say of every further vehicle, one time, that it is not estimated."""
         lock = self.pipeline.channels.lock
-        if lock.vehicle is None or len(lock.heard) == self._heard:
+        if lock.vehicle is None or len(lock.senders) == self._heard:
             return
-        self._heard = len(lock.heard)
-        flying = {sysid for (sysid, _), kind in lock.heard.items() if kind not in NOT_A_VEHICLE}
+        self._heard = len(lock.senders)
+        flying = {
+            sysid for (sysid, _), (kind, _) in lock.senders.items() if kind not in NOT_A_VEHICLE
+        }
         for sysid in sorted(flying - self._others - {lock.vehicle.sysid}):
             self._others.add(sysid)
             self.tell(
@@ -263,9 +265,6 @@ class LiveSession:
             self._state.resume(bank, self.pipeline.channels)
         return bank
 
-    def _files(self) -> dict[str, str]:
-        return {name: str(self._setting.outputs.path(f".{name}")) for name in self._guards}
-
     def _failed(self) -> list[str]:
         watched = [*self._guards.values(), self._tlog, self._state]
         return self.failures + [w.failure for w in watched if w is not None and w.failure]
@@ -277,9 +276,6 @@ class LiveSession:
         if self._viewer is not None:
             own["viewer_skipped"] = self._viewer.skipped
         return own
-
-    def _log(self, tlog: Path | None) -> str:
-        return self._setting.endpoint if tlog is None else str(tlog)
 
 
 def for_vehicle(setting: Setting, sysid: int) -> LiveSession:

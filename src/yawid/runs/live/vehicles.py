@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import ConfigError, SinkError
@@ -21,42 +21,26 @@ KEPT = 8192
 _HEARTBEAT = 0
 
 
-class Sessions(Protocol):
-    """One session or many, as the loop sees them."""
-
-    def feed(self, data: bytes) -> None:
-        """Take whole records."""
-
-    def tick(self) -> None:
-        """Bring out what is complete; made to be called several times a second."""
-
-    def running(self) -> list[LiveSession]:
-        """Return the sessions there are."""
-
-    def finish(self, live: dict[str, Any]) -> list[Ended]:
-        """Finish them all."""
-
-
 class Single:
-    """One session that records and reads everything heard."""
+    """One session that records and reads everything received."""
 
     def __init__(self, setting: Setting) -> None:
         self._session = LiveSession(setting)
 
     def feed(self, data: bytes) -> None:
-        """See :class:`Sessions`."""
+        """Take whole records in."""
         self._session.feed(data)
 
     def tick(self) -> None:
-        """See :class:`Sessions`."""
+        """Bring out what is complete; made to be called several times a second."""
         self._session.tick()
 
     def running(self) -> list[LiveSession]:
-        """See :class:`Sessions`."""
+        """Return the sessions there are."""
         return [self._session]
 
     def finish(self, live: dict[str, Any]) -> list[Ended]:
-        """See :class:`Sessions`."""
+        """Finish them all; ``live`` is what the tap adds to their summaries."""
         self._session.settle()
         return [self._session.finish(live)]
 
@@ -85,7 +69,7 @@ class Fleet:
         self._unsigned: set[int] = set()
 
     def feed(self, data: bytes) -> None:
-        """See :class:`Sessions`."""
+        """See :class:`Single`."""
         parts: dict[int, list[bytes]] = {
             sysid: [] for sysid in self._sessions.keys() | self._refused
         }
@@ -105,16 +89,16 @@ class Fleet:
                 self._guard(sysid, partial(LiveSession.feed, data=b"".join(own)))
 
     def tick(self) -> None:
-        """See :class:`Sessions`."""
+        """See :class:`Single`."""
         for sysid in self._sessions:
             self._guard(sysid, LiveSession.tick)
 
     def running(self) -> list[LiveSession]:
-        """See :class:`Sessions`."""
+        """See :class:`Single`."""
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
     def finish(self, live: dict[str, Any]) -> list[Ended]:
-        """See :class:`Sessions`; where no vehicle was heard, one summary says so."""
+        """See :class:`Single`; where no vehicle was heard, one summary says so."""
         for sysid in self._sessions:
             self._guard(sysid, LiveSession.settle)
         if not self.running():

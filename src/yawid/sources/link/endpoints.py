@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 from yawid.errors import ConfigError
 
@@ -61,13 +61,7 @@ def parse_endpoint(text: str) -> Endpoint:
             raise ConfigError(f"{text!r}: {baud} is no baud rate, write {match[1]},{BAUD}")
         return Endpoint(match[1], baud, "serial")
     if match := _HOST_PORT.fullmatch(text) or _HOST6_PORT.fullmatch(text):
-        kind: dict[str, EndpointKind] = {
-            "udpin": "udpin",
-            "udpout": "udpout",
-            "udpbcast": "udpbcast",
-            "tcp": "tcp",
-        }
-        return _checked(Endpoint(match[2], int(match[3]), kind[match[1]]), text)
+        return _checked(Endpoint(match[2], int(match[3]), cast("EndpointKind", match[1])), text)
     named = text.partition(":")[0]
     if named in _UNSUPPORTED:
         raise ConfigError(f"{text!r}: {named} is not supported, {_spellings(text)}")

@@ -7,17 +7,16 @@ tell, no others. Time is 64 bits of microseconds in all of them: the logs know i
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
-from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.mavlink.link_stats import LinkStats
 
 Bools = NDArray[np.bool_]
+PlacedFields = tuple[Ints, NDArray[Any]]
+"""Where rows of a message stand (n,), in us since boot or in bytes, and their fields (n,)."""
 COMPID = 1
 """MAV_COMP_ID_AUTOPILOT1: who writes an on-board log."""
 STRAY_US = 10_000_000
@@ -127,6 +126,16 @@ def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[
     return places[last], [column[last] for column in columns]
 
 
+def merged(name: str, before: float, **columns: tuple[Ints, Floats]) -> PlacedFields:
+    """Return a message wherever one of its columns is reported, the others held.
+
+    Each column has places (n,) and values (n,) of its own, and is ``before`` until its first.
+    """
+    places, values = hold_last((before,) * len(columns), *columns.values())
+    known = {column: own[1:] for column, own in zip(columns, values, strict=True)}
+    return places[1:], table(name, len(places) - 1, **known)
+
+
 def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,).
 
@@ -144,11 +153,6 @@ def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floa
     values = [np.interp(t_us, known_us, a) for a in (roll[forward], pitch[forward], turned)]
     values[2] = (values[2] + np.pi) % (2.0 * np.pi) - np.pi
     return np.where(inside, np.stack(values), np.nan)
-
-
-def counts(**known: Any) -> LinkStats:
-    """Return the counts of a log that came over no link: zero but for those given."""
-    return replace(Decoder(()).link, **known)
 
 
 def in_order(parts: Mapping[str, tuple[Ints, NDArray[Any]]]) -> Iterator[tuple[str, Ints, Ints]]:

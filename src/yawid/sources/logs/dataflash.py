@@ -22,7 +22,6 @@ from yawid.sources.logs.as_mavlink import (
     COMPID,
     DTYPES,
     angles_at,
-    counts,
     frame_block,
     message,
     table,
@@ -88,7 +87,7 @@ class DataflashReader:
             lost = int(index.rows("DSF", index.offsets["DSF"])["Dp"].max())
         ends = [index.times(n, index.offsets[n][[0, -1]]) for n in _TIMED if index.has(n)]
         known = np.concatenate(ends) + self._unix_us if ends else None
-        return counts(
+        return LinkStats(
             frames=index.messages,
             skipped_bytes=len(index.data) - index.message_bytes,
             lost=lost,
@@ -152,10 +151,9 @@ class DataflashReader:
         index, log = self._index, self._rates
         rows = index.rows(log, offsets)
         p, q, r = (index.si(log, rows, name) for name in _RATES[log])
-        roll, pitch, yaw = self._angles(index.times(log, offsets), low, high)
-        angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
-        rates = {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
-        return self._timed("ATTITUDE", log, offsets, **angles, **rates)
+        angles = self._angles(index.times(log, offsets), low, high)
+        known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
+        return self._timed("ATTITUDE", log, offsets, rollspeed=p, pitchspeed=q, yawspeed=r, **known)
 
     def _angles(self, t_us: Ints, low: int, high: int) -> Floats:
         index = self._index

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
-from yawid.sources.logs.as_mavlink import hold_last, table
+from yawid.sources.logs.as_mavlink import PlacedFields, hold_last, merged, table
 from yawid.sources.logs.dataflash_index import DataflashIndex
 from yawid.sources.mavlink.enums import ARDUPILOT, ARMED, IN_AIR, LANDED
-
-PlacedFields = tuple[Ints, NDArray[Any]]
 
 NAMES = ("PARM", "MODE", "ARM", "EV", "MSG", "VER")
 """The log's messages read here, beside those with a time that counts."""
@@ -111,10 +109,7 @@ def hud(index: DataflashIndex) -> PlacedFields:
         rows = index.rows("GPS", offsets)
         is_fixed = rows["Status"] >= _FIX_3D
         ground = offsets, np.where(is_fixed, index.si("GPS", rows, "Spd"), np.nan)
-    offsets, columns = hold_last((np.nan,) * 3, air, ground, height)
-    names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
-    known = {name: column[told] for name, column in zip(names, columns, strict=True)}
-    return offsets[told], table("VFR_HUD", len(offsets) - 1, **known)
+    return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
 
 
 def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:

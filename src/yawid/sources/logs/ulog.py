@@ -21,24 +21,22 @@ from typing import Any
 
 import numpy as np
 
-from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
+from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock, euler
 from yawid.sources.logs.as_mavlink import (
     COMPID,
+    PlacedFields,
     angles_at,
-    counts,
     frame_block,
-    hold_last,
     in_order,
+    merged,
     message,
     table,
     within,
 )
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.logs.ulog_file import (
-    PlacedFields,
     UlogTopic,
     array,
-    euler,
     parsed,
     published,
     sampled,
@@ -99,7 +97,7 @@ class UlogReader:
         times = [topic["timestamp"] for topic in self._topics.values() if len(topic["timestamp"])]
         found = sum(len(t) for t in times)
         ends = [int(t.min()) for t in times] + [int(t.max()) for t in times]
-        return counts(
+        return LinkStats(
             frames=found,
             first_us=min(ends) + self._unix_us if ends else None,
             last_us=max(ends) + self._unix_us if ends else None,
@@ -195,10 +193,7 @@ class UlogReader:
         height = self._first_known(
             ("vehicle_global_position", ("alt",)), ("vehicle_air_data", ("baro_alt_meter",))
         )
-        t_us, columns = hold_last((np.nan,) * 3, air, ground, height)
-        names, told = ("airspeed", "groundspeed", "alt"), slice(1, None)
-        known = {name: column[told] for name, column in zip(names, columns, strict=True)}
-        return t_us[told], table("VFR_HUD", len(t_us) - 1, **known)
+        return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
 
     def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
         """Return the first of these topics and columns that tells any number."""
@@ -226,22 +221,20 @@ class UlogReader:
 
     def _attitude(self) -> PlacedFields:
         attitude = self._topics.get(("vehicle_attitude", 0), _NO_ROWS)
-        for topic, columns in (
-            (
-                self._topics.get(("vehicle_angular_velocity", 0), {}),
-                [f"xyz[{i}]" for i in range(3)],
-            ),
-            (attitude, ["rollspeed", "pitchspeed", "yawspeed"]),
-            (self._topics.get(("sensor_combined", 0), {}), [f"gyro_rad[{i}]" for i in range(3)]),
+        names = ("rollspeed", "pitchspeed", "yawspeed")
+        for name, columns in (
+            ("vehicle_angular_velocity", [f"xyz[{i}]" for i in range(3)]),
+            ("vehicle_attitude", names),
+            ("sensor_combined", [f"gyro_rad[{i}]" for i in range(3)]),
         ):
+            topic = self._topics.get((name, 0), {})
             if set(columns) <= topic.keys():
-                t_us, known_us = sampled(topic), sampled(attitude)
-                roll, pitch, yaw = angles_at(t_us, known_us, *euler(attitude))
-                angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
-                names = ("rollspeed", "pitchspeed", "yawspeed")
-                rates = {name: topic[c] for name, c in zip(names, columns, strict=True)}
-                fields = table("ATTITUDE", len(t_us), time_usec=t_us, **angles, **rates)
-                return published(topic), fields
+                t_us = sampled(topic)
+                w, x, y, z = array(attitude, "q", 4).T
+                angles = angles_at(t_us, sampled(attitude), *euler(w, x, y, z))
+                known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
+                known |= {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
+                return published(topic), table("ATTITUDE", len(t_us), time_usec=t_us, **known)
         return _NONE, table("ATTITUDE", 0)
 
     def _servos(self) -> PlacedFields:

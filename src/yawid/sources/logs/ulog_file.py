@@ -16,8 +16,6 @@ from yawid.errors import SourceError
 from yawid.sources.logs.as_mavlink import quiet, steady
 
 UlogTopic = Mapping[str, NDArray[Any]]
-PlacedFields = tuple[Ints, NDArray[Any]]
-"""The times of a message's rows in microseconds since boot, and their fields."""
 _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 
 
@@ -77,12 +75,3 @@ def array(topic: UlogTopic, name: str, size: int) -> Floats:
             if f"{name}[{i}]" in topic:
                 values[:, i] = topic[f"{name}[{i}]"]
     return values
-
-
-def euler(attitude: UlogTopic) -> tuple[Floats, Floats, Floats]:
-    """Return roll, pitch and yaw in rad (n,) of the quaternion w, x, y, z from body to north."""
-    w, x, y, z = array(attitude, "q", 4).T
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.sources.logs.as_mavlink import hold_last, table
-from yawid.sources.logs.ulog_file import PlacedFields, UlogTopic, published
+from yawid.sources.logs.as_mavlink import PlacedFields, merged
+from yawid.sources.logs.ulog_file import UlogTopic, published
 from yawid.sources.mavlink.enums import IN_AIR, LANDED, ROTORS, TO_ROTORS, TO_WINGS, WINGS
 
 TOPICS = ("vehicle_land_detected", "vtol_vehicle_status")
@@ -22,11 +22,7 @@ def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
     landed = _NOTHING
     if "landed" in land:
         landed = published(land), np.where(land["landed"] != 0, LANDED, IN_AIR).astype(float)
-    t_us, columns = hold_last((0.0, 0.0), landed, _vtol(topics))
-    fields = table(
-        "EXTENDED_SYS_STATE", len(t_us) - 1, landed_state=columns[0][1:], vtol_state=columns[1][1:]
-    )
-    return t_us[1:], fields
+    return merged("EXTENDED_SYS_STATE", 0.0, landed_state=landed, vtol_state=_vtol(topics))
 
 
 def _vtol(topics: Mapping[tuple[str, int], UlogTopic]) -> tuple[Ints, Floats]:

@@ -19,20 +19,6 @@ from yawid.sources.mavlink.sequence import Records
 from yawid.sources.mavlink.signing import Signing
 from yawid.sources.mavlink.stamp_filter import StampFilter
 
-DEFAULT = frozenset(
-    {
-        "ACTUATOR_CONTROL_TARGET",
-        "ACTUATOR_OUTPUT_STATUS",
-        "ATTITUDE",
-        "HEARTBEAT",
-        "HIL_ACTUATOR_CONTROLS",
-        "PARAM_VALUE",
-        "RC_CHANNELS",
-        "SERVO_OUTPUT_RAW",
-        "SYSTEM_TIME",
-        "VFR_HUD",
-    }
-)
 _SLICE = 1 << 20  # bytes worked on at once: what is hostile takes thirty times as much
 FEW = 1 << 13
 """Bytes, some two hundred frames: as few as this are tried frame by frame first."""
@@ -54,7 +40,7 @@ class Decoder:
         ConfigError: a name in ``wanted`` is no message of the dialect.
     """
 
-    def __init__(self, wanted: Iterable[str] = DEFAULT, signing: Signing | None = None) -> None:
+    def __init__(self, wanted: Iterable[str], signing: Signing | None = None) -> None:
         self._known = definitions()
         self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
         self._chain = Chain(self._known)
@@ -89,14 +75,13 @@ class Decoder:
 
     def _plain_records(self, data: bytes) -> list[PlainRecord] | None:
         """Count the records of which ``data`` is made up and return them; None if it is not."""
-        last_us = self._filter.last
+        last_us = self._filter.last_us
         if self._tail or self._held or last_us is None or not self._chain.is_in_step:
             return None
         records = self._plain.read(data, last_us)
         if records is None or not self._tally.add_plain(data, records):
             return None
-        self._filter.observe(records[-1][STAMP])
-        self._chain.observe(records[-1][STAMP])
+        self._filter.last_us = self._chain.last_us = records[-1][STAMP]
         return records
 
     def finish(self) -> FrameBlock | None:
@@ -128,7 +113,7 @@ class Decoder:
         """Count the records whose stamps fit and return them; hold back those that are pending."""
         stamps = stamps_of(buffer, records.begin)
         rows, pending = self._filter.sort(stamps, len(self._held_order))
-        is_alone = len(pending) == 1 and self._filter.last is None
+        is_alone = len(pending) == 1 and self._filter.last_us is None
         if final and is_alone and not self._chain.unstamped:
             rows, pending = pending, pending[:0]
         self._hold(joined, records.select(pending), order[pending])

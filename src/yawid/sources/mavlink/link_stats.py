@@ -39,15 +39,15 @@ class LinkStats:
     all for each sender.
     """
 
-    frames: int
-    skipped_bytes: int
-    bad_crc: int
-    unknown: int
-    lost: int
-    signed: int
-    first_us: int | None
-    last_us: int | None
-    senders: Mapping[Sender, int]
+    frames: int = 0
+    skipped_bytes: int = 0
+    bad_crc: int = 0
+    unknown: int = 0
+    lost: int = 0
+    signed: int = 0
+    first_us: int | None = None
+    last_us: int | None = None
+    senders: Mapping[Sender, int] = field(default_factory=dict)
     duplicates: int = 0
     rejected: Mapping[Check, int] = field(default_factory=dict)
     by_sender: Mapping[Sender, SenderStats] = field(default_factory=dict)

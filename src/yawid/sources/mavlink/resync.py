@@ -98,7 +98,9 @@ class Chain:
 
     ``bad_crc`` and ``unknown`` count the records passed over whole, by the sender that their header
     names (256 * sysid + compid), ``passed_bytes`` is their size, and ``unstamped`` counts the
-    intact frames that have no stamp.
+    intact frames that have no stamp. ``is_in_step`` says whether a record has just ended where the
+    next byte stands, ``last_us`` is its stamp; whoever reads records in step by other means sets
+    it.
     """
 
     def __init__(self, known: Definitions) -> None:
@@ -107,17 +109,8 @@ class Chain:
         self.passed_bytes = 0
         self.unstamped = 0
         self._known = known
-        self._in_step = True
-        self._last_stamp = NO_STAMP
-
-    def observe(self, last_us: int) -> None:
-        """Take note of records that were read elsewhere, in step, up to one of this stamp."""
-        self._last_stamp = last_us
-
-    @property
-    def is_in_step(self) -> bool:
-        """Whether the record before has just ended here."""
-        return self._in_step
+        self.is_in_step = True
+        self.last_us = NO_STAMP
 
     def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
         """Return the rows of the frames that are records, and where the undecided bytes begin."""
@@ -127,26 +120,26 @@ class Chain:
         while True:
             row = stretch.first_at(at + STAMP_SIZE)
             is_here = row < len(begin) and begin[row] == at + STAMP_SIZE
-            if is_here and (self._in_step or stretch.is_settled(row)):
+            if is_here and (self.is_in_step or stretch.is_settled(row)):
                 after = stretch.run_end(row)
                 runs.append((row, after))
-                at, self._in_step = int(end[after - 1]), True
-                self._last_stamp = stretch.stamp(int(begin[after - 1]) - STAMP_SIZE)
+                at, self.is_in_step = int(end[after - 1]), True
+                self.last_us = stretch.stamp(int(begin[after - 1]) - STAMP_SIZE)
                 continue
-            if self._in_step:
+            if self.is_in_step:
                 passed = self._pass_over(stretch, at)
                 if passed == _NOT_YET:
                     return _rows(runs, len(begin)), at
                 if passed is not None:
                     at = passed
                     continue
-                self._in_step = False
+                self.is_in_step = False
             row = stretch.first_at(at)
             if not stretch.is_settled(row):
                 return _rows(runs, len(begin)), max(at, stretch.searched)
             has_stamp = begin[row] >= at + STAMP_SIZE
             at = int(begin[row] - STAMP_SIZE if has_stamp else end[row])
-            self._in_step = not has_stamp
+            self.is_in_step = not has_stamp
             self.unstamped += not has_stamp
 
     def _pass_over(self, stretch: Stretch, at: int) -> int | None:
@@ -165,7 +158,7 @@ class Chain:
         at_the_end = stretch.final and after == stretch.stop
         if after + STAMP_SIZE >= stretch.stop and not at_the_end:
             return undecided
-        neighbour = self._last_stamp if at_the_end else stretch.stamp(after)
+        neighbour = self.last_us if at_the_end else stretch.stamp(after)
         follows = at_the_end or stretch.data[after + STAMP_SIZE] in (MAGIC_V1, MAGIC_V2)
         if not follows or not stamps_agree(stretch.stamp(at), neighbour):
             return None

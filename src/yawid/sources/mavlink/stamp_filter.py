@@ -18,11 +18,12 @@ class StampFilter:
     A stamp belongs if it agrees with that of the last record believed. One that does not stays
     pending: a later record that agrees with it makes both believed (the clock was set), a later one
     that agrees with the last record believed drops it (the stamp was damaged). Nothing is lost if
-    the very first stamp is the damaged one.
+    the very first stamp is the damaged one. ``last_us`` is the stamp of the last record believed,
+    None before the first; whoever reads records that fit by other means sets it.
     """
 
     def __init__(self) -> None:
-        self._last: int | None = None
+        self.last_us: int | None = None
 
     def sort(self, stamps: Ints, pending: int) -> tuple[Ints | slice, Ints]:
         """Return the rows to believe and the rows that stay pending, both rising.
@@ -35,7 +36,7 @@ class StampFilter:
         near &= (fresh[1:] != NO_STAMP) & (fresh[:-1] != NO_STAMP)
         edges = [0, *(np.flatnonzero(~near) + 1).tolist(), len(fresh)]
         if not pending and len(edges) == 2 and len(fresh) and self._continues(int(fresh[0])):
-            self._last = int(fresh[-1])
+            self.last_us = int(fresh[-1])
             return slice(None), np.empty(0, np.int64)
         believed = np.zeros(len(stamps), np.bool_)
         waiting = list(range(pending))
@@ -52,17 +53,8 @@ class StampFilter:
                 believed[partner] = True
             believed[run] = True
             waiting = []
-            self._last = int(stamps[run.stop - 1])
+            self.last_us = int(stamps[run.stop - 1])
         return np.flatnonzero(believed), np.array(waiting, np.int64)
 
-    @property
-    def last(self) -> int | None:
-        """The stamp of the last record believed, None before the first."""
-        return self._last
-
-    def observe(self, last_us: int) -> None:
-        """Take note of records whose stamps fit, found so elsewhere, up to one of this stamp."""
-        self._last = last_us
-
     def _continues(self, stamp: int) -> bool:
-        return self._last is not None and stamps_agree(self._last, stamp)
+        return self.last_us is not None and stamps_agree(self.last_us, stamp)
