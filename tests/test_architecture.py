@@ -27,10 +27,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline": {"config", "estimation", "physics"},
     "results": {*STAGES, WIRE},
     "sinks": {WIRE, "estimation", "results"},
-    "sinks/mcap": {"config", "estimation", "physics", "sinks"},
-    "sinks/rerun": {"physics", "sinks"},
+    "sinks/mcap": {"config", "estimation", "physics", "results", "sinks"},
+    "sinks/rerun": {"physics", "results", "sinks"},
     "sinks/terminal": {"channels", "results", "sinks"},
-    "report": {"config", "estimation", "offline", "physics", "sinks", "sinks/mcap", "sinks/rerun"},
+    "report": {"config", "estimation", "offline", "physics", "results"}
+    | {"sinks", "sinks/mcap", "sinks/rerun"},
     "pipeline": {*STAGES, "sinks"},
     "runs": {"config", "channels", "offline", "physics", "pipeline", "plant", "results"}
     | {"sources", WIRE, LOGS, *SINKS},
@@ -38,8 +39,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sinks", "sinks/rerun", "sinks/terminal"},
     "runs/regress": {"config", "channels", "pipeline", "results", "runs", "sinks"}
     | {"sources", WIRE, LOGS},
-    "cli": {"config", "estimation", "offline", "plant", "report", "runs", "runs/live"}
-    | {"runs/regress", "sinks/mcap", "sinks/terminal", "sources", WIRE, LOGS},
+    "cli": {"config", "estimation", "offline", "plant", "report", "results", "runs"}
+    | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", WIRE, LOGS},
     "__main__": {"cli"},
 }
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""

@@ -173,7 +173,7 @@ def bench_latency(options: argparse.Namespace) -> None:
         cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
         log = Path(summary["files"]["tlog"])
         again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
-    same = again["estimates"] == summary["estimates"]
+    same = again.to_json()["estimates"] == summary["estimates"]
     frames = summary["link"]["frames"]
     print(
         f"latency {options.speed:g}x {summary['duration_s']:.0f} s, {frames} frames: "

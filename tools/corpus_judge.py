@@ -21,6 +21,7 @@ from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
 from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import judge_methods
+from yawid.results.run_summary import RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.inspect_log import inspect
 from yawid.runs.run_log import open_log, run_log
@@ -34,7 +35,7 @@ LAGS = 4
 
 def _recommended(log: Path) -> RunConfig | None:
     report, _ = inspect(log, RunConfig())
-    options = {key: value for key, value in report["recommend"].items() if key != "record"}
+    options = {key: value for key, value in report.recommend.items() if key != "record"}
     return RunConfig(**check_settings(options, "inspect")) if options else None
 
 
@@ -71,7 +72,7 @@ def samples(pipeline: Pipeline) -> tuple[NDArray[np.float64], NDArray[np.float64
     return max(pieces, key=lambda piece: len(piece[0]), default=(np.empty(0), np.empty(0)))
 
 
-def rudder_ratio(pipeline: Pipeline, summary: dict[str, Any]) -> float:
+def rudder_ratio(pipeline: Pipeline, summary: RunSummary) -> float:
     """Return 2 log of the likelihood ratio of the rudder against none: ARX of 4 lags by AR of 4."""
     u, y = samples(pipeline)
     if len(y) < 100:
@@ -90,7 +91,7 @@ def _loss(phi: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     return float(residual @ residual)
 
 
-CRITERIA: dict[str, Callable[[Pipeline, dict[str, Any]], float]] = {
+CRITERIA: dict[str, Callable[[Pipeline, RunSummary], float]] = {
     "rudder_ratio": rudder_ratio,
 }
 
@@ -180,7 +181,7 @@ def _told(value: Any) -> Any:
     return value
 
 
-def _estimates(summary: dict[str, Any], method: str) -> Row:
+def _estimates(summary: RunSummary, method: str) -> Row:
     """Return the Dutch roll and fits by ELS and RML, the fits of the answering one first."""
     fits = {"simulation_pct": "simulation_pct", "held_back_pct": "simulation_held_back_pct"}
     found: Row = {name: _of(summary, method, "fit", key) for name, key in fits.items()}
@@ -191,9 +192,10 @@ def _estimates(summary: dict[str, Any], method: str) -> Row:
     return found
 
 
-def _of(summary: dict[str, Any], method: str, part: str, key: str) -> float:
-    found = summary.get("estimates", {}).get(method, {}).get(part, {})
-    return float(found.get(key, math.nan))
+def _of(summary: RunSummary, method: str, part: str, key: str) -> float:
+    found = getattr((summary.estimates or {}).get(method), part, None)
+    value: float | None = getattr(found, key, None)
+    return math.nan if value is None else value
 
 
 def counts(rows: Iterable[Row]) -> str:

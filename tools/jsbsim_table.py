@@ -60,7 +60,7 @@ def fly(
     source = TlogBytes([records], WANTED)
     run_log(source, pipeline)
     summary, _ = summarise(pipeline, source.link, aircraft, "")
-    return truth(plan)["dutch_roll"], summary["estimates"]
+    return truth(plan)["dutch_roll"], summary.estimates or {}
 
 
 def main() -> int:
@@ -72,8 +72,8 @@ def main() -> int:
         true, estimates = fly(aircraft, speed_kt, altitude_ft)
         row = [aircraft, f"{speed_kt:g}", f"{true['wn_rad_s']:.3f}, {true['zeta']:.3f}"]
         for method in ("rml", "els"):
-            found = estimates[method].get("dutch_roll", {})
-            wn, zeta = found.get("wn_rad_s", math.nan), found.get("zeta", math.nan)
+            found = estimates[method].dutch_roll
+            wn, zeta = (math.nan, math.nan) if found is None else (found.wn_rad_s, found.zeta)
             share, error = wn / true["wn_rad_s"] - 1.0, zeta - true["zeta"]
             row += [f"{wn:.3f}, {zeta:.3f}", f"{100 * share:+.1f} %, {error:+.3f}"]
             if method == "rml":

@@ -48,11 +48,11 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_first_screen_answers_the_four_questions(good: Path) -> None:
     run = open_run(good)
-    mode = run.summary["estimates"][run.summary["verdict"]["method"]]["dutch_roll"]
+    mode = run.summary.dutch_roll
     text = first_screen(report(run))
-    assert f"Natural frequency ωn {mode['wn_rad_s']:.3f} rad/s ± {2 * mode['wn_std']:.3f}" in text
-    assert f"Damping ratio ζ {mode['zeta']:.4f} ± {2 * mode['zeta_std']:.4f}" in text
-    wn_pct, zeta_pct = (200 * mode[s] / mode[v] for v, s in PAIRS)
+    assert f"Natural frequency ωn {mode.wn_rad_s:.3f} rad/s ± {2 * mode.wn_std:.3f}" in text
+    assert f"Damping ratio ζ {mode.zeta:.4f} ± {2 * mode.zeta_std:.4f}" in text
+    wn_pct, zeta_pct = (200 * getattr(mode, s) / getattr(mode, v) for v, s in PAIRS)
     assert f"How sure? Fairly ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
     assert "Can I use it? Yes, with care 1 warning" in text
     assert "coloured residuals" in text
@@ -61,7 +61,7 @@ def test_the_first_screen_answers_the_four_questions(good: Path) -> None:
 def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(still: Path) -> None:
     run = open_run(still)
     text = first_screen(report(run))
-    decisive = run.summary["verdict"]["reasons"][0]["text"]
+    decisive = run.summary.verdict.reasons[0].text
     assert f"This log cannot say how the yaw answers the rudder: {decisive}." in text
     assert "Can I use it? No" in text
     assert "not excited" in text

@@ -47,7 +47,7 @@ def bank_of(u: np.ndarray, y: np.ndarray, config: RunConfig, cuts: list[int] = (
 
 
 def held_back_pct(bank: Bank, method: str = "els") -> float | None:
-    return method_summary(bank, method)[0]["fit"].get("simulation_held_back_pct")
+    return method_summary(bank, method)[0].fit.simulation_held_back_pct
 
 
 @pytest.mark.parametrize("method", ["els", "rml"])

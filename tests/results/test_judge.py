@@ -53,15 +53,15 @@ def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: P
     assert verdict.usable
     config = RunConfig(
         forgetting=1.0,
-        rate=report["recommend"]["rate"],
-        band=tuple(float(edge) for edge in report["recommend"]["band"].split(",")),
-        from_s=report["recommend"]["from"],
-        to_s=report["recommend"]["to"],
+        rate=report.recommend["rate"],
+        band=tuple(float(edge) for edge in report.recommend["band"].split(",")),
+        from_s=report.recommend["from"],
+        to_s=report.recommend["to"],
     )
     summary, again = summarised(lined, config)
-    answer = summary["estimates"][again.method]["dutch_roll"]
+    answer = summary.estimates[again.method].dutch_roll
     assert again == verdict
-    assert answer["wn_rad_s"] == pytest.approx(TRUE_WN, rel=0.03)
+    assert answer.wn_rad_s == pytest.approx(TRUE_WN, rel=0.03)
 
 
 REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))

@@ -8,6 +8,7 @@ import pytest
 from places import SRC
 
 from yawid.results.reasons import KINDS, Reason, Verdict
+from yawid.results.run_summary import ReasonSummary
 from yawid.sinks.answers import advice
 
 CONTRACT = {
@@ -32,7 +33,7 @@ def test_the_table_is_the_contracts_in_its_order():
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.id)
 def test_every_reason_says_what_to_do_in_the_report(kind):
-    text = advice({"id": kind.id})
+    text = advice(ReasonSummary(kind.id, kind.weight, "so it was"))
 
     assert text.endswith(".")
     assert text == kind.now

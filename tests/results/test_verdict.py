@@ -291,8 +291,8 @@ def test_where_els_cannot_be_used_and_rml_can_rml_answers():
     summary, verdict = summarised(REPLAY_LOGS / "c172p_3211" / "log.tlog", config)
 
     assert verdict.usable
-    assert summary["verdict"]["method"] == "rml"
-    assert summary["estimates"]["rml"]["dutch_roll"]["wn_rad_s"] == pytest.approx(2.425, rel=0.01)
+    assert summary.verdict.method == "rml"
+    assert summary.estimates["rml"].dutch_roll.wn_rad_s == pytest.approx(2.425, rel=0.01)
     texts = {reason.id: reason.text for reason in verdict.reasons}
     assert texts["els_rml_disagree"].startswith("ELS beside it cannot be used (")
 
@@ -313,7 +313,7 @@ def test_a_reversed_servo_is_a_warning_in_the_whole_run():
             60.0,
         )
         summary, _ = finished(log.data, RunConfig(rate=10.0))
-        return {reason["id"] for reason in summary["verdict"]["reasons"]}
+        return {reason.id for reason in summary.verdict.reasons}
 
     assert "wrong_sign" not in run(+1)
     assert "wrong_sign" in run(-1)

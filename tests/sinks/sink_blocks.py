@@ -14,19 +14,36 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 from yawid.physics.derivatives import NAMES
+from yawid.results.run_summary import (
+    ChannelFound,
+    LinkCounts,
+    ReasonSummary,
+    RunSummary,
+    VehicleSeen,
+    VerdictSummary,
+)
 from yawid.sinks.base import Grid
 
 PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")
 METHODS = ("els", "rml")
 START_NS = 1_700_000_000_000_000_000
 SAMPLE_TIME_S = 0.05
-VERDICT = {
-    "usable": False,
-    "reasons": [
-        {"id": "not_excited", "weight": "fatal", "text": "the rudder moves by less than 1 %"},
-        {"id": "rudder_assumed", "weight": "warning", "text": "servo 4 taken for the rudder"},
+VERDICT = VerdictSummary(
+    usable=False,
+    reasons=[
+        ReasonSummary("not_excited", "fatal", "the rudder moves by less than 1 %"),
+        ReasonSummary("rudder_assumed", "warning", "servo 4 taken for the rudder"),
     ],
-}
+)
+SUMMARY = RunSummary(
+    log="/flights/a.tlog",
+    sha256="ab" * 32,
+    duration_s=1.0,
+    vehicle=VehicleSeen(1, 1, 1, 3),
+    link=LinkCounts(),
+    channels={"rudder": ChannelFound("servo 4", reversed=True, rate_hz=50.0)},
+    verdict=VERDICT,
+)
 GRID = Grid(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S, autopilot=3, vehicle_type=1)
 Blocks = tuple[SampleBlock, dict[str, EstimateBlock], ModesBlock]
 

@@ -6,8 +6,8 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from finished_runs import replayed
@@ -17,6 +17,16 @@ from report_page import Page, first_screen
 from yawid.report.data import gather
 from yawid.report.time_pictures import fit_picture, modes_picture
 from yawid.report.write import report
+from yawid.results.run_summary import (
+    DutchRoll,
+    Fit,
+    LinkCounts,
+    MethodSummary,
+    Orders,
+    ReasonSummary,
+    RunSummary,
+    VerdictSummary,
+)
 from yawid.sinks.answers import cards, headline, percent, use
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.rerun.series import verdict_markdown
@@ -32,33 +42,33 @@ LONG = (
 def by_rml(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
     """A run of which RML answers though ELS was asked for first."""
     run = open_run(replayed(C172P, tmp_path_factory.mktemp("rml"), "--output", "yaw"))
-    assert run.summary["verdict"]["method"] == "rml"
-    assert next(iter(run.summary["estimates"])) == "els"
+    assert run.summary.verdict.method == "rml"
+    assert next(iter(run.summary.estimates)) == "els"
     return run
 
 
 def test_the_report_answers_with_the_method_of_the_verdict(by_rml: McapRun) -> None:
-    els, rml = (by_rml.summary["estimates"][name]["dutch_roll"] for name in ("els", "rml"))
+    els, rml = (by_rml.summary.estimates[name].dutch_roll for name in ("els", "rml"))
     html = report(by_rml)
     text = first_screen(html)
-    assert f"Dutch roll of {rml['wn_rad_s']:.3g} rad/s" in text
-    assert f"ωn {rml['wn_rad_s']:.3f} rad/s ± {2 * rml['wn_std']:.3f}" in text
+    assert f"Dutch roll of {rml.wn_rad_s:.3g} rad/s" in text
+    assert f"ωn {rml.wn_rad_s:.3f} rad/s ± {2 * rml.wn_std:.3f}" in text
     assert "ELS beside it" in text
     assert "RML beside it" not in text
     assert " RML, orders" in text
-    assert f"ELS at the end: {els['wn_rad_s']:.3g}" in html
+    assert f"ELS at the end: {els.wn_rad_s:.3g}" in html
     assert "RML answers" in Page(html).text
 
 
 def test_its_pictures_are_those_of_that_method(by_rml: McapRun) -> None:
-    rml = by_rml.summary["estimates"]["rml"]
+    rml = by_rml.summary.estimates["rml"]
     data = gather(by_rml, "rml")
     assert data is not None
     assert data.model.same
-    np.testing.assert_allclose(data.model.theta, list(rml["theta"].values()))
+    np.testing.assert_allclose(data.model.theta, list(rml.theta.values()))
     shown = data.track.dutch_roll[-1]  # within a thinned row of the end
-    assert shown[0] == pytest.approx(rml["dutch_roll"]["wn_rad_s"], rel=1e-2)
-    assert shown[1] == pytest.approx(rml["dutch_roll"]["wn_std"], rel=0.1)
+    assert shown[0] == pytest.approx(rml.dutch_roll.wn_rad_s, rel=1e-2)
+    assert shown[1] == pytest.approx(rml.dutch_roll.wn_std, rel=0.1)
 
 
 def test_the_terminal_marks_its_column_and_the_viewer_shows_its_numbers(by_rml: McapRun) -> None:
@@ -67,19 +77,34 @@ def test_the_terminal_marks_its_column_and_the_viewer_shows_its_numbers(by_rml: 
     (heading,) = [line for line in out.getvalue().splitlines() if "one sigma" in line]
     assert heading.split("sigma")[1].split() == ["ELS", "RML", "answers"]
     panel = verdict_markdown(by_rml.summary)
-    assert f"**{by_rml.summary['estimates']['rml']['dutch_roll']['wn_rad_s']:.3f} rad/s**" in panel
+    assert f"**{by_rml.summary.dutch_roll.wn_rad_s:.3f} rad/s**" in panel
     assert "Answered by RML; the lines drawn are those of ELS." in panel
 
 
-def estimate(wn: float, simulated: float = 90.0) -> dict[str, Any]:
-    mode = {"wn_rad_s": wn, "wn_std": 0.01, "zeta": 0.2, "zeta_std": 0.01}
-    return {"dutch_roll": mode, "fit": {"simulation_pct": simulated}}
+def estimate(wn: float) -> MethodSummary:
+    return MethodSummary(
+        method="els",
+        orders=Orders(2, 2, 1, 1),
+        sample_time_s=0.1,
+        updates=9,
+        held=1,
+        theta={},
+        theta_std={},
+        dutch_roll=DutchRoll(wn_rad_s=wn, wn_std=0.01, zeta=0.2, zeta_std=0.01),
+        fit=Fit(simulation_pct=90.0),
+    )
 
 
-def summary_of(reason: str | None = None, **verdict: str) -> dict[str, Any]:
-    reasons = [{"id": "not_converged", "weight": "fatal", "text": reason}] if reason else []
-    said = {"usable": reason is None, "reasons": reasons} | verdict
-    return {"estimates": {"els": estimate(2.0), "rml": estimate(3.0)}, "verdict": said}
+def summary_of(reason: str | None = None, method: str | None = None) -> RunSummary:
+    reasons = [ReasonSummary("not_converged", "fatal", reason)] if reason else []
+    return RunSummary(
+        log="a",
+        duration_s=1.0,
+        link=LinkCounts(frames=1),
+        channels={},
+        estimates={"els": estimate(2.0), "rml": estimate(3.0)},
+        verdict=VerdictSummary(method=method, usable=reason is None, reasons=reasons),
+    )
 
 
 def test_a_run_that_does_not_say_who_answers_shows_the_first() -> None:
@@ -106,14 +131,9 @@ def test_the_headline_ends_where_a_sentence_ends() -> None:
 
 def test_a_fit_of_an_exploding_model_is_no_number() -> None:
     out = io.StringIO()
-    fits = {"one_step_pct": 97.0, "simulation_pct": -1000.0, "simulation_held_back_pct": -1e51}
-    both = estimate(2.0) | {
-        "fit": fits, "updates": 9, "held": 1, "sample_time_s": 0.1,
-        "orders": {"na": 2, "nb": 2, "nc": 2, "nk": 1},
-    }  # fmt: skip
-    summary = summary_of("it fits badly") | {
-        "log": "a", "estimates": {"els": both}, "channels": {}, "link": {"frames": 1}
-    }  # fmt: skip
+    fits = Fit(one_step_pct=97.0, simulation_pct=-1000.0, simulation_held_back_pct=-1e51)
+    exploded = msgspec.structs.replace(estimate(2.0), fit=fits)
+    summary = msgspec.structs.replace(summary_of("it fits badly"), estimates={"els": exploded})
     print_summary(summary, out)
     assert out.getvalue().count("< -1000") == 2
     assert "e+" not in out.getvalue()
@@ -129,8 +149,9 @@ def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(by_rml: Mcap
     grown = (-1.0) ** rows * 10.0 ** np.linspace(-3.0, 307.0, len(rows))
     grown[-100:] = np.inf
     judged = replace(data.judged, simulated=grown, y_hat=grown)
-    exploded = {"rml": {"dutch_roll": {"wn_rad_s": 1e9, "zeta": -1e9}}}
-    fit = fit_picture(replace(data, judged=judged), {"simulation_pct": -1000.0}, grid)
+    roll = DutchRoll(wn_rad_s=1e9, zeta=-1e9)
+    exploded = {"rml": msgspec.structs.replace(estimate(2.0), dutch_roll=roll)}
+    fit = fit_picture(replace(data, judged=judged), Fit(simulation_pct=-1000.0), grid)
     over_time = modes_picture(data, exploded)
     assert "simulated < -1000 %" in fit.look
     assert "RML at the end: 1e+09, off the picture" in over_time.svg
@@ -144,7 +165,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
 ) -> None:
     options = ("--orders", "30,30,20,1", "--forgetting", 1, "--method", "rml")
     run = open_run(replayed(C172P, tmp_path, *options))
-    assert run.summary["estimates"]["rml"]["fit"]["simulation_pct"] == -1000.0
+    assert run.summary.estimates["rml"].fit.simulation_pct == -1000.0
     text = Page(report(run)).text
     assert "< -1000" in text
     assert not re.findall(r"[1-9]e\+\d\d", text)
@@ -154,7 +175,7 @@ def test_what_was_held_is_said_once(tmp_path: Path) -> None:
     """Samples without enough before them teach nothing either, but nothing holds them."""
     run = open_run(replayed(C172P, tmp_path, "--rate", 10, "--forgetting", 1))
     text = Page(report(run)).text
-    counts = [run.summary["estimates"][method]["held"] for method in ("els", "rml")]
+    counts = [run.summary.estimates[method].held for method in ("els", "rml")]
     assert min(counts) > 0
     assert f"others: held, or too few before them {counts[0]} {counts[1]}" in text
     assert "samples held, by reason any no sample" in text

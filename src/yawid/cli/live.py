@@ -57,7 +57,7 @@ def _live(arguments: argparse.Namespace) -> int:
         ended = live(options, config, outputs, stop, Console(sys.stderr), reading_of(arguments))
     for session in ended:
         if arguments.json:
-            print(json.dumps(session.summary), flush=True)
+            print(json.dumps(session.summary.to_json()), flush=True)
         else:
             print_summary(session.summary, sys.stdout)
     return max(session.exit_code for session in ended)

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from yawid import __version__
 from yawid.cli.finished_run import add_finished_run
@@ -44,6 +44,10 @@ from yawid.errors import (
 )
 from yawid.runs.stop import Interrupted, StopFlag
 
+if TYPE_CHECKING:
+    from yawid.results.run_summary import Origin
+
+_Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130
 _ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
     (ConfigError, 2),
@@ -120,7 +124,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     return max(codes, default=0)
 
 
-def _print_summary(summary: dict[str, Any], stream: TextIO) -> None:
+def _print_summary(summary: RunSummary, stream: TextIO) -> None:
     from yawid.sinks.terminal.summary_table import print_summary
 
     print_summary(summary, stream)
@@ -156,9 +160,9 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _told(
-    run: Callable[[], tuple[dict[str, Any], Any]],
+    run: Callable[[], tuple[_Page, Any]],
     as_json: bool,
-    page: Callable[[dict[str, Any], TextIO], None],
+    page: Callable[[_Page, TextIO], None],
 ) -> int:
     """Do one run and print what came of it, for people as a page; return its code."""
     try:
@@ -166,7 +170,7 @@ def _told(
     except YawidError as error:
         return _explained(error)
     if as_json:
-        print(json.dumps(summary), flush=True)
+        print(json.dumps(summary.to_json()), flush=True)
     else:
         show(page, summary)
     code: int = verdict.exit_code

@@ -9,9 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import Any, Final
+from typing import Final
 
 from yawid.report.picture import Picture
+from yawid.results.run_summary import ReasonSummary, VerdictSummary
 from yawid.sinks.answers import Card, advice
 
 STYLE: Final = """
@@ -83,17 +84,17 @@ def page(title: str, body: Iterable[str]) -> str:
 
 
 def first_screen(
-    name: str, origin: str, sentence: str, answers: Sequence[Card], verdict: Mapping[str, Any]
+    name: str, origin: str, sentence: str, answers: Sequence[Card], verdict: VerdictSummary
 ) -> str:
     """Return the head of the page: the sentence, the four cards, the reasons."""
-    usable = verdict["usable"]
-    kind = "no" if not usable else "care" if verdict["reasons"] else "yes"
+    usable = verdict.usable
+    kind = "no" if not usable else "care" if verdict.reasons else "yes"
     shown = [_card(card, f"use {kind}" if i == len(answers) - 1 else "") for i, card in
              enumerate(answers)]  # fmt: skip
     return (
         f'<header class="{"usable" if usable else "unusable"}">\n<h1>{safe(name)}</h1>\n'
         f'<p class="origin">{safe(origin)}</p>\n<p class="headline">{safe(sentence)}</p>\n'
-        f'<div class="cards">\n{"".join(shown)}</div>\n{_reasons(verdict["reasons"])}</header>'
+        f'<div class="cards">\n{"".join(shown)}</div>\n{_reasons(verdict.reasons)}</header>'
     )
 
 
@@ -106,10 +107,10 @@ def _card(card: Card, kind: str) -> str:
     )
 
 
-def _reasons(reasons: Sequence[Mapping[str, str]]) -> str:
+def _reasons(reasons: Sequence[ReasonSummary]) -> str:
     items = [
-        f'<li class="{"fatal" if reason["weight"] == "fatal" else "warning"}">'
-        f"<b>{safe(reason['id'].replace('_', ' '))}</b>{safe(reason['text'])}. "
+        f'<li class="{"fatal" if reason.weight == "fatal" else "warning"}">'
+        f"<b>{safe(reason.id.replace('_', ' '))}</b>{safe(reason.text)}. "
         f'<span class="advice">{safe(advice(reason))}</span></li>\n'
         for reason in reasons
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from yawid.report.curves import (
 )
 from yawid.report.data import Judged, Model, ReportData
 from yawid.report.picture import BLUE, GREEN, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
 
 LAGS = 25
@@ -86,7 +86,7 @@ def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
         )
 
 
-def bode_picture(data: ReportData, mode: Mapping[str, float], grid: Grid) -> Picture:
+def bode_picture(data: ReportData, mode: DutchRoll | None, grid: Grid) -> Picture:
     """Frequency response of rudder to yaw rate with its band, against the spectral estimate."""
     model = data.model
     spectral = _spectral(data.judged, model, mode)
@@ -106,9 +106,9 @@ def bode_picture(data: ReportData, mode: Mapping[str, float], grid: Grid) -> Pic
         band(lower, f, np.degrees(phase - spread), np.degrees(phase + spread), BLUE)
         if spectral is not None:
             _draw_spectral(upper, lower, spectral, np.interp(spectral.frequency_hz, f, phase))
-        if "wn_rad_s" in mode:
+        if mode is not None:
             for ax in (upper, lower):
-                ax.axvline(mode["wn_rad_s"] / (2.0 * np.pi), color=GREY, linewidth=0.9, ls="--")
+                ax.axvline(mode.wn_rad_s / (2.0 * np.pi), color=GREY, linewidth=0.9, ls="--")
         upper.set_xscale("log")
         upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
@@ -131,10 +131,10 @@ def bode_picture(data: ReportData, mode: Mapping[str, float], grid: Grid) -> Pic
     return Picture("bode", title, look, drawn("bode", draw, (5.6, 4.4)))
 
 
-def _spectral(judged: Judged, model: Model, mode: Mapping[str, float]) -> FrequencyResponse | None:
+def _spectral(judged: Judged, model: Model, mode: DutchRoll | None) -> FrequencyResponse | None:
     rows = judged.longest_stretch()
     seconds = (rows.stop - rows.start) * model.sample_time_s
-    wanted = PERIODS * 2.0 * np.pi / mode["wn_rad_s"] if "wn_rad_s" in mode else seconds / 8.0
+    wanted = PERIODS * 2.0 * np.pi / mode.wn_rad_s if mode is not None else seconds / 8.0
     segment_s = min(max(wanted, 64.0 * model.sample_time_s), seconds / 4.0)
     try:
         u, y = judged.u[rows, 0], judged.y[rows]
@@ -165,9 +165,9 @@ def _room(ax: Axes, line: Floats) -> None:
     ax.set_ylim(low - room, high + room)
 
 
-def step_picture(model: Model, mode: Mapping[str, float], grid: Grid) -> Picture:
+def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
     """Yaw rate after a unit step of the rudder, with its band."""
-    period_s = 2.0 * np.pi / mode["wn_rad_s"] if "wn_rad_s" in mode else 2.0
+    period_s = 2.0 * np.pi / mode.wn_rad_s if mode is not None else 2.0
     steps = int(np.clip(4.0 * period_s / model.sample_time_s, 20, 2000))
     answer, std = step_band(model, steps)
     t = np.arange(steps, dtype=np.float64) * model.sample_time_s

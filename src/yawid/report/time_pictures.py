@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +23,7 @@ from yawid.report.picture import (
     sensible_limits,
     thin_lines,
 )
+from yawid.results.run_summary import Fit, MethodSummary
 from yawid.sinks.answers import percent
 from yawid.sinks.base import Grid
 
@@ -35,7 +35,7 @@ MOST_NAMED = 9
 TIME_LABEL = "time since boot [s]"
 
 
-def fit_picture(data: ReportData, fit: Mapping[str, float], grid: Grid) -> Picture:
+def fit_picture(data: ReportData, fit: Fit, grid: Grid) -> Picture:
     """Rudder and yaw rate where the rudder moved most: measured, one step ahead, simulated."""
     judged = data.judged
     rows = _most_moved(judged, round(FIT_WINDOW_S / data.model.sample_time_s))
@@ -62,9 +62,9 @@ def fit_picture(data: ReportData, fit: Mapping[str, float], grid: Grid) -> Pictu
         mark_events(lower, data.events)
 
     numbers = [
-        f"{name} {percent(fit[key], '.0f')} %"
-        for name, key in (("one step ahead", "one_step_pct"), ("simulated", "simulation_pct"))
-        if key in fit
+        f"{name} {percent(value, '.0f')} %"
+        for name, value in (("one step ahead", fit.one_step_pct), ("simulated", fit.simulation_pct))
+        if value is not None
     ]
     look = (
         "Does the red line, the model run free from the rudder alone, follow the blue one in size "
@@ -141,7 +141,7 @@ def _shades(count: int) -> list[str]:
     return [shades[i % len(shades)] for i in range(count)]
 
 
-def modes_picture(data: ReportData, others: Mapping[str, Mapping[str, Any]]) -> Picture:
+def modes_picture(data: ReportData, others: Mapping[str, MethodSummary]) -> Picture:
     """Natural frequency and damping ratio over time; the other methods' final values as levels."""
     track = data.track
 
@@ -155,8 +155,8 @@ def modes_picture(data: ReportData, others: Mapping[str, Mapping[str, Any]]) -> 
             band(ax, track.t, value - spread, value + spread, shade)
             sensible_limits(ax, value - spread, value + spread)
             for method, estimate in others.items():
-                level = estimate.get("dutch_roll", {}).get(key)
-                if level is not None:
+                if estimate.dutch_roll is not None:
+                    level = getattr(estimate.dutch_roll, key)
                     _level(ax, level, f"{method.upper()} at the end: {level:.3g}")
             ax.set_ylabel(label)
             mark_events(ax, data.events)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from yawid.errors import SourceError
 from yawid.report.data import ReportData, gather
 from yawid.report.html import first_screen, grid, page, pictures, table, tables
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
 from yawid.report.time_pictures import fit_picture, link_picture, modes_picture, parameters_picture
-from yawid.sinks.answers import answer_and_others, answering, cards, headline, percent
+from yawid.results.run_summary import Fit, MethodSummary, RunSummary
+from yawid.sinks.answers import cards, headline, percent
 from yawid.sinks.base import Grid, open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap.reader import McapRun, open_run
 
@@ -58,32 +57,26 @@ def report(run: McapRun) -> str:
     Raises:
         SourceError: the file is damaged.
     """
-    name = Path(str(run.summary.get("log", run.path.name))).name
-    try:
-        return page(
-            f"{name} - yawid report", _sections(run, name, gather(run, answering(run.summary)))
-        )
-    except (KeyError, TypeError, AttributeError) as error:
-        text = f"{run.path}: its summary is not as yawid writes it: {error!r}"
-        raise SourceError(text) from error
+    name = Path(run.summary.log).name
+    sections = _sections(run, name, gather(run, run.summary.answering))
+    return page(f"{name} - yawid report", sections)
 
 
 def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]:
     summary = run.summary
-    yield first_screen(name, _origin(run), headline(summary), cards(summary), summary["verdict"])
-    primary, others = answer_and_others(summary)
-    if data is not None and run.grid is not None and primary:
-        mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
+    yield first_screen(name, _origin(run), headline(summary), cards(summary), summary.verdict)
+    if data is not None and run.grid is not None and summary.answer is not None:
+        mode, fit = summary.dutch_roll, summary.answer.fit
         yield pictures(
             "Does the model tell what was measured?",
             [
                 fit_picture(data, fit, run.grid),
-                residuals_picture(data.judged, fit.get("whiteness_p")),
+                residuals_picture(data.judged, fit.whiteness_p),
             ],
         )
         yield pictures(
             "What was learnt, and when",
-            [modes_picture(data, others), parameters_picture(data, run.grid)],
+            [modes_picture(data, summary.others), parameters_picture(data, run.grid)],
         )
         yield pictures(
             "What the model says of the aircraft",
@@ -93,7 +86,7 @@ def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]
                 step_picture(data.model, mode, run.grid),
             ],
         )
-        yield tables("Numbers", _numbers(summary, run.grid))
+        yield tables("Numbers", _numbers(summary, summary.answer, run.grid))
     yield tables("Channels and link", _link(summary, data))
     if data is not None:
         yield pictures("", [link_picture(data)]).replace("<h2></h2>\n", "")
@@ -102,26 +95,22 @@ def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]
 
 
 def _origin(run: McapRun) -> str:
-    summary = run.summary
-    vehicle = summary.get("vehicle", {})
-    parts = [f"{summary.get('duration_s', 0.0):.0f} s of log"]
-    if vehicle:
-        parts.append(f"vehicle {vehicle.get('sysid')}/{vehicle.get('compid')}")
-    primary, _ = answer_and_others(summary)
-    if primary:
-        orders = ",".join(str(primary["orders"][key]) for key in ("na", "nb", "nc", "nk"))
-        rate = 1.0 / primary["sample_time_s"]
-        parts.append(f"{primary['method'].upper()}, orders na,nb,nc,nk = {orders} at {rate:.3g} Hz")
+    vehicle, answer = run.summary.vehicle, run.summary.answer
+    parts = [f"{run.summary.duration_s:.0f} s of log"]
+    if vehicle is not None:
+        parts.append(f"vehicle {vehicle.sysid}/{vehicle.compid}")
+    if answer is not None:
+        rate = f"{1.0 / answer.sample_time_s:.3g} Hz"
+        parts.append(f"{answer.method.upper()}, orders na,nb,nc,nk = {answer.orders} at {rate}")
     return " · ".join(parts)
 
 
-def _numbers(summary: Mapping[str, Any], run_grid: Grid) -> Iterator[str]:
-    estimates = summary["estimates"]
-    primary, others = answer_and_others(summary)
-    answers = " answers" if others and summary["verdict"]["usable"] else ""
+def _numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
+    estimates, others = summary.estimates or {}, summary.others
+    answers = " answers" if others and summary.verdict.usable else ""
     methods = [m.upper() + ("" if m in others else answers) for m in estimates]
     rows = [
-        (name, *(_value(e["theta"], e.get("theta_std", {}), name) for e in estimates.values()))
+        (name, *(_value(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
         for name in run_grid.parameters
     ]
     yield grid("Parameters, ± σ", ("", *methods), rows)
@@ -131,62 +120,61 @@ def _numbers(summary: Mapping[str, Any], run_grid: Grid) -> Iterator[str]:
         ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
         ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
     )  # fmt: skip
-    rows = [(text, *(_fit(e["fit"], key) for e in estimates.values())) for text, key in fits]
+    rows = [(text, *(_fit(e.fit, key) for e in estimates.values())) for text, key in fits]
     # What is held is also each sample whose lags are not known: the first ones, and after a break.
     names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
-    counts = [(text, *(str(e[key]) for e in estimates.values())) for key, text in names.items()]
+    counts = [
+        (text, *(str(getattr(e, key)) for e in estimates.values())) for key, text in names.items()
+    ]
     yield grid("Fit", ("", *methods), [*rows, *counts])
     modes = [
-        (
-            mode["kind"],
-            *(_number(mode, key) for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std")),
-        )
-        for mode in primary.get("modes", [])
+        (m.kind, *(_number(value) for value in (m.wn_rad_s, m.wn_std, m.zeta, m.zeta_std)))
+        for m in answer.modes or ()
     ]
     yield grid("All modes", ("", "ωn, rad/s", "σ", "ζ", "σ"), modes)
-    physics = primary.get("physics", {})
-    if physics:
+    if answer.physics:
         rows = [
             (
                 f"{name}: {PHYSICS_UNITS.get(name, '').format(rudder=run_grid.rudder_unit)}",
-                _number(entry, "value"),
-                _number(entry, "std"),
+                _number(entry.value),
+                _number(entry.std),
             )
-            for name, entry in physics.items()
+            for name, entry in answer.physics.items()
         ]
         yield grid("Yaw channel", ("", "value", "σ"), rows)
 
 
-def _value(values: Mapping[str, float], sigmas: Mapping[str, float], name: str) -> str:
-    spread = f" ± {sigmas[name]:.2g}" if name in sigmas else ""
-    return f"{values[name]:.4g}{spread}" if name in values else "–"
+def _value(value: float | None, sigma: float | None) -> str:
+    spread = "" if value is None or sigma is None else f" ± {sigma:.2g}"
+    return f"{_number(value)}{spread}"
 
 
-def _number(values: Mapping[str, float], name: str) -> str:
-    return f"{values[name]:.4g}" if name in values else "–"
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
 
 
-def _fit(values: Mapping[str, float], name: str) -> str:
-    if name in values and name.endswith("_pct"):
-        return percent(values[name], ".4g")
-    return _number(values, name)
+def _fit(fit: Fit, name: str) -> str:
+    value: float | None = getattr(fit, name)
+    if value is not None and name.endswith("_pct"):
+        return percent(value, ".4g")
+    return _number(value)
 
 
-def _link(summary: Mapping[str, Any], data: ReportData | None) -> Iterator[str]:
-    for name, channel in summary["channels"].items():
-        yield table(name, {key: _text(value) for key, value in channel.items()})
-    yield table("link", {k.replace("_", " "): _text(v) for k, v in summary["link"].items()})
+def _link(summary: RunSummary, data: ReportData | None) -> Iterator[str]:
+    for name, channel in summary.channels.items():
+        yield table(name, {key: _text(value) for key, value in channel.to_json().items()})
+    counts = summary.link.to_json().items()
+    yield table("link", {key.replace("_", " "): _text(count) for key, count in counts})
     if data is not None:
-        for title, counts in (("held", data.events.counts), ("noted", data.events.notes)):
-            said = {name: f"{count} samples" for name, count in counts.items()}
+        for title, held in (("held", data.events.counts), ("noted", data.events.notes)):
+            said = {name: f"{count} samples" for name, count in held.items()}
             yield table(f"samples {title}, by reason", said or {"any": "no sample"})
 
 
 def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
-    keys = ("log", "sha256", "bytes_read")
-    origin = {key: run.summary[key] for key in keys if key in run.summary}
-    source = run.summary.get("source", {})
-    origin |= {f"samples from, {key}": source[key] for key in keys if key in source}
+    origin, source = run.summary.own_source.to_json(), run.summary.source
+    if source is not None:
+        origin |= {f"samples from, {key}": value for key, value in source.to_json().items()}
     if data is not None:
         origin["reproduced"] = (
             "yes: estimated again from the samples in the file, to the bit"

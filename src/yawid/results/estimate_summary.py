@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats
 from yawid.channels.sample_flags import strokes, window_of
 from yawid.estimation.bank import Bank, Earlier, History
 from yawid.estimation.fit import fit_percent, simulate
@@ -19,6 +17,7 @@ from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Evidence
 from yawid.results.roll_test import roll_p
+from yawid.results.run_summary import DutchRoll, Fit, MethodSummary, Mode, Orders, Value
 
 TRAINING = 2.0 / 3.0
 """The model as it stood after this part of the usable samples is tried on the rest."""
@@ -26,25 +25,35 @@ LEAST_SAMPLES = 200
 """Usable samples below which there is nothing to hold back."""
 
 
-def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
+def method_summary(bank: Bank, method: str) -> tuple[MethodSummary, Evidence]:
     """Return the summary of one method, and what the verdict needs of it."""
     estimator, last = bank.estimators[method], bank.last[method]
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
     mean_output = bank.config.output == "yaw"
     found = modes(last, orders, sample_time_s, mean_output=mean_output)
-    wn = float(found.dutch_roll[-1, 0])
-    described = _estimate(bank, method, last) | {"modes": mode_list(found)}
-    described |= _dutch_roll(found.dutch_roll[-1])
+    wn, zeta = (float(value) for value in found.dutch_roll[-1, ::2])
     theta = last.theta[-1]
     physics = summary_of(
         theta, estimator.covariance, orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
     )  # fmt: skip
-    if physics:
-        described["physics"] = physics
     history = bank.history()
     fit = _fit(bank, method, history)
-    described["fit"] = finite(fit)
+    names = parameter_names(orders, bank.config.inputs, bias=estimator.config.bias)
+    described = MethodSummary(
+        method=method,
+        orders=Orders(orders.na, orders.nb[0], orders.nc, orders.nk[0]),
+        sample_time_s=sample_time_s,
+        forgetting_factor=estimator.config.forgetting_factor,
+        updates=estimator.updates,
+        held=estimator.held,
+        theta=finite(dict(zip(names, theta, strict=True))),
+        theta_std=finite(dict(zip(names, last.theta_std[-1], strict=True))),
+        modes=[Mode(**each) for each in mode_list(found)],
+        dutch_roll=DutchRoll.of(found.dutch_roll[-1], dutch_roll_level(wn, zeta)),
+        physics={name: Value(**each) for name, each in physics.items()} or None,
+        fit=Fit(**finite(fit)),
+    )
     earlier = _shortly_before(bank, history)
     before = np.full(2, np.nan)
     if earlier is not None:
@@ -64,31 +73,6 @@ def method_summary(bank: Bank, method: str) -> tuple[dict[str, Any], Evidence]:
         math.nan if bank.config.band is not None else roll_p(theta, estimator.config, history),
     )
     return described, evidence
-
-
-def _estimate(bank: Bank, method: str, last: EstimateBlock) -> dict[str, Any]:
-    estimator = bank.estimators[method]
-    config, orders = estimator.config, estimator.config.orders
-    names = parameter_names(orders, bank.config.inputs, bias=config.bias)
-    return {
-        "method": method,
-        "orders": {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]},
-        "sample_time_s": bank.sample_time_s,
-        "forgetting_factor": config.forgetting_factor,
-        "updates": estimator.updates,
-        "held": estimator.held,
-        "theta": finite(dict(zip(names, last.theta[-1], strict=True))),
-        "theta_std": finite(dict(zip(names, last.theta_std[-1], strict=True))),
-    }
-
-
-def _dutch_roll(row: Floats) -> dict[str, Any]:
-    wn, wn_std, zeta, zeta_std = (float(value) for value in row)
-    if not math.isfinite(wn):
-        return {}
-    found = finite({"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std})
-    level = dutch_roll_level(wn, zeta)
-    return {"dutch_roll": found if level is None else found | {"level": level}}
 
 
 def _fit(bank: Bank, method: str, history: History) -> dict[str, float]:

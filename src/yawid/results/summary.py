@@ -1,12 +1,12 @@
-"""The summary of a run: everything ``--json`` prints, and the verdict it carries.
-
-A key that does not apply is absent; no value is ever NaN.
-"""
+"""The summary of a run: everything ``--json`` prints, and the verdict it carries."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Protocol
+
+from msgspec import convert
+from msgspec.structs import replace
 
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
@@ -22,6 +22,16 @@ from yawid.results.judge import bank_verdict
 from yawid.results.judge_estimate import Evidence
 from yawid.results.judge_samples import changed_rates
 from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import (
+    BootSpan,
+    ChannelFound,
+    LinkCounts,
+    MethodSummary,
+    ReasonSummary,
+    RunSummary,
+    VehicleSeen,
+    VerdictSummary,
+)
 from yawid.sources.mavlink.link_stats import LinkStats
 
 
@@ -43,102 +53,95 @@ class Finished(Protocol):
 
 def summarise(
     pipeline: Finished, link: LinkStats, log: str, sha256: str
-) -> tuple[dict[str, Any], Verdict]:
+) -> tuple[RunSummary, Verdict]:
     """Return the summary of a finished pipeline and its verdict; ``link`` counts what was read."""
     channels, bank = pipeline.channels, pipeline.bank
-    summary: dict[str, Any] = {
-        "log": log,
-        "sha256": sha256,
-        "duration_s": max((link.last_us or 0) - (link.first_us or 0), 0) / 1e6,
-    }
-    vehicle = channels.lock.vehicle
-    if vehicle is not None:
-        summary["vehicle"] = {
-            "sysid": vehicle.sysid,
-            "compid": vehicle.compid,
-            "type": vehicle.type,
-            "autopilot": vehicle.autopilot,
-        }
-    if len(vehicles := channels.lock.vehicles) > 1:
-        summary["vehicles"] = vehicles
-    if len(boots := channels.boots.spans_us) > 1:
-        summary["boots"] = [
-            {"boot": number, "from": first / 1e6, "to": last / 1e6}
-            for number, (first, last) in boots.items()
-        ]
-    summary["link"] = _link(link, channels)
-    summary["channels"] = _channels(channels)
+    vehicle, vehicles = channels.lock.vehicle, channels.lock.vehicles
+    boots = [
+        BootSpan(boot=number, from_s=first / 1e6, to_s=last / 1e6)
+        for number, (first, last) in channels.boots.spans_us.items()
+    ]
+    estimates: dict[str, MethodSummary] = {}
     evidence: dict[str, Evidence] = {}
+    has_estimates = bank is not None and bool(channels.surfaces)
     if bank is not None and channels.surfaces:
-        summary["estimates"] = {}
         for method in bank.methods:
-            summary["estimates"][method], evidence[method] = method_summary(bank, method)
+            estimates[method], evidence[method] = method_summary(bank, method)
     verdict = _verdict(pipeline, link, evidence)
-    summary["verdict"] = as_summary(verdict)
+    summary = RunSummary(
+        log=log,
+        sha256=sha256,
+        duration_s=max((link.last_us or 0) - (link.first_us or 0), 0) / 1e6,
+        vehicle=None if vehicle is None else convert(vehicle, VehicleSeen, from_attributes=True),
+        vehicles=convert(vehicles, list[VehicleSeen]) if len(vehicles) > 1 else None,
+        boots=boots if len(boots) > 1 else None,
+        link=_link(link, channels),
+        channels=_channels(channels),
+        estimates=estimates if has_estimates else None,
+        verdict=as_summary(verdict),
+    )
     return summary, verdict
 
 
-def as_summary(verdict: Verdict) -> dict[str, Any]:
+def as_summary(verdict: Verdict) -> VerdictSummary:
     """Return the verdict as ``--json`` prints it."""
-    method = {} if verdict.method is None else {"method": verdict.method}
-    return method | {
-        "usable": verdict.usable,
-        "reasons": [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons],
-    }
+    reasons = [ReasonSummary(r.id, r.weight, r.text) for r in verdict.reasons]
+    return VerdictSummary(method=verdict.method, usable=verdict.usable, reasons=reasons)
 
 
-def _link(link: LinkStats, channels: Channels) -> dict[str, Any]:
+def _link(link: LinkStats, channels: Channels) -> LinkCounts:
     segmenter, aligner = channels.segmenter, channels.aligner
-    return {
-        "frames": link.frames,
-        "skipped_bytes": link.skipped_bytes,
-        "bad_crc": link.bad_crc,
-        "unknown": link.unknown,
-        "lost": link.lost,
-        "reboots": segmenter.reboots,
-        "clock_steps": segmenter.clock_steps,
-        "gaps": segmenter.silences + (0 if aligner is None else aligner.gaps),
-        "unsigned_rejected": link.unsigned_rejected,
-    } | ({"clock_leap_s": segmenter.leap_us / 1e6} if segmenter.leap_us else {})
+    return LinkCounts(
+        frames=link.frames,
+        skipped_bytes=link.skipped_bytes,
+        bad_crc=link.bad_crc,
+        unknown=link.unknown,
+        lost=link.lost,
+        reboots=segmenter.reboots,
+        clock_steps=segmenter.clock_steps,
+        gaps=segmenter.silences + (0 if aligner is None else aligner.gaps),
+        unsigned_rejected=link.unsigned_rejected,
+        clock_leap_s=segmenter.leap_us / 1e6 if segmenter.leap_us else None,
+    )
 
 
-def _channels(channels: Channels) -> dict[str, Any]:
+def _channels(channels: Channels) -> dict[str, ChannelFound]:
     yaw_rate, surface_rate = _rates(channels)
-    found: dict[str, Any] = {}
-    for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
-        found[name] = _surface(surface, channels.twins) | surface_rate
+    found = {
+        name: _surface(surface, channels.twins, surface_rate)
+        for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False)
+    }
     if channels.yaw.rows:
-        found["yaw"] = {"source": channels.yaw.label} | yaw_rate
+        found["yaw"] = replace(yaw_rate, source=channels.yaw.label)
     return found
 
 
-def _rates(channels: Channels) -> list[dict[str, float]]:
-    """Return what to say of the message rates of yaw and surfaces.
+def _rates(channels: Channels) -> list[ChannelFound]:
+    """Return what to say of the message rates of yaw and surfaces, without their names.
 
     ``rate_hz`` is that of the first seconds, which chose the grid, unless the whole run's is
     another by more than their jitter: then it is the whole run's, and the other one stands beside
     it.
     """
     if channels.intervals_us is None:
-        return [{}, {}]
+        return [ChannelFound(""), ChannelFound("")]
     told = []
     for flow, interval_us in zip(channels.flows, channels.intervals_us, strict=True):
         first_hz, whole_hz = 1e6 / interval_us, flow.rate_hz
         if abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz:
-            told.append({"rate_hz": whole_hz, "first_rate_hz": first_hz})
+            told.append(ChannelFound("", rate_hz=whole_hz, first_rate_hz=first_hz))
         else:
-            told.append({"rate_hz": first_hz})
+            told.append(ChannelFound("", rate_hz=first_hz))
     return told
 
 
-def _surface(surface: Surface, twins: Twins) -> dict[str, Any]:
-    described: dict[str, Any] = {"source": surface.source, "how": twins.how(surface)}
+def _surface(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFound:
+    found = replace(rate, source=surface.source, how=twins.how(surface))
     first = surface.parts[0]
-    if first.travel_us is not None:
-        names = ("min_us", "trim_us", "max_us")
-        described |= dict(zip(names, first.travel_us, strict=True))
-        described["reversed"] = first.reversed
-    return described
+    if first.travel_us is None:
+        return found
+    low, trim, high = first.travel_us
+    return replace(found, min_us=low, trim_us=trim, max_us=high, reversed=first.reversed)
 
 
 def _verdict(pipeline: Finished, link: LinkStats, evidence: dict[str, Evidence]) -> Verdict:

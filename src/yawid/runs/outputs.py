@@ -10,11 +10,13 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+
+import msgspec
 
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Sink, check_free
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.rerun.sink import RerunSink
@@ -129,17 +131,18 @@ def _make_folder(folder: Path) -> None:
 
 
 def finish(
-    pipeline: Pipeline, summary: dict[str, Any], files: dict[str, str], parameters: bytes
-) -> None:
-    """Add the file names to the summary and finish every sink with it."""
-    summary["files"] = files
+    pipeline: Pipeline, summary: RunSummary, files: dict[str, str], parameters: bytes
+) -> RunSummary:
+    """Add the file names to the summary, finish every sink with it and return it."""
+    summary = msgspec.structs.replace(summary, files=files)
     attachments = {
         "configuration.toml": pipeline.config.to_toml().encode(),
         "parameters.txt": parameters,
-        "summary.json": json.dumps(summary).encode(),
+        "summary.json": json.dumps(summary.to_json()).encode(),
     }
     for sink in pipeline.sinks:
         sink.finish(summary, attachments)
+    return summary
 
 
 def parameters_of(pipeline: Pipeline) -> bytes:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
+from typing import Final
+
+from msgspec.structs import replace
 
 from yawid.estimation.fit import WORST_PCT
 from yawid.results.reasons import KINDS
+from yawid.results.run_summary import DutchRoll, MethodSummary, ReasonSummary, RunSummary
 
 MOST_HEADLINE = 160
 """Characters of a reason that the headline repeats; it stands whole below."""
+_NONE: Final = ("none found", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,44 +30,25 @@ class Card:
     notes: tuple[str, ...]
 
 
-def answering(summary: Mapping[str, Any]) -> str | None:
-    """Return the method whose estimate is the answer, None where nothing was estimated.
-
-    The verdict says which; in runs of older versions it is the first.
-    """
-    estimates = summary.get("estimates", {})
-    method: str | None = summary["verdict"].get("method")
-    return method if method in estimates else next(iter(estimates), None)
-
-
-def answer_and_others(
-    summary: Mapping[str, Any],
-) -> tuple[Mapping[str, Any], dict[str, Mapping[str, Any]]]:
-    """Return the estimate that is the answer, empty where there is none, and the others by name."""
-    others = dict(summary.get("estimates", {}))
-    return others.pop(answering(summary), {}), others
-
-
 def percent(value: float, spec: str = ".1f") -> str:
     """Return a fit in percent; of a model that explodes only that it does."""
     return format(value, spec) if value > WORST_PCT else f"< {WORST_PCT:.0f}"
 
 
-def cards(summary: Mapping[str, Any]) -> list[Card]:
+def cards(summary: RunSummary) -> list[Card]:
     """Return the answers to the four questions; numbers are those of the method that answers."""
-    primary, others = answer_and_others(summary)
-    mode = primary.get("dutch_roll", {})
-    if not summary["verdict"]["usable"]:
-        mode = {name: value for name, value in mode.items() if name != "level"}
-    return [_frequency(mode, others), _damping(mode, others), _sure(summary, primary), use(summary)]
+    mode, others = summary.dutch_roll, summary.others
+    if mode is not None and not summary.verdict.usable:
+        mode = replace(mode, level=None)
+    return [_frequency(mode, others), _damping(mode, others), _sure(summary), use(summary)]
 
 
-def use(summary: Mapping[str, Any]) -> Card:
+def use(summary: RunSummary) -> Card:
     """Return whether the estimate can be used."""
-    verdict = summary["verdict"]
-    reasons = verdict["reasons"]
-    if not verdict["usable"]:
-        spread = "the numbers are shown for study only" if _mode(summary) else "there is no answer"
+    reasons = summary.verdict.reasons
+    if not summary.verdict.usable:
+        shown = summary.dutch_roll is not None
+        spread = "the numbers are shown for study only" if shown else "there is no answer"
         return Card("Can I use it?", "No", spread, _names(_fatal(summary)))
     if not reasons:
         return Card("Can I use it?", "Yes", "nothing speaks against it", ())
@@ -72,107 +57,98 @@ def use(summary: Mapping[str, Any]) -> Card:
     return Card("Can I use it?", "Yes, with care", count, notes)
 
 
-def headline(summary: Mapping[str, Any]) -> str:
+def headline(summary: RunSummary) -> str:
     """Return the whole answer as one sentence."""
-    mode = _mode(summary)
-    if not summary["verdict"]["usable"]:
+    mode = summary.dutch_roll
+    if not summary.verdict.usable:
         # The first fatal reason is the one that decides.
-        why = next((reason["text"] for reason in _fatal(summary)), "the reasons stand below")
+        why = next((reason.text for reason in _fatal(summary)), "the reasons stand below")
         return f"This log cannot say how the yaw answers the rudder: {_first_sentences(why)}"
-    if "wn_rad_s" not in mode:
+    if mode is None:
         return "No Dutch roll was identified from this log."
-    wn, zeta = mode["wn_rad_s"], mode["zeta"]
+    wn, zeta = mode.wn_rad_s, mode.zeta
     return (
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
         f"({wn / (2.0 * math.pi):.2g} Hz) and a damping ratio of {zeta:.2g}: {_damped(zeta)}."
     )
 
 
-def _mode(summary: Mapping[str, Any]) -> Mapping[str, float]:
-    """Return the Dutch roll of the method that answers, empty where there is none."""
-    mode: Mapping[str, float] = answer_and_others(summary)[0].get("dutch_roll", {})
-    return mode
+def _fatal(summary: RunSummary) -> list[ReasonSummary]:
+    return [r for r in summary.verdict.reasons if r.weight == "fatal"]
 
 
-def _fatal(summary: Mapping[str, Any]) -> list[Mapping[str, str]]:
-    return [r for r in summary["verdict"]["reasons"] if r["weight"] == "fatal"]
+def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
+    return tuple(reason.id.replace("_", " ") for reason in reasons)
 
 
-def _names(reasons: list[Mapping[str, str]]) -> tuple[str, ...]:
-    return tuple(reason["id"].replace("_", " ") for reason in reasons)
-
-
-def advice(reason: Mapping[str, str]) -> str:
+def advice(reason: ReasonSummary) -> str:
     """Return what to do about a reason, or nothing."""
-    kind = KINDS.get(reason["id"])
+    kind = KINDS.get(reason.id)
     return "" if kind is None else kind.now
 
 
-def with_two_sigma(values: Mapping[str, float], name: str, sigma: str) -> tuple[str, str]:
+def with_two_sigma(value: float, sigma: float | None) -> tuple[str, str]:
     """Return a value and its 2 sigma, rounded to where the sigma has two digits."""
-    if name not in values:
-        return "none found", ""
-    value = values[name]
-    if not values.get(sigma, 0.0) > 0.0:
+    if sigma is None or not sigma > 0.0:
         return f"{value:.4g}", "sigma not known"
-    spread = 2.0 * values[sigma]
+    spread = 2.0 * sigma
     digits = min(max(1 - math.floor(math.log10(spread)), 0), 6)
     return f"{value:.{digits}f}", f"± {spread:.{digits}f}"
 
 
-def _frequency(mode: Mapping[str, float], others: Mapping[str, Any]) -> Card:
-    value, spread = with_two_sigma(mode, "wn_rad_s", "wn_std")
-    notes = list(_beside(others, "wn_rad_s", "wn_std"))
-    if "wn_rad_s" in mode:
-        wn, zeta = mode["wn_rad_s"], mode["zeta"]
+def _frequency(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Card:
+    value, spread = _wn(mode)
+    notes = [f"{m.upper()} beside it: {' '.join(_wn(e.dutch_roll))}" for m, e in others.items()]
+    if mode is not None:
+        wn, zeta = mode.wn_rad_s, mode.zeta
         swing = f", a swing takes {_period(wn, zeta):.3g} s" if abs(zeta) < 1.0 else ""
         notes.insert(0, f"{wn / (2.0 * math.pi):.3g} Hz{swing}")
         value += " rad/s"
-    return Card("Natural frequency ωn", value, f"{spread} (2σ)" if spread else "", tuple(notes))
+    return _card("Natural frequency ωn", value, spread, notes)
 
 
-def _damping(mode: Mapping[str, float], others: Mapping[str, Any]) -> Card:
-    value, spread = with_two_sigma(mode, "zeta", "zeta_std")
-    notes = list(_beside(others, "zeta", "zeta_std"))
-    if "zeta" in mode:
-        level = f"; MIL-F-8785C level {mode['level']:.0f}" if "level" in mode else ""
-        notes.insert(0, f"{_damped(mode['zeta'])}{level}")
-    return Card("Damping ratio ζ", value, f"{spread} (2σ)" if spread else "", tuple(notes))
+def _damping(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Card:
+    value, spread = _zeta(mode)
+    notes = [f"{m.upper()} beside it: {' '.join(_zeta(e.dutch_roll))}" for m, e in others.items()]
+    if mode is not None:
+        level = "" if mode.level is None else f"; MIL-F-8785C level {mode.level}"
+        notes.insert(0, f"{_damped(mode.zeta)}{level}")
+    return _card("Damping ratio ζ", value, spread, notes)
 
 
-def _sure(summary: Mapping[str, Any], primary: Mapping[str, Any]) -> Card:
-    mode, fit = primary.get("dutch_roll", {}), primary.get("fit", {})
-    notes = []
-    simulated = fit.get("simulation_pct")
-    if simulated is not None:
-        notes.append(f"the model alone tells {max(simulated, 0.0):.0f} % of the yaw rate")
-    if "updates" in primary:
-        seconds = primary["updates"] * primary["sample_time_s"]
-        notes.append(f"learnt from {_duration(seconds)} of flight")
-    if not summary["verdict"]["usable"]:
+def _card(question: str, value: str, spread: str, notes: list[str]) -> Card:
+    shown = f"{spread} (2σ)" if spread else ""
+    return Card(question, value, shown, tuple(note.rstrip() for note in notes))
+
+
+def _wn(mode: DutchRoll | None) -> tuple[str, str]:
+    return _NONE if mode is None else with_two_sigma(mode.wn_rad_s, mode.wn_std)
+
+
+def _zeta(mode: DutchRoll | None) -> tuple[str, str]:
+    return _NONE if mode is None else with_two_sigma(mode.zeta, mode.zeta_std)
+
+
+def _sure(summary: RunSummary) -> Card:
+    answer, mode, notes = summary.answer, summary.dutch_roll, []
+    if answer is not None:
+        if answer.fit.simulation_pct is not None:
+            told_pct = max(answer.fit.simulation_pct, 0.0)
+            notes.append(f"the model alone tells {told_pct:.0f} % of the yaw rate")
+        notes.append(f"learnt from {_duration(answer.updates * answer.sample_time_s)} of flight")
+    if not summary.verdict.usable:
         return Card("How sure?", "Not usable", "whatever the sigma says", tuple(notes))
-    if "wn_std" not in mode or "zeta_std" not in mode:
+    if mode is None or mode.wn_std is None or mode.zeta_std is None:
         return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
-    wn_pct = 200.0 * mode["wn_std"] / mode["wn_rad_s"]
-    zeta_pct = 200.0 * mode["zeta_std"] / abs(mode["zeta"]) if mode["zeta"] else math.inf
+    wn_pct = 200.0 * mode.wn_std / mode.wn_rad_s
+    zeta_pct = 200.0 * mode.zeta_std / abs(mode.zeta) if mode.zeta else math.inf
     spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} % (2σ)"
     word = "Very" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
-    if word == "Very" and _doubtful(summary):
+    if word == "Very" and any(r.id == "coloured_residuals" for r in summary.verdict.reasons):
         word = "Fairly"
         notes.append("σ may be too small: the residuals are not white")
     word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word
     return Card("How sure?", word, spread, tuple(notes))
-
-
-def _doubtful(summary: Mapping[str, Any]) -> bool:
-    reasons = {reason["id"] for reason in summary["verdict"]["reasons"]}
-    return "coloured_residuals" in reasons
-
-
-def _beside(others: Mapping[str, Any], name: str, sigma: str) -> Iterator[str]:
-    for method, estimate in others.items():
-        value, spread = with_two_sigma(estimate.get("dutch_roll", {}), name, sigma)
-        yield f"{method.upper()} beside it: {value} {spread}".rstrip()
 
 
 def _damped(zeta: float) -> str:

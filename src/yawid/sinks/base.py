@@ -13,6 +13,7 @@ from typing import BinaryIO, Final, Literal, Protocol
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
+from yawid.results.run_summary import RunSummary
 from yawid.sources.mavlink.flight_modes import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -81,8 +82,8 @@ class Sink(Protocol):
         call it when the link is silent too.
         """
 
-    def finish(self, summary: Mapping[str, object], attachments: Mapping[str, bytes]) -> None:
-        """Add the verdict of the JSON ``summary``, close, and give the file its final name."""
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """Add the verdict of ``summary``, close, and give the file its final name."""
 
     def abort(self) -> None:
         """Close without the final name; never raises."""

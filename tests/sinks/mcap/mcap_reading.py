@@ -9,18 +9,11 @@ from typing import Any
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
-from sinks.sink_blocks import GRID, PARAMETERS, VERDICT, Blocks, cut
+from sinks.sink_blocks import GRID, PARAMETERS, SUMMARY, Blocks, cut
 
 from yawid.sinks.mcap.sink import McapSink
 
 INPUTS = ("rudder", "aileron")
-SUMMARY = {
-    "log": "/flights/a.tlog",
-    "sha256": "ab" * 32,
-    "vehicle": {"sysid": 1, "type": "FIXED_WING"},
-    "channels": {"rudder": {"source": "servo 4", "reversed": True, "rate_hz": 50.0}},
-    "verdict": VERDICT,
-}
 
 
 def open_sink(path: Path, n_inputs: int = 1, parameters: tuple[str, ...] = PARAMETERS) -> McapSink:

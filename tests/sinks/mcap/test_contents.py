@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from google.protobuf.unknown_fields import UnknownFieldSet
 from mcap.reader import make_reader
-from sinks.mcap.mcap_reading import SUMMARY, column, decoded, open_sink, write_file
+from sinks.mcap.mcap_reading import column, decoded, open_sink, write_file
 from sinks.sink_blocks import (
     GRID,
     START_NS,
-    VERDICT,
+    SUMMARY,
     make_blocks,
     rows_of,
 )
@@ -153,7 +153,7 @@ def test_the_verdict_stands_at_the_end_with_its_reasons(tmp_path: Path) -> None:
     assert message.log_time == samples.unix_ns[-1]
     assert verdict.usable is False
     reasons = [{"id": r.id, "weight": r.weight, "text": r.text} for r in verdict.reasons]
-    assert reasons == VERDICT["reasons"]
+    assert reasons == [each.to_json() for each in SUMMARY.verdict.reasons]
 
 
 def test_header_metadata_and_attachments_say_where_the_numbers_come_from(tmp_path: Path) -> None:

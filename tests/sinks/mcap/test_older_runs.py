@@ -45,7 +45,7 @@ def test_it_is_estimated_again_to_what_it_said(tmp_path):
 
     before = json.loads(open_run(OLD_RUN).attachments["summary.json"])
     for method in ("els", "rml"):
-        assert summary["estimates"][method]["theta"] == before["estimates"][method]["theta"]
+        assert summary.estimates[method].theta == before["estimates"][method]["theta"]
     assert [block.samples for block in open_run(tmp_path / "again.mcap").blocks()]
 
 

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from sinks.mcap.mcap_reading import decoded, raw
 from sinks.sink_blocks import (
     GRID,
-    VERDICT,
+    SUMMARY,
     make_blocks,
     script_environment,
 )
@@ -35,7 +35,7 @@ def write_file(path: Path, n: int = 100) -> Path:
     sink = McapSink(path, {"configuration": {"rate": 20.0}})
     sink.start(GRID)
     sink.write(*make_blocks(n=n))
-    sink.finish({"verdict": VERDICT}, {"summary.json": b"{}"})
+    sink.finish(SUMMARY, {"summary.json": b"{}"})
     return path
 
 

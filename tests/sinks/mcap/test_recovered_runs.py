@@ -45,17 +45,17 @@ def test_its_summary_says_that_it_is_no_whole_run_and_what_there_is(
 ) -> None:
     run = open_run(recovered)
     assert run.config == open_run(whole).config
-    assert run.summary["verdict"]["usable"] is False
-    [reason] = run.summary["verdict"]["reasons"]
-    assert reason["id"] == "interrupted"
-    assert f"recovered from a.mcap.part, {run.rows} samples" in reason["text"]
+    assert run.summary.verdict.usable is False
+    [reason] = run.summary.verdict.reasons
+    assert reason.id == "interrupted"
+    assert f"recovered from a.mcap.part, {run.rows} samples" in reason.text
     assert 100 < run.rows < open_run(whole).rows
     last = list(run.blocks())[-1]
-    for method, estimate in run.summary["estimates"].items():
+    for method, estimate in run.summary.estimates.items():
         theta = last.estimates[method].theta[-1]
-        assert list(estimate["theta"].values()) == theta.tolist()
-        assert estimate["updates"] + estimate["held"] == run.rows
-    assert run.summary["estimates"]["els"]["dutch_roll"]["wn_rad_s"] == last.modes.dutch_roll[-1, 0]
+        assert list(estimate.theta.values()) == theta.tolist()
+        assert estimate.updates + estimate.held == run.rows
+    assert run.summary.estimates["els"].dutch_roll.wn_rad_s == last.modes.dutch_roll[-1, 0]
 
 
 def test_it_is_viewed_and_reported(recovered: Path, tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
-from sinks.mcap.mcap_reading import SUMMARY, decoded, open_sink, raw, write_file
+from sinks.mcap.mcap_reading import decoded, open_sink, raw, write_file
 from sinks.sink_blocks import (
+    SUMMARY,
     cut,
     make_blocks,
     run_script,
@@ -178,7 +179,7 @@ def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path) -> None:
 DISK_FILLS_UP = """
 import resource, sys
 from pathlib import Path
-from sinks.sink_blocks import GRID, VERDICT, make_blocks
+from sinks.sink_blocks import GRID, SUMMARY, make_blocks
 from yawid.errors import SinkError
 from yawid.sinks.mcap.sink import McapSink
 sink = McapSink(Path(sys.argv[1]), {})
@@ -189,7 +190,7 @@ try:
     match sys.argv[2]:
         case "write": sink.write(*make_blocks(n=1000))
         case "flush": sink.flush()
-        case "finish": sink.finish({"verdict": VERDICT}, {})
+        case "finish": sink.finish(SUMMARY, {})
 except SinkError as error:
     print(error)
 sink.abort()

@@ -13,14 +13,13 @@ from rerun.chunk import RrdReader
 from sinks.sink_blocks import (
     GRID,
     START_NS,
-    VERDICT,
+    SUMMARY,
     Blocks,
     cut,
 )
 
 from yawid.sinks.rerun.sink import RerunSink
 
-SUMMARY = {"verdict": VERDICT}
 # The command beside the interpreter is a script that waits for this one.
 VIEWER = str(Path(rerun_cli.__file__).with_name("rerun"))
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from sinks.rerun.rerun_reading import SUMMARY, VIEWER, fail, recorded, save, statics, values
+from sinks.rerun.rerun_reading import VIEWER, fail, recorded, save, statics, values
 from sinks.sink_blocks import (
     GRID,
     PARAMETERS,
     SAMPLE_TIME_S,
-    VERDICT,
+    SUMMARY,
     make_blocks,
     run_script,
 )
@@ -161,8 +161,8 @@ def test_log_and_verdict_are_there_to_be_read(tmp_path: Path) -> None:
     assert log["TextLog:level"] == [["INFO"], ["WARN"]]
     verdict = statics(path, "/verdict", "TextDocument:text")[-1][0]
     assert verdict.startswith("# Not usable\n")
-    for reason in VERDICT["reasons"]:
-        assert reason["text"] in verdict
+    for reason in SUMMARY.verdict.reasons:
+        assert reason.text in verdict
 
 
 def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: Path) -> None:
@@ -215,7 +215,7 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, how: str) -> 
 DISK_FILLS_UP = """
 import resource, sys
 from pathlib import Path
-from sinks.sink_blocks import GRID, VERDICT, make_blocks
+from sinks.sink_blocks import GRID, SUMMARY, make_blocks
 from yawid.errors import SinkError
 from yawid.sinks.rerun.sink import RerunSink
 sink = RerunSink("save", name="flight", warn=print, path=Path(sys.argv[1]))
@@ -223,7 +223,7 @@ sink.start(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
 try:
     sink.write(*make_blocks(n=3000))
-    sink.finish({"verdict": VERDICT}, {})
+    sink.finish(SUMMARY, {})
 except SinkError as error:
     print(error)
 sink.abort()

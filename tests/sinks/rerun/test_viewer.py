@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sinks.rerun.rerun_reading import SUMMARY, VIEWER, fail, recorded, run, values
+from sinks.rerun.rerun_reading import VIEWER, fail, recorded, run, values
 from sinks.sink_blocks import (
     GRID,
     START_NS,
+    SUMMARY,
     make_blocks,
     run_script,
 )

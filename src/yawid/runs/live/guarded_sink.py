@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink, os_errors_as_sink_error
 
 LOOK_S = 1.0
@@ -74,7 +74,7 @@ class Guarded(Guard):
         """See :meth:`yawid.sinks.base.Sink.flush`."""
         self._attempt(self._flush)
 
-    def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :meth:`yawid.sinks.base.Sink.finish`."""
         self._attempt(lambda: self._sink.finish(summary, attachments))
 

@@ -6,10 +6,10 @@ import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
+from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.warm_up import Warming
@@ -189,16 +189,15 @@ class _Loop:
         if self._tap.dropped or self._tap.socket_dropped:
             self._tell(f"not everything could be taken: {self._dropped()}")
         dropped = {"queue": self._tap.dropped, "socket": self._tap.socket_dropped}
-        live: dict[str, Any] = {
-            "datagrams": self._tap.datagrams,
-            "skipped_bytes": self._tap.skipped_bytes,
-            "receive_buffer_bytes": self._tap.receive_buffer,
-            "dropped": {name: count for name, count in dropped.items() if count is not None},
-            "events": self._events,
-        }
-        if self._rates is not None:
-            live["rates"] = self._rates.summary()
-        ended = self._sessions.finish({k: v for k, v in live.items() if v is not None})
+        live = LiveFacts(
+            datagrams=self._tap.datagrams,
+            skipped_bytes=self._tap.skipped_bytes,
+            receive_buffer_bytes=self._tap.receive_buffer,
+            dropped={name: count for name, count in dropped.items() if count is not None},
+            events=self._events,
+            rates=None if self._rates is None else self._rates.summary(),
+        )
+        ended = self._sessions.finish(live)
         if self._has_failed:
             ended = [e._replace(exit_code=INPUT_OR_OUTPUT_FAILED) for e in ended]
         return ended

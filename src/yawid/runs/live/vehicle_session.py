@@ -6,7 +6,9 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+import msgspec
 
 from yawid.channels.stage import WANTED
 from yawid.channels.vehicle import NOT_A_VEHICLE
@@ -15,6 +17,7 @@ from yawid.errors import SinkError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
+from yawid.results.run_summary import LiveFacts, RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.live.guarded_sink import Guarded
 from yawid.runs.live.latency import Latency
@@ -36,7 +39,7 @@ _CHUNK = 1 << 20  # bytes: what waited for the estimators is not decoded all at 
 class Ended(NamedTuple):
     """What a session came to: summary, verdict, and the exit code, 6 where an output failed."""
 
-    summary: dict[str, Any]
+    summary: RunSummary
     verdict: Verdict
     exit_code: int
 
@@ -167,7 +170,7 @@ class LiveSession:
         stands = self._standing.line(self.pipeline, link.frames, len(self._waiting), now_us)
         return f"{self._label}{stands}, lost {link.lost} on the link, {lost}"
 
-    def finish(self, live: dict[str, Any]) -> Ended:
+    def finish(self, live: LiveFacts) -> Ended:
         """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""
         if not self._signing_said:
             self._look_for_signatures()
@@ -177,14 +180,14 @@ class LiveSession:
         log = self._setting.endpoint if tlog is None else str(tlog)
         sha256, path = self._sha256.hexdigest(), self._setting.outputs.path
         summary, verdict = summarise(self.pipeline, self.decoder.link, log, sha256)
-        summary["live"] = live | self._own(live["events"])
+        summary = msgspec.structs.replace(summary, live=self._own(live))
         files = {n: str(path(f".{n}")) for n, g in self._guards.items() if g.failure is None}
         files |= {} if tlog is None else {"tlog": str(tlog)}
-        finish(self.pipeline, summary, files, parameters_of(self.pipeline))
+        summary = finish(self.pipeline, summary, files, parameters_of(self.pipeline))
         # A file may fail as it is finished.
-        for name in [n for n, guard in self._guards.items() if guard.failure is not None]:
-            summary["files"].pop(name, None)
-        summary["live"] |= self._own(live["events"])
+        failed = {n for n, guard in self._guards.items() if guard.failure is not None}
+        files = {name: path for name, path in files.items() if name not in failed}
+        summary = msgspec.structs.replace(summary, files=files, live=self._own(live))
         return Ended(
             summary, verdict, INPUT_OR_OUTPUT_FAILED if self._failed() else verdict.exit_code
         )
@@ -269,13 +272,15 @@ class LiveSession:
         watched = [*self._guards.values(), self._tlog, self._state]
         return self.failures + [w.failure for w in watched if w is not None and w.failure]
 
-    def _own(self, events: list[str]) -> dict[str, Any]:
-        own: dict[str, Any] = {"events": [*events, *self.events], "failed": self._failed()}
-        if self.latency.count:
-            own["latency_ms"] = self.latency.summary()
-        if self._viewer is not None:
-            own["viewer_skipped"] = self._viewer.skipped
-        return own
+    def _own(self, live: LiveFacts) -> LiveFacts:
+        """Add what is this session's own to what the tap says."""
+        return msgspec.structs.replace(
+            live,
+            events=[*live.events, *self.events],
+            failed=self._failed(),
+            latency_ms=self.latency.summary() if self.latency.count else None,
+            viewer_skipped=None if self._viewer is None else self._viewer.skipped,
+        )
 
 
 def for_vehicle(setting: Setting, sysid: int) -> LiveSession:

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import ConfigError, SinkError
+from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.saved_state import check_states
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sources.link.tap import sysid_of
@@ -39,7 +39,7 @@ class Single:
         """Return the sessions there are."""
         return [self._session]
 
-    def finish(self, live: dict[str, Any]) -> list[Ended]:
+    def finish(self, live: LiveFacts) -> list[Ended]:
         """Finish them all; ``live`` is what the tap adds to their summaries."""
         self._session.settle()
         return [self._session.finish(live)]
@@ -97,7 +97,7 @@ class Fleet:
         """See :class:`Single`."""
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
-    def finish(self, live: dict[str, Any]) -> list[Ended]:
+    def finish(self, live: LiveFacts) -> list[Ended]:
         """See :class:`Single`; where no vehicle was heard, one summary says so."""
         for sysid in self._sessions:
             self._guard(sysid, LiveSession.settle)

@@ -6,9 +6,9 @@ import contextlib
 import queue
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 
 WAITING = 512
@@ -75,7 +75,7 @@ class Viewer:
         if self._calls.empty():
             self._hand(lambda sink: sink.flush())
 
-    def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :meth:`yawid.sinks.base.Sink.finish`; a viewer that does not take it is left."""
         self._end(lambda sink: sink.finish(summary, attachments))
 

@@ -85,7 +85,7 @@ class Case:
         run_log(source, pipeline)
         summary, _ = summarise(pipeline, source.link, self.log.name, source.sha256)
         rows.finish(summary, {})
-        kept = {key: value for key, value in summary.items() if key not in NOT_COMPARED}
+        kept = {key: each for key, each in summary.to_json().items() if key not in NOT_COMPARED}
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
 
     def unsound(self, replayed: Replayed) -> list[str]:

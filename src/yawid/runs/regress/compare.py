@@ -19,6 +19,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
 from yawid.errors import ConfigError
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel
 
 EXACT = ("k", "t", "held", "status")
@@ -68,7 +69,7 @@ class RowsSink:
     def flush(self) -> None:
         """Nothing is buffered."""
 
-    def finish(self, summary: Mapping[str, object], attachments: Mapping[str, bytes]) -> None:
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """Add the last row."""
         if self.newest and (not self.rows or self.rows[-1] != self.newest):
             self.rows.append(self.newest)

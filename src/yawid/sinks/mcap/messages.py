@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.physics.derivatives import NAMES
+from yawid.results.run_summary import VerdictSummary
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import LogLevelNumber, descriptor, message_class
@@ -127,12 +128,12 @@ def mode_message(boot_s: float, custom_mode: float, name: str) -> bytes:
     return bytes(message.SerializeToString(deterministic=True))
 
 
-def verdict_message(verdict: Mapping[str, Any]) -> bytes:
-    """Return one ``yawid.Verdict`` from the summary's ``{usable, reasons[{id, weight, text}]}``."""
+def verdict_message(verdict: VerdictSummary) -> bytes:
+    """Return one ``yawid.Verdict``."""
     message: Any = message_class("yawid.Verdict")()  # as above
-    message.usable = verdict["usable"]
-    for reason in verdict["reasons"]:
-        message.reasons.add(**{name: reason[name] for name in ("id", "weight", "text")})
+    message.usable = verdict.usable
+    for reason in verdict.reasons:
+        message.reasons.add(**reason.to_json())
     return bytes(message.SerializeToString(deterministic=True))
 
 

@@ -26,11 +26,12 @@ from mcap.stream_reader import StreamReader
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.recover import is_bomb
-from yawid.sinks.mcap.run_facts import checked, read_config, read_grid, read_summary
+from yawid.sinks.mcap.run_facts import checked, read_config, read_grid
 from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, message_class
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -80,7 +81,7 @@ class McapRun:
     """
 
     path: Path
-    summary: Mapping[str, Any]
+    summary: RunSummary
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Mapping[str, bytes]
     config: RunConfig
@@ -172,7 +173,7 @@ def open_run(path: Path) -> McapRun:
             f"{path} holds no summary: its run was cut off; replay the log itself, or yawid recover"
         )
     try:
-        summary = read_summary(attachments["summary.json"])
+        summary = RunSummary.from_json(attachments["summary.json"])
         config = read_config(attachments.get("configuration.toml"))
         grid = read_grid(metadata.get("grid"), config)
     except ValueError as error:

@@ -14,17 +14,28 @@ from pathlib import Path
 from typing import Any, Final
 
 from google.protobuf.message import DecodeError
+from msgspec.structs import replace
 
 from yawid.config.run import RunConfig, check_settings
 from yawid.physics.modes import finite
+from yawid.results.run_summary import (
+    DutchRoll,
+    Fit,
+    LinkCounts,
+    MethodSummary,
+    Orders,
+    ReasonSummary,
+    Recovered,
+    RunSummary,
+    VerdictSummary,
+)
 from yawid.sinks.base import Grid
-from yawid.sinks.mcap.run_facts import read_grid, read_summary
+from yawid.sinks.mcap.run_facts import read_grid
 from yawid.sinks.mcap.schemas import TOPICS, message_class
 
 SAMPLE: Final = "/yawid/sample"
 CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
 NAMES: Final = (CONFIGURATION, SUMMARY)
-_DUTCH_ROLL: Final = {"wn_rad_s": "wn", "wn_std": "wn_std", "zeta": "zeta", "zeta_std": "zeta_std"}
 _NO_VALUE: Final = (ValueError, OverflowError, RecursionError, KeyError, TypeError, DecodeError)
 
 
@@ -60,15 +71,18 @@ class Remains:
         try:
             config = self._config()
             summary = self._summary(path, config)
-            before = summary.get("verdict", {"reasons": []})
-            text = self._missing(path, left_out)
-            first = {"id": "interrupted", "weight": "fatal", "text": text}
-            others = [each for each in before["reasons"] if each["id"] != "interrupted"]
-            summary["verdict"] = before | {"usable": False, "reasons": [first, *others]}
+            before = summary.verdict
+            first = ReasonSummary("interrupted", "fatal", self._missing(path, left_out))
+            others = [each for each in before.reasons if each.id != "interrupted"]
         except _NO_VALUE:
             return self.attachments
-        summary["recovered"] = {"samples": self.rows, "left_out": left_out}
-        return {CONFIGURATION: config.to_toml().encode(), SUMMARY: json.dumps(summary).encode()}
+        summary = replace(
+            summary,
+            verdict=replace(before, usable=False, reasons=[first, *others]),
+            recovered=Recovered(self.rows, left_out),
+        )
+        told = json.dumps(summary.to_json()).encode()
+        return {CONFIGURATION: config.to_toml().encode(), SUMMARY: told}
 
     def _missing(self, path: Path, left_out: str) -> str:
         found = f"recovered from {path.name}, {self.rows} samples"
@@ -84,47 +98,48 @@ class Remains:
         given = {name: value for name, value in settings.items() if value is not None}
         return RunConfig(**check_settings(given, "configuration"))
 
-    def _summary(self, path: Path, config: RunConfig) -> dict[str, Any]:
+    def _summary(self, path: Path, config: RunConfig) -> RunSummary:
         """Return the run's own summary, or what its newest messages tell."""
         if SUMMARY in self.attachments:
-            return read_summary(self.attachments[SUMMARY])
-        summary: dict[str, Any] = {
-            "log": str(path.absolute()),
-            "duration_s": max(self._last_ns - self._first_ns, 0) / 1e9,
-            "link": {},
-            "channels": {},
-        }
+            return RunSummary.from_json(self.attachments[SUMMARY])
         grid = read_grid(self.metadata.get("grid"), config)
+        estimates = None
         if grid is not None and self.rows:
-            estimates = {method: self._estimate(method, grid, config) for method in grid.methods}
-            summary["estimates"] = {name: found for name, found in estimates.items() if found}
-        return summary
+            each = {method: self._estimate(method, grid, config) for method in grid.methods}
+            estimates = {method: found for method, found in each.items() if found is not None}
+        return RunSummary(
+            log=str(path.absolute()),
+            duration_s=max(self._last_ns - self._first_ns, 0) / 1e9,
+            link=LinkCounts(),
+            channels={},
+            estimates=estimates,
+            verdict=VerdictSummary(usable=False, reasons=[]),
+        )
 
-    def _estimate(self, method: str, grid: Grid, config: RunConfig) -> dict[str, Any]:
-        """Return what the newest messages tell of a method, nothing where it has none."""
+    def _estimate(self, method: str, grid: Grid, config: RunConfig) -> MethodSummary | None:
+        """Return what the newest messages tell of a method, None where it has none."""
         is_first = method == grid.methods[0]
         topic = "/yawid/estimate" if is_first else f"/yawid/estimate/{method}"
         if topic not in self._newest:
-            return {}
+            return None
         newest = _read(topic, self._newest[topic])
-        found: dict[str, Any] = {
-            "method": method,
-            "orders": dict(zip(("na", "nb", "nc", "nk"), config.orders, strict=True)),
-            "sample_time_s": grid.sample_time_s,
-            "forgetting_factor": config.forgetting_factor(grid.sample_time_s),
-            "updates": self.rows - self.held,
-            "held": self.held,
-            "theta": finite(dict(zip(grid.parameters, newest.theta, strict=True))),
-            "theta_std": finite(dict(zip(grid.parameters, newest.theta_std, strict=True))),
-            "fit": {},
-        }
+        roll = None
         if is_first and "/yawid/modes" in self._newest:
             modes = _read("/yawid/modes", self._newest["/yawid/modes"])
-            names = _DUTCH_ROLL.items()
-            roll = finite({name: getattr(modes, f"dutch_roll_{of}") for name, of in names})
-            if roll.get("wn_rad_s", 0.0) > 0.0 and "zeta" in roll:
-                found["dutch_roll"] = roll
-        return found
+            names = ("wn", "wn_std", "zeta", "zeta_std")
+            roll = DutchRoll.of([getattr(modes, f"dutch_roll_{name}") for name in names])
+        return MethodSummary(
+            method=method,
+            orders=Orders(*config.orders),
+            sample_time_s=grid.sample_time_s,
+            forgetting_factor=config.forgetting_factor(grid.sample_time_s),
+            updates=self.rows - self.held,
+            held=self.held,
+            theta=finite(dict(zip(grid.parameters, newest.theta, strict=True))),
+            theta_std=finite(dict(zip(grid.parameters, newest.theta_std, strict=True))),
+            dutch_roll=roll,
+            fit=Fit(),
+        )
 
 
 def _read(topic: str, data: bytes) -> Any:

@@ -8,13 +8,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from yawid import __version__
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
@@ -183,18 +184,17 @@ class McapSink:
                 self._writer.end_chunk()
                 sync(self._stream)
 
-    def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """Write verdict, provenance and attachments, then rename; see the protocol."""
         self._write_waiting()
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
-            verdict = verdict_message(summary["verdict"])
+            verdict = verdict_message(summary.verdict)
             self._writer.add_message(self._verdict_channel, last_ns, verdict)
-            names = ("log", "sha256", "bytes_read")
-            source = {name: summary[name] for name in names if name in summary}
-            self._add_record("source", source)
+            self._add_record("source", summary.own_source.to_json())
+            told = summary.to_json()
             for name in ("vehicle", "channels", "link"):
-                self._add_record(name, summary.get(name, {}))
+                self._add_record(name, told.get(name, {}))
             for name, data in attachments.items():
                 media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
                 self._writer.add_attachment(last_ns, name, media_type, data)

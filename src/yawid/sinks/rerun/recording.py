@@ -10,9 +10,8 @@ import os
 import shutil
 import socket
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -21,6 +20,7 @@ import pyarrow as pa
 import rerun as rr
 from rerun.encodings import TensorDataBatch
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Whiteness
@@ -111,7 +111,7 @@ class RerunView:
             self._send()
             self._recording.flush(timeout_sec=REACH_S)
 
-    def finish(self, summary: Mapping[str, Any]) -> None:
+    def finish(self, summary: RunSummary) -> None:
         """Send the rest and the verdict, and close.
 
         Raises:

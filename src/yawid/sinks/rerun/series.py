@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
-from yawid.sinks.answers import answering, cards
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.answers import cards
 from yawid.sinks.base import Grid
 
 Rgba = tuple[int, int, int, int]
@@ -111,11 +112,10 @@ def group_rows(
     }
 
 
-def verdict_markdown(summary: Mapping[str, Any]) -> str:
-    """Return the verdict of the JSON summary for the text panel: the answer, then the reasons."""
-    verdict = summary["verdict"]
-    lines = ["# Usable" if verdict["usable"] else "# Not usable"]
-    method, first = answering(summary), next(iter(summary.get("estimates", {})), "")
+def verdict_markdown(summary: RunSummary) -> str:
+    """Return the verdict for the text panel: the answer, then the reasons."""
+    lines = ["# Usable" if summary.verdict.usable else "# Not usable"]
+    method, first = summary.answering, next(iter(summary.estimates or {}), "")
     if method is not None and method != first:
         lines.append(f"Answered by {method.upper()}; the lines drawn are those of {first.upper()}.")
     lines += [
@@ -123,7 +123,6 @@ def verdict_markdown(summary: Mapping[str, Any]) -> str:
         for card in cards(summary)[:3]
     ]
     lines += [
-        f"- **{reason['id']}** ({reason['weight']}): {reason['text']}"
-        for reason in verdict["reasons"]
+        f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in summary.verdict.reasons
     ]
     return "\n".join(lines) + "\n"

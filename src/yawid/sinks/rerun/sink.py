@@ -6,10 +6,11 @@ import contextlib
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
+from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class RerunSink:
         if self._pace.due():
             self._attempt(lambda view: view.flush())
 
-    def finish(self, summary: Mapping[str, Any], attachments: Mapping[str, bytes]) -> None:
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :meth:`yawid.sinks.base.Sink.finish`; attachments are for files that keep them."""
         self._attempt(lambda view: view.finish(summary))
         self._view = None

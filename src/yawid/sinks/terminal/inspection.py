@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import fill
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
+from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
+from yawid.results.run_summary import VehicleSeen
 from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict
 
 _NAME = 9
@@ -21,39 +23,39 @@ MOST_WINDOWS = 6
 MOST_SENDERS = 8
 
 
-def print_inspection(report: Mapping[str, Any], stream: TextIO) -> None:
+def print_inspection(report: Inspection, stream: TextIO) -> None:
     """Print what a log can answer: verdict, channels, how it was flown, what to do."""
     console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
-    console.print(Text(str(report["log"]), style="bold"), soft_wrap=True)
-    print_verdict(console, report["verdict"])
+    console.print(Text(report.log, style="bold"), soft_wrap=True)
+    print_verdict(console, report.verdict)
     for line in origin(report):
         console.print(Text(line))
     for name, text in _rows(report):
         console.print(Text(_hanging(name, text, console.width)))
-    if "command" in report:
+    if report.command is not None:
         # What was tried, for copying: it must not be wrapped.
-        word = "try" if report["verdict"]["usable"] else "tried"
-        console.print(Text(f"{word:>{_NAME - 1}}  {report['command']}"), soft_wrap=True)
+        word = "try" if report.verdict.usable else "tried"
+        console.print(Text(f"{word:>{_NAME - 1}}  {report.command}"), soft_wrap=True)
 
 
-def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if "vehicle" in report:
-        yield "vehicle", _vehicle(report["vehicle"], report["duration_s"])
-    senders = sorted(report["by_sender"].items(), key=lambda each: -each[1]["frames"])
+def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
+    if report.vehicle is not None:
+        yield "vehicle", _vehicle(report.vehicle, report.duration_s)
+    senders = sorted(report.by_sender.items(), key=lambda each: -each[1]["frames"])
     yield "senders", _first([_sender(*each) for each in senders], MOST_SENDERS)
-    if "unchecked" in report:
-        yield "signing", report["unchecked"]
-    if report["rates"]:
-        told = ", ".join(f"{name} {_interval(each)}" for name, each in report["rates"].items())
+    if report.unchecked is not None:
+        yield "signing", report.unchecked
+    if report.rates:
+        told = ", ".join(f"{name} {_interval(each)}" for name, each in report.rates.items())
         yield "interval", told.replace("(", "(5-95 %: ", 1)
-    if phases := report.get("phases"):
-        yield "phases", _phases(phases)
-    windows = [_window(each) for each in report["excited"]]
+    if report.phases:
+        yield "phases", _phases(report.phases)
+    windows = [_window(each) for each in report.excited]
     yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
-    if "answerable" in report:
-        most, well = (report["answerable"][f"wn_{kind}_rad_s"] for kind in ("max", "well"))
+    if report.answerable is not None:
+        most, well = report.answerable.wn_max_rad_s, report.answerable.wn_well_rad_s
         yield "answers", f"Dutch rolls of wn up to {most:.3g} rad/s, well up to {well:.3g}"
-    for line in report["recommend"].get("record", ()):
+    for line in report.recommend.get("record", ()):
         yield "record", line
 
 
@@ -63,11 +65,11 @@ def _hanging(name: str, text: str, width: int) -> str:
     return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
 
 
-def _vehicle(vehicle: Mapping[str, int], seconds: float) -> str:
-    kind = TYPE_NAMES.get(vehicle["type"], "unknown")
-    autopilot = AUTOPILOT_NAMES.get(vehicle["autopilot"], f"autopilot {vehicle['autopilot']}")
-    address = f"{vehicle['sysid']}/{vehicle['compid']}"
-    return f"{kind} (type {vehicle['type']}) on {autopilot}, {address}, log of {seconds:.0f} s"
+def _vehicle(vehicle: VehicleSeen, seconds: float) -> str:
+    kind = TYPE_NAMES.get(vehicle.type, "unknown")
+    autopilot = AUTOPILOT_NAMES.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}")
+    address = f"{vehicle.sysid}/{vehicle.compid}"
+    return f"{kind} (type {vehicle.type}) on {autopilot}, {address}, log of {seconds:.0f} s"
 
 
 def _sender(name: str, counts: Mapping[str, int]) -> str:
@@ -76,14 +78,14 @@ def _sender(name: str, counts: Mapping[str, int]) -> str:
     return f"{name} ({', '.join([str(counts['frames']), *others])})"
 
 
-def _interval(rate: Mapping[str, float]) -> str:
-    low, middle, high = (1e3 * rate[f"interval_{name}_s"] for name in ("p5", "median", "p95"))
-    return f"{middle:.3g} ms ({low:.3g} to {high:.3g})"
+def _interval(rate: MessageRate) -> str:
+    low, middle, high = rate.interval_p5_s, rate.interval_median_s, rate.interval_p95_s
+    return f"{1e3 * middle:.3g} ms ({1e3 * low:.3g} to {1e3 * high:.3g})"
 
 
-def _phases(phases: Sequence[Mapping[str, Any]]) -> str:
+def _phases(phases: Sequence[FlightPhase]) -> str:
     """Return the longest phases in their order, and how many others there were."""
-    lasts = np.array([phase["to"] - phase["from"] for phase in phases])
+    lasts = np.array([phase.to_s - phase.from_s for phase in phases])
     longest = np.sort(np.argsort(-lasts, kind="stable")[:MOST_PHASES])
     shown = [i for i in longest.tolist() if lasts[i] >= LEAST_PHASE_S]
     rest = len(phases) - len(shown)
@@ -91,15 +93,17 @@ def _phases(phases: Sequence[Mapping[str, Any]]) -> str:
     return told + (f", and {rest} shorter" if rest else "")
 
 
-def _phase(phase: Mapping[str, Any]) -> str:
-    boot = f"boot {phase['boot']}: " if phase["boot"] > 1 else ""
-    words = [str(phase[key]) for key in ("mode", "state") if key in phase]
-    return " ".join((f"{boot}{phase['from']:.0f} to {phase['to']:.0f} s", *words))
+def _phase(phase: FlightPhase) -> str:
+    words = [word for word in (phase.mode, phase.state) if word is not None]
+    return " ".join((f"{_boot(phase)}{phase.from_s:.0f} to {phase.to_s:.0f} s", *words))
 
 
-def _window(stretch: Mapping[str, Any]) -> str:
-    boot = f"boot {stretch['boot']}: " if stretch["boot"] > 1 else ""
-    return f"{boot}{stretch['from']:g} to {stretch['to']:g} s"
+def _window(stretch: Span) -> str:
+    return f"{_boot(stretch)}{stretch.from_s:g} to {stretch.to_s:g} s"
+
+
+def _boot(span: Span) -> str:
+    return "" if span.boot is None or span.boot <= 1 else f"boot {span.boot}: "
 
 
 def _first(texts: Sequence[str], most: int) -> str:

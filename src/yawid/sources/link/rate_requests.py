@@ -94,11 +94,11 @@ class RateRequests:
         news, self._news = self._news, []
         return news
 
-    def summary(self) -> dict[str, dict[str, Any]]:
+    def summary(self) -> dict[str, dict[str, float | str]]:
         """Return what was asked, answered and achieved, by message."""
         found = {}
         for name, wish in self.wishes.items():
-            entry: dict[str, Any] = {"asked_hz": self.hz}
+            entry: dict[str, float | str] = {"asked_hz": self.hz}
             if wish.answer is not None:
                 entry["answer"] = wish.answer
             if wish.achieved_hz is not None:

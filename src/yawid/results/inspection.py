@@ -1,0 +1,60 @@
+"""What ``yawid inspect`` finds, as ``--json`` prints it: one type for each object."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from msgspec import field
+
+from yawid.results.run_summary import Origin, Part, VerdictSummary
+
+
+class MessageRate(Part, frozen=True):
+    """How many messages came, how often, and the percentiles of their intervals."""
+
+    messages: int
+    rate_hz: float
+    interval_median_s: float
+    interval_p5_s: float
+    interval_p95_s: float
+
+
+class Answerable(Part, frozen=True):
+    """The fastest Dutch roll that the rates can answer at all, and well."""
+
+    wn_max_rad_s: float
+    wn_well_rad_s: float
+
+
+class Span(Part, frozen=True):
+    """A stretch of a boot, in seconds since it."""
+
+    boot: int | None
+    from_s: float = field(name="from")
+    to_s: float = field(name="to")
+
+
+class FlightPhase(Span, frozen=True):
+    """A stretch in one flight mode, airborne, slow or on the ground."""
+
+    mode: str | None = None
+    state: str | None = None
+
+
+class Inspection(Origin, frozen=True, kw_only=True):
+    """What a log can answer; frames of each sender (``sysid/compid``), and what came of them.
+
+    ``unchecked`` says that frames are signed and nobody checks them, ``excited`` where the rudder
+    moved on its own, ``recommend`` the options of a replay and what to ``record`` next time.
+    """
+
+    senders: dict[str, int]
+    by_sender: dict[str, dict[str, int]]
+    unchecked: str | None = None
+    rates: dict[str, MessageRate]
+    answerable: Answerable | None = None
+    phases: list[FlightPhase] | None = None
+    excited: list[Span]
+    recommend: dict[str, Any]
+    command: str | None = None
+    verdict: VerdictSummary

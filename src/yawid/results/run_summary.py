@@ -1,0 +1,288 @@
+"""What a run came to, as ``--json`` prints it and its MCAP holds it: one type for each object.
+
+What does not apply is None and has no key in JSON; no number there is NaN or infinite. The fields
+stand in the order of the keys.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from operator import methodcaller
+from typing import Annotated, Any, Final, Self
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+LARGEST: Final = 1e300
+"""Of a number in a summary: an estimate that diverged is still shown, infinity is not."""
+Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class Part(Struct, frozen=True, omit_defaults=True):
+    """An object in JSON."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for ``json.dumps``: dicts, lists, texts and numbers."""
+        # A scalar of numpy is a number too.
+        found: dict[str, Any] = msgspec.to_builtins(self, enc_hook=methodcaller("item"))
+        return found
+
+
+class VehicleSeen(Part, frozen=True):
+    """A vehicle by its address, and what HEARTBEAT calls it."""
+
+    sysid: Count
+    compid: Count
+    type: Count
+    autopilot: Count
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Its system and component."""
+        return self.sysid, self.compid
+
+
+class BootSpan(Part, frozen=True):
+    """What a boot of the vehicle covers, seconds since it."""
+
+    boot: Count
+    from_s: Number = field(name="from")
+    to_s: Number = field(name="to")
+
+
+class LinkCounts(Part, frozen=True):
+    """What came over the link; empty for a recovered run, of which nobody knows."""
+
+    frames: Count | None = None
+    skipped_bytes: Count | None = None
+    bad_crc: Count | None = None
+    unknown: Count | None = None
+    lost: Count | None = None
+    reboots: Count | None = None
+    clock_steps: Count | None = None
+    gaps: Count | None = None
+    unsigned_rejected: Count | None = None
+    clock_leap_s: Number | None = None
+    signed: Count | None = None
+
+
+class ChannelFound(Part, frozen=True):
+    """Where a channel comes from, how it was found, its travel, and how often it comes.
+
+    ``rate_hz`` is of the first seconds, which chose the grid, unless ``first_rate_hz`` stands
+    beside it: then it is the whole run's.
+    """
+
+    source: str
+    how: str | None = None
+    min_us: Number | None = None
+    trim_us: Number | None = None
+    max_us: Number | None = None
+    reversed: bool | None = None
+    rate_hz: Positive | None = None
+    first_rate_hz: Positive | None = None
+
+
+class Orders(Part, frozen=True):
+    """Orders of the ARMAX model; nb and nk are those of every input."""
+
+    na: Count
+    nb: Count
+    nc: Count
+    nk: Count
+
+    def __str__(self) -> str:
+        """Return them as ``--orders`` takes them."""
+        return f"{self.na},{self.nb},{self.nc},{self.nk}"
+
+
+class Mode(Part, frozen=True, kw_only=True):
+    """One mode of the model, a pair of poles once: frequency in rad/s, sigmas, times in s."""
+
+    kind: str
+    wn_rad_s: Number | None = None
+    wn_std: Number | None = None
+    zeta: Number | None = None
+    zeta_std: Number | None = None
+    period_s: Number | None = None
+    time_constant_s: Number | None = None
+
+
+class DutchRoll(Part, frozen=True, kw_only=True):
+    """The answer: natural frequency in rad/s, damping ratio, a sigma each, MIL-F-8785C's level."""
+
+    wn_rad_s: Positive
+    wn_std: Number | None = None
+    zeta: Number
+    zeta_std: Number | None = None
+    level: Count | None = None
+
+    @staticmethod
+    def of(row: Sequence[float], level: int | None = None) -> DutchRoll | None:
+        """Return it of wn, its sigma, zeta and its sigma, None where wn or zeta is unknown: NaN."""
+        wn, wn_std, zeta, zeta_std = (float(x) if math.isfinite(x) else None for x in row)
+        if wn is None or zeta is None or not wn > 0.0:
+            return None
+        return DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=zeta, zeta_std=zeta_std, level=level)
+
+
+class Value(Part, frozen=True):
+    """A coefficient of eq. 22-23 and its sigma."""
+
+    value: Number | None = None
+    std: Number | None = None
+
+
+class Fit(Part, frozen=True):
+    """How well the model tells what was measured, in percent; and what its residuals say."""
+
+    one_step_pct: Number | None = None
+    simulation_pct: Number | None = None
+    simulation_held_back_pct: Number | None = None
+    innovation_std: Number | None = None
+    residual_std: Number | None = None
+    whiteness_p: Number | None = None
+    spr_margin: Number | None = None
+
+
+class MethodSummary(Part, frozen=True, kw_only=True):
+    """What one estimator found; theta and its sigmas by the names of the parameters."""
+
+    method: str
+    orders: Orders
+    sample_time_s: Positive
+    forgetting_factor: Number | None = None
+    updates: Count
+    held: Count
+    theta: dict[str, Number]
+    theta_std: dict[str, Number]
+    modes: list[Mode] | None = None
+    dutch_roll: DutchRoll | None = None
+    physics: dict[str, Value] | None = None
+    fit: Fit
+
+
+class ReasonSummary(Part, frozen=True):
+    """A reason of the verdict: its id, ``fatal`` or ``warning``, and in words."""
+
+    id: str
+    weight: str
+    text: str
+
+
+class VerdictSummary(Part, frozen=True, kw_only=True):
+    """Whether the answer may be used, why not, and the estimator that gives it."""
+
+    method: str | None = None
+    usable: bool
+    reasons: list[ReasonSummary]
+
+
+class Source(Part, frozen=True):
+    """The log that the samples of a replayed MCAP are from."""
+
+    log: str | None = None
+    sha256: str | None = None
+    bytes_read: Count | None = None
+
+
+class LiveFacts(Part, frozen=True, kw_only=True):
+    """What a live session adds: the tap's counts, what was said, what failed, how long it took.
+
+    ``rates`` are the messages asked for: the rate asked, the answer, the rate achieved.
+    """
+
+    datagrams: Count | None = None
+    skipped_bytes: Count | None = None
+    receive_buffer_bytes: Count | None = None
+    dropped: dict[str, Count]
+    events: list[str]
+    rates: dict[str, dict[str, Number | str]] | None = None
+    failed: list[str] | None = None
+    latency_ms: dict[str, Number] | None = None
+    viewer_skipped: Count | None = None
+
+
+class Recovered(Part, frozen=True):
+    """What a file recovered from a torn one holds, and what it does not."""
+
+    samples: Count
+    left_out: str
+
+
+class Origin(Part, frozen=True, kw_only=True):
+    """Which log, which vehicle, over which link, by which channels.
+
+    A log that was not read to its end has ``bytes_read`` instead of a hash.
+    """
+
+    log: str
+    sha256: str | None = None
+    bytes_read: Count | None = None
+    source: Source | None = None
+    duration_s: Number
+    vehicle: VehicleSeen | None = None
+    vehicles: list[VehicleSeen] | None = None
+    boots: list[BootSpan] | None = None
+    link: LinkCounts
+    channels: dict[str, ChannelFound]
+
+    @property
+    def own_source(self) -> Source:
+        """The log, and its hash or how far it was read."""
+        return Source(self.log, self.sha256, self.bytes_read)
+
+
+class RunSummary(Origin, frozen=True, kw_only=True):
+    """The summary of a run; ``estimates`` by method, None where there was no bank."""
+
+    estimates: dict[str, MethodSummary] | None = None
+    verdict: VerdictSummary
+    live: LiveFacts | None = None
+    files: dict[str, str] | None = None
+    recovered: Recovered | None = None
+
+    @classmethod
+    def from_json(cls, data: bytes) -> Self:
+        """Return the summary that a file holds as JSON; keys of newer versions are left out.
+
+        Raises:
+            ValueError: it is no JSON, or not as yawid writes it: the text names the field.
+        """
+        try:
+            # Half a surrogate pair can stand in JSON and in no file: it becomes a question mark.
+            text = json.dumps(json.loads(data), ensure_ascii=False).encode("utf-8", "replace")
+            return msgspec.convert(json.loads(text), cls)
+        except RecursionError as error:
+            raise ValueError("it is nested too deeply") from error
+        except msgspec.ValidationError as error:
+            what, _, where = str(error).partition(" - at `$.")
+            raise ValueError(f"{where.rstrip('`') or 'its summary'}: {what}") from error
+
+    @property
+    def answering(self) -> str | None:
+        """The method whose estimate is the answer, None where nothing was estimated.
+
+        The verdict says which; in runs of older versions it is the first.
+        """
+        estimates, method = self.estimates or {}, self.verdict.method
+        return method if method in estimates else next(iter(estimates), None)
+
+    @property
+    def answer(self) -> MethodSummary | None:
+        """The estimate that is the answer."""
+        return None if self.answering is None else (self.estimates or {})[self.answering]
+
+    @property
+    def others(self) -> dict[str, MethodSummary]:
+        """The estimates that are not the answer, by method."""
+        return {m: e for m, e in (self.estimates or {}).items() if m != self.answering}
+
+    @property
+    def dutch_roll(self) -> DutchRoll | None:
+        """The Dutch roll of the method that answers."""
+        return None if self.answer is None else self.answer.dutch_roll
