@@ -45,7 +45,7 @@ from yawid.errors import (
 from yawid.runs.stop import Interrupted, StopFlag
 
 if TYPE_CHECKING:
-    from yawid.results.run_summary import Origin
+    from yawid.results.run_summary import Origin, RunSummary
 
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130

@@ -7,13 +7,14 @@ own.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import convert
 
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.boots import Boots
@@ -26,8 +27,10 @@ from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
+from yawid.results.inspection import Inspection
 from yawid.results.judge_samples import LEAST_RATE_HZ, reaction_shares
 from yawid.results.reasons import KINDS, Verdict
+from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.sources.mavlink.enums import FIXED_WING, GENERIC
@@ -81,24 +84,25 @@ class Trial:
     """
 
     config: RunConfig
-    summary: dict[str, Any]
+    summary: RunSummary
     verdict: Verdict
     aileron_reacts: float = 0.0
 
     @property
     def wn_rad_s(self) -> float:
         """The natural frequency of the method that answers, NaN where there is none."""
-        return float(self._answer.get("dutch_roll", {}).get("wn_rad_s", np.nan))
+        roll = None if self._answer is None else self._answer.dutch_roll
+        return np.nan if roll is None else roll.wn_rad_s
 
     @property
     def simulation_pct(self) -> float:
         """The free-running fit of the method that answers."""
-        return float(self._answer.get("fit", {}).get("simulation_pct", -np.inf))
+        told_pct = None if self._answer is None else self._answer.fit.simulation_pct
+        return -np.inf if told_pct is None else told_pct
 
     @property
-    def _answer(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.summary.get("estimates", {}).get(self.verdict.method, {})
-        return found
+    def _answer(self) -> MethodSummary | None:
+        return (self.summary.estimates or {}).get(self.verdict.method or "")
 
 
 class Trials:
@@ -127,7 +131,7 @@ class Trials:
 
 def inspect(
     log: Path, config: RunConfig, reading: Reading | None = None
-) -> tuple[dict[str, Any], Verdict]:
+) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
     The verdict is that of the stretch recommended where that is usable, else of the whole log.
@@ -140,7 +144,7 @@ def inspect(
         return _inspected(source, config)
 
 
-def _inspected(source: Log, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
+def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
     pipeline, survey = KeepingPipeline(config), Survey()
     pipeline.channels.watch = survey.note
     run_log(source, pipeline)
@@ -150,7 +154,8 @@ def _inspected(source: Log, config: RunConfig) -> tuple[dict[str, Any], Verdict]
     if pipeline.kept and pipeline.channels.surfaces:
         found = stretches(pipeline.kept, config, pipeline.channels.boots)
     kept = ("log", "sha256", "duration_s", "vehicle", "vehicles", "boots", "link", "channels")
-    report = {key: whole.summary[key] for key in kept if key in whole.summary}
+    summary = whole.summary.to_json()
+    report: dict[str, Any] = {key: summary[key] for key in kept if key in summary}
     report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}
     counted = {key: SenderStats(frames) for key, frames in link.senders.items()} | dict(
         link.by_sender
@@ -176,8 +181,8 @@ def _inspected(source: Log, config: RunConfig) -> tuple[dict[str, Any], Verdict]
     ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
     if record := what_to_record(ids, pipeline.channels):
         report["recommend"]["record"] = record
-    report["verdict"] = as_summary(chosen.verdict)
-    return report, chosen.verdict
+    report["verdict"] = as_summary(chosen.verdict).to_json()
+    return convert(report, Inspection), chosen.verdict
 
 
 def said_options(config: RunConfig) -> dict[str, Any]:
@@ -337,7 +342,8 @@ def _mended(trials: Trials, trial: Trial) -> Trial | None:
             remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
     if not remedy:
         return None
-    own_hz = 1.0 / float(trial.summary["estimates"][trial.verdict.method]["sample_time_s"])
+    assert trial._answer is not None  # a fatal reason with a remedy comes of an estimate
+    own_hz = 1.0 / trial._answer.sample_time_s
     if "rate" in remedy:
         remedy["rate"] = max(NICE_RATES_HZ[0], min(remedy["rate"], own_hz))
     if "band" in remedy:
@@ -358,9 +364,8 @@ def _weight(verdict: Verdict) -> tuple[int, ...]:
 
 def _rate(trial: Trial, later_hz: float) -> float:
     """Return the nice rate nearest to sixteen samples per period, no more than the log has."""
-    channels: Mapping[str, Any] = trial.summary["channels"]
-    first = [each.get("first_rate_hz", each["rate_hz"]) for each in channels.values()]
-    own = min(later_hz, *first)
+    rates = [each.first_rate_hz or each.rate_hz for each in trial.summary.channels.values()]
+    own = min(later_hz, *(rate for rate in rates if rate is not None))
     wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0
     target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
     allowed = [rate for rate in NICE_RATES_HZ if rate <= own * 1.02]

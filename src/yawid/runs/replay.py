@@ -5,11 +5,14 @@ from __future__ import annotations
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
+
+from msgspec.structs import replace
 
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import (
@@ -23,6 +26,7 @@ from yawid.runs.outputs import (
 from yawid.runs.run_log import open_log, run_log
 from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
+from yawid.sinks.mcap.reader import LogLine
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import Log, Source
 from yawid.sources.read_options import Reading
@@ -43,13 +47,13 @@ class Origin(Protocol):
     def modes_of(self) -> tuple[int, int]:
         """Autopilot and vehicle type, where the source has no HEARTBEAT; else zeros."""
 
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[dict[str, Any], Verdict]:
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
         """Return the summary and the verdict of the pipeline that has had what was read."""
 
     def parameters(self, pipeline: Pipeline) -> bytes:
         """Return the vehicle's parameters, as they are attached to a run's file."""
 
-    def log_lines(self) -> list[Any]:
+    def log_lines(self) -> list[LogLine]:
         """Return lines for people that were written when the samples were made."""
 
 
@@ -61,7 +65,7 @@ class LogOrigin:
     def __init__(self, source: Log) -> None:
         self.source, self.path = source, source.path
 
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[dict[str, Any], Verdict]:
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
         """See :class:`Origin`."""
         boots, link = pipeline.channels.boots, self.source.link
         for said in (boots.warning(pipeline.config), self.source.options.unchecked(link)):
@@ -73,7 +77,7 @@ class LogOrigin:
         """See :class:`Origin`."""
         return parameters_of(pipeline)
 
-    def log_lines(self) -> list[Any]:
+    def log_lines(self) -> list[LogLine]:
         """See :class:`Origin`."""
         return []
 
@@ -86,7 +90,7 @@ def replay(
     reading: Reading | None = None,
     *,
     automatic: bool = False,
-) -> tuple[dict[str, Any], Verdict]:
+) -> tuple[RunSummary, Verdict]:
     """Replay one log; return its summary and verdict; ``automatic`` chooses the orders by the log.
 
     Told to ``stop`` it keeps what it has read, by names and with a verdict that say so.
@@ -108,7 +112,7 @@ def replay(
 
 def to_files(
     origin: Origin, config: RunConfig, outputs: Outputs, stop: StopFlag
-) -> tuple[dict[str, Any], Verdict]:
+) -> tuple[RunSummary, Verdict]:
     """Run what is replayed to its files; return the summary and the verdict.
 
     Raises:
@@ -130,13 +134,13 @@ def to_files(
         for sink in sinks:
             for line in origin.log_lines():
                 sink.log(line.unix_ns, line.level, line.text)
-        finish(pipeline, summary, files, origin.parameters(pipeline))
+        summary = finish(pipeline, summary, files, origin.parameters(pipeline))
     return summary, verdict
 
 
 def _cut_short(
-    summary: dict[str, Any], verdict: Verdict, signal: str, read_bytes: tuple[int, int]
-) -> tuple[dict[str, Any], Verdict]:
+    summary: RunSummary, verdict: Verdict, signal: str, read_bytes: tuple[int, int]
+) -> tuple[RunSummary, Verdict]:
     """Return summary and verdict of a run that a signal ended: a part of a log answers for no log.
 
     ``read_bytes`` are those read and those there are; there is no hash of the log.
@@ -144,5 +148,5 @@ def _cut_short(
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"
     verdict = Verdict.of([Reason("interrupted", text), *verdict.reasons], verdict.method)
-    told = {("bytes_read" if key == "sha256" else key): summary[key] for key in summary}
-    return told | {"bytes_read": read, "verdict": as_summary(verdict)}, verdict
+    told = replace(summary, sha256=None, bytes_read=read, verdict=as_summary(verdict))
+    return told, verdict

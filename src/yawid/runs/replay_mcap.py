@@ -24,6 +24,7 @@ from yawid.results.estimate_summary import method_summary
 from yawid.results.judge import bank_verdict
 from yawid.results.judge_estimate import Evidence
 from yawid.results.reasons import KINDS, Reason, Verdict
+from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.results.summary import as_summary
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import Outputs
@@ -56,7 +57,7 @@ def replay_run(
     stop: StopFlag,
     *,
     automatic: bool = False,
-) -> tuple[dict[str, Any], Verdict]:
+) -> tuple[RunSummary, Verdict]:
     """Estimate a run's samples again; return the summary and the verdict.
 
     ``settings`` overrule those of the run; ``automatic`` chooses the orders by the samples.
@@ -108,7 +109,7 @@ class RunOrigin:
         grid = run.grid
         self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
 
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[dict[str, Any], Verdict]:
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
         """See :class:`yawid.runs.replay.Origin`."""
         run, config = self._run, pipeline.config
         if is_whole and pipeline.bank is None and run.grid is not None:
@@ -162,31 +163,27 @@ def _covered(run: McapRun) -> str:
     return f"{low:.1f} to {high:.1f} s"
 
 
-def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]:
+def _summary(run: McapRun, pipeline: Pipeline) -> tuple[RunSummary, Verdict]:
     with run.path.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     before = run.summary
-    own = {name: before[name] for name in ("log", "sha256", "bytes_read") if name in before}
-    origin = before.get("source", own)
-    kept = ("duration_s", "vehicle", "link", "channels")
-    summary: dict[str, Any] = {"log": str(run.path.absolute()), "sha256": sha256}
-    summary |= {"source": origin} | {name: before[name] for name in kept if name in before}
     evidence: dict[str, Evidence] = {}
-    said = before["verdict"]["reasons"]
-    if unknown := sorted({r["id"] for r in said} - KINDS.keys()):
+    estimates: dict[str, MethodSummary] | None = None
+    said = before.verdict.reasons
+    if unknown := sorted({r.id for r in said} - KINDS.keys()):
         raise SourceError(f"{run.path} gives reasons unknown to this version: {', '.join(unknown)}")
-    reasons = [Reason(r["id"], r["text"]) for r in said]
+    reasons = [Reason(r.id, r.text) for r in said]
     of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
     bank = pipeline.bank
     if bank is not None:
-        summary["estimates"] = {}
+        estimates = {}
         for method in bank.methods:
-            summary["estimates"][method], evidence[method] = method_summary(bank, method)
+            estimates[method], evidence[method] = method_summary(bank, method)
         # What was recovered knows of the grid alone, which is no faster than the messages were.
-        least_hz, channels = 1.0 / bank.sample_time_s, before["channels"]
-        yaw, rudder = (channels.get(name, {}) for name in ("yaw", pipeline.config.inputs[0]))
+        least_hz, channels = 1.0 / bank.sample_time_s, before.channels
+        yaw, rudder = (channels.get(name) for name in ("yaw", pipeline.config.inputs[0]))
         yaw_hz, rudder_hz = (
-            each.get("first_rate_hz", each.get("rate_hz", least_hz)) for each in (yaw, rudder)
+            (each and (each.first_rate_hz or each.rate_hz)) or least_hz for each in (yaw, rudder)
         )
         unit = pipeline.config.half_travel
         verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)
@@ -194,5 +191,15 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[dict[str, Any], Verdict]
         verdict = Verdict.of(of_the_log)
     else:
         verdict = Verdict.of(reasons)
-    summary["verdict"] = as_summary(verdict)
+    summary = RunSummary(
+        log=str(run.path.absolute()),
+        sha256=sha256,
+        source=before.source or before.own_source,
+        duration_s=before.duration_s,
+        vehicle=before.vehicle,
+        link=before.link,
+        channels=before.channels,
+        estimates=estimates,
+        verdict=as_summary(verdict),
+    )
     return summary, verdict
