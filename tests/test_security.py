@@ -39,7 +39,7 @@ KNOWN_CODES = {0, 3, 4, 5, 6}
 
 def told(records: bytes, key: bytes | None) -> dict[str, Any]:
     reading = Reading(key=None if key is None else SigningKey(key))
-    return finished(records, RunConfig(rate=10.0), options=reading)[0]
+    return finished(records, RunConfig(rate=10.0), options=reading)[0].to_json()
 
 
 def over_udp(datagrams: list[bytes]) -> bytes:

@@ -24,7 +24,7 @@ MIDDLE_S = 90.0  # vehicle time; the flight lasts from 30 s to 150 s
 
 def run(log: bytes, **settings: Any) -> Summary:
     config = RunConfig(**({"rate": 10.0, "forgetting": 1.0} | settings))
-    return finished(log, config, size=1 << 16)[0]
+    return finished(log, config, size=1 << 16)[0].to_json()
 
 
 @functools.cache

@@ -17,6 +17,7 @@ from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
+from yawid.results.run_summary import RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.run_log import open_log, run_log
 from yawid.sinks.base import Sink
@@ -110,8 +111,8 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
 
 
 def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
-    """Replay a log as a whole, verdict included."""
-    return finished(data, config)[0]
+    """Replay a log as a whole; return what ``--json`` prints of it."""
+    return finished(data, config)[0].to_json()
 
 
 def finished(
@@ -121,7 +122,7 @@ def finished(
     size: int = 0,
     options: Reading | None = None,
     sinks: Sequence[Sink] = (),
-) -> tuple[dict[str, Any], Verdict]:
+) -> tuple[RunSummary, Verdict]:
     """Replay a log in pieces of ``size`` bytes (0: one); return its summary and verdict."""
     pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
     source, pipeline = TlogBytes(pieces, WANTED, options), Pipeline(config or RunConfig(), sinks)
@@ -136,7 +137,7 @@ def run_through(path: Path, config: RunConfig) -> tuple[Pipeline, Log]:
     return pipeline, source
 
 
-def summarised(path: Path, config: RunConfig) -> tuple[dict[str, Any], Verdict]:
+def summarised(path: Path, config: RunConfig) -> tuple[RunSummary, Verdict]:
     """Return summary and verdict of a log."""
     pipeline, source = run_through(path, config)
     return summarise(pipeline, source.link, "", "")

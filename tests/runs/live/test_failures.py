@@ -35,9 +35,9 @@ def test_a_full_disk_under_the_tlog_is_one_line_and_the_mcap_goes_on(tmp_path: P
     [ended] = session.ended
     assert len(lines_with("No space left", session.screen)) == 1
     assert ended.exit_code == 6
-    assert set(ended.summary["files"]) == {"mcap"}
-    assert len(ended.summary["live"]["failed"]) == 1
-    assert ended.summary["estimates"]["els"]["updates"] > 100
+    assert set(ended.summary.files) == {"mcap"}
+    assert len(ended.summary.live.failed) == 1
+    assert ended.summary.estimates["els"].updates > 100
 
 
 def test_a_full_disk_under_the_mcap_is_one_line_and_the_tlog_goes_on(tmp_path: Path):
@@ -50,7 +50,7 @@ def test_a_full_disk_under_the_mcap_is_one_line_and_the_tlog_goes_on(tmp_path: P
     [ended] = session.ended
     assert len(lines_with("No space left", session.screen)) == 1
     assert ended.exit_code == 6
-    assert set(ended.summary["files"]) == {"tlog"}
+    assert set(ended.summary.files) == {"tlog"}
     assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent)
 
 
@@ -66,7 +66,7 @@ def test_a_removed_folder_is_one_line_for_each_file_and_the_estimate_goes_on(tmp
         session.screen.wait_for("tracking")
     [ended] = session.ended
     assert len(lines_with("has been removed", session.screen)) == 2
-    assert (ended.exit_code, ended.summary["files"]) == (6, {})
+    assert (ended.exit_code, ended.summary.files) == (6, {})
 
 
 @pytest.mark.parametrize("jump_s", [-7200, 7200])
@@ -89,7 +89,10 @@ def test_a_clock_that_is_set_is_one_line_and_no_stamp_moves(
     stamped = [us for us, _ in stamped_frames((tmp_path / "live.tlog").read_bytes())]
     assert stamped == sorted(stamped)
     assert stamped[-1] - stamped[0] < 60_000_000
-    assert (ended.summary["link"]["clock_steps"], ended.summary["link"]["reboots"]) == (0, 0)
+    assert (
+        ended.summary.link.clock_steps,
+        ended.summary.link.reboots,
+    ) == (0, 0)
 
 
 def test_a_file_is_called_removed_when_it_is_and_not_before(
@@ -121,9 +124,9 @@ def test_a_viewer_that_dies_is_one_line_and_the_files_are_whole(tmp_path: Path):
             send(frames(10.0, first_s=120.0), session.port)
         [ended] = session.ended
     assert len(lines_with("no Rerun viewer", session.screen)) == 1
-    assert set(ended.summary["files"]) == {"mcap", "tlog"}
+    assert set(ended.summary.files) == {"mcap", "tlog"}
     assert ended.exit_code in (0, 5)
-    assert any("no Rerun viewer" in event for event in ended.summary["live"]["events"])
+    assert any("no Rerun viewer" in event for event in ended.summary.live.events)
 
 
 def test_a_part_left_by_a_crash_replays_as_it_is(tmp_path: Path):
@@ -134,7 +137,7 @@ def test_a_part_left_by_a_crash_replays_as_it_is(tmp_path: Path):
         torn = tmp_path / "torn.tlog.part"
         torn.write_bytes(session.part("tlog").read_bytes()[:-7])
     summary, _ = replay(torn, CONFIG, Outputs(tmp_path, "again"), StopFlag())
-    assert summary["link"]["frames"] == len(sent) - 1
+    assert summary.link.frames == len(sent) - 1
 
 
 def test_the_stream_the_session_talks_to_may_be_gone(tmp_path: Path):
@@ -175,5 +178,5 @@ def test_a_viewer_that_comes_back_is_shown_what_follows(
             send(frames(5.0, first_s=115.0), session.port)
             again.terminate()
     [ended] = session.ended
-    els = ended.summary["estimates"]["els"]
-    assert 0 < ended.summary["live"]["viewer_skipped"] < els["held"] + els["updates"]
+    els = ended.summary.estimates["els"]
+    assert 0 < ended.summary.live.viewer_skipped < els.held + els.updates

@@ -49,13 +49,13 @@ def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
     [(summary, _, _)] = session.ended
     again, _ = replay(tmp_path / "live.tlog", config, Outputs(tmp_path, "again"), StopFlag())
 
-    assert summary["estimates"] == again["estimates"]
-    assert summary["estimates"]["els"]["updates"] > 100
-    assert summary["link"]["frames"] == len(sent)
+    assert summary.estimates == again.estimates
+    assert summary.estimates["els"].updates > 100
+    assert summary.link.frames == len(sent)
     assert messages(tmp_path / "live.mcap") == messages(tmp_path / "again.mcap")
     assert (tmp_path / "live.rrd").stat().st_size > 10_000
-    assert set(summary["files"]) == {"mcap", "rrd", "tlog"}
-    assert summary["live"]["dropped"]["queue"] == 0
+    assert set(summary.files) == {"mcap", "rrd", "tlog"}
+    assert summary.live.dropped["queue"] == 0
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo terminals here")
@@ -71,9 +71,9 @@ def test_a_serial_line_is_recorded_and_estimated_as_a_socket_is(tmp_path: Path):
     summary = session.ended[0].summary
     again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
 
-    assert summary["link"]["frames"] == len(sent)
-    assert summary["estimates"]["els"]["updates"] > 100
-    assert again["estimates"] == summary["estimates"]
+    assert summary.link.frames == len(sent)
+    assert summary.estimates["els"].updates > 100
+    assert again.estimates == summary.estimates
 
 
 def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
@@ -85,7 +85,7 @@ def test_a_session_is_passive_not_one_byte_comes_back(tmp_path: Path):
         vehicle.settimeout(0.0)
         with pytest.raises(BlockingIOError):
             vehicle.recv(1)
-    assert session.ended[0].summary["estimates"]
+    assert session.ended[0].summary.estimates
 
 
 def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
@@ -104,7 +104,7 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
         vehicle.sendto(bytes(ack.pack(own)), ("127.0.0.1", session.port))
         send(frames(5.0, first_s=101.0), session.port, vehicle)
         session.screen.wait_for("Hz of the 50 asked for")
-    rates = session.ended[0].summary["live"]["rates"]
+    rates = session.ended[0].summary.live.rates
     assert (asked.get_type(), asked.target_system, asked.command) == ("COMMAND_LONG", 1, 511)
     assert {entry["asked_hz"] for entry in rates.values()} == {50.0}
     assert rates["ATTITUDE"]["answer"] == "accepted"
@@ -134,8 +134,8 @@ def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path:
     assert process.returncode in (0, 5), err
     assert out.count("\n") == 1
     summary = json.loads(out)
-    assert (process.returncode == 0) is summary["verdict"]["usable"]
-    assert summary["link"]["frames"] == len(sent)
+    assert (process.returncode == 0) is summary.verdict.usable
+    assert summary.link.frames == len(sent)
     assert {path.suffix for path in tmp_path.iterdir()} == {".tlog", ".mcap"}
 
 
@@ -155,7 +155,7 @@ def test_a_link_nobody_sends_on_has_no_vehicle_and_leaves_no_file(tmp_path: Path
     [ended] = live(options, RunConfig(), Outputs(tmp_path, "live"), StopFlag(), Console(screen))
 
     assert ended.exit_code == 3
-    assert ended.summary["files"] == {}
+    assert ended.summary.files == {}
     assert list(tmp_path.iterdir()) == []
 
 
@@ -172,7 +172,7 @@ def test_what_was_still_queued_when_the_session_ends_is_recorded_too(tmp_path: P
     with listening(tmp_path) as session:
         send(sent, session.port)
 
-    assert session.ended[0].summary["link"]["frames"] == len(sent)
+    assert session.ended[0].summary.link.frames == len(sent)
 
 
 def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):

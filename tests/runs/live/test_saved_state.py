@@ -46,10 +46,10 @@ def test_a_second_session_goes_on_from_where_the_first_ended(tmp_path: Path):
     first, _ = fly(tmp_path, state, "one", frames(30.0))
     second, said = fly(tmp_path, state, "two", frames(7.0, first_s=500.0))
 
-    learnt = first.summary["estimates"]["els"]["updates"]
+    learnt = first.summary.estimates["els"].updates
     assert f"resumed from {state}: {learnt} updates" in said
-    assert second.summary["estimates"]["els"]["updates"] > learnt
-    theta = [e.summary["estimates"]["els"]["theta"]["a1"] for e in (first, second)]
+    assert second.summary.estimates["els"].updates > learnt
+    theta = [e.summary.estimates["els"].theta["a1"] for e in (first, second)]
     assert theta[1] == pytest.approx(theta[0], abs=0.05)
 
 
@@ -57,7 +57,7 @@ def test_what_is_saved_is_the_estimator_to_the_bit(tmp_path: Path):
     state = tmp_path / "state"
     ended, _ = fly(tmp_path, state, "one", frames(30.0))
     _, _, body = state.read_bytes().partition(b"\n")
-    theta = ended.summary["estimates"]["els"]["theta"]
+    theta = ended.summary.estimates["els"].theta
     size = len(body) // 2
     saved = RecursiveArmax.from_bytes(body[:size])
     np.testing.assert_array_equal(saved.theta, list(theta.values()))
@@ -85,7 +85,7 @@ def test_another_vehicle_starts_anew_with_the_reason_and_the_old_state_is_kept(t
     assert "does not fit, starting anew: vehicle is 7/1, type 1, in the state 1/1" in said
     assert (tmp_path / "state.old").read_bytes() == old
     assert state.read_bytes() != old
-    assert ended.summary["estimates"]["els"]["updates"] < 400
+    assert ended.summary.estimates["els"].updates < 400
 
 
 def test_another_configuration_is_refused_at_once_with_the_reason(tmp_path: Path):

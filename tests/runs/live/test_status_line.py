@@ -18,7 +18,9 @@ from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.live import Console
 from yawid.runs.live.standing import Standing
+from yawid.runs.run_log import run_log
 from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.open_log import TlogBytes
 
 
 class Terminal(io.StringIO):
@@ -118,14 +120,14 @@ def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
 
 def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
     pipeline = Pipeline(RunConfig(rate=10.0, forgetting=1.0))
-    pipeline.feed(C172P.read_bytes())
-    pipeline.finish()
+    source = TlogBytes([C172P.read_bytes()], WANTED)
+    run_log(source, pipeline)
     assert pipeline.newest is not None
-    summary, verdict = summarise(pipeline, "log.tlog", "")
-    answer = summary["estimates"][verdict.method]["dutch_roll"]
+    summary, verdict = summarise(pipeline, source.link, "log.tlog", "")
+    answer = summary.estimates[verdict.method].dutch_roll
     assert verdict.method == "rml" != pipeline.config.method
 
-    line = Standing().line(pipeline, 0, int(pipeline.newest.received_us[-1]))
+    line = Standing().line(pipeline, source.link.frames, 0, int(pipeline.newest.received_us[-1]))
 
-    assert f"ωn {answer['wn_rad_s']:.4g} ± {answer['wn_std']:.2g} rad/s" in line
+    assert f"ωn {answer.wn_rad_s:.4g} ± {answer.wn_std:.2g} rad/s" in line
     assert "by RML, tracking" in line

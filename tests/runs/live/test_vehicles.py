@@ -33,19 +33,19 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
         for sysid, sent in heard.items():
             wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent))
 
-    ended = {e.summary["vehicle"]["sysid"]: e.summary for e in session.ended}
+    ended = {e.summary.vehicle.sysid: e.summary for e in session.ended}
     assert set(ended) == {1, 2}
     assert {p.name for p in tmp_path.iterdir()} == {
         f"live-{sysid}.{suffix}" for sysid in (1, 2) for suffix in ("tlog", "mcap")
     }
     for sysid, summary in ended.items():
-        assert summary["link"]["frames"] == len(heard[sysid])
+        assert summary.link.frames == len(heard[sysid])
         again, _ = replay(
             tmp_path / f"live-{sysid}.tlog", CONFIG, Outputs(tmp_path, f"{sysid}"), StopFlag()
         )
-        assert again["estimates"] == summary["estimates"]
-        assert again["estimates"]["els"]["updates"] > 100
-        assert again["link"]["lost"] == 0
+        assert again.estimates == summary.estimates
+        assert again.estimates["els"].updates > 100
+        assert again.link.lost == 0
 
 
 def test_each_vehicle_s_tlog_has_the_ground_station_but_no_other_vehicle(tmp_path: Path):
@@ -74,7 +74,7 @@ def test_one_of_several_vehicles_can_be_chosen(tmp_path: Path):
         send(sent, session.port)
         wait_for_size(session.part("tlog"), tlog_size(sent))
 
-    assert session.ended[0].summary["vehicle"]["sysid"] == 2
+    assert session.ended[0].summary.vehicle.sysid == 2
 
 
 def test_a_second_vehicle_that_is_not_estimated_is_said_one_time(tmp_path: Path):
@@ -100,7 +100,7 @@ def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_
         session.screen.wait_for("no longer estimated")
         session.screen.wait_for("tracking")
 
-    assert [e.summary["vehicle"]["sysid"] for e in session.ended] == [1]
+    assert [e.summary.vehicle.sysid for e in session.ended] == [1]
 
 
 def test_a_state_that_goes_bad_while_a_session_runs_costs_no_vehicle_its_record(tmp_path: Path):
@@ -111,11 +111,11 @@ def test_a_state_that_goes_bad_while_a_session_runs_costs_no_vehicle_its_record(
         for sysid in sent:
             wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent[sysid]))
 
-    ended = {e.summary["vehicle"]["sysid"]: e for e in session.ended}
+    ended = {e.summary.vehicle.sysid: e for e in session.ended}
     assert {sysid: e.exit_code == 6 for sysid, e in ended.items()} == {1: False, 2: True}
-    assert all(e.summary["estimates"]["els"]["updates"] > 100 for e in ended.values())
+    assert all(e.summary.estimates["els"].updates > 100 for e in ended.values())
     assert session.screen.getvalue().count("is no saved state") == 1
-    assert "no saved state" in ended[2].summary["live"]["failed"][0]
+    assert "no saved state" in ended[2].summary.live.failed[0]
     assert (tmp_path / "state-2").read_text() == "hello"
     assert (tmp_path / "state-1").exists()
 
@@ -160,8 +160,8 @@ def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path):
         )
 
     [ended] = session.ended
-    assert ended.summary["vehicle"]["sysid"] == 1
-    assert ended.summary["link"]["unsigned_rejected"] == len(forged) + 2 * len(stranger)
+    assert ended.summary.vehicle.sysid == 1
+    assert ended.summary.link.unsigned_rejected == len(forged) + 2 * len(stranger)
     assert {path.name for path in tmp_path.iterdir()} == {"live-1.tlog", "live-1.mcap"}
     assert session.screen.getvalue().count("system 2: its HEARTBEAT is not signed") == 1
 

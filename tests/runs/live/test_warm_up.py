@@ -47,10 +47,10 @@ def test_what_comes_while_the_estimator_is_compiled_is_recorded_at_once_and_esti
 
     [(summary, _, _)] = session.ended
     again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
-    assert summary["link"]["frames"] == len(early + late)
-    assert summary["channels"]["rudder"]["how"] == "parameter"
-    assert summary["live"]["dropped"]["queue"] == 0
-    assert summary["estimates"] == again["estimates"]
+    assert summary.link.frames == len(early + late)
+    assert summary.channels["rudder"].how == "parameter"
+    assert summary.live.dropped["queue"] == 0
+    assert summary.estimates == again.estimates
     assert messages(tmp_path / "live.mcap") == messages(tmp_path / "again.mcap")
 
 
@@ -67,9 +67,9 @@ def test_a_session_told_to_stop_while_it_compiles_is_complete_all_the_same(
     [ended] = session.ended
     again, verdict = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
     assert ended.exit_code == verdict.exit_code
-    assert ended.summary["estimates"] == again["estimates"]
-    assert set(ended.summary["files"]) == {"mcap", "tlog"}
-    assert "latency_ms" not in ended.summary["live"]  # that of the link, not of the compiler
+    assert ended.summary.estimates == again.estimates
+    assert set(ended.summary.files) == {"mcap", "tlog"}
+    assert "latency_ms" not in ended.summary.live  # that of the link, not of the compiler
 
 
 def test_each_of_several_vehicles_waits_for_the_compiler(compiler: threading.Event, tmp_path: Path):
@@ -79,7 +79,10 @@ def test_each_of_several_vehicles_waits_for_the_compiler(compiler: threading.Eve
         for sysid in sent:
             wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent[sysid]))
         compiler.set()
-    assert [e.summary["estimates"]["els"]["updates"] > 100 for e in session.ended] == [True, True]
+    assert [e.summary.estimates["els"].updates > 100 for e in session.ended] == [
+        True,
+        True,
+    ]
 
 
 def test_what_does_not_fit_a_vehicle_is_found_after_compiling_and_stops_no_other(
@@ -91,7 +94,7 @@ def test_what_does_not_fit_a_vehicle_is_found_after_compiling_and_stops_no_other
         wait_for_size(session.part("tlog", "live-1"), tlog_size(quick))
         compiler.set()
         session.screen.wait_for("no longer estimated")
-    assert [e.summary["vehicle"]["sysid"] for e in session.ended] == [1]
+    assert [e.summary.vehicle.sysid for e in session.ended] == [1]
 
 
 def test_memory_for_what_waits_has_an_end_and_nothing_is_lost(
@@ -105,8 +108,8 @@ def test_memory_for_what_waits_has_an_end_and_nothing_is_lost(
         compiler.set()
         wait_for_size(session.part("tlog"), tlog_size(sent))
     again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
-    assert again["link"]["frames"] == len(sent)
-    assert session.ended[0].summary["estimates"] == again["estimates"]
+    assert again.link.frames == len(sent)
+    assert session.ended[0].summary.estimates == again.estimates
 
 
 def test_a_warm_up_that_fails_says_so_and_is_no_silent_thread(monkeypatch: pytest.MonkeyPatch):

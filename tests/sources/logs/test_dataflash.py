@@ -90,7 +90,8 @@ def test_the_replay_finds_what_the_replay_of_the_telemetry_log_finds(tmp_path: P
     found = {}
     for path in (tlog, dataflash):
         outputs = Outputs(tmp_path, path.stem)
-        found[path], verdict = replay(path, RunConfig(forgetting=1.0), outputs, StopFlag())
+        summary, verdict = replay(path, RunConfig(forgetting=1.0), outputs, StopFlag())
+        found[path] = summary.to_json()
         assert verdict.exit_code == 0, verdict.reasons
     a, b = found[tlog], found[dataflash]
 

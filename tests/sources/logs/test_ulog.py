@@ -72,7 +72,8 @@ def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path
 def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path):
     log = ulg.rename(tmp_path / "flight.tlog")
     config = RunConfig(forgetting=1.0)
-    summary, verdict = replay(log, config, Outputs(tmp_path, "out"), StopFlag())
+    told, verdict = replay(log, config, Outputs(tmp_path, "out"), StopFlag())
+    summary = told.to_json()
 
     assert verdict.exit_code == 0, verdict.reasons
     assert summary["sha256"] == hashlib.sha256(whole()).hexdigest()
@@ -157,7 +158,7 @@ def test_nobody_flies_by_an_airspeed_of_zero_alone(landed, state, tmp_path: Path
         log.add("airspeed_validated", 20_000 * k + 1020, 0.0)
     report, _ = inspect(written(tmp_path, log.data), RunConfig())
 
-    assert {phase.get("state") for phase in report["phases"][-1:]} == {state}
+    assert {phase.state for phase in report.phases[-1:]} == {state}
 
 
 def test_angles_are_those_flown(ulg: Path):
