@@ -111,7 +111,7 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "mode_not_driven", 5, "estimate",
-        "Choose by --band what the rudder does drive, or fly more rudder doublets.", _FLY,
+        "Choose by --band what the rudder drives, or fly more rudder doublets.", _FLY,
     ),
     ReasonKind(
         "not_converged", 5, "estimate",
@@ -136,7 +136,7 @@ _TABLE: Final = (
     ReasonKind("disarmed", 0, "log", "Make sure that the outputs logged did move the surfaces."),
     ReasonKind(
         "els_rml_disagree", 0, "estimate",
-        "Take the one that answers, not the mean, and compare structures: yawid orders.",
+        "Take the one that answers, not the mean. Compare orders: yawid orders.",
     ),
     ReasonKind(
         "coloured_residuals", 0, "estimate",
