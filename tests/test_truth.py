@@ -36,10 +36,10 @@ def test_wn_and_zeta_lie_within_three_sigma_and_sigma_is_the_scatter():
 
 @pytest.mark.slow
 def test_aircraft_nobody_here_wrote_are_found_as_their_own_linearisation_says():
-    import jsbsim_table
+    import bench_aircraft
 
     for flight in (("J3Cub", 60.0, 2000.0), ("t6texan2", 150.0, 5000.0)):
-        true, estimates = jsbsim_table.fly(*flight)
+        true, estimates = bench_aircraft.fly(*flight)
         found = estimates["rml"]["dutch_roll"]
         assert found["wn_rad_s"] == pytest.approx(true["wn_rad_s"], rel=0.025)
         assert found["zeta"] == pytest.approx(true["zeta"], abs=0.02)

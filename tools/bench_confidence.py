@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -35,37 +36,57 @@ def configuration(orders: ArmaxOrders, factor: float, lags: int) -> EstimatorCon
     )  # fmt: skip
 
 
-def coverage(errors: Floats, sigmas: Floats) -> str:
-    """Return the share of intervals that hold the truth, over all parameters and the worst one."""
-    inside = np.abs(errors) <= NOMINAL * sigmas
-    return f"{inside.mean():.3f} (worst {inside.mean(axis=0).min():.3f})"
+def coverage(errors: Floats, sigmas: Floats) -> Floats:
+    """Return the share of 95 % intervals that hold the truth, for each parameter."""
+    shares: Floats = (np.abs(errors) <= NOMINAL * sigmas).mean(axis=0)
+    return shares
 
 
-def main(arguments: list[str]) -> None:
-    """Print both tables."""
-    parser = argparse.ArgumentParser(prog="bench.py confidence", description=__doc__)
-    parser.add_argument("--runs", type=int, default=40)
-    runs = parser.parse_args(arguments).runs
-    print(f"{runs} runs of {SAMPLES} samples, every {EVERY}: MSE over theory; coverage of 95 %")
+def row(name: str, mse: list[float], covered: list[Floats]) -> str:
+    """Return a row: the range over what was run, and the worst single parameter."""
+    means = [float(each.mean()) for each in covered]
+    worst = min(float(each.min()) for each in covered)
+    theory = f"{min(mse):.2f} to {max(mse):.2f}" if mse else ""
+    return f"| {name} | {theory} | {min(means):.3f} to {max(means):.3f} | {worst:.2f} |"
+
+
+def right_orders(runs: int) -> str:
+    """Return the row of the true structure, every plant, forgetting factor and correction."""
+    mse, covered = [], []
     for factor in FACTORS:
         for plant in PLANTS:
-            line = f"lambda {factor} {plant.name}"
             for lags in (0, LAGS):
-                errors, sigmas = track(
-                    plant, configuration(plant.orders, factor, lags), plant.theta, runs
-                )
+                config = configuration(plant.orders, factor, lags)
+                errors, sigmas = track(plant, config, plant.theta, runs)
                 metric = plant.information() * (1.0 + factor) / (1.0 - factor) / len(plant.theta)
-                q = np.einsum("ki,ij,kj->k", errors, metric, errors)
-                line += f" | lags {lags}: MSE {q.mean():.2f}, cover {coverage(errors, sigmas)}"
-            print(line, flush=True)
-    print("order too low by one; the truth is the model's own limit, from 10^6 samples")
+                mse.append(float(np.einsum("ki,ij,kj->k", errors, metric, errors).mean()))
+                covered.append(coverage(errors, sigmas))
+    return row("right orders", mse, covered)
+
+
+def too_low(runs: int) -> Iterator[str]:
+    """Yield the rows of a structure too small; the truth is its own limit, from 10^6 samples."""
+    limits = []
     for plant in PLANTS:
         o = plant.orders
         for orders in (replace(o, nc=o.nc - 1), replace(o, na=o.na - 1)):
-            limit = configuration(orders, 1.0, 0)
-            truth = RecursiveArmax(limit).run(*plant.simulate(10**6, 999), keep="last").theta[-1]
-            line = f"{plant.name} ({orders.na},{orders.nb[0]},{orders.nc})"
-            for lags in (0, LAGS):
-                errors, sigmas = track(plant, configuration(orders, 1.0, lags), truth, runs)
-                line += f" | lags {lags}: cover {coverage(errors, sigmas)}"
-            print(line, flush=True)
+            armax = RecursiveArmax(configuration(orders, 1.0, 0))
+            truth = armax.run(*plant.simulate(10**6, 999), keep="last").theta[-1]
+            limits.append((plant, orders, truth))
+    for lags, name in ((LAGS, "corrected"), (0, "not corrected")):
+        covered = [
+            coverage(*track(plant, configuration(orders, 1.0, lags), truth, runs))
+            for plant, orders, truth in limits
+        ]
+        yield row(f"one order too low, {name}", [], covered)
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
+    parser = argparse.ArgumentParser(prog="bench.py confidence", description=__doc__)
+    parser.add_argument("--runs", type=int, default=40)
+    runs = parser.parse_args(arguments).runs
+    yield "| | squared error over theory | 95 % intervals cover | worst parameter |"
+    yield "|---|---|---|---|"
+    yield right_orders(runs)
+    yield from too_low(runs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 
 import numpy as np
 from bench_plants import PLANTS, Floats, Plant
@@ -33,23 +34,22 @@ def ratios(plant: Plant, method: str, start_buffer: int, runs: int) -> Floats:
     return q
 
 
-def summary(q: Floats) -> str:
-    """Return mean over the runs that did not fail, its standard error, and failures."""
-    good = q[q <= FAIL]
-    if not len(good):
-        return f"all {len(q)} fail"
-    error = good.std() / np.sqrt(len(good))
-    return f"{good.mean():.2f} ±{error:.2f}, {len(q) - len(good)} fail"
+def cell(q: Floats) -> str:
+    """Return the mean of q (runs, lengths) over the runs that did not fail, by length."""
+    means, failed = [], int((q > FAIL).any(axis=1).sum())
+    for column in q.T:
+        good = column[column <= FAIL]
+        means.append(f"{good.mean():.2f}" if len(good) else "-")
+    return " / ".join(means) + (f", {failed} fail" if failed else "")
 
 
-def main(arguments: list[str]) -> None:
-    """Print the table."""
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table: q at each length."""
     parser = argparse.ArgumentParser(prog="bench.py efficiency", description=__doc__)
     parser.add_argument("--runs", type=int, default=400)
     runs = parser.parse_args(arguments).runs
-    print(f"{runs} runs; q at N = " + " / ".join(str(length) for length in LENGTHS))
+    yield "| | " + " | ".join(plant.name for plant in PLANTS) + " |"
+    yield "|---" * (1 + len(PLANTS)) + "|"
     for method, start_buffer in VARIANTS:
-        for plant in PLANTS:
-            q = ratios(plant, method, start_buffer, runs)
-            columns = "  |  ".join(summary(q[:, i]) for i in range(len(LENGTHS)))
-            print(f"{method} start_buffer={start_buffer:<4d} {plant.name}  {columns}", flush=True)
+        cells = [cell(ratios(plant, method, start_buffer, runs)) for plant in PLANTS]
+        yield f"| {method}, start_buffer={start_buffer} | " + " | ".join(cells) + " |"

@@ -10,7 +10,7 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -67,7 +67,7 @@ def peers(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], obje
         try:
             run()
         except (ImportError, TypeError, ValueError) as error:  # older than the NumPy it runs on
-            print(f"{name} fails: {error}")
+            print(f"{name} fails: {error}", file=sys.stderr)
         else:
             runs[name] = run, samples
     return runs
@@ -110,19 +110,29 @@ def first_result() -> float:
     return min(taken)
 
 
-def main(arguments: list[str]) -> None:
-    """Print a table for 6 and one for 9 parameters."""
+def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
+    """Return a row: ns per update and how many times faster than NumPy, by number of parameters."""
+    cells = []
+    for each in best:
+        ns = [each[part] for part in of if part in each]
+        times = [each["plain NumPy loop"] / value for value in ns]
+        cells.append(" / ".join(f"{value:.0f}" for value in ns))
+        cells.append(" / ".join(f"{value:.3g}" for value in times))
+    return f"| {name} | " + " | ".join(cells) + " |"
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table, for 6 and for 9 parameters."""
     parser = argparse.ArgumentParser(prog="bench.py estimator", description=__doc__)
     parser.add_argument("--rounds", type=int, default=60)
     rounds = parser.parse_args(arguments).rounds
     u, y = PLANTS[0].simulate(SAMPLES, 0)
-    for order in (2, 3):
-        runs = ours(u, y, order) | peers(u, y, order)
-        best = measure(runs, rounds)
-        numpy_ns, filterpy_ns = best["plain NumPy loop"], best["filterpy KalmanFilter"]
-        print(f"{3 * order} parameters{'':27s} ns/update  x NumPy  x filterpy")
-        for name, ns in sorted(best.items(), key=lambda item: item[1]):
-            print(f"{name:40s} {ns:9.0f} {numpy_ns / ns:8.1f} {filterpy_ns / ns:11.1f}", flush=True)
-    missing = [name for name in PEERS if name not in best]
-    print(f"not installed, or fail: {', '.join(missing) or 'none'}")
-    print(f"first result after import, warm cache: {first_result():.2f} s")
+    best = [measure(ours(u, y, order) | peers(u, y, order), rounds) for order in (2, 3)]
+    yield "| | ns per update, 6 parameters | x NumPy | 9 parameters | x NumPy |"
+    yield "|---|---|---|---|---|"
+    paths = [name.removeprefix("els ") for name in best[0] if name.startswith("els ")]
+    for path in paths:
+        yield row(f"els / rml {path}", [f"els {path}", f"rml {path}"], best)
+    names = [name for name in PEERS if all(name in each for each in best)]
+    yield row(" / ".join(names), names, best)
+    yield f"| first result after import, warm cache | {first_result():.2f} s | | | |"

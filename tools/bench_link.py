@@ -205,66 +205,56 @@ def measured(reader: str, path: Path, repeats: int) -> Result | None:
     return result
 
 
-def print_speeds(path: Path, wanted: int, repeats: int) -> None:
-    """Print a row for each reader."""
-    size_mb = path.stat().st_size / 1e6
-    print(f"\n{size_mb:.0f} MB, {wanted} wanted messages")
-    print(
-        f"{'reader':<22}{'MB/s':>9}{'wanted/s':>13}{'found':>10}{'peak MB':>9}{'x pymavlink':>13}"
-    )
-    results = {}
+def speeds(paths: list[Path], repeats: int) -> Iterator[str]:
+    """Yield a row for each reader: a figure for each log."""
+    slow = "pymavlink recv_match"
+    bases = [measured(slow, path, 1) for path in paths]
     for reader in READERS:
-        slow = reader == "pymavlink recv_match"
-        results[reader] = measured(reader, path, 1 if slow else repeats)
-    base = results["pymavlink recv_match"]
-    for reader, result in results.items():
-        if result is None:
-            print(f"{reader:<22}{'not installed or failed':>32}")
-            continue
-        times = "" if base is None else f"{base['seconds'] / result['seconds']:.1f}"
-        rate = result["found"] / result["seconds"]
-        print(
-            f"{reader:<22}{size_mb / result['seconds']:>9.1f}{rate:>13.0f}"
-            f"{result['found']:>10.0f}{result['peak_mb']:>9.0f}{times:>13}"
-        )
+        found = bases if reader == slow else [measured(reader, path, repeats) for path in paths]
+        rates, peaks, times = [], [], []
+        for path, result, base in zip(paths, found, bases, strict=True):
+            if result is not None:
+                rates.append(f"{path.stat().st_size / 1e6 / result['seconds']:.3g}")
+                peaks.append(f"{result['peak_mb']:.0f}")
+                times.append(f"{base['seconds'] / result['seconds']:.2g}" if base else "-")
+        if rates:
+            yield "| " + " | ".join([reader, *map(" / ".join, (rates, peaks, times))]) + " |"
 
 
-def print_damage(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -> None:
-    """Print how many of the intact records come out of a damaged log.
+def recovered(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -> str:
+    """Return a row: how many of the intact records come out of a damaged log.
 
     A damaged stamp that stays within 3 days of its neighbours cannot be told from a good one.
     """
     from yawid.sources.mavlink.decoder import Decoder
 
-    print(f"\n{FLIP_RATE:g} of the bytes flipped, {GARBAGE_BLOCKS} blocks of garbage:", end=" ")
-    print(f"{len(truth)} records are intact")
     decoder = Decoder(cls.msgname for cls in dialect.mavlink_map.values())
     block, rest = decoder.feed(path.read_bytes()), decoder.finish()
     orders = [m.order for b in (block, rest) if b is not None for m in b.messages.values()]
     found = np.concatenate(orders)
     hits, known = int(np.isin(found, truth).sum()), int(np.isin(found, starts).sum())
-    print(f"{'yawid':<22}{hits} of them, {len(found) - known} that never were,", end=" ")
-    print(f"{known - hits} whose stamp was damaged by less than 3 days")
-    for reader in ("pymavlink recv_match", "fasttlogparser"):
-        result = measured(reader, path, 1)
-        text = "not installed or failed" if result is None else f"{result['found']:.0f}"
-        print(f"{reader:<22}{text} of about {SHARE_WANTED * len(truth):.0f} wanted ones")
+    return (
+        f"| yawid, {FLIP_RATE:g} of the bytes flipped, {GARBAGE_BLOCKS} blocks of garbage | "
+        f"{hits} of {len(truth)} intact records, {len(found) - known} invented, "
+        f"{known - hits} with a damaged stamp | | |"
+    )
 
 
-def main(arguments: list[str]) -> None:
-    """Print the tables."""
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
     parser = argparse.ArgumentParser(prog="bench.py link", description=__doc__)
     parser.add_argument("--megabytes", type=int, nargs="+", default=[20, 200])
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args(arguments)
+    yield "| | MB/s | peak MB | x pymavlink |"
+    yield "|---|---|---|---|"
     with tempfile.TemporaryDirectory() as folder:
-        for megabytes in options.megabytes:
-            path = Path(folder) / f"{megabytes}mb.tlog"
-            _, wanted = write_log(path, megabytes)
-            print_speeds(path, wanted, options.repeats)
-        small = Path(folder) / f"{options.megabytes[0]}mb.tlog"
+        paths = [Path(folder) / f"{megabytes}mb.tlog" for megabytes in options.megabytes]
+        for path, megabytes in zip(paths, options.megabytes, strict=True):
+            write_log(path, megabytes)
+        yield from speeds(paths, options.repeats)
         damaged = Path(folder) / "damaged.tlog"
-        print_damage(damaged, *damage(small, damaged))
+        yield recovered(damaged, *damage(paths[0], damaged))
 
 
 if __name__ == "__main__":

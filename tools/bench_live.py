@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -64,21 +64,20 @@ def hear(
         }  # fmt: skip
 
 
-def bench_loss(options: argparse.Namespace) -> None:
+def bench_loss(options: argparse.Namespace) -> Iterator[str]:
     """20 000 a second for a minute, then 80 000."""
     for rate, seconds in ((20_000, options.seconds), (80_000, options.seconds / 3)):
         got = hear(options.log, rate, int(rate * seconds))
         lost = got["sent"] - got["heard"]
         achieved = got["sent"] / got["seconds"]
-        print(
-            f"loss   {rate:6d} msg/s asked, {achieved:.0f} sent/s for {got['seconds']:.1f} s: "
-            f"sent {got['sent']}, heard {got['heard']}, lost {lost}, counted by the system "
-            f"{got['socket']}, by the queue {got['queue']}; receive buffer {got['buffer']} bytes",
-            flush=True,
+        yield (
+            f"{rate} msg/s asked, {achieved:.0f} sent for {got['seconds']:.1f} s: {lost} of "
+            f"{got['sent']} lost, the operating system counted {got['socket']}, the queue "
+            f"{got['queue']}"
         )
 
 
-def bench_stall(options: argparse.Namespace) -> None:
+def bench_stall(options: argparse.Namespace) -> Iterator[str]:
     """Nobody reads for five seconds."""
 
     def stall(tap: UdpTap) -> None:
@@ -88,12 +87,10 @@ def bench_stall(options: argparse.Namespace) -> None:
 
     got = hear(options.log, STALL_HZ, int(10 * STALL_HZ), stall)
     lost = got["sent"] - got["frames"]
-    print(
-        f"stall  {STALL_S:g} s at {STALL_HZ:g} msg/s: sent {got['sent']}, lost {lost}", flush=True
-    )
+    yield f"{STALL_S:g} s at {STALL_HZ:g} msg/s: {lost} of {got['sent']} lost"
 
 
-def bench_cpu(options: argparse.Namespace) -> None:
+def bench_cpu(options: argparse.Namespace) -> Iterator[str]:
     """Our tap and decoder and pymavlink's loop on the same flood, in turn; the best of each."""
     for rate in (STALL_HZ, 20_000.0):
         count = int(4 * rate)
@@ -102,10 +99,9 @@ def bench_cpu(options: argparse.Namespace) -> None:
             for _ in range(CPU_TURNS)
         ]
         ours, theirs = (min(column) for column in zip(*turns, strict=True))
-        print(
-            f"cpu    {rate:6g} msg/s: tap and decoder {ours:.1f} us/msg, pymavlink udpin "
-            f"{theirs:.1f} us/msg, ratio {ours / theirs:.2f}",
-            flush=True,
+        yield (
+            f"{rate:g} msg/s: tap and decoder {ours:.1f} us a message, {ours / theirs:.2f} of "
+            f"pymavlink's udpin loop"
         )
 
 
@@ -154,7 +150,7 @@ def session(folder: Path, *options: object) -> tuple[subprocess.Popen[str], int]
     return process, port
 
 
-def bench_latency(options: argparse.Namespace) -> None:
+def bench_latency(options: argparse.Namespace) -> Iterator[str]:
     """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
     from yawid.config.run import RunConfig
     from yawid.runs.outputs import Outputs
@@ -175,16 +171,14 @@ def bench_latency(options: argparse.Namespace) -> None:
         again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
     same = again.to_json()["estimates"] == summary["estimates"]
     frames = summary["link"]["frames"]
-    print(
-        f"latency {options.speed:g}x {summary['duration_s']:.0f} s, {frames} frames: "
-        f"{summary['live']['latency_ms']} ms; CPU {1e6 * cpu_s / frames:.0f} us/msg with start, "
-        f"estimates and the sender; lost {summary['link']['lost']}, dropped "
-        f"{summary['live']['dropped']}; bit-identical to its replay: {same}",
-        flush=True,
+    latency = ", ".join(f"{name} {ms:g}" for name, ms in summary["live"]["latency_ms"].items())
+    yield (
+        f"last frame of a sample to its estimate {latency} ms; {1e6 * cpu_s / frames:.0f} us CPU a "
+        f"message in all; {summary['live']['dropped']} dropped; as its replay to the bit: {same}"
     )
 
 
-def bench_kill(options: argparse.Namespace) -> None:
+def bench_kill(options: argparse.Namespace) -> Iterator[str]:
     """kill -9 at random moments."""
     frames = list(stamped_frames(options.log.read_bytes()))
     rng = np.random.default_rng(0)
@@ -192,25 +186,29 @@ def bench_kill(options: argparse.Namespace) -> None:
     for moment_s in rng.uniform(7.0, 15.0, options.kills):
         with tempfile.TemporaryDirectory() as folder:
             losses.append(kill_once(frames, float(moment_s), Path(folder)))
-    print(
-        f"kill   {len(losses)} times: at most {max(x.tlog_s for x in losses):.2f} s of the tlog "
-        f"and {max(x.mcap_s for x in losses):.2f} s of the MCAP missing; recovered rows same as a "
-        f"replay's: {all(x.is_same for x in losses)}; rows {min(x.rows for x in losses)} or more",
-        flush=True,
+    same = all(x.is_same for x in losses)
+    yield (
+        f"kill -9, {len(losses)} times: at most {max(x.tlog_s for x in losses):.2f} s of the tlog "
+        f"and {max(x.mcap_s for x in losses):.2f} s of the MCAP missing; the rows recovered are "
+        f"{'' if same else 'not '}a replay's"
     )
 
 
-def bench_soak(options: argparse.Namespace) -> None:
+def bench_soak(options: argparse.Namespace) -> Iterator[str]:
     """Fly at 50 times the speed, with silences, reboots and gaps; watch the memory."""
     from live_soak import soak
 
     with tempfile.TemporaryDirectory() as name:
         process, port = session(Path(name))
-        soak(process, port, options.soak, print)
+        lines: list[str] = []
+        soak(process, port, options.soak, lines.append)
+    for line in lines[1:]:
+        print(line, file=sys.stderr)
+    yield lines[0].removeprefix("soak").strip()
 
 
-def main(arguments: list[str]) -> None:
-    """Run the parts asked for."""
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the rows of the parts asked for."""
     parser = argparse.ArgumentParser(prog="bench.py live", description=__doc__)
     parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS[:-1])
     parser.add_argument("--log", type=Path, default=LOG)
@@ -219,5 +217,8 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--soak", type=float, default=300.0, help="seconds of the soak")
     options = parser.parse_args(arguments)
+    yield "| | measured on loopback |"
+    yield "|---|---|"
     for part in options.only:
-        globals()[f"bench_{part}"](options)
+        for line in globals()[f"bench_{part}"](options):
+            yield f"| {part} | {line} |"

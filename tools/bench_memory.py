@@ -27,13 +27,13 @@ HURTS = {
 }
 
 
-def peak_mb(log: Path, out: Path, rerun: str) -> tuple[int, float]:
-    """Return exit code and peak resident memory in MB of a replay in its own process."""
+def peak_mb(log: Path, out: Path, rerun: str) -> float:
+    """Return the peak resident memory in MB of a replay in its own process."""
     command = ["replay", str(log), "--out", str(out), "--force", "--json", "--rerun", rerun]
     timed = [sys.executable, "-c", _TIMED, sys.executable, "-m", "yawid", *command]
     done = subprocess.run(timed, capture_output=True, text=True, check=True)
-    code, _, _, peak = json.loads(done.stdout)
-    return code, peak
+    peak: float = json.loads(done.stdout)[3]
+    return peak
 
 
 def made(folder: Path, size_mb: float) -> Iterator[Path]:
@@ -48,21 +48,36 @@ def made(folder: Path, size_mb: float) -> Iterator[Path]:
         yield path
 
 
-def main(arguments: list[str]) -> None:
-    """Print a line for each log: its size, the exit code and the peak to MCAP, and with an .rrd."""
+def kind(log: Path, is_made: bool) -> str:
+    """Return the row that a log belongs to."""
+    if not is_made:
+        return "recorded flights"
+    return (
+        "noise, magics, heads of frames" if log.name in HURTS else "telemetry as a plane sends it"
+    )
+
+
+def span(values: list[float], digits: int = 0) -> str:
+    """Return the range of values."""
+    low, high = f"{min(values):.{digits}f}", f"{max(values):.{digits}f}"
+    return low if low == high else f"{low} to {high}"
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield a row for each kind of log: sizes and peaks, to MCAP and with an .rrd."""
     parser = argparse.ArgumentParser(prog="bench.py memory", description=__doc__)
     parser.add_argument("logs", nargs="*", type=Path, metavar="LOG")
     parser.add_argument("--size", type=float, default=20.0, metavar="MB")
     options = parser.parse_args(arguments)
+    found: dict[str, list[tuple[float, float, float]]] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for log in [*options.logs, *made(folder, options.size)]:
-            (code, plain), (_, shown) = (
-                peak_mb(log, folder / "out", rerun) for rerun in ("off", "save")
-            )
-            size = log.stat().st_size / 1e6
-            print(
-                f"{log.name:32s} {size:6.1f} MB, exit {code}: "
-                f"{plain:.0f} MB, {shown:.0f} with .rrd",
-                flush=True,
-            )
+            plain, shown = (peak_mb(log, folder / "out", rerun) for rerun in ("off", "save"))
+            row = (log.stat().st_size / 1e6, plain, shown)
+            found.setdefault(kind(log, log.parent == folder), []).append(row)
+    yield "| | logs | size, MB | peak to MCAP, MB | and .rrd |"
+    yield "|---|---|---|---|---|"
+    for what, rows in found.items():
+        size, plain_mb, shown_mb = (list(column) for column in zip(*rows, strict=True))
+        yield (f"| {what} | {len(rows)} | {span(size, 1)} | {span(plain_mb)} | {span(shown_mb)} |")

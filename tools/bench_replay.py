@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from long_log import MIXES, write_log
@@ -51,38 +52,33 @@ def replay(path: Path, out: Path, rerun: str) -> tuple[float, float, float]:
     return cpu, wall, peak
 
 
-def bench(mix: str, folder: Path, options: argparse.Namespace) -> None:
-    """Print the rows of one mix of messages."""
+def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
+    """Yield the rows of one mix of messages."""
     log = folder / f"{mix}.tlog"
-    count = write_log(log, options.hours, mix)
-    each_s = count / options.hours / 3600.0
-    size = log.stat().st_size / 1e6
-    print(f"\n{mix}: {options.hours:g} h, {each_s:.0f} messages a second, {size:.1f} MB")
-    bare = []
-    for what, wanted in (("every message", None), ("the wanted", WANTED)):
-        if not options.no_bare:
-            bare.append(min(bare_pymavlink(log, wanted) for _ in range(options.repeat)))
-            cpu, wall = bare[-1]
-            print(f"pymavlink, {what:13s}  CPU {cpu:5.2f} s, wall {wall:5.2f} s")
+    each_s = write_log(log, options.hours, mix) / options.hours / 3600.0
+    bare = [
+        min(bare_pymavlink(log, wanted) for _ in range(options.repeat))
+        for wanted in ((None, WANTED) if not options.no_bare else ())
+    ]
     for what, rerun in (("MCAP", "off"), ("MCAP and .rrd", "save")):
         runs = [replay(log, folder / rerun, rerun) for _ in range(options.repeat)]
         cpu, wall, _ = min(runs)
         peak = max(run[2] for run in runs)
-        ratios = " and ".join(f"{cpu / other:.2f}" for other, _ in bare)
-        print(f"yawid, {what:17s}  CPU {cpu:5.2f} s, wall {wall:5.2f} s, {peak:.0f} MB", end="")
-        print(f", CPU ratios {ratios}" if bare else "")
-    sizes = {p.suffix: p.stat().st_size / 1e6 for p in (folder / "save").glob(f"{mix}.*")}
-    print(", ".join(f"{name} {size:.1f} MB" for name, size in sorted(sizes.items())))
+        ratios = " / ".join(f"{cpu / other:.2f}" for other, _ in bare)
+        name = f"{mix}, {each_s:.0f} messages a second, to {what}"
+        yield f"| {name} | {cpu:.1f} | {wall:.1f} | {ratios} | {peak:.0f} |"
 
 
-def main(arguments: list[str]) -> None:
-    """Print the tables."""
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
     parser = argparse.ArgumentParser(prog="bench.py replay", description=__doc__)
     parser.add_argument("--hours", type=float, default=1.0)
     parser.add_argument("--mix", choices=list(MIXES), nargs="+", default=list(MIXES))
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--no-bare", action="store_true", help="leave pymavlink out")
     options = parser.parse_args(arguments)
+    yield "| | CPU s | wall s | CPU over pymavlink's, every message / the wanted | peak MB |"
+    yield "|---|---|---|---|---|"
     with tempfile.TemporaryDirectory() as folder:
         for mix in options.mix:
-            bench(mix, Path(folder), options)
+            yield from bench(mix, Path(folder), options)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Iterator
 
 import numpy as np
 from bench_plants import PLANTS, Floats
@@ -66,14 +68,17 @@ def estimator_gain(theta: Floats, first: int, nb: int) -> float:
     return float(theta[first : first + nb].sum())
 
 
-def main(arguments: list[str]) -> None:
-    """Print the table."""
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table: worst miss of theta / gain error SETTLED samples after the return."""
     parser = argparse.ArgumentParser(prog="bench.py windup", description=__doc__)
     parser.add_argument("--updates", type=int, default=10_000_000)
     updates = parser.parse_args(arguments).updates
-    print(f"{updates} updates each")
+    yield "| | " + " | ".join(PATTERNS) + " |"
+    yield "|---" * (1 + len(PATTERNS)) + "|"
     for method in ("els", "rml"):
+        found = []
         for pattern in PATTERNS:
-            found = endure(pattern, method, updates)
-            columns = "  ".join(f"{name} {value:.3g}" for name, value in found.items())
-            print(f"{method} {pattern:15s} {columns}", flush=True)
+            found.append(endure(pattern, method, updates))
+            print(f"{method}, {pattern}: {found[-1]}", file=sys.stderr)
+        cells = [f"{each['worst']:.2f} / {each['gain_error']:.3f}" for each in found]
+        yield f"| {method} | " + " | ".join(cells) + " |"

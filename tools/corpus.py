@@ -2,7 +2,7 @@
 
     python tools/corpus.py make DIR [--excited 200] [--unexcited 210] [--jobs 2]
     python tools/corpus.py line DIR
-    python tools/corpus.py judge DIR [--runs default,forgetting,remedy,inspect] [--jobs 2]
+    python tools/corpus.py judge DIR [--runs default,forgetting,remedy,inspect] [--readme]
 
 ``make`` writes DIR/NAME.tlog and DIR/NAME.json, the truth: flights of JSBSim whose rudder is moved
 on purpose, half of them in turbulence (tools/corpus_flights.py), and logs in which nothing excites
@@ -26,8 +26,9 @@ from typing import Any
 
 from case_recipes import Made
 from corpus_flights import excited
-from corpus_judge import RUNS, Row, counts, judged
+from corpus_judge import RUNS, Row, counts, judged, table
 from corpus_quiet import lined, unexcited
+from readme_tables import put
 
 MAKERS: dict[str, Callable[[int], Made]] = {"excited": excited, "unexcited": unexcited}
 MOST_JOBS = 2
@@ -99,6 +100,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         default=["default", "forgetting"],
         help=f"of {', '.join(RUNS)}; (default,forgetting)",
     )
+    judging.add_argument("--readme", action="store_true", help="the counts to tools/README.md")
     line = commands.add_parser("line", help="write the flight whose gyro has a line")
     for command in (maker, judging, line):
         command.add_argument("folder", type=Path, metavar="DIR")
@@ -122,6 +124,8 @@ def main(argv: Sequence[str]) -> int:
     else:
         rows = judge(options.folder, options.runs, options.jobs)
         print("\n" + counts(rows))
+        if options.readme:
+            put("verdict", table(rows))
     return 0
 
 

@@ -209,6 +209,27 @@ def counts(rows: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
+def table(rows: Iterable[Row]) -> str:
+    """Return a Markdown table of both errors, a row for each run."""
+    by_run: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        by_run[row["run"]].append(row)
+    lines = [
+        "| run | usable without excitation | right | right, refused | usable, wrong |",
+        "|---|---|---|---|---|",
+    ]
+    for run, each in by_run.items():
+        quiet = [row for row in each if row["kind"] == "unexcited"]
+        flights = [row for row in each if row["kind"] == "excited"]
+        right = [row for row in flights if _error(row) < RIGHT]
+        false = sum(row["usable"] for row in quiet)
+        refused = sum(not row["usable"] for row in right)
+        wrong = sum(row["usable"] and _error(row) > WRONG for row in flights)
+        cells = (f"{false} of {len(quiet)}", f"{len(right)} of {len(flights)}", refused, wrong)
+        lines.append(f"| {run} | " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
+
+
 def _groups(rows: list[Row], kind: str) -> dict[str, list[Row]]:
     found: dict[str, list[Row]] = defaultdict(list)
     for row in rows:

@@ -110,9 +110,10 @@ def report(
 ) -> None:
     """Say what the soak came to."""
     warm = [mb for at_s, mb in memory if at_s >= WARM_S] or [memory[-1][1]]
-    say(f"soak   {memory[-1][0]:.0f} s at {SPEED:g}x, {sent} frames sent; memory in MB at "
-        + ", ".join(f"{at_s:.0f} s {mb:.0f}" for at_s, mb in memory[:: max(1, len(memory) // 10)])
-        + f"; growth after the first minute {max(warm) - warm[0]:.1f} MB")  # fmt: skip
+    lost = f"{summary['live']['dropped']} dropped, {summary['link']['reboots']} reboots"
+    say(f"soak   {memory[-1][0]:.0f} s at {SPEED:g}x, {sent} frames, {lost}; memory "
+        f"{memory[0][1]:.0f} MB at first, {memory[-1][1]:.0f} at the end, grown by "
+        f"{max(warm) - warm[0]:.1f} after a minute")  # fmt: skip
     say(f"       link {summary['link']}, dropped {summary['live']['dropped']}, "
         f"latency {summary['live'].get('latency_ms')}")  # fmt: skip
     for method, estimate in summary["estimates"].items():

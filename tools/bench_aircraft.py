@@ -1,18 +1,18 @@
 """Fly JSBSim's aircraft and put what yawid finds beside JSBSim's own linearisation.
 
-    python tools/jsbsim_table.py
+    python tools/bench.py aircraft
 
 Each flight is 120 s of 3-2-1-1 on the rudder with the wings held level, replayed with the default
 orders at 10 Hz, nothing forgotten. The truth is the Dutch roll of the linearised aircraft, closed
-with the roll hold that was flown. Prints a Markdown table; the exit code is 1 where RML misses
-2.5 % or 0.02.
+with the roll hold that was flown. The exit code is 1 where RML misses 2.5 % or 0.02.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import struct
-import sys
+from collections.abc import Iterator
 from typing import Any
 
 import fly_jsbsim
@@ -63,24 +63,24 @@ def fly(
     return truth(plan)["dutch_roll"], summary.estimates or {}
 
 
-def main() -> int:
-    """Print the table."""
-    print("| aircraft | kt | truth wn, zeta | RML wn, zeta | error | ELS wn, zeta | error |")
-    print("|---|---|---|---|---|---|---|")
-    missed = 0
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table: wn in rad/s and zeta, what they should be and by how much they miss."""
+    argparse.ArgumentParser(prog="bench.py aircraft", description=__doc__).parse_args(arguments)
+    rows: dict[str, list[str]] = {"truth": [], "RML": [], "ELS": []}
+    missed = []
     for aircraft, speed_kt, altitude_ft in FLIGHTS:
         true, estimates = fly(aircraft, speed_kt, altitude_ft)
-        row = [aircraft, f"{speed_kt:g}", f"{true['wn_rad_s']:.3f}, {true['zeta']:.3f}"]
+        rows["truth"].append(f"{true['wn_rad_s']:.3f}, {true['zeta']:.3f}")
         for method in ("rml", "els"):
             found = estimates[method].dutch_roll
             wn, zeta = (math.nan, math.nan) if found is None else (found.wn_rad_s, found.zeta)
             share, error = wn / true["wn_rad_s"] - 1.0, zeta - true["zeta"]
-            row += [f"{wn:.3f}, {zeta:.3f}", f"{100 * share:+.1f} %, {error:+.3f}"]
-            if method == "rml":
-                missed += not (abs(share) <= WN_SHARE and abs(error) <= ZETA_ERROR)
-        print("| " + " | ".join(row) + " |", flush=True)
-    return 1 if missed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+            rows[method.upper()].append(f"{100 * share:+.1f} %, {error:+.3f}")
+            if method == "rml" and not (abs(share) <= WN_SHARE and abs(error) <= ZETA_ERROR):
+                missed.append(aircraft)
+    yield "| | " + " | ".join(f"{aircraft} {speed:g} kt" for aircraft, speed, _ in FLIGHTS) + " |"
+    yield "|---" * (1 + len(FLIGHTS)) + "|"
+    for name, cells in rows.items():
+        yield f"| {name} | " + " | ".join(cells) + " |"
+    if missed:
+        raise SystemExit(f"RML misses {', '.join(missed)}")
