@@ -1,4 +1,4 @@
-"""Every point of the threat model in README, attacked: the link and the log.
+"""Every point of the threat model in tests/README.md, attacked: the link and the log.
 
 What comes from a socket, a log or an MCAP was written by anybody; what comes from the command line
 was not. Nothing hostile may end in a traceback, in unbounded memory or, where a key was given, in a

@@ -1,4 +1,4 @@
-"""Every point of the threat model in README, attacked: names from a log, reports, MCAP files."""
+"""Every point of the threat model, attacked: names from a log, reports, MCAP files (README.md)."""
 
 from __future__ import annotations
 

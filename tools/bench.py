@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import importlib
+import os
 import shlex
 import sys
 
@@ -29,10 +30,12 @@ BENCHES = (
 def run(name: str, options: list[str]) -> str:
     """Run one bench, print the lines of its table as they come, and return them.
 
-    The first cell of the header, which the bench leaves empty, is what was run and when.
+    The first cell of the header, which the bench leaves empty, is what was run (paths without their
+    names) and when.
     """
+    options_told = list(dict.fromkeys("LOG" if os.sep in each else each for each in options))
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    made = f"| `{shlex.join([name, *options])}`, {today} |"
+    made = f"| `{shlex.join([name, *options_told])}`, {today} |"
     lines: list[str] = []
     for line in importlib.import_module(f"bench_{name}").main(options):
         lines.append(line if lines else line.replace("| |", made, 1))

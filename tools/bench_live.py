@@ -171,10 +171,11 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
         again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
     same = again.to_json()["estimates"] == summary["estimates"]
     frames = summary["link"]["frames"]
+    dropped = sum(summary["live"]["dropped"].values())
     latency = ", ".join(f"{name} {ms:g}" for name, ms in summary["live"]["latency_ms"].items())
     yield (
         f"last frame of a sample to its estimate {latency} ms; {1e6 * cpu_s / frames:.0f} us CPU a "
-        f"message in all; {summary['live']['dropped']} dropped; as its replay to the bit: {same}"
+        f"message in all; {dropped} dropped; as its replay to the bit: {same}"
     )
 
 

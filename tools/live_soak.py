@@ -110,7 +110,9 @@ def report(
 ) -> None:
     """Say what the soak came to."""
     warm = [mb for at_s, mb in memory if at_s >= WARM_S] or [memory[-1][1]]
-    lost = f"{summary['live']['dropped']} dropped, {summary['link']['reboots']} reboots"
+    lost = (
+        f"{sum(summary['live']['dropped'].values())} dropped, {summary['link']['reboots']} reboots"
+    )
     say(f"soak   {memory[-1][0]:.0f} s at {SPEED:g}x, {sent} frames, {lost}; memory "
         f"{memory[0][1]:.0f} MB at first, {memory[-1][1]:.0f} at the end, grown by "
         f"{max(warm) - warm[0]:.1f} after a minute")  # fmt: skip

@@ -1,4 +1,4 @@
-"""The bench behind the README's figures on vibration, and so what ``--band`` is worth."""
+"""The bench behind the figures of tools/README.md on vibration, and so what ``--band`` is worth."""
 
 from __future__ import annotations
 

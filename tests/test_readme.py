@@ -1,0 +1,152 @@
+"""The five READMEs: short, and true of the tree as it stands."""
+
+from __future__ import annotations
+
+import argparse
+import doctest
+import re
+from pathlib import Path
+
+import check
+import pytest
+import readme_tables
+from bench import BENCHES
+from places import ROOT, SRC, TOOLS
+
+from yawid.cli import main as command_line
+from yawid.results.reasons import KINDS
+from yawid.runs.stop import SIGNALS
+
+LIMITS = {
+    "README.md": (160, 100),
+    "src/README.md": (140, 160),
+    "tests/README.md": (130, 160),
+    "tools/README.md": (120, 160),
+    "replay_logs/README.md": (45, 160),
+}
+"""Lines, and characters of one line."""
+TEXTS = {name: (ROOT / name).read_text(encoding="utf-8") for name in LIMITS}
+FOR_USERS = TEXTS["README.md"]
+SET_UP = re.findall(r"^python3 -m venv .*$", FOR_USERS, re.MULTILINE)
+OF_OTHERS = {"--quiet", "--editable"}
+"""Options of pip in the commands that set up."""
+
+
+def parsers() -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command of yawid."""
+    found = [
+        action.choices
+        for action in command_line._parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    ]
+    return dict(found[0])
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_readme_is_short_enough_to_be_read(name: str):
+    most_lines, most_characters = LIMITS[name]
+    lines = TEXTS[name].splitlines()
+
+    assert len(lines) <= most_lines
+    assert [line for line in lines if len(line) > most_characters and line not in SET_UP] == []
+
+
+def test_two_commands_set_up_by_copy_and_paste_one_to_run_and_one_to_test():
+    install = 'python3 -m venv .venv && .venv/bin/python -m pip install --quiet --editable ".[dev]"'
+    tests = " ".join(check.commands()[0][1:])
+
+    run, test = SET_UP
+    assert run.startswith(f"{install} && .venv/bin/yawid replay replay_logs/c172p_3211/log.tlog ")
+    assert test == f"{install} && .venv/bin/python {tests}"
+
+
+def test_the_python_block_does_what_it_shows():
+    (block,) = re.findall(r"```pycon\n(.*?)```", FOR_USERS, re.DOTALL)
+    example = doctest.DocTestParser().get_doctest(block, {}, "README.md", "README.md", 0)
+
+    found = doctest.DocTestRunner().run(example)
+
+    assert found.attempted > 10
+    assert found.failed == 0
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_files_named_exist(name: str):
+    folder = (ROOT / name).parent
+    named = set(re.findall(r"(?<![\w*/.])[\w./]+\.(?:py|png|md)\b", TEXTS[name]))
+    named |= {link for link in re.findall(r"\]\(([^)]+)\)", TEXTS[name]) if "://" not in link}
+    named |= set(re.findall(r"\breplay_logs/\w+(?![\w.])", TEXTS[name]))
+    places = (folder, ROOT, SRC, TOOLS, ROOT / "tests")
+
+    assert [each for each in named if not any((place / each).exists() for place in places)] == []
+
+
+def test_every_room_of_the_house_is_named_and_no_other():
+    rooms = {
+        path.parent.relative_to(SRC).as_posix() + "/"
+        for path in SRC.rglob("*.py")
+        if path.parent != SRC
+    }
+
+    assert set(re.findall(r"^\| `([\w/]+/)` \|", TEXTS["src/README.md"], re.MULTILINE)) == rooms
+
+
+@pytest.mark.parametrize("name", readme_tables.TABLES)
+def test_a_table_that_the_tree_gives_is_as_it_gives_it(name: str):
+    """If not: python tools/readme_tables.py."""
+    assert readme_tables.written(name) == readme_tables.TABLES[name]()
+
+
+def test_each_bench_has_its_place():
+    for name in (*BENCHES, "verdict"):
+        assert len(readme_tables.written(name).splitlines()) > 2, name
+        assert TEXTS["tools/README.md"].count(f"<!-- {name} -->") == 1
+
+
+def test_every_command_is_named_and_every_command_and_option_named_exists():
+    commands = parsers()
+    options = {option for parser in commands.values() for option in parser._option_string_actions}
+    named = set(re.findall(r"(?<![\w-])--[a-z][\w-]*", FOR_USERS)) - OF_OTHERS
+
+    assert set(re.findall(r"`?(?:^|[`/ ])yawid ([a-z]+) ", FOR_USERS, re.MULTILINE)) >= set(
+        commands
+    )
+    assert set(re.findall(r"`yawid ([a-z]+)", FOR_USERS)) <= set(commands)
+    assert named - options == set()
+
+
+def test_the_exit_codes_are_those_of_the_code():
+    (text,) = re.findall(r"\*\*Exit codes:\*\*(.*?)With 3", FOR_USERS, re.DOTALL)
+    documented = {int(code) for code in re.findall(r"\b\d+\b", text)}
+    raised = {code for _, code in command_line._ERROR_CODES} | {0, 1}
+    raised |= {kind.exit_code for kind in KINDS.values()} | {128 + each for each in SIGNALS}
+
+    assert documented == raised
+
+
+def test_decisions_are_numbered_and_none_is_missing():
+    text = TEXTS["src/README.md"]
+    section = text[text.index("## Decisions") : text.index("## Paper")]
+
+    numbers = [int(number) for number in re.findall(r"^(\d+)\. ", section, re.MULTILINE)]
+    assert numbers == list(range(1, 1 + len(numbers)))
+    assert len(numbers) >= 7
+
+
+def test_a_table_is_written_below_its_marker_and_nowhere_else(tmp_path: Path, monkeypatch):
+    (tmp_path / "tools").mkdir()
+    readme = tmp_path / "tools" / "README.md"
+    readme.write_text(
+        "text\n<!-- one -->\n| old |\n|---|\n\nmore\n<!-- two -->\n", encoding="utf-8"
+    )
+    monkeypatch.setattr(readme_tables, "ROOT", tmp_path)
+
+    readme_tables.put("one", "| new |\n")
+    readme_tables.put("two", "| 2 |\n|---|")
+
+    assert readme.read_text(encoding="utf-8") == (
+        "text\n<!-- one -->\n| new |\n\nmore\n<!-- two -->\n| 2 |\n|---|\n"
+    )
+    assert readme_tables.written("two") == "| 2 |\n|---|"
+    with pytest.raises(SystemExit, match="one is needed"):
+        readme_tables.put("three", "|")
