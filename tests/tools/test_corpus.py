@@ -315,3 +315,4 @@ def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> Non
     assert "g 4 2 1 1 1 excited0.3 [poor_fit]" in told
     assert "none 1 1 1" in told
     assert "coherence below chance 0 1 0" in told
+    assert judge.table(rows).splitlines()[2] == "| default | 1 of 2 | 2 of 4 | 1 | 1 |"

@@ -1,0 +1,54 @@
+"""A bench prints a table, says in it what was run, and puts it where readers look."""
+
+from __future__ import annotations
+
+import datetime
+import importlib
+import inspect
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import bench
+import pytest
+import readme_tables
+
+
+@pytest.fixture
+def readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A tools/README.md of its own, and a bench called ``fake``."""
+    (tmp_path / "tools").mkdir()
+    path = tmp_path / "tools" / "README.md"
+    path.write_text("<!-- fake -->\n\nwhat follows\n", encoding="utf-8")
+    monkeypatch.setattr(readme_tables, "ROOT", tmp_path)
+    fake = ModuleType("bench_fake")
+    fake.main = lambda options: iter(["| | s |", "|---|---|", f"| {len(options)} | 2 |"])
+    monkeypatch.setitem(sys.modules, "bench_fake", fake)
+    monkeypatch.setattr(bench, "BENCHES", ("fake",))
+    return path
+
+
+def test_a_bench_writes_its_table_and_names_no_path(readme: Path, capsys):
+    paths = [os.sep + name for name in ("one", "two")]
+
+    assert bench.main(["fake", "--readme", "--runs", "4", *paths]) == 0
+
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    table = f"| `fake --runs 4 LOG`, {today} | s |\n|---|---|\n| 4 | 2 |\n"
+    assert capsys.readouterr().out == table
+    assert readme.read_text(encoding="utf-8") == f"<!-- fake -->\n{table}\nwhat follows\n"
+
+
+def test_without_being_asked_nothing_is_written(readme: Path):
+    before = readme.read_text(encoding="utf-8")
+
+    assert bench.main(["fake"]) == 0
+    assert bench.main(["none"]) == bench.main([]) == 2
+
+    assert readme.read_text(encoding="utf-8") == before
+
+
+@pytest.mark.parametrize("name", bench.BENCHES)
+def test_every_bench_gives_its_table_line_by_line(name: str):
+    assert inspect.isgeneratorfunction(importlib.import_module(f"bench_{name}").main)
