@@ -113,7 +113,7 @@ def test_without_a_key_a_second_sender_of_the_vehicles_id_is_named():
                 data += tap.read(0.05)
         data += tap.read(0.0)
         assert set(tap.senders.latest) == {1}
-        assert tap.senders._told == {1}
+        assert tap.senders._reported == {1}
 
 
 MESSAGES = {

@@ -109,7 +109,7 @@ class Noted(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class MessageBlock(Columns):
-    """Messages of one type, in the order heard.
+    """Messages of one type, in the order received.
 
     ``order`` (n,) is the byte at which the record starts in the stream: it sorts messages of all
     types. ``received_us`` (n,) is the receive stamp in microseconds of Unix time, ``sysid`` and
@@ -144,11 +144,11 @@ class SampleBlock(Columns):
     (n,) in rad (yaw unwrapped); ``turn`` (n,) the turn rate in rad/s that bank and airspeed imply;
     ``airspeed`` (n,) in m/s. ``noted`` (n,) are bits of :class:`Noted`, ``held`` (n,) of
     :class:`Held`. ``epoch`` (n,) counts how often the meaning of
-    ``u`` changed: the estimators start anew with each.
+    ``u`` changed: the estimators start again with each.
 
     For whoever judges the samples: ``aileron`` (n,) always in units of half its travel,
     whether it is an input or not; ``mode`` (n,) HEARTBEAT.custom_mode; ``on_ground`` (n,) 1 or 0;
-    ``altitude`` (n,) in m. Each is NaN where nothing tells it, and holds no sample.
+    ``altitude`` (n,) in m. Each is NaN where nothing reports it, and holds no sample.
     """
 
     sample_time_s: float

@@ -22,7 +22,7 @@ def outside(config: RunConfig, what: str) -> ConfigError:
 
 @dataclass(slots=True)
 class Boots:
-    """First and last time in us since boot at which the yaw was told, by the boot's number from 1.
+    """First and last time (us since boot) at which yaw was reported, by the boot's number from 1.
 
     Boots in which it never was are left out.
     """

@@ -19,14 +19,14 @@ UNIX_US = 10**15
 
 
 def boot_us(fields: NDArray[Any]) -> Ints:
-    """Return the boot time a message tells whole: time_boot_ms, or time_usec of 64 bits."""
+    """Return the boot time a message reports whole: time_boot_ms, or time_usec of 64 bits."""
     if "time_boot_ms" in (fields.dtype.names or ()):
         return fields["time_boot_ms"].astype(np.int64) * 1000
     return fields["time_usec"].astype(np.int64)
 
 
 def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) -> Ints:
-    """Unwrap 32-bit microseconds beside the last full boot time heard before each of them.
+    """Unwrap 32-bit microseconds beside the last full boot time received before each of them.
 
     ``boot_us`` and ``boot_order`` (m >= 1,) are the full times. Returns int64 microseconds (n,);
     the result lies within 2**31 us (35.8 min) of the full time.
@@ -39,10 +39,10 @@ def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) ->
 
 @dataclass(slots=True)
 class OwnClock:
-    """The clock of one message alone, where no other tells a full time: its newest readings.
+    """The clock of one message alone, where no other reports a full time: its newest readings.
 
-    ``t_us`` (n,) is the time at ``order`` (n,) in microseconds: since boot where the message tells
-    that, and since its first reading where it tells Unix time.
+    ``t_us`` (n,) is the time at ``order`` (n,) in microseconds: since boot where the message
+    reports that, and since its first reading where it reports Unix time.
     """
 
     order: Ints = field(default_factory=lambda: np.zeros(0, np.int64))

@@ -1,8 +1,8 @@
 """Whether the autopilot flew the aircraft at all: its outputs moved, and it was armed.
 
 A log may hold commands that nobody carries out: of an autopilot that was taken along disarmed, or
-whose outputs are blocked by a safety switch. Looked at is only what was told while samples could be
-taken: in the boot and the stretch asked for, and not on the ground.
+whose outputs are blocked by a safety switch. Looked at is only what was reported while samples
+could be taken: in the boot and the stretch asked for, and not on the ground.
 """
 
 from __future__ import annotations
@@ -105,10 +105,10 @@ class Command:
         if self.moved:
             return
         for number, values in raw_outputs(block):
-            told = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
-            if len(told):
+            reported = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
+            if len(reported):
                 output = self.outputs.setdefault((block.name, number), Output())
-                output.observe(told)
+                output.observe(reported)
                 self.moved |= output.moved
 
     def texts(self, vehicle: Vehicle | None) -> Iterator[tuple[str, str]]:

@@ -43,7 +43,7 @@ class GridFilter:
     _state: Floats | None = None
 
     def feed(self, block: SampleBlock) -> SampleBlock:
-        """Return u, aileron and y filtered; after a held sample it starts anew, at rest."""
+        """Return u, aileron and y filtered; after a held sample it starts again, at rest."""
         from scipy.signal import sosfilt, sosfilt_zi
 
         # An aileron that is not known for a while must not spoil the filter for the rest.

@@ -30,18 +30,18 @@ PX4_BANKS = (("PWM_MAIN", 0), ("PWM_AUX", 16), ("HIL_ACT", 0))
 
 
 def find_surface(
-    what: str, selector: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+    what: str, selector: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
     """Return where the ``rudder`` or ``aileron`` is to be read now, or None while nothing names it.
 
-    With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has told no
+    With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has reported no
     SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
-    no output ACTUATOR_CONTROL_TARGET, if it is ``heard`` and the vehicle has wings. Of a fixed-wing
-    that sends no output at all the pilot's stick stands in, unless its parameters name other
-    surfaces and not this one. What has no rudder by its type has none by an option either, unless
-    its parameters name one.
+    no output ACTUATOR_CONTROL_TARGET, if it is ``received`` and the vehicle has wings. Of a
+    fixed-wing that sends no output at all the pilot's stick stands in, unless its parameters name
+    other surfaces and not this one. What has no rudder by its type has none by an option either,
+    unless its parameters name one.
     """
-    if vehicle.type in WITHOUT_RUDDER and _told(what, vehicle, table, heard) is None:
+    if vehicle.type in WITHOUT_RUDDER and _reported(what, vehicle, table, received) is None:
         return None
     kind, _, number = selector.partition(":")
     outputs = _Outputs.of(vehicle, table)
@@ -53,16 +53,16 @@ def find_surface(
     if kind == "control":
         return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
     if kind == "rc":
-        message = next((name for name in STICKS if name in heard), STICKS[0])
+        message = next((name for name in STICKS if name in received), STICKS[0])
         return Surface(message, "option", (stick_part(int(number), vehicle.autopilot, table)[0],))
-    named = _named(what, vehicle, table, heard)
+    named = _named(what, vehicle, table, received)
     if vehicle.type == FIXED_WING and (named is not None or not _names_any(vehicle, table)):
-        return stick(what, vehicle.autopilot, table, heard) or named
+        return stick(what, vehicle.autopilot, table, received) or named
     return named
 
 
 def _named(
-    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+    what: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
     """Return the output that parameters or convention name.
 
@@ -70,27 +70,27 @@ def _named(
     else the difference of its rotors. A generic vehicle (type 0) says neither, as does a log that
     has lost its parameters: its rudder has to be named by an option.
     """
-    told = _told(what, vehicle, table, heard)
-    if told is not None:
-        return told
+    reported = _reported(what, vehicle, table, received)
+    if reported is not None:
+        return reported
     by_convention = vehicle.autopilot != ARDUPILOT and has_wings(vehicle)
-    if by_convention and "ACTUATOR_CONTROL_TARGET" in heard:
+    if by_convention and "ACTUATOR_CONTROL_TARGET" in received:
         part = Part(CONTROL_INDEX[what], None)
         return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
     return None
 
 
-def _told(
-    what: str, vehicle: Vehicle, table: ParameterTable, heard: frozenset[str]
+def _reported(
+    what: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
     """Return the output that the parameters name, or ArduPilot's stock one."""
     if vehicle.autopilot == ARDUPILOT:
         return _ardupilot(what, vehicle, table)
-    return _px4(what, table, heard)
+    return _px4(what, table, received)
 
 
 def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
-    """Tell whether the parameters name any surface at all."""
+    """Return whether the parameters name any surface at all."""
     if vehicle.autopilot == ARDUPILOT:
         return bool(_Outputs.of(vehicle, table).functions)
     return any(f"CA_SV_CS{i}_TYPE" in table.values for i in range(8))
@@ -150,8 +150,8 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     parts = _ap_parts(what, servo_of, outputs)
     if not parts:
         return None
-    told = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
-    how = "parameter" if told else "parameter, travel assumed"
+    reported = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
+    how = "parameter" if reported else "parameter, travel assumed"
     alike = tuple(outputs.servo(number) for number in twins)
     return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
@@ -171,7 +171,7 @@ def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[P
     return ()
 
 
-def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | None:
+def _px4(what: str, table: ParameterTable, received: frozenset[str]) -> Surface | None:
     types = {
         i: int(table.get(f"CA_SV_CS{i}_TYPE", 0.0))
         for i in range(8)
@@ -186,25 +186,25 @@ def _px4(what: str, table: ParameterTable, heard: frozenset[str]) -> Surface | N
         wanted = [(pair[0], left_weight), (pair[1], right_weight)]
     else:
         return None
-    found = [_px4_output(index, weight, table, heard) for index, weight in wanted]
+    found = [_px4_output(index, weight, table, received) for index, weight in wanted]
     named = [output for output in found if output is not None]
     if len(named) < len(wanted) or len({message for message, _ in named}) > 1:
         return None
-    others = [_px4_output(index, 1.0, table, heard) for index in single[1:]]
+    others = [_px4_output(index, 1.0, table, received) for index in single[1:]]
     message = named[0][0]
     twins = tuple(twin for name, twin in filter(None, others) if name == message)
     return Surface(message, "parameter", tuple(part for _, part in named), twins=twins)
 
 
 def _px4_output(
-    index: int, weight: float, table: ParameterTable, heard: frozenset[str]
+    index: int, weight: float, table: ParameterTable, received: frozenset[str]
 ) -> tuple[str, Part] | None:
     """Return the message and the output that move control surface ``index``."""
     raw, status = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS"
     for (bank, shift), number in itertools.product(PX4_BANKS, range(1, 17)):
         if table.get(f"{bank}_FUNC{number}", 0.0) == PX4_FIRST_SERVO + index:
             travel, reverse = table.px4_travel(bank, number)
-            message = status if status in heard and raw not in heard else raw
+            message = status if status in received and raw not in received else raw
             message = "HIL_ACTUATOR_CONTROLS" if bank == "HIL_ACT" else message
             return message, Part(number + shift, travel, reverse, weight)
     return None

@@ -52,10 +52,10 @@ class FlightState:
         return np.stack([hud[:, 0], on_ground, state[:, 0], hud[:, 2], held], axis=1)
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
-        """Return 1 on the ground, 0 in the air and NaN where nothing tells, (n,).
+        """Return 1 on the ground, 0 in the air and NaN where nothing reports, (n,).
 
         On the ground is what is slow by both speeds, or disarmed and slow over ground: VFR_HUD
-        tells any airspeed at boot. An autopilot that says it has landed is believed unless it is
+        reports any airspeed at boot. An autopilot that says it has landed is believed unless it is
         fast over ground: a disarmed PX4 may be a passenger.
         """
         air, over_ground = hud[:, 0], hud[:, 1]

@@ -1,6 +1,6 @@
 """The first five seconds: how fast the channels flow, and hence the rate of the grid.
 
-Nothing is aligned before the rate is known, so the pieces heard until then are kept and aligned
+Nothing is aligned before the rate is known, so the pieces received until then are kept and aligned
 after. Live and replay take the same decision from the same messages.
 """
 
@@ -18,7 +18,7 @@ WINDOW_US = 5_000_000
 BRIDGED = 3.0
 JITTER_US = 5_000.0
 MOST_SEGMENTS = 1000
-"""So many segments too short to tell a rate are kept: a clock that leaps with every message must
+"""So many segments too short to report a rate are kept: a clock that leaps with every message must
 not take memory without end."""
 RATE_TOLERANCE = 1.05
 """An explicit rate may exceed the measured one by this factor: message intervals jitter."""

@@ -19,7 +19,7 @@ WHOLE_DEGREES_STD = float(np.hypot(FINE_STD, np.deg2rad(1.0) / np.sqrt(12.0)))
 ACCELERATION_PSD = 1.0
 """Spectral density of the angular acceleration, rad^2/s^3: a small aircraft in manoeuvres."""
 LONGEST_S = 2.0
-"""A longer silence starts the filter anew."""
+"""A longer silence starts the filter again."""
 
 
 @dataclass(slots=True)

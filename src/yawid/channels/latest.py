@@ -31,7 +31,7 @@ class Latest:
             self.add(block.order, read(block.fields))
 
     def add(self, order: Ints, values: Floats) -> None:
-        """Take in values (n, columns) told at places ``order`` (n,), as :meth:`observe` does."""
+        """Take in values (n, columns) reported at places ``order`` (n,), like :meth:`observe`."""
         self.order = np.concatenate([self.order[-1:], order])
         self.values = np.concatenate([self.values[-1:], values])
 

@@ -1,4 +1,4 @@
-"""The parameters a vehicle has told so far, and what they say of its outputs."""
+"""The parameters a vehicle has reported so far, and what they say of its outputs."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ def _values(fields: NDArray[Any]) -> Floats:
     ArduPilot writes an integer as a float; PX4 puts its four bytes in the float's place, where a
     small one is a denormal float and a negative one no number.
     """
-    told = np.ascontiguousarray(fields["param_value"], np.float32)
+    reported = np.ascontiguousarray(fields["param_value"], np.float32)
     if "param_type" not in (fields.dtype.names or ()):
-        # An on-board log tells values, not what a link made of them.
-        return told.astype(float)
-    bytewise = np.isin(fields["param_type"], _INTEGERS) & ~(np.abs(told) >= _LEAST_NORMAL)
-    return np.where(bytewise, told.view(np.int32), told).astype(float)
+        # An on-board log reports values, not what a link made of them.
+        return reported.astype(float)
+    bytewise = np.isin(fields["param_type"], _INTEGERS) & ~(np.abs(reported) >= _LEAST_NORMAL)
+    return np.where(bytewise, reported.view(np.int32), reported).astype(float)
 
 
 class ParameterTable:
-    """Parameters by name; the last value heard counts."""
+    """Parameters by name; the last value received counts."""
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
@@ -70,12 +70,12 @@ class ParameterTable:
                 yield order
 
     def get(self, name: str, default: float) -> float:
-        """Return a value, or the default where it was not told or is no number."""
+        """Return a value, or the default where it was not reported or is no number."""
         value = self.values.get(name, default)
         return value if math.isfinite(value) else default
 
     def functions(self) -> dict[int, int]:
-        """Return servo number -> function for every SERVOn_FUNCTION heard."""
+        """Return servo number -> function for every SERVOn_FUNCTION received."""
         # Asked for with every block of messages, of a thousand parameters that hardly ever change.
         if self._functions is None:
             self._functions = self._read_functions()
@@ -91,7 +91,7 @@ class ParameterTable:
 
     @property
     def is_old_plane(self) -> bool:
-        """Whether an ArduPlane that told these is older than 3.8: RCn_ stands for the outputs too.
+        """Whether these are an ArduPlane's before 3.8: RCn_ stands for the outputs too.
 
         Newer ones have RCn_REVERSED for the sticks and SERVOn_ for the outputs.
         """
@@ -120,17 +120,17 @@ class ParameterTable:
         return dict(sorted(found.items()))
 
     def travel(self, prefix: str, stock: Travel = STOCK_TRAVEL_US) -> tuple[Travel, bool, bool]:
-        """Return (min, trim, max), reversed, and whether all three were told and make sense.
+        """Return (min, trim, max), reversed, and whether all three were reported and make sense.
 
-        What was not told is as in ``stock``. PX4 and old ArduPilots write a reversed stick as
+        What was not reported is as in ``stock``. PX4 and old ArduPilots write a reversed stick as
         RCn_REV = -1.
         """
         names = [f"{prefix}_{end}" for end in ("MIN", "TRIM", "MAX")]
         low, trim, high = (self.get(n, s) for n, s in zip(names, stock, strict=True))
         sound = 0.0 < low < trim < high < 65535.0
         reverse = self.get(f"{prefix}_REVERSED", 0.0) == 1.0 or self.get(f"{prefix}_REV", 1.0) < 0.0
-        told = sound and all(name in self.values for name in names)
-        return (low, trim, high) if sound else stock, reverse, told
+        reported = sound and all(name in self.values for name in names)
+        return (low, trim, high) if sound else stock, reverse, reported
 
     def px4_travel(self, bank: str, number: int) -> tuple[Travel | None, bool]:
         """Return (min, centre, max) of a PX4 output, None where it is -1..1, and reversed."""

@@ -36,7 +36,7 @@ class Twins:
             self._counts[key] = compared + len(apart), differed + int(apart.sum())
 
     def share_apart(self, surface: Surface, twin: Part) -> float:
-        """Return the share of messages in which the twin stood apart, NaN where none tells."""
+        """Return the share of messages in which the twin stood apart, NaN where none reports."""
         key = surface.message, surface.parts[0].number, twin.number
         compared, apart = self._counts.get(key, (0, 0))
         return apart / compared if compared else float("nan")

@@ -38,7 +38,7 @@ class Segmenter:
     """
 
     newest: list[int | None] = field(default_factory=lambda: [None, None])
-    heard_us: list[int] = field(default_factory=lambda: [0, 0])
+    received_us: list[int] = field(default_factory=lambda: [0, 0])
     began_us: int | None = None
     offset_us: int | None = None
     reboots: int = 0
@@ -78,12 +78,12 @@ class Segmenter:
             received = merged.received_us[start : start + stop]
             for k in (0, 1):
                 if len(own := received[kinds == k]):
-                    self.heard_us[k] = int(own[-1])
+                    self.received_us[k] = int(own[-1])
             start += stop
             is_whole, window = stop == window, 2 * window
             if start < len(kind) and not is_whole:
-                t_us, heard_us = int(merged.t_us[start]), int(merged.received_us[start])
-                self._break(t_us, heard_us, int(kind[start]))
+                t_us, received_us = int(merged.t_us[start]), int(merged.received_us[start])
+                self._break(t_us, received_us, int(kind[start]))
                 window = FIRST_WINDOW
 
     def _until_break(
@@ -107,10 +107,10 @@ class Segmenter:
                 self.newest[k] = int(max(mine.max(), mine[0] if last is None else last))
         return stop, good
 
-    def _break(self, t: int, heard_us: int, kind: int) -> None:
+    def _break(self, t: int, received_us: int, kind: int) -> None:
         own = self.newest[kind]
         step = 0 if own is None else t - own
-        leap = step - (heard_us - self.heard_us[kind])
+        leap = step - (received_us - self.received_us[kind])
         if step <= -REBOOT_US:
             self.reboots += 1
         elif step < 0:

@@ -42,7 +42,7 @@ END = np.iinfo(np.int64).max
 class Channels:
     """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
 
-    ``watch`` is shown the rows of yaw and surfaces in the order heard, and changes nothing.
+    ``watch`` is shown the rows of yaw and surfaces in the order received, and changes nothing.
     ``used`` counts the samples that update the estimators, ``held`` says why others did not.
 
     Raises:
@@ -104,21 +104,21 @@ class Channels:
     def _stretches(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
-        """Cut the block where something told changes the surfaces; yield each stretch with them."""
+        """Cut the block where the surfaces change; yield each stretch with its surfaces."""
         wings = self._state_of_flight.wings
         self.surfaces, self.aileron, wings.lift = self._find_all()
         low = -1
-        for order in self._told(messages, parameters):
+        for order in self._places_of_change(messages, parameters):
             found = self._find_all()
             if found != (self.surfaces, self.aileron, wings.lift):
                 yield _between(messages, low, order), self.surfaces
                 low, (self.surfaces, self.aileron, wings.lift) = order, found
         yield _between(messages, low, None), self.surfaces
 
-    def _told(
+    def _places_of_change(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[int]:
-        """Yield each place at which a parameter or a message first heard may change the surfaces.
+        """Yield each place at which a parameter or a first message may change the surfaces.
 
         In the stream's own order, so that a decision never knows what comes after it.
         """
@@ -165,7 +165,7 @@ class Channels:
     def _read(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
-        """Read one stretch; where a better yaw source starts within it, anew from there."""
+        """Read one stretch; where a better yaw source starts within it, again from there."""
         better = self.yaw.better(messages)
         if better is None:
             return self._read_rows(messages, surfaces)
@@ -187,7 +187,7 @@ class Channels:
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not _same_meaning(self._used, surfaces):
-            # What was heard before the first row of the new meaning still belongs to the old one.
+            # What came before the first row of the new meaning still belongs to the old one.
             early = yaw.order < surface.order[0]
             samples += self._segments(yaw.select(early), surface.select(slice(0, 0)))
             self.segmenter.new_meaning()

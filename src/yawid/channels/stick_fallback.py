@@ -1,8 +1,8 @@
-"""What stands in for a rudder nobody tells: the pilot's stick, and only after a wait.
+"""What stands in for a rudder nobody reports: the pilot's stick, and only after a wait.
 
 A stick equals the rudder in MANUAL alone, so it is taken only where no output of the vehicle has
-been heard while the stick has flowed for five seconds of the vehicle's clock, and is left at the
-first output heard. Live and replay take the same decision at the same message.
+been received while the stick has flowed for five seconds of the vehicle's clock, and is left at the
+first output received. Live and replay take the same decision at the same message.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Wait:
     _began_us: int | None = None
 
     def observe(self, order: Ints, t_us: Ints) -> None:
-        """Take in where (n,) and when (n,) it came; a clock that starts anew begins anew."""
+        """Take in where (n,) and when (n,) it came; a clock that starts again begins again."""
         if self.over_at is not None or len(order) == 0:
             return
         first = int(t_us[0]) if self._began_us is None else self._began_us
@@ -56,14 +56,14 @@ class Wait:
 
 @dataclass(slots=True)
 class ReceivedMessages:
-    """Which messages a surface could be read from have been heard: sticks after their wait only."""
+    """Which messages with a surface have been received: sticks count after their wait only."""
 
     names: frozenset[str] = frozenset()
     _sticks: dict[str, int] = field(default_factory=dict)
     _wait: Wait = field(default_factory=Wait)
 
     def events(self, messages: Mapping[str, MessageBlock]) -> list[tuple[int, str]]:
-        """Return where in this block a further message counts as heard, and its name, in order."""
+        """Return where in this block a further message counts as received, and its name."""
         found = [(int(messages[n].order[0]), n) for n in (OUTPUTS & messages.keys()) - self.names]
         sticks = [messages[name] for name in STICKS if name in messages]
         for block in sticks:
@@ -80,32 +80,32 @@ class ReceivedMessages:
         return sorted(found)
 
     def count(self, name: str) -> None:
-        """Count a message as heard from now on."""
+        """Count a message as received from now on."""
         self.names |= {name}
 
 
 def stick(
-    what: str, autopilot: int, table: ParameterTable, heard: frozenset[str]
+    what: str, autopilot: int, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
     """Return the pilot's stick in place of ``rudder`` or ``aileron``; None where it must not be.
 
-    Never beside an output that is heard, and never where nothing says which stick it is.
+    Never beside an output that is received, and never where nothing says which stick it is.
     """
-    sticks = [name for name in STICKS if name in heard]
-    if heard & OUTPUTS or not sticks or autopilot not in _MAPS:
+    sticks = [name for name in STICKS if name in received]
+    if received & OUTPUTS or not sticks or autopilot not in _MAPS:
         return None
     name, default = _MAPS[autopilot][what]
     number = int(table.get(name, default))
     if not 1 <= number <= 18:
         return None
-    part, told = stick_part(number, autopilot, table)
+    part, reported = stick_part(number, autopilot, table)
     by = name if name in table.values else f"{name} assumed"
     how = f"stand-in: the pilot's stick by {by}"
-    return Surface(sticks[0], how if told else f"{how}, travel assumed", (part,))
+    return Surface(sticks[0], how if reported else f"{how}, travel assumed", (part,))
 
 
 def stick_part(number: int, autopilot: int, table: ParameterTable) -> tuple[Part, bool]:
-    """Return a stick's channel with its travel, and whether that was told."""
+    """Return a stick's channel with its travel, and whether that was reported."""
     stock = PX4_TRAVEL_US if autopilot == PX4 else STOCK_TRAVEL_US
-    travel, reverse, told = table.travel(f"RC{number}", stock)
-    return Part(number, travel, reverse), told
+    travel, reverse, reported = table.travel(f"RC{number}", stock)
+    return Part(number, travel, reverse), reported

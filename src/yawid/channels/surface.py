@@ -20,7 +20,7 @@ Travel = tuple[float, float, float]
 Bools = NDArray[np.bool_]
 
 STICKS = ("RC_CHANNELS", "RC_CHANNELS_RAW")
-"""The messages that tell the pilot's stick, the better one first."""
+"""The messages that report the pilot's stick, the better one first."""
 STOPS = 0.995
 """An output this near its stop may have been cut off there."""
 
@@ -74,7 +74,7 @@ class Surface:
         return f"{self.message}.{_field(self.message, part.number)}"
 
     def same_meaning(self, other: Surface) -> bool:
-        """Tell whether one unit still means the same, but for trims and stops told meanwhile."""
+        """Return whether one unit still means the same, but for trims and stops reported since."""
         measured = self.how == other.how == "parameter"
         mine, theirs = (
             replace(s, how="", twins=(), parts=tuple(replace(p, travel_us=None) for p in s.parts))
@@ -86,7 +86,7 @@ class Surface:
     def deflection(self, block: MessageBlock) -> Floats:
         """Return the deflection (n,) of each row, NaN where an output is off, absent or ambiguous.
 
-        Where two outputs are mixed, one at its stop no longer tells what was commanded.
+        Where two outputs are mixed, one at its stop no longer reports what was commanded.
         """
         total = np.zeros(len(block))
         for part in self.parts:

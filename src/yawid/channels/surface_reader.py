@@ -29,7 +29,7 @@ class SurfaceReader:
     """The servo message to rows of deflections, its time unwrapped beside the last boot time.
 
     Rows have a column for each of the ``columns`` inputs, and at last the aileron's, input or not,
-    as it stood then: NaN where nothing tells it.
+    as it stood then: NaN where nothing reports it.
     """
 
     columns: int
@@ -98,14 +98,14 @@ class SurfaceReader:
         if block.name == "SERVO_OUTPUT_RAW":
             raw = block.fields["time_usec"].astype(np.int64)
             return unwrap_uint32_us(raw, block.order, boot, order)
-        told = boot_us(block.fields)
-        return told if told[0] < UNIX_US else self._from_unix(told, beside)
+        reported = boot_us(block.fields)
+        return reported if reported[0] < UNIX_US else self._from_unix(reported, beside)
 
-    def _from_unix(self, told: Ints, beside: Ints) -> Ints:
-        """Turn Unix time into boot time by one offset, found anew where the two drift apart."""
-        times, start = told - self._unix_offset, 0
+    def _from_unix(self, reported: Ints, beside: Ints) -> Ints:
+        """Turn Unix time into boot time by one offset, found again where the two drift apart."""
+        times, start = reported - self._unix_offset, 0
         while (apart := np.abs(times[start:] - beside[start:]) > APART_US).any():
             start += int(np.argmax(apart))
-            self._unix_offset = int(told[start] - beside[start])
-            times[start:] = told[start:] - self._unix_offset
+            self._unix_offset = int(reported[start] - beside[start])
+            times[start:] = reported[start:] - self._unix_offset
         return times

@@ -16,7 +16,7 @@ from yawid.channels.series import Series
 from yawid.channels.yaw_reader import MODE, ON_GROUND
 
 AIRBORNE, GROUNDED, UNKNOWN = range(3)
-"""State of a phase; unknown is a vehicle that tells neither speed nor state."""
+"""State of a phase; unknown is a vehicle that reports neither speed nor state."""
 
 
 @dataclass(slots=True)
@@ -93,11 +93,11 @@ class Survey:
 
 def _mode_and_state(values: Floats) -> tuple[Ints, Ints]:
     """Return flight mode and state (n,) of the rows of yaw."""
-    told = np.where(np.isfinite(values[:, MODE]), values[:, MODE], -1.0)
+    reported = np.where(np.isfinite(values[:, MODE]), values[:, MODE], -1.0)
     state = np.full(len(values), UNKNOWN)
     state[values[:, ON_GROUND] == 0.0] = AIRBORNE
     state[values[:, ON_GROUND] == 1.0] = GROUNDED
-    return told.astype(np.int64), state
+    return reported.astype(np.int64), state
 
 
 def _intervals(times_us: list[Ints]) -> Intervals | None:

@@ -1,4 +1,4 @@
-"""Which of the senders is the aircraft, and what parameters it has told so far.
+"""Which of the senders is the aircraft, and what parameters it has reported so far.
 
 A link carries ground stations, radios, gimbals and ADS-B receivers, each with HEARTBEATs of its
 own. The vehicle is the first sender whose HEARTBEAT names an autopilot and no ground or payload
@@ -71,7 +71,7 @@ class Vehicle:
 
 
 def has_wings(vehicle: Vehicle) -> bool:
-    """Tell whether it flies on wings, always or in part of its flight."""
+    """Return whether it flies on wings, always or in part of its flight."""
     return vehicle.type == FIXED_WING or vehicle.type in VTOL_TYPES
 
 
@@ -90,7 +90,7 @@ class VehicleLock:
     def filter(self, frames: FrameBlock) -> tuple[dict[str, MessageBlock], list[MessageBlock]]:
         """Return the vehicle's messages from its first HEARTBEAT on, by name, and its PARAM_VALUEs.
 
-        Parameters heard before the lock count too: they are facts, not samples.
+        Parameters received before the lock count too: they are facts, not samples.
         """
         heartbeats = frames.messages.get("HEARTBEAT")
         if heartbeats is not None:
@@ -136,7 +136,7 @@ class VehicleLock:
 
     @property
     def vehicles(self) -> list[dict[str, int]]:
-        """Every vehicle heard, by its address: sysid, compid, type and autopilot."""
+        """Every vehicle on the link, by its address: sysid, compid, type and autopilot."""
         return [
             {"sysid": sysid, "compid": compid, "type": kind, "autopilot": autopilot}
             for (sysid, compid), (kind, autopilot) in sorted(self.senders.items())
@@ -144,7 +144,7 @@ class VehicleLock:
         ]
 
     def why_none(self) -> str:
-        """Say who was heard instead of a vehicle."""
+        """Say who sent HEARTBEATs instead of a vehicle."""
         if not self.senders:
             return "no HEARTBEAT in the log: nobody says what vehicle this is"
         names = ", ".join(
@@ -152,4 +152,4 @@ class VehicleLock:
             for (sysid, compid), (kind, _) in sorted(self.senders.items())
         )
         wanted = "" if self.sysid is None else f" with system id {self.sysid}"
-        return f"no vehicle{wanted} among the HEARTBEATs heard: {names}"
+        return f"no vehicle{wanted} among the HEARTBEATs received: {names}"

@@ -61,14 +61,14 @@ def _range_us(number: int, table: ParameterTable) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class Wings:
-    """Tells at any place of the stream whether the vehicle flies on its wings alone."""
+    """Says for any place of the stream whether the vehicle flies on its wings alone."""
 
     lift: tuple[LiftMotor, ...] = ()
     _state: Latest = field(default_factory=lambda: Latest(1))
     _driven: tuple[Latest, Latest] = field(default_factory=lambda: (Latest(1), Latest(1)))
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
-        """Take in what tells it in a block."""
+        """Take in what reports it in a block."""
         self._state.observe(messages.get("EXTENDED_SYS_STATE"), lambda f: f["vtol_state"][:, None])
         servos = messages.get("SERVO_OUTPUT_RAW")
         if not self.lift or servos is None:

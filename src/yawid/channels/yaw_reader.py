@@ -1,4 +1,4 @@
-"""The yaw channel: from whichever message tells it best to rows of rate, yaw, roll and context."""
+"""The yaw channel: from the best message that reports it to rows of rate, yaw, roll and more."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ A reader returns (5, n): roll, pitch and yaw in rad, pitch and yaw rate about th
 rad/s; NaN where unknown. VFR_HUD's heading comes in whole degrees and without a time: the last
 resort."""
 COARSE = {"GLOBAL_POSITION_INT": FINE_STD, "VFR_HUD": WHOLE_DEGREES_STD}
-"""The sources that tell a heading alone, and its sigma in rad."""
+"""The sources that report a heading alone, and its sigma in rad."""
 UNTIMED = "VFR_HUD"
 
 
 @dataclass(slots=True)
 class YawReader:
-    """Reads the best source heard so far; ``heading_rate`` makes the rate psi_dot by Euler."""
+    """Reads the best source received so far; ``heading_rate`` makes the rate psi_dot by Euler."""
 
     heading_rate: bool = False
     source: str | None = None
@@ -107,22 +107,22 @@ class YawReader:
         """Return the first better source among these messages and where it starts."""
         ranks = list(SOURCES)
         worst = len(ranks) if self.source is None else ranks.index(self.source)
-        places = {n: self._telling(messages[n]) for n in ranks[:worst] if n in messages}
+        places = {n: self._useful(messages[n]) for n in ranks[:worst] if n in messages}
         found = [(int(order[0]), name) for name, order in places.items() if len(order)]
         if not found:
             return None
         order, name = min(found)
         return name, order
 
-    def _telling(self, block: MessageBlock) -> Ints:
+    def _useful(self, block: MessageBlock) -> Ints:
         """Return where the rows stand that make this message a source at all."""
         rows = np.ones(len(block), bool)
         if block.name == "GLOBAL_POSITION_INT":
             rows = block.fields["hdg"] != 65535
         elif block.name == UNTIMED:
             over = self._wait.over_at
-            told = over is not None and "heading" in (block.fields.dtype.names or ())
-            rows = (block.order >= (over or 0)) & told
+            reported = over is not None and "heading" in (block.fields.dtype.names or ())
+            rows = (block.order >= (over or 0)) & reported
         places: Ints = block.order[rows]
         return places
 
@@ -136,7 +136,7 @@ class YawReader:
     ) -> Series:
         """Return the rows of the source's messages, NaN where a value is not finite or absurd.
 
-        A source that tells no time has that of the ``clock`` beside it.
+        A source that reports no time has that of the ``clock`` beside it.
         """
         if self.source is None or self.source not in messages:
             return Series.empty(COLUMNS)

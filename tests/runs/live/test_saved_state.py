@@ -82,7 +82,7 @@ def test_another_vehicle_starts_anew_with_the_reason_and_the_old_state_is_kept(t
     old = state.read_bytes()
     ended, said = fly(tmp_path, state, "two", frames(20.0, sysid=7))
 
-    assert "does not fit, starting anew: vehicle is 7/1, type 1, in the state 1/1" in said
+    assert "does not fit, starting again: vehicle is 7/1, type 1, in the state 1/1" in said
     assert (tmp_path / "state.old").read_bytes() == old
     assert state.read_bytes() != old
     assert ended.summary.estimates["els"].updates < 400

@@ -82,7 +82,7 @@ def test_a_second_vehicle_that_is_not_estimated_is_said_one_time(tmp_path: Path)
         send(mixed(frames(10.0, sysid=1), frames(10.0, sysid=2)), session.port)
         session.screen.wait_for("tracking")
 
-    assert session.screen.getvalue().count("system 2 is heard too, estimated is 1") == 1
+    assert session.screen.getvalue().count("system 2 is received too, estimated is 1") == 1
 
 
 def test_a_link_without_any_vehicle_is_one_summary_that_says_so(tmp_path: Path):

@@ -35,7 +35,7 @@ WARMING_S = 1.0
 class LiveOptions:
     """What a live run is asked for beside its configuration and outputs.
 
-    ``seconds`` None: until told to stop. ``request_hz`` None: nothing is ever transmitted.
+    ``seconds`` None: until asked to stop. ``request_hz`` None: nothing is ever transmitted.
     ``every_vehicle``: each has its own session.
 
     Raises:
@@ -71,7 +71,7 @@ def live(
     console: Console,
     reading: Reading | None = None,
 ) -> list[Ended]:
-    """Tap a link until told to stop; return what each vehicle's session came to.
+    """Tap a link until asked to stop; return what each vehicle's session came to.
 
     Raises:
         ConfigError: the state to resume from does not fit, or the rate asked for is too high.
@@ -98,7 +98,7 @@ def live(
 def _attend(
     tap: Tap, setting: Setting, options: LiveOptions, stop: StopFlag, console: Console
 ) -> list[Ended]:
-    """Read the tap until told to stop, close it and finish; what is cut short is left readable."""
+    """Read the tap until asked to stop, close it and finish; what is cut short is left readable."""
     sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
         loop = _Loop(tap, sessions, setting.warming, options, setting.reading, console)
@@ -116,7 +116,7 @@ def _attend(
 
 
 def open_tap(endpoint: Endpoint, stamps: Stamps, *, may_transmit: bool) -> Tap:
-    """Return the tap that hears an endpoint.
+    """Return the tap that listens on an endpoint.
 
     Raises:
         SourceError: it cannot be opened.
@@ -131,7 +131,7 @@ def session_name() -> str:
 
 
 class _Loop:
-    """Reads until told to stop; what happens on the link is told and kept for the summary."""
+    """Reads until asked to stop; what happens on the link is reported and kept for the summary."""
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class _Loop:
         self._rates = None if hz is None else RateRequests(tap, hz, reading)
 
     def run(self, stop: StopFlag) -> None:
-        """Read and watch until told to stop, the time is up, or the endpoint fails."""
+        """Read and watch until asked to stop, the time is up, or the endpoint fails."""
         size = self._tap.receive_buffer
         buffer = "" if size is None else f" (receive buffer {size} bytes)"
         self._console.say(f"listening on {self._tap.endpoint}{buffer}")
@@ -222,12 +222,14 @@ class _Loop:
             self._tell(self._tap.news.popleft())
         jump_s = self._tap.stamps.jump()
         if jump_s is not None:
-            self._tell(f"the system's clock jumped by {jump_s:+.1f} s: receive stamps go on evenly")
+            self._tell(
+                f"this machine's clock jumped by {jump_s:+.1f} s: receive stamps go on evenly"
+            )
         silent_us = self._tap.stamps.now() - max(self._tap.last_us, self._begun_us)
         if (silent_us > SILENT_US) is not self._is_silent:
             self._is_silent = not self._is_silent
             seconds = SILENT_US // 1_000_000
-            text = f"nothing heard for {seconds} s" if self._is_silent else "the link is back"
+            text = f"no data for {seconds} s" if self._is_silent else "the link is back"
             self._tell(f"{text} on {self._tap.endpoint}")
         self._watch_warming()
         if self._rates is not None:
@@ -260,6 +262,6 @@ class _Loop:
     def _dropped(self) -> str:
         """Return what had to be dropped here, in words."""
         count = self._tap.dropped + (self._tap.socket_dropped or 0)
-        # Where the system does not count, what it dropped shows only in the sequence numbers.
+        # Where nobody counts them, dropped frames show only in the sequence numbers.
         known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
         return f"{count} dropped here" + ("" if known else " at least")

@@ -23,7 +23,7 @@ from yawid.sinks.base import Pace, os_errors_as_sink_error, sync
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0
-_ANEW = "remove it or take another file for --state to start anew"
+_REMEDY = "remove it or take another file for --state to start again"
 # Which samples and what is read off the model, not what is made of them.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau")
 
@@ -33,7 +33,7 @@ class StateFile:
 
     A line of JSON (version, key, sizes), then the bytes of each estimator. A state of another
     configuration is refused at once, one of another vehicle or other channels once these are known:
-    the session then starts anew, and the file is kept as ``<path>.old``.
+    the session then starts again, and the file is kept as ``<path>.old``.
 
     Raises:
         ConfigError: the file is there and is no state, or of another version or configuration.
@@ -66,7 +66,7 @@ class StateFile:
             reason = "the estimators are set up differently"
         if reason:
             self._keep_old = True
-            self._tell(f"the state in {self._path} does not fit, starting anew: {reason}")
+            self._tell(f"the state in {self._path} does not fit, starting again: {reason}")
             return
         for method, estimator in estimators.items():
             # What lies between the sessions is a gap: the lags must not reach across it.
@@ -149,15 +149,15 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]
     except (ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path} is no saved state: take another file for --state") from error
     if version != VERSION:
-        raise ConfigError(f"{path} was saved as {version!r}, this is {VERSION!r}: {_ANEW}")
+        raise ConfigError(f"{path} was saved as {version!r}, this is {VERSION!r}: {_REMEDY}")
     if sum(sizes.values()) != len(body):
-        raise ConfigError(f"{path} is cut short: {_ANEW}")
+        raise ConfigError(f"{path} is cut short: {_REMEDY}")
     saved, at = {}, 0
     for method, size in sizes.items():
         try:
             saved[method] = RecursiveArmax.from_bytes(body[at : at + size])
         except (ConfigError, KeyError, TypeError) as error:
-            raise ConfigError(f"the {method} in {path} is of no use ({error}): {_ANEW}") from error
+            raise ConfigError(f"the {method} in {path} is unusable ({error}): {_REMEDY}") from error
         at += size
     return head, saved
 

@@ -83,7 +83,7 @@ class LiveSession:
         self._sha256 = hashlib.sha256()
         self._opened = False
         self._waiting = bytearray()
-        self._heard = 0
+        self._seen = 0
         self._others: set[int] = set()
         self._signing_said = setting.reading.key is not None
         self._standing = Standing()
@@ -128,7 +128,7 @@ class LiveSession:
             self.latency.add(self._setting.now_us() - newest.received_us)
 
     def catch_up(self) -> None:
-        """Estimate what waited; it tells nothing of the latency."""
+        """Estimate what waited; it says nothing of the latency."""
         if not self._waiting:
             return
         waited, self._waiting = bytes(self._waiting), bytearray()
@@ -220,16 +220,16 @@ class LiveSession:
     def _look_for_others(self) -> None:
         """Say of every further vehicle, one time, that it is not estimated."""
         lock = self.pipeline.channels.lock
-        if lock.vehicle is None or len(lock.senders) == self._heard:
+        if lock.vehicle is None or len(lock.senders) == self._seen:
             return
-        self._heard = len(lock.senders)
+        self._seen = len(lock.senders)
         flying = {
             sysid for (sysid, _), (kind, _) in lock.senders.items() if kind not in NOT_A_VEHICLE
         }
         for sysid in sorted(flying - self._others - {lock.vehicle.sysid}):
             self._others.add(sysid)
             self.tell(
-                f"system {sysid} is heard too, estimated is {lock.vehicle.sysid}: "
+                f"system {sysid} is received too, estimated is {lock.vehicle.sysid}: "
                 "--sysid N takes another, --sysid all takes each"
             )
 

@@ -98,7 +98,7 @@ class Fleet:
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
     def finish(self, live: LiveFacts) -> list[Ended]:
-        """See :class:`Single`; where no vehicle was heard, one summary says so."""
+        """See :class:`Single`; where there was no vehicle, one summary says so."""
         for sysid in self._sessions:
             self._guard(sysid, LiveSession.settle)
         if not self.running():
@@ -127,7 +127,7 @@ class Fleet:
         except (ConfigError, SinkError) as error:
             session = for_vehicle(self._setting._replace(state=None), sysid)
             session.failures.append(str(error))
-            session.tell(f"{error}: estimated anew, the state is not kept")
+            session.tell(f"{error}: estimated from the start, the state is not kept")
             self._sessions[sysid] = session
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:

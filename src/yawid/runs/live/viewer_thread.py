@@ -49,7 +49,7 @@ class Viewer:
         return self._not_taken + self._not_shown
 
     def start(self, grid: Grid) -> None:
-        """See :meth:`yawid.sinks.base.Sink.start`; a viewer that comes later is told too."""
+        """See :meth:`yawid.sinks.base.Sink.start`; a viewer that comes later is given it too."""
         self._begin = lambda sink: sink.start(grid)
         self._hand(self._begin)
 
@@ -117,7 +117,7 @@ class Viewer:
             self._begin(self._sink)
 
     def _gone(self, text: str) -> None:
-        """Take the line of a lost viewer; only the first of them is worth telling."""
+        """Take the line of a lost viewer; only the first of them is worth a line."""
         self._lost = True
         if not self._was_lost:
             self._was_lost = True

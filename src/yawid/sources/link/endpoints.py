@@ -20,7 +20,7 @@ _UNSUPPORTED = ("tcpin", "uds", "unix", "ws", "wss")
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A host and a port, or a serial device and its baud rate. Port 0 lets the system choose.
+    """A host and a port (0: any free one), or a serial device and its baud rate.
 
     A host with a colon is an IPv6 address; it is written in brackets.
     """

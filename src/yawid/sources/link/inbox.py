@@ -1,4 +1,4 @@
-"""Between the thread that hears and the one that computes: stamps, and a queue with an end."""
+"""Between the thread that receives and the one that computes: stamps, and a queue with an end."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class Stamps:
-    """Receive stamps in microseconds of Unix time: the system's clock once, a steady one from then.
+    """Receive stamps in microseconds of Unix time: the wall clock once, a steady one from then.
 
     A clock that is set while we listen must not move the vehicle's time: stamps go on evenly, and
-    :meth:`jump` says by how much the system's clock has left them.
+    :meth:`jump` says by how much the wall clock has left them.
     """
 
     def __init__(
@@ -37,37 +37,38 @@ class Stamps:
     ) -> None:
         self._wall_ns, self._steady_ns = wall_ns, steady_ns
         self._base_ns = wall_ns() - steady_ns()
-        self._told_ns = 0
+        self._reported_ns = 0
 
     def now(self) -> int:
         """Return the stamp of this instant."""
         return (self._base_ns + self._steady_ns()) // 1000
 
     def ahead_us(self) -> int:
-        """Return by how much the system's clock is ahead of the stamps just now."""
+        """Return by how much the wall clock is ahead of the stamps just now."""
         return self._ahead_ns() // 1000
 
     def _ahead_ns(self) -> int:
         return self._wall_ns() - self._steady_ns() - self._base_ns
 
     def jump(self) -> float | None:
-        """Return by how many seconds the system's clock has jumped since last asked, if it has."""
+        """Return by how many seconds the wall clock has jumped since last asked, if it has."""
         ahead_ns = self._ahead_ns()
-        moved_s = (ahead_ns - self._told_ns) / 1e9
+        moved_s = (ahead_ns - self._reported_ns) / 1e9
         if abs(moved_s) < JUMP_S:
             return None
-        self._told_ns = ahead_ns
+        self._reported_ns = ahead_ns
         return moved_s
 
 
 class Inbox:
     """A queue of at most ``size`` datagrams with their stamps and senders; ``dropped`` counts more.
 
-    One thread puts, another takes; ``last_us`` is the stamp of the newest datagram heard, 0 before.
+    One thread puts, another takes; ``last_us`` is the stamp of the newest datagram received, 0
+    before.
     """
 
     def __init__(self, size: int, stamps: Stamps) -> None:
-        self.heard = 0
+        self.received = 0
         self.dropped = 0
         self.last_us = 0
         self.stamps = stamps
@@ -77,7 +78,7 @@ class Inbox:
         self._arrived = threading.Event()
 
     def __len__(self) -> int:
-        return self.heard - self.dropped - self._taken
+        return self.received - self.dropped - self._taken
 
     def put(self, stamps: list[int], datagrams: list[bytes], senders: list[Address]) -> None:
         """Queue datagrams, those that have room; count the others as dropped."""
@@ -88,7 +89,7 @@ class Inbox:
             stamps, datagrams, senders = stamps[:room], datagrams[:room], senders[:room]
         if stamps:
             self._queue.append((stamps, datagrams, senders))
-        self.heard += count
+        self.received += count
         self._arrived.set()
 
     def wake(self) -> None:
@@ -109,4 +110,4 @@ class Inbox:
         self._taken += count
         if self._queue:
             self._arrived.set()
-        return chain.from_iterable(zip(*heard, strict=True) for heard in taken)
+        return chain.from_iterable(zip(*received, strict=True) for received in taken)

@@ -1,4 +1,4 @@
-"""Who sends: the address each system id was heard from, and what is odd about it."""
+"""Who sends: the address each system id was received from, and its anomalies."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from yawid.sources.link.endpoints import written
 from yawid.sources.link.inbox import Address
 
 TOGETHER_US = 5_000_000
-"""Two addresses heard within this time of one another are two senders, not one that moved."""
+"""Two addresses received within this time of one another are two senders, not one that moved."""
 
 
 class Addresses:
-    """Remembers the addresses of every system id; ``latest`` has the one heard last."""
+    """Remembers the addresses of every system id; ``latest`` has the one received last."""
 
     def __init__(self) -> None:
         self.latest: dict[int, Address] = {}
-        self._heard_us: dict[int, dict[Address, int]] = {}
-        self._told: set[int] = set()
+        self._received_us: dict[int, dict[Address, int]] = {}
+        self._reported: set[int] = set()
 
     def observe(self, pairs: set[tuple[int, Address]], now_us: int) -> list[str]:
-        """Take the (system id, address) pairs heard since the last call; say what is new and odd.
+        """Take the (system id, address) pairs received since the last call; return new anomalies.
 
         A system id from two addresses at once is said one time; an address that takes over from a
         silent one is a restarted sender and not worth a line.
@@ -26,15 +26,15 @@ class Addresses:
         news = []
         for sysid, address in sorted(pairs):
             self.latest[sysid] = address
-            if sysid in self._told:
+            if sysid in self._reported:
                 continue
-            known = self._heard_us.setdefault(sysid, {})
+            known = self._received_us.setdefault(sysid, {})
             known[address] = now_us
             for old in [a for a, us in known.items() if now_us - us > TOGETHER_US]:
                 del known[old]
             if len(known) > 1:
-                self._told.add(sysid)
-                del self._heard_us[sysid]
+                self._reported.add(sysid)
+                del self._received_us[sysid]
                 places = " and ".join(written(*place) for place in known)
                 news.append(
                     f"system {sysid} is sent from two addresses, {places}: a forged or doubled "

@@ -1,4 +1,4 @@
-"""What every tap has in common: a thread that hears, a queue, and records of a tlog to be read."""
+"""What every tap has in common: a thread that receives, a queue, and tlog records to be read."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ _STAMP = struct.Struct(">Q")
 
 
 class Tap(ABC):
-    """Hears one endpoint and hands out what it hears as tlog records.
+    """Listens on one endpoint and hands out what it receives as tlog records.
 
     A thread takes datagrams, stamps and queues them; :meth:`read` turns them into records. All
     frames of a datagram carry its stamp and stamps never decrease. ``datagrams`` counts those
-    heard, ``dropped`` those for which the queue of ``queue_size`` had no room, ``skipped_bytes``
-    the bytes heard that are in no frame. ``senders`` knows who sends and ``news`` are lines about
-    the link that nobody has told yet.
+    received, ``dropped`` those for which the queue of ``queue_size`` had no room, ``skipped_bytes``
+    the bytes received that are in no frame. ``senders`` knows who sends and ``news`` are lines
+    about the link that nobody has reported yet.
 
     Raises:
         SourceError: the endpoint cannot be opened.
     """
 
     receive_buffer: int | None = None
-    """The system's buffer in bytes as it reports it; None where there is none to be seen."""
+    """The socket's buffer in bytes, as the operating system reports it; None where it does not."""
 
     def __init__(
         self,
@@ -79,8 +79,8 @@ class Tap(ABC):
 
     @property
     def datagrams(self) -> int:
-        """How many datagrams have been heard."""
-        return self._inbox.heard
+        """How many datagrams have been received."""
+        return self._inbox.received
 
     @property
     def dropped(self) -> int:
@@ -94,7 +94,7 @@ class Tap(ABC):
 
     @property
     def socket_dropped(self) -> int | None:
-        """How many datagrams the system had no room for; None where it does not say."""
+        """How many datagrams the operating system had no room for; None where it does not say."""
         return None
 
     @property
@@ -103,13 +103,13 @@ class Tap(ABC):
         return self._inbox.last_us
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the records heard since the last call, waiting for the first up to ``timeout_s``.
+        """Return the records received since the last call; wait for the first up to ``timeout_s``.
 
         Calls are kept ``BATCH_S`` apart while datagrams keep coming, so that one call takes many;
         a backlog is taken without a pause.
 
         Raises:
-            SourceError: the endpoint failed; what was heard before has been returned.
+            SourceError: the endpoint failed; what was received before has been returned.
         """
         if self._inbox.wait(timeout_s) and not self._closing.is_set():
             early_s = self._next_read_s - time.monotonic()
@@ -136,7 +136,7 @@ class Tap(ABC):
         return b"".join(parts)
 
     def transmit(self, frame: bytes, sysid: int) -> bool:
-        """Send a frame to where ``sysid`` was last heard from; return whether it went.
+        """Send a frame to where ``sysid`` was last received from; return whether it went.
 
         Raises:
             RuntimeError: the tap was not opened to transmit.

@@ -92,7 +92,7 @@ def connect(endpoint: Endpoint) -> Any:
     # Importing mavutil changes the environment and takes 0.1 s: only those pay who need it.
     from pymavlink import mavutil
 
-    with contextlib.redirect_stdout(io.StringIO()):  # it tells its troubles to stdout
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints its troubles to stdout
         try:
             return mavutil.mavserial(endpoint.host, baud=endpoint.port)
         except ImportError as error:

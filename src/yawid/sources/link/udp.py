@@ -17,8 +17,8 @@ from yawid.sources.link.tap import Tap
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.04
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
-_DENSEST = 832 * 200_000  # bytes a second of the system's buffer that a flood takes: 832 a datagram
-# How long closing may take to be noticed; Python's own timeout would call the system twice.
+_DENSEST = 832 * 200_000  # bytes a second of the buffer that a flood takes: 832 a datagram
+# How long closing may take to be noticed; Python's own timeout takes two system calls.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
 _SO_MEMINFO = 55  # Linux: nine counts of a socket; the last is the one SO_RXQ_OVFL reports
 _MEMINFO = struct.Struct("9I")
@@ -37,7 +37,7 @@ class UdpTap(Tap):
 
     @property
     def socket_dropped(self) -> int | None:
-        """How many datagrams the system had no room for; None where it does not say."""
+        """How many datagrams the operating system had no room for; None where it does not say."""
         return self._dropped_at_close if self._closing.is_set() else dropped_by(self._socket)
 
     def _receive(self) -> None:
@@ -66,14 +66,15 @@ class UdpTap(Tap):
     def _put(self, arrived: Arrivals) -> int:
         """Queue datagrams with their stamps; return how many there are.
 
-        A stamp is when the system had it, and never decreasing. The system's clock may have been
-        set since then, its time is believed only between the stamp before and now.
+        A stamp is when the operating system had it, and never decreasing. The operating system's
+        clock may have been set since then, its time is believed only between the stamp before and
+        now.
         """
         last_us, now_us, ahead_us = self._inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
         stamps = []
-        for told_us in arrived.told_us:
-            arrived_us = told_us - ahead_us
-            if arrived_us > now_us or not told_us:
+        for system_us in arrived.system_us:
+            arrived_us = system_us - ahead_us
+            if arrived_us > now_us or not system_us:
                 arrived_us = now_us
             if arrived_us > last_us:
                 last_us = arrived_us
@@ -96,7 +97,7 @@ class UdpTap(Tap):
 
 
 def dropped_by(tap: socket.socket) -> int | None:
-    """Return how many datagrams the system dropped for want of room, None where it does not say."""
+    """Return how many datagrams the kernel dropped for want of room, None where it does not say."""
     try:
         counts = _MEMINFO.unpack(tap.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
     except (OSError, struct.error):
@@ -105,7 +106,7 @@ def dropped_by(tap: socket.socket) -> int | None:
 
 
 def open_socket(endpoint: Endpoint) -> socket.socket:
-    """Return a socket that hears the endpoint.
+    """Return a socket that receives the endpoint.
 
     Raises:
         SourceError: the address cannot be listened on; the message gives the remedy.
@@ -123,7 +124,7 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
         if endpoint.kind == "udpout":
             tap.connect((endpoint.host, endpoint.port))
         elif endpoint.kind == "mcast":
-            # Every listener of a group hears all of it: here the port is meant to be shared.
+            # Every listener of a group receives all of it: here the port is meant to be shared.
             tap.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tap.bind((endpoint.host, endpoint.port))
             group = socket.inet_aton(endpoint.host) + socket.inet_aton("0.0.0.0")

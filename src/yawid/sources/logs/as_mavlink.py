@@ -1,7 +1,7 @@
 """What the on-board logs share: the messages they are turned into, and the care their times need.
 
 Each dtype has the fields of the MAVLink message of its name that the channels read and the log can
-tell, no others. Time is 64 bits of microseconds in all of them: the logs know it that well.
+report, no others. Time is 64 bits of microseconds in all of them: the logs know it that well.
 """
 
 from __future__ import annotations
@@ -108,9 +108,9 @@ def fill_forward(values: Floats) -> Floats:
 
 
 def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
-    """Merge columns told at places of their own: all at every place, the last value held.
+    """Merge columns reported at places of their own: all at every place, the last value held.
 
-    The first row, at place -1, is the ``opening``; what is told at one place makes one row.
+    The first row, at place -1, is the ``opening``; what is reported at one place makes one row.
     """
     places = np.concatenate([[-1], *(own for own, _ in parts)])
     in_place = np.argsort(places, kind="stable")

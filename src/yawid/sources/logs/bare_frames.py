@@ -1,9 +1,9 @@
 """Records without stamps (.rlog, .raw): bare frames become the records of a tlog.
 
 Nobody wrote down when these frames were received. The stamps put before them are made up: they
-follow the vehicle's own clock, count from the first ATTITUDE heard as if that were 1970, and never
-fall. Gaps and reboots are told by the vehicle's clock as ever; what is lost is the time of day and
-the latency.
+follow the vehicle's own clock, count from the first ATTITUDE received as if that were 1970, and
+never fall. Gaps and reboots show in the vehicle's clock as ever; what is lost is the time of day
+and the latency.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Stamper:
     A stamp goes before every intact frame and before every damaged or unknown one that the next
     intact frame follows directly. All other bytes stay as they are, so that the decoder counts them
     as it does in a tlog. Where there was damage, the next frame whose CRC fits is taken for one:
-    without stamps there is nothing else to tell it by.
+    without stamps there is nothing else to know it by.
     """
 
     def __init__(self) -> None:
@@ -121,7 +121,7 @@ class _Window(NamedTuple):
 
 
 class _Clock:
-    """Stamps by the clock of one sender: the first whose attitude is heard."""
+    """Stamps by the clock of one sender: the first whose attitude is received."""
 
     def __init__(self, rows: list[int]) -> None:
         self._rows = rows

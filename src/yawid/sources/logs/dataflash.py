@@ -51,9 +51,9 @@ _NONE = np.zeros(0, np.int64)
 class DataflashReader:
     """A dataflash log; the module says what is made of it.
 
-    Messages follow each other as in the file. What the vehicle was when the log began is told
+    Messages follow each other as in the file. What the vehicle was when the log began is reported
     first: its type, its mode and the first value of every parameter. ``received_us`` is Unix time
-    by GPS, as late as the receiver tells it (0.1 to 0.3 s) and by the 18 leap seconds since 2017;
+    by GPS, as late as the receiver reports it (0.1 to 0.3 s) and by the 18 leap seconds since 2017;
     without a 3D fix it is the boot time.
 
     Raises:
@@ -180,7 +180,7 @@ class DataflashReader:
         return "RATE" if seconds["RATE"] >= _ENOUGH * seconds["IMU"] else "IMU"
 
     def _keep_one_instance(self, name: str) -> None:
-        """Of several sensors keep the first; of airspeed sensors the one told to be primary."""
+        """Of several sensors keep the first; of airspeed sensors the one reported to be primary."""
         if not self._index.has(name, "I"):
             return
         offsets = self._index.offsets[name]
@@ -189,7 +189,7 @@ class DataflashReader:
         self._index.offsets[name] = offsets[rows["I"] == primary]
 
 
-def _from_start(told: tuple[Ints, NDArray[Any]], shift: int) -> tuple[Ints, NDArray[Any]]:
-    """Move what is told before the log's first byte to where order becomes 0."""
-    offsets, fields = told
+def _from_start(reported: tuple[Ints, NDArray[Any]], shift: int) -> tuple[Ints, NDArray[Any]]:
+    """Move what is reported before the log's first byte to where order becomes 0."""
+    offsets, fields = reported
     return np.where(offsets < 0, -shift, offsets), fields

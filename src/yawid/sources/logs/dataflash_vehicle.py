@@ -1,6 +1,6 @@
 """What a dataflash log says of the vehicle beside its flying: type, mode, speeds, parameters.
 
-Everything is returned as the bytes at which it is told and the fields of the MAVLink message it
+Everything is returned as the bytes at which it is reported and the fields of the MAVLink message it
 becomes.
 """
 
@@ -46,7 +46,7 @@ def unix_minus_boot_us(index: DataflashIndex) -> int:
 
 
 def parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
-    """Return the first value of every parameter, and all values told after those.
+    """Return the first value of every parameter, and all values reported after those.
 
     A log writes its parameters down within the first seconds; they held from its beginning.
     """
@@ -62,11 +62,11 @@ def parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
 
 
 def system_id(first: NDArray[Any]) -> int:
-    """Return the vehicle's MAVLink system id by its first parameters, 1 unless they tell."""
+    """Return the vehicle's MAVLink system id by its first parameters, 1 unless they report."""
     for name in _SYSID:
-        told = first["param_value"][first["param_id"] == name]
-        if len(told) and 1 <= told[0] <= 255:
-            return int(told[0])
+        reported = first["param_value"][first["param_id"] == name]
+        if len(reported) and 1 <= reported[0] <= 255:
+            return int(reported[0])
     return 1
 
 
@@ -78,7 +78,7 @@ def heartbeats(index: DataflashIndex) -> PlacedFields:
         modes = index.offsets["MODE"]
         mode = np.asarray(index.rows("MODE", modes)[column], float)
     arms, armed = _arming(index)
-    # Unless told otherwise a log begins with arming (LOG_DISARMED is 0).
+    # Unless it says otherwise a log begins with arming (LOG_DISARMED is 0).
     opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)
     offsets, (mode, armed) = hold_last(opening, (modes, mode), (arms, armed))
     base_mode = np.where(armed > 0.0, ARMED, 0)
@@ -95,13 +95,13 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
     if index.has("EV", "Id"):
         offsets = index.offsets["EV"]
         events = index.rows("EV", offsets)["Id"]
-        told = np.isin(events, (_EV_ARMED, _EV_DISARMED))
-        return offsets[told], np.asarray(events[told] == _EV_ARMED, float)
+        reported = np.isin(events, (_EV_ARMED, _EV_DISARMED))
+        return offsets[reported], np.asarray(events[reported] == _EV_ARMED, float)
     return _NONE, np.zeros(0)
 
 
 def hud(index: DataflashIndex) -> PlacedFields:
-    """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
+    """Return a VFR_HUD wherever one of its columns is reported, the others held."""
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
     ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
     if index.has("GPS", "Spd", "Status"):
@@ -113,7 +113,7 @@ def hud(index: DataflashIndex) -> PlacedFields:
 
 
 def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:
-    """Return the first of these columns that the log has, and where it is told."""
+    """Return the first of these columns that the log has, and where it is reported."""
     for name, column in wanted:
         if index.has(name, column):
             offsets = index.offsets[name]
@@ -132,7 +132,7 @@ def system_state(index: DataflashIndex) -> PlacedFields:
 
 
 def _vehicle_type(index: DataflashIndex) -> int:
-    """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) where none is told."""
+    """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) where both lack."""
     if index.has("VER", "BU"):
         build = int(index.rows("VER", index.offsets["VER"])["BU"][0])
         if build in _TYPE_OF_BUILD:

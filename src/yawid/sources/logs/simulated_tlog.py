@@ -17,7 +17,7 @@ TRAVEL_US = 400
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What is told: ``t`` (n,) s from 0, rudder ``u`` (n,) on -1..1, rates and angles in rad."""
+    """A flight: ``t`` (n,) s from 0, rudder ``u`` (n,) on -1..1, rates in rad/s, angles in rad."""
 
     t: Floats
     u: Floats

@@ -146,8 +146,8 @@ class UlogReader:
 
     def _first(self, column: str, parameter: str) -> int:
         """Return a small number as vehicle_status said first, or a parameter, 0 if neither did."""
-        told = [*self._status.get(column, ())[:1], self._log.initial_parameters.get(parameter)]
-        sound = (int(n) for n in told if isinstance(n, int | np.integer) and 0 <= n <= 255)
+        reported = [*self._status.get(column, ())[:1], self._log.initial_parameters.get(parameter)]
+        sound = (int(n) for n in reported if isinstance(n, int | np.integer) and 0 <= n <= 255)
         return next(sound, 0)
 
     def _vehicle_type(self) -> int:
@@ -175,19 +175,19 @@ class UlogReader:
         return np.concatenate([[-1], published(status)]), fields
 
     def _parameters(self) -> PlacedFields:
-        told = [(-1, name, value) for name, value in self._log.initial_parameters.items()]
-        told += self._log.changed_parameters
-        told = [(t, n, v) for t, n, v in told if isinstance(v, int | float)]
+        reported = [(-1, name, value) for name, value in self._log.initial_parameters.items()]
+        reported += self._log.changed_parameters
+        reported = [(t, n, v) for t, n, v in reported if isinstance(v, int | float)]
         fields = table(
             "PARAM_VALUE",
-            len(told),
-            param_id=[name.encode()[:16] for _, name, _ in told],
-            param_value=[float(value) for _, _, value in told],
+            len(reported),
+            param_id=[name.encode()[:16] for _, name, _ in reported],
+            param_value=[float(value) for _, _, value in reported],
         )
-        return np.array([t for t, _, _ in told], np.int64), fields
+        return np.array([t for t, _, _ in reported], np.int64), fields
 
     def _hud(self) -> PlacedFields:
-        """Return a VFR_HUD wherever one of its columns is told anew, the others held."""
+        """Return a VFR_HUD wherever one of its columns is reported, the others held."""
         air = self._first_known(("airspeed_validated", _AIRSPEED), ("airspeed", _AIRSPEED))
         ground = self._over_ground()
         height = self._first_known(
@@ -196,7 +196,7 @@ class UlogReader:
         return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
 
     def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
-        """Return the first of these topics and columns that tells any number."""
+        """Return the first of these topics and columns that reports any number."""
         for name, columns in wanted:
             topic = self._topics.get((name, 0), {})
             column = next((column for column in columns if column in topic), None)

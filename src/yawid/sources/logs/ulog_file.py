@@ -33,7 +33,7 @@ def parsed(path: Path, topics: Iterable[str]) -> Any:
         ) from error
     said = io.StringIO()
     try:
-        # pyulog tells of damage by printing to stdout, where our results go.
+        # pyulog reports of damage by printing to stdout, where our results go.
         with path.open("rb") as file, contextlib.redirect_stdout(said):
             log = ULog(file, list(topics))
     except Exception as error:  # whatever pyulog raises at a damaged byte
@@ -61,7 +61,7 @@ def published(topic: UlogTopic) -> Ints:
 
 
 def sampled(topic: UlogTopic) -> Ints:
-    """Return when the values (n,) were sampled, or where that is not told published."""
+    """Return when the values (n,) were sampled, or where that is not reported published."""
     t_us = published(topic)
     sampled = topic.get("timestamp_sample", np.zeros(len(t_us))).astype(np.int64)
     return np.where((sampled > 0) & (np.abs(t_us - sampled) < _OLDEST_SAMPLE_US), sampled, t_us)

@@ -17,7 +17,7 @@ _NOTHING = np.zeros(0, np.int64), np.zeros(0)
 
 
 def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
-    """Return an EXTENDED_SYS_STATE wherever one of its columns is told anew, the other one held."""
+    """Return an EXTENDED_SYS_STATE wherever one of its columns is reported, the others one held."""
     land = topics.get(("vehicle_land_detected", 0), {})
     landed = _NOTHING
     if "landed" in land:

@@ -1,9 +1,11 @@
-"""The usual feed of a live link, frame by frame: a few whole records, in step, nothing odd.
+"""The usual feed of a live link, frame by frame: a few whole records, in step, no anomaly.
 
-NumPy takes as long for three frames as for three hundred: what a live session hears in a fiftieth
-of a second is read sooner by a plain loop. Whatever is odd (damage, a stamp that does not fit, an
-unknown message, a frame in two parts) is left to the decoder's other way, which can do everything;
-of what is plain both make the same, and a test holds them to it.
+NumPy takes as long for three frames as for three hundred: what a live session receives in a
+fiftieth of a second is read sooner by a plain loop. Any anomaly (damage, a stamp that does not fit,
+an unknown message, a frame in two parts) is left to the decoder's other way, which can do
+everything; of what is plain both make the same, and a test holds them to it. Measured, CPU per
+frame with and without it: 6.5 and 91 us in feeds of 3 frames, 3.9 and 37 us of 10, 2.6 and 16 us of
+30, 1.8 and 5.6 us of 100.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class PlainReader:
         self._extra = [bytes([byte]).translate(REVERSED) for byte in known.crc_extra.tolist()]
 
     def read(self, data: bytes, last_us: int) -> list[PlainRecord] | None:
-        """Return the records, None where anything is odd; ``last_us`` is the stamp before them."""
+        """Return the records, None at any anomaly; ``last_us`` is the stamp before them."""
         mirrored, extra = data.translate(REVERSED), self._extra
         found = []
         at, stop = 0, len(data)

@@ -35,8 +35,8 @@ def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
     if autopilot == ARDUPILOT:
         name = (mavutil.mode_mapping_bynumber(vehicle_type) or {}).get(custom_mode)
     elif autopilot == PX4:
-        told = mavutil.interpret_px4_mode(0, custom_mode)
-        name = None if told == "UNKNOWN" else told
+        reported = mavutil.interpret_px4_mode(0, custom_mode)
+        name = None if reported == "UNKNOWN" else reported
     return name or f"mode {custom_mode}"
 
 

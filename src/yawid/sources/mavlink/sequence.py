@@ -119,7 +119,7 @@ class SenderCount:
         """Add up what the steps leave out.
 
         A frame that comes late was counted as missing before. One whose place ``is_taken`` already
-        is not late: the sender has begun anew.
+        is not late: the sender has begun again.
         """
         if not len(sequence):
             return

@@ -85,7 +85,7 @@ class SigningKey:
 
 
 class Signing:
-    """The check of one stream, in the order heard.
+    """The check of one stream, in the order received.
 
     A frame is accepted if its signature is right and its time stamp newer than the last accepted
     one of its (link id, sysid, compid); the first of such a stream may lie up to a minute behind

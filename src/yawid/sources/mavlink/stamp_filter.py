@@ -28,8 +28,8 @@ class StampFilter:
     def sort(self, stamps: Ints, pending: int) -> tuple[Ints | slice, Ints]:
         """Return the rows to believe and the rows that stay pending, both rising.
 
-        ``stamps`` (n,) are those of the records in the order heard; the first ``pending`` of them
-        are what the call before left pending.
+        ``stamps`` (n,) are those of the records in the order received; the first ``pending`` of
+        them are what the call before left pending.
         """
         fresh = stamps[pending:]
         near = np.abs(np.diff(fresh)) <= STAMP_TOLERANCE_US
