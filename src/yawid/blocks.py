@@ -127,7 +127,10 @@ class MessageBlock(Columns):
 
 @dataclass(frozen=True, slots=True)
 class FrameBlock:
-    """All wanted messages of one stretch of the stream, by message name; absent names had none."""
+    """The wanted messages of one stretch of the stream.
+
+    ``messages`` has a block of (n,) rows, n >= 1, by message name; a name that is absent had none.
+    """
 
     messages: Mapping[str, MessageBlock]
 
@@ -136,19 +139,21 @@ class FrameBlock:
 class SampleBlock(Columns):
     """Samples on the uniform grid ``t_k = k * sample_time_s`` of vehicle time.
 
-    ``k`` (n,) grid index; ``boot_us`` (n,) vehicle time in microseconds; ``unix_ns`` (n,) the same
-    mapped to Unix time, never decreasing; ``received_us`` (n,) receive stamp of the message that
-    completed the sample. ``u`` (n, n_inputs) mean deflection over ``[t_k, t_k+1)`` in units of half
-    the travel, the rudder's in rad where ``--rudder-max-deg`` says how far it moves, and ``y`` (n,)
-    yaw rate in rad/s at ``t_k``, both NaN where ``held`` (n,) is not zero. ``yaw`` and ``roll``
-    (n,) in rad (yaw unwrapped); ``turn`` (n,) the turn rate in rad/s that bank and airspeed imply;
-    ``airspeed`` (n,) in m/s. ``noted`` (n,) are bits of :class:`Noted`, ``held`` (n,) of
-    :class:`Held`. ``epoch`` (n,) counts how often the meaning of
-    ``u`` changed: the estimators start again with each.
+    Of each row, (n,) unless another shape is given; unknown values are NaN:
 
-    For whoever judges the samples: ``aileron`` (n,) always in units of half its travel,
-    whether it is an input or not; ``mode`` (n,) HEARTBEAT.custom_mode; ``on_ground`` (n,) 1 or 0;
-    ``altitude`` (n,) in m. Each is NaN where nothing reports it, and holds no sample.
+    - ``sample_time_s``, one number: the grid's Ts in s;
+    - ``k``: the instant's number on the grid; ``boot_us``: the same as us since boot; ``unix_ns``:
+      mapped to ns of Unix time, never decreasing;
+    - ``received_us``: receive stamp (us of Unix time) of the message that completed the sample;
+    - ``u`` (n, n_inputs): mean deflection over ``[t_k, t_k+1)`` in units of half the travel, the
+      rudder's in rad with ``--rudder-max-deg``; NaN where held;
+    - ``y``: the output at ``t_k``, yaw rate or heading rate in rad/s; NaN where held;
+    - ``yaw`` (unwrapped) and ``roll`` in rad at ``t_k``;
+    - ``turn``: the turn rate in rad/s that bank and airspeed imply; ``airspeed`` in m/s;
+    - ``noted``, ``held``: bits of :class:`Noted` and of :class:`Held`, which is 0 for what updates;
+    - ``epoch``: how often the meaning of ``u`` has changed; with each the estimators start again;
+    - ``aileron``: mean deflection in units of half its travel, whether it is an input or not;
+    - ``mode``: HEARTBEAT.custom_mode; ``on_ground``: 1 or 0; ``altitude`` in m above the sea.
     """
 
     sample_time_s: float
@@ -176,7 +181,8 @@ class EstimateBlock:
     """What one estimator made of a block of samples, a row each.
 
     The fields are columns of ``rows`` (n, 2 p + 5), or (n, 2 p + 5 + p p) with the covariance, as
-    the recursion writes them: a live block is too short to pay for cutting what nobody reads.
+    the recursion writes them: a live block is too short to pay for cutting what nobody reads. ``p``
+    is the number of parameters. Units are those of u and y: see :class:`SampleBlock`.
     """
 
     rows: Floats
@@ -194,7 +200,7 @@ class EstimateBlock:
         noise_std: Floats,
         status: NDArray[Any],
     ) -> EstimateBlock:
-        """Return the block of these fields, in the order and shapes of the properties."""
+        """Return the block of these fields: (n, p), (n, p), (n, p, p) or None, and five of (n,)."""
         n, p = theta.shape
         last = () if covariance is None else (covariance.reshape(n, p * p),)
         columns = (theta, theta_std, y_hat, innovation, residual, noise_std, status, *last)
@@ -250,10 +256,10 @@ class ModesBlock:
     """The continuous poles of each estimate and the Dutch roll among them; NaN where there is none.
 
     ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``,
-    ``zeta_std`` (n, na) of each pole; ``dutch_roll`` (n, 4) holds wn, wn_std, zeta, zeta_std of the
-    Dutch roll. ``yaw`` and ``yaw_std`` (n, 9) are the numbers of paper eq. 22-23 and the servo's
-    lag, in the order of :data:`yawid.physics.derivatives.NAMES`; both empty (n, 0) where nobody
-    worked them out.
+    ``zeta_std`` (n, na) without unit of each pole; ``dutch_roll`` (n, 4) holds wn and wn_std in
+    rad/s, zeta and zeta_std of the Dutch roll. ``yaw`` and ``yaw_std`` (n, 9) are the numbers of
+    paper eq. 22-23 and the servo's lag, in the order and units of
+    :data:`yawid.physics.derivatives.NAMES`; both empty (n, 0) where nobody worked them out.
     """
 
     poles: NDArray[np.complex128]

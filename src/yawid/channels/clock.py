@@ -19,7 +19,7 @@ UNIX_US = 10**15
 
 
 def boot_us(fields: NDArray[Any]) -> Ints:
-    """Return the boot time a message reports whole: time_boot_ms, or time_usec of 64 bits."""
+    """Return the boot time in us (n,) that a message reports: time_boot_ms, or time_usec (n,)."""
     if "time_boot_ms" in (fields.dtype.names or ()):
         return fields["time_boot_ms"].astype(np.int64) * 1000
     return fields["time_usec"].astype(np.int64)

@@ -24,7 +24,10 @@ class Latest:
         self.values = np.full((1, self.columns), np.nan)
 
     def observe(self, block: MessageBlock | None, read: Callable[[NDArray[Any]], Floats]) -> None:
-        """Take a block in; of what came before only the newest row is still needed."""
+        """Take a block in; of what came before only the newest row is still needed.
+
+        ``read`` makes values (n, columns) of its fields (n,).
+        """
         if block is None:
             self.add(self.order[:0], np.zeros((0, self.columns)))
         else:

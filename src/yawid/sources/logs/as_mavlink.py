@@ -64,7 +64,7 @@ def table(name: str, rows: int, **columns: Any) -> NDArray[Any]:
 def message(
     name: str, order: Ints, received_us: Ints, fields: NDArray[Any], sysid: int
 ) -> MessageBlock:
-    """Return rows of one message from the vehicle ``sysid``."""
+    """Return rows (n,) of one message from the vehicle ``sysid``; stamps in us of Unix time."""
     return MessageBlock(
         name,
         order,
@@ -110,7 +110,8 @@ def fill_forward(values: Floats) -> Floats:
 def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
     """Merge columns reported at places of their own: all at every place, the last value held.
 
-    The first row, at place -1, is the ``opening``; what is reported at one place makes one row.
+    Each of the ``parts`` has places (m,) and values (m,). Return the places (n,) and each column
+    (n,): the first row, at place -1, is the ``opening``; what is reported at one place is one row.
     """
     places = np.concatenate([[-1], *(own for own, _ in parts)])
     in_place = np.argsort(places, kind="stable")

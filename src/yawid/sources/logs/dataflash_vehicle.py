@@ -62,7 +62,7 @@ def parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
 
 
 def system_id(first: NDArray[Any]) -> int:
-    """Return the vehicle's MAVLink system id by its first parameters, 1 unless they report."""
+    """Return the system id by the PARAM_VALUE rows ``first`` (n,), 1 unless it is there."""
     for name in _SYSID:
         reported = first["param_value"][first["param_id"] == name]
         if len(reported) and 1 <= reported[0] <= 255:

@@ -81,7 +81,7 @@ def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple
 
     That position is where the first frame begins that could be intact once bytes after ``stop`` are
     known (``stop`` itself if there is none): frames that begin before it can no longer change.
-    ``data`` has ``SLACK`` bytes after ``stop`` and ``start`` is at least ``STAMP_SIZE``.
+    ``data`` (m,) has ``SLACK`` bytes after ``stop`` and ``start`` is at least ``STAMP_SIZE``.
     """
     window = data[start:stop]
     at = np.flatnonzero((window == MAGIC_V1) | (window == MAGIC_V2)) + start

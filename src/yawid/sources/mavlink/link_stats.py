@@ -73,7 +73,10 @@ class Tally:
         self._rejected: dict[Check, int] = dict.fromkeys(_REFUSALS, 0)
 
     def add(self, data: bytes, buffer: Bytes, records: Records) -> Ints | None:
-        """Count the records; return the rows that are accepted and no duplicates, None if all."""
+        """Count the records; return the rows (m,) that are accepted and no duplicates, None if all.
+
+        ``buffer`` (b,) is ``data`` as an array.
+        """
         self._count_bytes(records)
         rows = None if self._signing is None else self._accepted(data, records, self._signing)
         used = records if rows is None else records.select(rows)

@@ -113,7 +113,7 @@ class Chain:
         self.last_us = NO_STAMP
 
     def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
-        """Return the rows of the frames that are records, and where the undecided bytes begin."""
+        """Return the rows (m,) of the frames that are records, and where undecided bytes begin."""
         begin, end = stretch.begin, stretch.end
         runs: list[tuple[int, int]] = []
         at = stretch.start

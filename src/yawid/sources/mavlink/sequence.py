@@ -73,7 +73,7 @@ class SenderCount:
         self._recent: list[tuple[int, int, bytes] | None] = [None] * _CYCLE
 
     def add(self, data: bytes, own: Records) -> Mask | None:
-        """Count the frames; return which are no duplicates, None if all."""
+        """Count the frames, n >= 1; return which are no duplicates (n,), None if all."""
         steps = _steps(own.sequence, self._last)
         place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
         goes_on = bool(place[0] > self._highest and (steps[1:].view(np.int8) > 0).all())
