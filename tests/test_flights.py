@@ -1,4 +1,4 @@
-"""The recorded flights of the catalogue, where they are at hand: an honest word on each.
+"""The recorded flights of the catalogue: an honest word on each.
 
 The synthetic twins of their oddities are in tests/channels and tests/sources.
 """
@@ -11,14 +11,17 @@ from typing import Any
 
 import pytest
 from places import SHARED_FLIGHTS as FLIGHTS
+from recorded_flights import recorded
 
 from yawid.cli.main import main
 
-pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+SHARED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 
-def replay(capsys, tmp_path: Path, name: str, *options: object) -> tuple[int, dict[str, Any]]:
-    arguments = ["replay", FLIGHTS / f"{name}.tlog", "--out", tmp_path, "--json", *options]
+def replay(capsys, tmp_path: Path, log: Path | str, *options: object) -> tuple[int, dict[str, Any]]:
+    """Replay a log, or the whole recorded flight of a name."""
+    path = log if isinstance(log, Path) else FLIGHTS / f"{log}.tlog"
+    arguments = ["replay", path, "--out", tmp_path, "--json", *options]
     code = main([str(argument) for argument in arguments])
     return code, json.loads(capsys.readouterr().out)
 
@@ -34,8 +37,9 @@ WINGS_LEVEL_WN = 10.54
 EXCITED = ("--rate", 25, "--forgetting", 1, "--from", 86.5, "--to", 253.9)
 
 
-def test_sitl_fbwa_has_its_dutch_roll(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "sitl_fbwa_50hz", *EXCITED, "--method", "rml")
+@recorded("sitl_fbwa_50hz")
+def test_sitl_fbwa_has_its_dutch_roll(log, capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, log, *EXCITED, "--method", "rml")
 
     found = summary["estimates"]["rml"]["dutch_roll"]
     assert code == 0
@@ -46,9 +50,10 @@ def test_sitl_fbwa_has_its_dutch_roll(capsys, tmp_path):
     assert servo["value"] == pytest.approx(0.14, abs=0.03)
 
 
-def test_sigma_covers_the_aircraft_as_flown_and_the_roll_in_it_is_said(capsys, tmp_path):
+@recorded("sitl_fbwa_50hz")
+def test_sigma_covers_the_aircraft_as_flown_and_the_roll_in_it_is_said(log, capsys, tmp_path):
     """The roll that the rudder makes is in the flight, and so is the loop that holds it."""
-    _, summary = replay(capsys, tmp_path, "sitl_fbwa_50hz", *EXCITED, "--method", "rml")
+    _, summary = replay(capsys, tmp_path, log, *EXCITED, "--method", "rml")
 
     found = summary["estimates"]["rml"]["dutch_roll"]
     assert abs(found["wn_rad_s"] - AS_FLOWN["wn"]) < 3.0 * found["wn_std"]
@@ -57,17 +62,18 @@ def test_sigma_covers_the_aircraft_as_flown_and_the_roll_in_it_is_said(capsys, t
     assert "follow the roll" in reasons(summary)["coloured_residuals"]
 
 
-@pytest.mark.parametrize("name", ["sitl_fbwa_50hz", "sitl_fbwa_stock_33hz"])
-def test_a_replay_that_ends_in_a_steep_turn_is_not_usable(capsys, tmp_path, name):
+@recorded("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz", trimmed=False)
+def test_a_replay_that_ends_in_a_steep_turn_is_not_usable(log, capsys, tmp_path):
     """Both methods are drawn away from 10.22 rad/s within the turn's five seconds."""
-    code, summary = replay(capsys, tmp_path, name)
+    code, summary = replay(capsys, tmp_path, log)
 
     assert code == 5
     assert "still moves" in reasons(summary)["not_converged"]
 
 
-def test_sitl_fbwa_at_stock_rates_has_nearly_the_same(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "sitl_fbwa_stock_33hz", *EXCITED, "--method", "rml")
+@recorded("sitl_fbwa_stock_33hz")
+def test_sitl_fbwa_at_stock_rates_has_nearly_the_same(log, capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, log, *EXCITED, "--method", "rml")
 
     found = summary["estimates"]["rml"]["dutch_roll"]
     assert code == 0
@@ -75,41 +81,46 @@ def test_sitl_fbwa_at_stock_rates_has_nearly_the_same(capsys, tmp_path):
     assert found["zeta"] == pytest.approx(AS_FLOWN["zeta"], abs=0.04)
 
 
-def test_the_ground_stations_record_of_that_flight_is_too_slow(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "sitl_fbwa_gcs_4hz")
+@recorded("sitl_fbwa_gcs_4hz")
+def test_the_ground_stations_record_of_that_flight_is_too_slow(log, capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, log)
 
     assert code == 4
     assert "2 Hz" in reasons(summary)["rate_too_low"]
 
 
-def test_the_automatic_mission_is_not_usable(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "sitl_auto_25hz")
+@recorded("sitl_auto_25hz")
+def test_the_automatic_mission_is_not_usable(log, capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, log)
 
     assert code == 5
     assert {"mixed_rudder", "turn_dominated"} <= reasons(summary).keys()
 
 
+@recorded("sitl_auto_25hz")
 @pytest.mark.parametrize(
     "stretch", [(), ("--from", 50, "--to", 430, "--forgetting", 1)], ids=["whole", "cruise"]
 )
 def test_what_the_refusal_of_turns_advises_does_not_make_a_mixed_rudder_usable(
-    stretch, capsys, tmp_path
+    stretch, log, capsys, tmp_path
 ):
     """The rudder is half the aileron throughout; the answers were 7.9 and 11.6 for 10.2 rad/s."""
     options = ("--turn", "remove", "--band", "0.15,3", *stretch)
-    code, summary = replay(capsys, tmp_path, "sitl_auto_25hz", *options)
+    code, summary = replay(capsys, tmp_path, log, *options)
 
     assert code == 5
     assert "follows the aileron" in reasons(summary)["mixed_rudder"]
 
 
-def test_mavproxys_record_of_it_is_too_slow_and_knows_its_rudder(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "sitl_auto_mavproxy_4hz")
+@recorded("sitl_auto_mavproxy_4hz")
+def test_mavproxys_record_of_it_is_too_slow_and_knows_its_rudder(log, capsys, tmp_path):
+    code, summary = replay(capsys, tmp_path, log)
 
     assert code == 4
     assert summary["channels"]["rudder"]["how"] == "parameter"
 
 
+@SHARED
 def test_alfas_rudder_and_aileron_cannot_be_separated(capsys, tmp_path):
     options = ("--rudder", "servo:4", "--aileron", "servo:5", "--inputs", "rudder,aileron")
     code, summary = replay(capsys, tmp_path, "alfa_carbonz_engine_failure", *options)
@@ -124,11 +135,9 @@ def test_alfas_rudder_and_aileron_cannot_be_separated(capsys, tmp_path):
 STOCK = {"min_us": 1100, "trim_us": 1500, "max_us": 1900, "reversed": False, "how": "assumed"}
 
 
-@pytest.mark.parametrize(
-    "name", ["sitl_fbwa_50hz", "sitl_fbwa_stock_33hz", "sitl_fbwa_gcs_4hz", "sitl_auto_25hz"]
-)
-def test_without_functions_the_stock_channels_are_assumed(name: str, capsys, tmp_path):
-    _, summary = replay(capsys, tmp_path, name, "--inputs", "rudder,aileron")
+@recorded("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz", "sitl_fbwa_gcs_4hz", "sitl_auto_25hz")
+def test_without_functions_the_stock_channels_are_assumed(log: Path, capsys, tmp_path):
+    _, summary = replay(capsys, tmp_path, log, "--inputs", "rudder,aileron")
 
     for surface, servo in (("rudder", 4), ("aileron", 1)):
         found = summary["channels"][surface]
@@ -151,6 +160,7 @@ AT_A_GLANCE = {
 }
 
 
+@SHARED
 @pytest.mark.parametrize("name", AT_A_GLANCE)
 def test_a_flight_is_known_at_a_glance(name: str, capsys):
     log = str(FLIGHTS / f"{name}.tlog")
@@ -172,6 +182,7 @@ def test_a_flight_is_known_at_a_glance(name: str, capsys):
     assert all(len(line) <= 80 for line in page[1:] if "yawid replay" not in line)
 
 
+@SHARED
 def test_skywalker_flies_for_39_seconds(capsys):
     main(["inspect", str(FLIGHTS / "skywalker_manual_a.tlog"), "--json"])
     report = json.loads(capsys.readouterr().out)
@@ -180,6 +191,7 @@ def test_skywalker_flies_for_39_seconds(capsys):
     assert sum(seconds) == pytest.approx(39.0, abs=1.0)
 
 
+@SHARED
 def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, "skywalker_manual_a")
 
@@ -188,6 +200,7 @@ def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):
     assert summary["channels"]["rudder"]["source"] == "ACTUATOR_CONTROL_TARGET.controls[2]"
 
 
+@SHARED
 def test_skywalker_with_its_turns_removed_has_an_estimate_that_nobody_would_act_on(
     capsys, tmp_path
 ):
@@ -203,6 +216,7 @@ def test_skywalker_with_its_turns_removed_has_an_estimate_that_nobody_would_act_
     assert "turn_dominated" not in reasons(summary)
 
 
+@SHARED
 def test_the_quadplane_has_no_rudder_function(capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, "vtol_quadplane")
 
@@ -212,6 +226,7 @@ def test_the_quadplane_has_no_rudder_function(capsys, tmp_path):
     assert "estimates" not in summary
 
 
+@SHARED
 def test_the_multirotor_has_no_rudder(capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, "copter_sik_radio")
 
@@ -221,6 +236,7 @@ def test_the_multirotor_has_no_rudder(capsys, tmp_path):
     assert summary["link"]["lost"] >= 2856
 
 
+@SHARED
 def test_inspect_finds_where_the_flight_was_excited_and_what_to_ask(capsys):
     code = main(["inspect", str(FLIGHTS / "sitl_fbwa_50hz.tlog"), "--json"])
     report = json.loads(capsys.readouterr().out)
@@ -233,6 +249,7 @@ def test_inspect_finds_where_the_flight_was_excited_and_what_to_ask(capsys):
     assert report["senders"]["255/190"] == 13372
 
 
+@SHARED
 def test_inspect_says_what_to_record_where_a_log_cannot_answer(capsys):
     code = main(["inspect", str(FLIGHTS / "sitl_fbwa_gcs_4hz.tlog"), "--json"])
     report = json.loads(capsys.readouterr().out)

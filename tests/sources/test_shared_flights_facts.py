@@ -1,4 +1,4 @@
-"""The catalogue's figures, read from the recorded flights where they are at hand.
+"""The catalogue's figures, read from the recorded flights.
 
 The synthetic twin of each is in tests/test_faults.py, tests/test_faults_channels.py and
 tests/channels.
@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from places import SHARED_FLIGHTS as FLIGHTS
+from recorded_flights import recorded
 from sources.tlog_records import run
 
 from yawid.sources.mavlink.framing import frame_size
 
-pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+SHARED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 WANTED = frozenset(
     {"ATTITUDE", "SERVO_OUTPUT_RAW", "PARAM_VALUE", "VFR_HUD", "ACTUATOR_CONTROL_TARGET"}
@@ -25,9 +27,10 @@ WANTED = frozenset(
 
 
 @cache
-def fields(flight: str) -> dict[str, Any]:
+def fields(flight: str | Path) -> dict[str, Any]:
     """Return the fields of every wanted message, and the receive stamps under ``received_us``."""
-    blocks, _ = run((FLIGHTS / f"{flight}.tlog").read_bytes(), wanted=WANTED)
+    log = flight if isinstance(flight, Path) else FLIGHTS / f"{flight}.tlog"
+    blocks, _ = run(log.read_bytes(), wanted=WANTED)
     found: dict[str, Any] = {}
     for name in WANTED:
         parts = [block.messages[name] for block in blocks if name in block.messages]
@@ -37,7 +40,7 @@ def fields(flight: str) -> dict[str, Any]:
     return found
 
 
-def boot_s(flight: str) -> Any:
+def boot_s(flight: str | Path) -> Any:
     return fields(flight)["ATTITUDE"]["time_boot_ms"].astype(float) / 1e3
 
 
@@ -52,56 +55,57 @@ def records(flight: str) -> tuple[Any, Any]:
     return np.array(stamps), np.array(magics)
 
 
-def functions(flight: str) -> list[str]:
+def functions(flight: str | Path) -> list[str]:
     """Return the names of the servo functions among a flight's parameters."""
     told = fields(flight).get("PARAM_VALUE")
     names = [] if told is None else np.unique(told["param_id"]).tolist()
     return [n for n in (b.decode() for b in names) if n.startswith("SERVO") and "FUNCTION" in n]
 
 
-@pytest.mark.parametrize(
-    "flight",
-    [
-        "sitl_fbwa_50hz",
-        "sitl_fbwa_stock_33hz",
-        "sitl_fbwa_gcs_4hz",
-        "sitl_auto_25hz",
-        "alfa_carbonz_engine_failure",
-        "copter_sik_radio",
-    ],
+@recorded(
+    "sitl_fbwa_50hz",
+    "sitl_fbwa_stock_33hz",
+    "sitl_fbwa_gcs_4hz",
+    "sitl_auto_25hz",
+    "alfa_carbonz_engine_failure",
+    "copter_sik_radio",
 )
-def test_these_logs_name_no_servo_function(flight: str) -> None:
-    assert functions(flight) == []
+def test_these_logs_name_no_servo_function(log: Path) -> None:
+    assert functions(log) == []
 
 
-@pytest.mark.parametrize("flight", ["sitl_auto_mavproxy_4hz", "vtol_quadplane"])
-def test_these_logs_name_their_servo_functions(flight: str) -> None:
-    assert len(functions(flight)) >= 4
+@recorded("sitl_auto_mavproxy_4hz", "vtol_quadplane")
+def test_these_logs_name_their_servo_functions(log: Path) -> None:
+    assert len(functions(log)) >= 4
 
 
-def test_stock_intervals_mix_20_and_40_ms() -> None:
-    steps = np.diff(boot_s("sitl_fbwa_stock_33hz"))
+@recorded("sitl_fbwa_stock_33hz")
+def test_stock_intervals_mix_20_and_40_ms(log: Path) -> None:
+    steps = np.diff(boot_s(log))
     assert np.percentile(steps, [5, 95]) == pytest.approx([0.02, 0.04], abs=0.002)
     assert np.mean(np.abs(steps - 0.03) > 0.005) > 0.95
 
 
-@pytest.mark.parametrize("flight", ["sitl_auto_25hz", "sitl_auto_mavproxy_4hz"])
-def test_the_mission_wraps_its_yaw_eight_times(flight: str) -> None:
-    assert (np.abs(np.diff(fields(flight)["ATTITUDE"]["yaw"])) > np.pi).sum() == 8
+@recorded("sitl_auto_25hz", "sitl_auto_mavproxy_4hz", trimmed=False)
+def test_the_mission_wraps_its_yaw_eight_times(log: Path) -> None:
+    assert (np.abs(np.diff(fields(log)["ATTITUDE"]["yaw"])) > np.pi).sum() == 8
 
 
-def test_the_missions_rudder_is_half_its_aileron() -> None:
-    servos = fields("sitl_auto_25hz")["SERVO_OUTPUT_RAW"]
+@recorded("sitl_auto_25hz")
+def test_the_missions_rudder_is_half_its_aileron(log: Path) -> None:
+    servos = fields(log)["SERVO_OUTPUT_RAW"]
     t = servos["time_usec"] / 1e6
     aileron, rudder = (servos[f"servo{n}_raw"][(t > 30.0) & (t < 460.0)] * 1.0 for n in (1, 4))
     assert np.corrcoef(aileron, rudder)[0, 1] > 0.999
     assert np.polyfit(aileron, rudder, 1)[0] == pytest.approx(0.5, abs=0.01)
 
 
-def test_mavproxys_record_has_gaps_of_1_9_s() -> None:
-    assert np.diff(boot_s("sitl_auto_mavproxy_4hz")).max() == pytest.approx(1.9, abs=0.05)
+@recorded("sitl_auto_mavproxy_4hz")
+def test_mavproxys_record_has_gaps_of_1_9_s(log: Path) -> None:
+    assert np.diff(boot_s(log)).max() == pytest.approx(1.9, abs=0.05)
 
 
+@SHARED
 def test_alfas_rudder_is_half_its_aileron_in_a_log_of_both_versions() -> None:
     servos = fields("alfa_carbonz_engine_failure")["SERVO_OUTPUT_RAW"]
     rudder, aileron = (servos[f"servo{n}_raw"].astype(float) for n in (4, 5))
@@ -112,6 +116,7 @@ def test_alfas_rudder_is_half_its_aileron_in_a_log_of_both_versions() -> None:
     assert set(magics.tolist()) == {0xFE, 0xFD}
 
 
+@SHARED
 def test_alfas_own_clock_has_less_than_three_messages_a_second_and_none_were_lost() -> None:
     """Why its verdict begins with ``rate_too_low``: it is the log, not loss or receive stamps."""
     found = fields("alfa_carbonz_engine_failure")
@@ -122,12 +127,13 @@ def test_alfas_own_clock_has_less_than_three_messages_a_second_and_none_were_los
     assert decoder.link.lost == 0
 
 
+@SHARED
 def test_skywalkers_rudder_is_its_own_and_the_yaw_rate_answers_after_a_tenth_of_a_second() -> None:
     found = fields("skywalker_manual_a")
     controls, attitude, hud = (found[n] for n in ("ACTUATOR_CONTROL_TARGET", "ATTITUDE", "VFR_HUD"))
     t = controls["time_usec"].astype(float) / 1e6
-    heard = (found[name, "received_us"] for name in ("ACTUATOR_CONTROL_TARGET", "VFR_HUD"))
-    flying = np.interp(*heard, hud["airspeed"]) > 8.0
+    received = (found[name, "received_us"] for name in ("ACTUATOR_CONTROL_TARGET", "VFR_HUD"))
+    flying = np.interp(*received, hud["airspeed"]) > 8.0
     rudder, aileron = controls["controls"][:, 2], controls["controls"][:, 0]
     lags = np.arange(0.0, 0.6, 0.1)
     answers = [
@@ -144,6 +150,7 @@ def test_skywalkers_rudder_is_its_own_and_the_yaw_rate_answers_after_a_tenth_of_
     assert max(answers) == pytest.approx(0.72, abs=0.03)
 
 
+@SHARED
 def test_the_quadplane_has_all_its_parameters_and_its_stamps_are_no_sample_times() -> None:
     stamps, magics = records("vtol_quadplane")
     steps = np.diff(boot_s("vtol_quadplane"))
@@ -155,6 +162,7 @@ def test_the_quadplane_has_all_its_parameters_and_its_stamps_are_no_sample_times
     assert (steps < -0.1).sum() == 1
 
 
+@SHARED
 def test_the_copter_reboots_four_times_and_is_silent_for_59_s() -> None:
     stamps, _ = records("copter_sik_radio")
     reboots = [(a, b) for a, b in pairwise(boot_s("copter_sik_radio").tolist()) if b < a - 1.0]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from recorded_flights import recorded
 from sources.tlog_records import ALL_NAMES, decode, run
 
-pytestmark = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+SHARED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
 FRAMES = {
     "alfa_carbonz_engine_failure": 26183,
@@ -43,9 +45,11 @@ def walked(data: bytes) -> Counter[str]:
     return counts
 
 
-@pytest.mark.parametrize("name", ["alfa_carbonz_engine_failure", "vtol_quadplane"])
-def test_every_message_type_is_found_as_often_as_pymavlink_finds_it(name: str) -> None:
-    data = (FLIGHTS / f"{name}.tlog").read_bytes()
+@recorded(
+    "alfa_carbonz_engine_failure", "vtol_quadplane", "sitl_fbwa_gcs_4hz", "sitl_auto_mavproxy_4hz"
+)
+def test_every_message_type_is_found_as_often_as_pymavlink_finds_it(log: Path) -> None:
+    data = log.read_bytes()
     blocks, decoder = run(data, cuts=[100_000, 100_001, 654_321])
     found: Counter[str] = Counter()
     for block in blocks:
@@ -54,6 +58,7 @@ def test_every_message_type_is_found_as_often_as_pymavlink_finds_it(name: str) -
     assert decoder.link.skipped_bytes == 0
 
 
+@SHARED
 @pytest.mark.parametrize("name", FRAMES)
 def test_every_frame_of_a_flight_is_counted(name: str) -> None:
     _, decoder = run((FLIGHTS / f"{name}.tlog").read_bytes())
@@ -63,6 +68,7 @@ def test_every_frame_of_a_flight_is_counted(name: str) -> None:
     assert all(s.bad_crc == s.unknown == 0 for s in link.by_sender.values())
 
 
+@SHARED
 def test_the_copter_has_its_torn_frame_its_radio_and_its_losses() -> None:
     _, decoder = run((FLIGHTS / "copter_sik_radio.tlog").read_bytes())
     link = decoder.link
