@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
@@ -48,8 +48,7 @@ def estimates(theta: np.ndarray, covariance: np.ndarray | None = None) -> Estima
 def test_the_dutch_roll_of_a_sampled_plant_comes_back(wn, zeta, tau, lead, ts):
     pole = 1.0 / tau
     separation = abs(complex(pole - zeta * wn, wn * math.sqrt(1 - zeta**2)))
-    if wn * ts > 2.0 or separation < 0.3 or wn > 0.8 * math.pi * 0.8 / ts:
-        return
+    assume(wn * ts <= 2.0 and separation >= 0.3 and wn <= 0.8 * math.pi * 0.8 / ts)
     theta = sampled(*yaw_with_servo(wn, zeta, 1.0, lead, tau), ts)
 
     found = modes(estimates(theta), ORDERS, ts)

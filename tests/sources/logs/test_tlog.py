@@ -42,8 +42,10 @@ def test_a_file_longer_than_its_head_is_read_whole(tmp_path: Path) -> None:
 
 def test_a_log_that_begins_with_garbage_is_read(tmp_path: Path, log: Path) -> None:
     path = tmp_path / "late.tlog"
-    path.write_bytes(np.random.default_rng(1).bytes(100_000) + log.read_bytes())
+    garbage = np.random.default_rng(1).bytes(100_000)
+    path.write_bytes(garbage + log.read_bytes())
     check_readable(path)
+    assert b"".join(read_tlog(path)) == garbage + log.read_bytes()
 
 
 def test_a_log_of_one_record_is_read(tmp_path: Path) -> None:
