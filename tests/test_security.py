@@ -50,7 +50,7 @@ def over_udp(datagrams: list[bytes]) -> bytes:
             for first in range(0, len(datagrams), 50):
                 for datagram in datagrams[first : first + 50]:
                     sender.sendto(datagram, tap.address)
-                while tap.datagrams < min(first + 50, len(datagrams)):
+                while tap.inbox.received < min(first + 50, len(datagrams)):
                     data += tap.read(0.05)
         return data + tap.read(0.0)
 
@@ -109,7 +109,7 @@ def test_without_a_key_a_second_sender_of_the_vehicles_id_is_named():
                 for sender in (one, two):
                     sender.sendto(frame, tap.address)
                     count += 1
-            while tap.datagrams < count:
+            while tap.inbox.received < count:
                 data += tap.read(0.05)
         data += tap.read(0.0)
         assert set(tap.senders.latest) == {1}

@@ -58,9 +58,9 @@ def hear(
         cpu_s = time.process_time() - cpu_s
         decoder.finish()
         return sent | {
-            "heard": tap.datagrams, "frames": decoder.link.frames, "queue": tap.dropped,
+            "heard": tap.inbox.received, "frames": decoder.link.frames, "queue": tap.inbox.dropped,
             "socket": tap.socket_dropped, "buffer": tap.receive_buffer,
-            "cpu_us": 1e6 * cpu_s / max(tap.datagrams, 1),
+            "cpu_us": 1e6 * cpu_s / max(tap.inbox.received, 1),
         }  # fmt: skip
 
 
@@ -81,7 +81,7 @@ def bench_stall(options: argparse.Namespace) -> Iterator[str]:
     """Nobody reads for five seconds."""
 
     def stall(tap: UdpTap) -> None:
-        while not tap.datagrams:
+        while not tap.inbox.received:
             time.sleep(0.01)
         time.sleep(STALL_S)
 

@@ -78,16 +78,13 @@ class ParameterTable:
         """Return servo number -> function for every SERVOn_FUNCTION received."""
         # Asked for with every block of messages, of a thousand parameters that hardly ever change.
         if self._functions is None:
-            self._functions = self._read_functions()
+            self._functions = self._by_number(_FUNCTION)
         return self._functions
 
-    def _read_functions(self) -> dict[int, int]:
-        found = {}
-        for name, value in self.values.items():
-            match = _FUNCTION.fullmatch(name)
-            if match is not None and math.isfinite(value):
-                found[int(match[1])] = int(value)
-        return dict(sorted(found.items()))
+    def _by_number(self, pattern: re.Pattern[str]) -> dict[int, int]:
+        """Return the values of parameters by the number in their names, in its order."""
+        matches = ((pattern.fullmatch(name), value) for name, value in self.values.items())
+        return dict(sorted((int(m[1]), int(v)) for m, v in matches if m and math.isfinite(v)))
 
     @property
     def is_old_plane(self) -> bool:
@@ -108,15 +105,11 @@ class ParameterTable:
         """
         mixes_tail = self.get("VTAIL_OUTPUT", 0.0) != 0.0
         mixes_wing = self.get("ELEVON_OUTPUT", 0.0) != 0.0 or self.get("ELEVON_MIXING", 0.0) != 0.0
-        found = {}
+        found = self._by_number(_OLD_FUNCTION)
         if not mixes_wing:
             found[int(self.get("RCMAP_ROLL", 1.0))] = AP_AILERON
         if not mixes_tail:
             found[int(self.get("RCMAP_YAW", 4.0))] = AP_RUDDER
-        for name, value in self.values.items():
-            match = _OLD_FUNCTION.fullmatch(name)
-            if match is not None and math.isfinite(value) and int(match[1]) not in found:
-                found[int(match[1])] = int(value)
         return dict(sorted(found.items()))
 
     def travel(self, prefix: str, stock: Travel = STOCK_TRAVEL_US) -> tuple[Travel, bool, bool]:

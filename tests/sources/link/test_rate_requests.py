@@ -54,12 +54,12 @@ def frames_sent(link: SimpleNamespace) -> list[bytes]:
 
 def say(link: SimpleNamespace, *messages: object) -> None:
     """The vehicle speaks and the requests hear it."""
-    before = link.tap.datagrams
+    before = link.tap.inbox.received
     for message in messages:
         link.vehicle.send(message.pack(link.codec))  # type: ignore[attr-defined]
         link.codec.seq = (link.codec.seq + 1) % 256
     data, patience = b"", time.monotonic() + 10.0
-    while link.tap.datagrams < before + len(messages) and time.monotonic() < patience:
+    while link.tap.inbox.received < before + len(messages) and time.monotonic() < patience:
         data += link.tap.read(0.2)
     link.requests.feed(data + link.tap.read(0.0), VEHICLE)
 

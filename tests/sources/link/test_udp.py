@@ -42,7 +42,7 @@ def vehicle() -> Iterator[socket.socket]:
 def heard(tap: UdpTap, datagrams: int) -> bytes:
     """Read until that many datagrams have been heard and handed out."""
     data, patience = b"", time.monotonic() + 10
-    while tap.datagrams < datagrams and time.monotonic() < patience:
+    while tap.inbox.received < datagrams and time.monotonic() < patience:
         data += tap.read(1)
     return data + tap.read(0)
 
@@ -53,7 +53,7 @@ def test_every_frame_sent_comes_out_as_a_record(tap: UdpTap, vehicle: socket.soc
     records = heard(tap, 100)
     blocks, decoder = run(records)
     assert decoder.link.frames == len(FRAMES)
-    assert decoder.link.skipped_bytes == tap.skipped_bytes == tap.dropped == 0
+    assert decoder.link.skipped_bytes == tap.skipped_bytes == tap.inbox.dropped == 0
     stamps = [row[2] for row in rows(blocks)]
     assert stamps == sorted(stamps)
     assert all(len(set(stamps[i : i + 3])) == 1 for i in range(0, len(FRAMES), 3))
@@ -106,9 +106,9 @@ def test_what_a_full_queue_cannot_take_is_counted(vehicle: socket.socket) -> Non
         for _ in range(25):
             vehicle.sendto(FRAMES[0], tap.address)
         patience = time.monotonic() + 10
-        while tap.datagrams < 25 and time.monotonic() < patience:
+        while tap.inbox.received < 25 and time.monotonic() < patience:
             time.sleep(0)
-        assert tap.dropped == 15
+        assert tap.inbox.dropped == 15
         assert len(tap.read(1)) == 10 * (8 + len(FRAMES[0]))
 
 
@@ -116,19 +116,19 @@ def test_what_comes_while_nobody_reads_waits(tap: UdpTap, vehicle: socket.socket
     for frame in FRAMES:
         vehicle.sendto(frame, tap.address)
     patience = time.monotonic() + 10
-    while tap.datagrams < len(FRAMES) and time.monotonic() < patience:
+    while tap.inbox.received < len(FRAMES) and time.monotonic() < patience:
         time.sleep(0)
     assert len(tap.read(0.0)) == sum(8 + len(frame) for frame in FRAMES)
-    assert tap.dropped == tap.socket_dropped == 0
+    assert tap.inbox.dropped == tap.socket_dropped == 0
 
 
 def test_a_backlog_is_taken_without_a_pause(tap: UdpTap, monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(80):
-        tap._inbox.put([1] * 100, [FRAMES[0]] * 100, [("127.0.0.1", 1)] * 100)
+        tap.inbox.put([1] * 100, [FRAMES[0]] * 100, [("127.0.0.1", 1)] * 100)
     pauses: list[float] = []
     monkeypatch.setattr("yawid.sources.link.tap.time.sleep", pauses.append)
     data = b""
-    while tap.waiting >= MOST_AT_ONCE:
+    while len(tap.inbox) >= MOST_AT_ONCE:
         data += tap.read(1.0)
     assert pauses == []
     data += tap.read(1.0)

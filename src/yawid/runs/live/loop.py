@@ -177,7 +177,7 @@ class _Loop:
 
     def finish(self) -> list[Ended]:
         """Take what is still queued, then finish every session; the tap is closed."""
-        while self._tap.waiting:
+        while len(self._tap.inbox):
             self._feed(0.0)
         if self._warming is not None and self._warming.held and not self._warming.is_over():
             self._console.say(
@@ -186,11 +186,11 @@ class _Loop:
             )
         for line in self._tap.news:
             self._tell(line)
-        if self._tap.dropped or self._tap.socket_dropped:
+        if self._tap.inbox.dropped or self._tap.socket_dropped:
             self._tell(f"not everything could be taken: {self._dropped()}")
-        dropped = {"queue": self._tap.dropped, "socket": self._tap.socket_dropped}
+        dropped = {"queue": self._tap.inbox.dropped, "socket": self._tap.socket_dropped}
         live = LiveFacts(
-            datagrams=self._tap.datagrams,
+            datagrams=self._tap.inbox.received,
             skipped_bytes=self._tap.skipped_bytes,
             receive_buffer_bytes=self._tap.receive_buffer,
             dropped={name: count for name, count in dropped.items() if count is not None},
@@ -225,7 +225,7 @@ class _Loop:
             self._tell(
                 f"this machine's clock jumped by {jump_s:+.1f} s: receive stamps go on evenly"
             )
-        silent_us = self._tap.stamps.now() - max(self._tap.last_us, self._begun_us)
+        silent_us = self._tap.stamps.now() - max(self._tap.inbox.last_us, self._begun_us)
         if (silent_us > SILENT_US) is not self._is_silent:
             self._is_silent = not self._is_silent
             seconds = SILENT_US // 1_000_000
@@ -261,7 +261,7 @@ class _Loop:
 
     def _dropped(self) -> str:
         """Return what had to be dropped here, in words."""
-        count = self._tap.dropped + (self._tap.socket_dropped or 0)
+        count = self._tap.inbox.dropped + (self._tap.socket_dropped or 0)
         # Where nobody counts them, dropped frames show only in the sequence numbers.
         known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
         return f"{count} dropped here" + ("" if known else " at least")

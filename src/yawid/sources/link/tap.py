@@ -27,10 +27,10 @@ class Tap(ABC):
     """Listens on one endpoint and hands out what it receives as tlog records.
 
     A thread takes datagrams, stamps and queues them; :meth:`read` turns them into records. All
-    frames of a datagram carry its stamp and stamps never decrease. ``datagrams`` counts those
-    received, ``dropped`` those for which the queue of ``queue_size`` had no room, ``skipped_bytes``
-    the bytes received that are in no frame. ``senders`` knows who sends and ``news`` are lines
-    about the link that nobody has reported yet.
+    frames of a datagram carry its stamp and stamps never decrease. ``inbox`` counts the datagrams
+    received and those for which its ``queue_size`` had no room, ``skipped_bytes`` the bytes that
+    are in no frame. ``senders`` knows who sends and ``news`` are lines about the link that nobody
+    has reported yet.
 
     Raises:
         SourceError: the endpoint cannot be opened.
@@ -53,7 +53,7 @@ class Tap(ABC):
         self.stamps = stamps or Stamps()
         self.senders = Addresses()
         self.news: deque[str] = deque()
-        self._inbox = Inbox(queue_size, self.stamps)
+        self.inbox = Inbox(queue_size, self.stamps)
         self._next_read_s = 0.0
         self._closing = threading.Event()
         self._failure: OSError | None = None
@@ -78,29 +78,9 @@ class Tap(ABC):
         """Close the socket or device; the thread has ended."""
 
     @property
-    def datagrams(self) -> int:
-        """How many datagrams have been received."""
-        return self._inbox.received
-
-    @property
-    def dropped(self) -> int:
-        """How many datagrams the queue had no room for."""
-        return self._inbox.dropped
-
-    @property
-    def waiting(self) -> int:
-        """How many datagrams wait to be read."""
-        return len(self._inbox)
-
-    @property
     def socket_dropped(self) -> int | None:
         """How many datagrams the operating system had no room for; None where it does not say."""
         return None
-
-    @property
-    def last_us(self) -> int:
-        """The stamp of the newest datagram, 0 before the first."""
-        return self._inbox.last_us
 
     def read(self, timeout_s: float) -> bytes:
         """Return the records received since the last call; wait for the first up to ``timeout_s``.
@@ -111,15 +91,15 @@ class Tap(ABC):
         Raises:
             SourceError: the endpoint failed; what was received before has been returned.
         """
-        if self._inbox.wait(timeout_s) and not self._closing.is_set():
+        if self.inbox.wait(timeout_s) and not self._closing.is_set():
             early_s = self._next_read_s - time.monotonic()
-            if early_s > 0.0 and self.waiting < MOST_AT_ONCE:
+            if early_s > 0.0 and len(self.inbox) < MOST_AT_ONCE:
                 time.sleep(early_s)
             self._next_read_s = time.monotonic() + BATCH_S
         parts: list[bytes] = []
         pairs: set[tuple[int, Address]] = set()
         stamp, pack = 0, _STAMP.pack
-        for stamp, datagram, address in self._inbox.get():
+        for stamp, datagram, address in self.inbox.get():
             prefix = pack(stamp)
             if frame_size(datagram) == len(datagram):
                 parts += (prefix, datagram)
@@ -178,7 +158,7 @@ class Tap(ABC):
             self._receive()
         except OSError as error:
             self._failure = error
-            self._inbox.wake()
+            self.inbox.wake()
 
 
 def split_datagram(datagram: bytes) -> Iterator[bytes]:

@@ -46,7 +46,7 @@ class StreamTap(Tap):
             tail += data
             whole = complete_until(tail)
             if whole:
-                self._inbox.put([self.stamps.now()], [tail[:whole]], [self._peer])
+                self.inbox.put([self.stamps.now()], [tail[:whole]], [self._peer])
                 tail = tail[whole:]
 
     def _take(self) -> bytes:

@@ -70,7 +70,7 @@ class UdpTap(Tap):
         clock may have been set since then, its time is believed only between the stamp before and
         now.
         """
-        last_us, now_us, ahead_us = self._inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
+        last_us, now_us, ahead_us = self.inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
         stamps = []
         for system_us in arrived.system_us:
             arrived_us = system_us - ahead_us
@@ -80,7 +80,7 @@ class UdpTap(Tap):
                 last_us = arrived_us
             stamps.append(last_us)
         if stamps:
-            self._inbox.put(stamps, arrived.datagrams, arrived.senders)
+            self.inbox.put(stamps, arrived.datagrams, arrived.senders)
         return len(stamps)
 
     def _send(self, frame: bytes, address: Address) -> None:

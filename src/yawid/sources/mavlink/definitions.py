@@ -64,10 +64,8 @@ def dtype_of(name: str) -> np.dtype[Any]:
     Raises:
         ConfigError: the dialect has no message of that name.
     """
-    for cls in _dialect().values():
-        if cls.msgname == name:
-            break
-    else:
+    cls = next((cls for cls in _dialect().values() if cls.msgname == name), None)
+    if cls is None:
         raise ConfigError(f"no MAVLink message is called {name!r}")
     fields: list[tuple[str, Any]] = []
     for field, code, length in _wire_fields(cls):

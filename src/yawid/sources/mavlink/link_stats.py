@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -172,9 +172,14 @@ class Tally:
         by_sender = {}
         for key, sender in sorted(self._senders.items()):
             is_ground = key >> 8 == GCS_SYSID or key in self._ground
-            passed = {"bad_crc": bad_crc.get(key, 0), "unknown": unknown.get(key, 0)}
-            found = sender.stats(is_ground=is_ground)
-            by_sender[divmod(key, 256)] = replace(found, **passed)
+            by_sender[divmod(key, 256)] = SenderStats(
+                sender.frames + sender.rejected,
+                0 if is_ground else max(sender.lost, 0),
+                sender.duplicates,
+                sender.rejected,
+                bad_crc.get(key, 0),
+                unknown.get(key, 0),
+            )
         counts = by_sender.values()
         return LinkStats(
             frames=sum(count.frames for count in counts),

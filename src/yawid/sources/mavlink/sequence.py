@@ -164,11 +164,6 @@ class SenderCount:
         kept = (entry[0] for entry in self._recent if entry is not None)
         self._highest = self._place if goes_on else max(kept)
 
-    def stats(self, *, is_ground: bool) -> SenderStats:
-        """Return the counts."""
-        lost = 0 if is_ground else max(self.lost, 0)
-        return SenderStats(self.frames + self.rejected, lost, self.duplicates, self.rejected)
-
 
 def _steps(sequence: Bytes, before: int | None) -> Bytes:
     """Return the steps of the sequence modulo 256; the first frame of all is one further."""

@@ -68,9 +68,7 @@ class SigningKey:
 
     def signs(self, signed: bytes, signature: bytes) -> bool:
         """Return whether these are the first bytes of sha256(key, signed)."""
-        begun = self._begun.copy()
-        begun.update(signed)
-        return hmac.compare_digest(begun.digest()[: len(signature)], signature)
+        return hmac.compare_digest(self._signature_of(signed), signature)
 
     def has_signed(self, frame: bytes) -> bool:
         """Return whether a whole frame bears this key's signature, of whatever time."""
@@ -79,9 +77,12 @@ class SigningKey:
 
     def sign(self, frame: bytes) -> bytes:
         """Return a frame laid out as signed ones are, its last bytes being the signature now."""
+        return frame[:-_HASH_SIZE] + self._signature_of(frame[:-_HASH_SIZE])
+
+    def _signature_of(self, signed: bytes) -> bytes:
         begun = self._begun.copy()
-        begun.update(frame[:-_HASH_SIZE])
-        return frame[:-_HASH_SIZE] + begun.digest()[:_HASH_SIZE]
+        begun.update(signed)
+        return begun.digest()[:_HASH_SIZE]
 
 
 class Signing:
