@@ -28,15 +28,15 @@ DEFECTS = (
     Defect(
         "y enters phi with the wrong sign",
         "estimation/kernel/recursion.py",
-        "fresh[0] = -y\n",
-        "fresh[0] = y\n",
+        "at.fresh[0] = -y\n",
+        "at.fresh[0] = y\n",
         LEAST_SQUARES,
     ),
     Defect(
         "a priori innovation for a posteriori residual in phi",
         "estimation/kernel/recursion.py",
-        "fresh[len(fresh) - 2] = eps if",
-        "fresh[len(fresh) - 2] = e if",
+        "at.fresh[len(at.fresh) - 2] = eps if",
+        "at.fresh[len(at.fresh) - 2] = e if",
         LEAST_SQUARES,
     ),
     Defect(
@@ -63,15 +63,15 @@ DEFECTS = (
     Defect(
         "forgetting that stays at its start",
         "estimation/kernel/forgetting.py",
-        "(1.0 - s[LAMBDA_RATE]) * s[LAMBDA_END]",
-        "(1.0 - s[LAMBDA_RATE]) * lam",
+        "(1.0 - s.lam_rate) * s.lam_end",
+        "(1.0 - s.lam_rate) * lam",
         LEAST_SQUARES,
     ),
     Defect(
         "RML filters by C(q) with the sign of 1/C(q) turned",
         "estimation/kernel/recursion.py",
-        "x -= c[i] * filtered[head]",
-        "x += c[i] * filtered[head]",
+        "x -= at.c[i] * at.filtered[head]",
+        "x += at.c[i] * at.filtered[head]",
         "tests/estimation/test_armax_reference.py::test_two_inputs_agree_and_so_do_predictions",
     ),
     Defect(
@@ -84,15 +84,15 @@ DEFECTS = (
     Defect(
         "updates before the lags are full",
         "estimation/kernel/recursion.py",
-        "learning = s[FILL] > s[DEPTH] + s[NC]",
-        "learning = s[FILL] > s[DEPTH]",
+        "learning = s.filled > s.depth + s.nc",
+        "learning = s.filled > s.depth",
         LEAST_SQUARES,
     ),
     Defect(
         "lags kept across a gap",
         "estimation/kernel/recursion.py",
-        "if s[BROKEN] > 0.0:\n        _open(s)",
-        "if s[BROKEN] > 1.0:\n        _open(s)",
+        "if s.broken > 0.0:\n        _open(at.packed)",
+        "if s.broken > 1.0:\n        _open(at.packed)",
         CONTRACT + "test_what_lies_before_a_gap_is_no_neighbour_of_what_follows",
     ),
     Defect(
@@ -105,22 +105,22 @@ DEFECTS = (
     Defect(
         "weights' squares summed without the square",
         "estimation/kernel/forgetting.py",
-        "s[S2] = lam * lam * s[S2] + 1.0",
-        "s[S2] = lam * s[S2] + 1.0",
+        "s.s2 = lam * lam * s.s2 + 1.0",
+        "s.s2 = lam * s.s2 + 1.0",
         "tests/estimation/test_armax_reference.py::test_filterpy_agrees_to_1e_9",
     ),
     Defect(
         "units of b turned upside down",
         "estimation/kernel/entry_points.py",
-        "units[i] = factors[j] / factors[0]",
-        "units[i] = factors[0] / factors[j]",
+        "at.units[i] = at.factors[j] / at.factors[0]",
+        "at.units[i] = at.factors[0] / at.factors[j]",
         LEAST_SQUARES,
     ),
     Defect(
         "parameters not taken off in the noise variance",
         "estimation/kernel/forgetting.py",
-        "s[LOSS] / max(s[S1] - s[N] * s[S2] / s[S1], 1.0)",
-        "s[LOSS] / s[S1]",
+        "s.loss / max(s.s1 - s.n * s.s2 / s.s1, 1.0)",
+        "s.loss / s.s1",
         ALGEBRA + "test_with_nothing_added_it_is_batch_arx",
     ),
     Defect(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from itertools import pairwise
 
@@ -237,3 +238,11 @@ def test_parameters_are_named_in_theta_order():
     assert names == ("a1", "a2", "b1", "b1_aileron", "b2_aileron", "c1", "bias")
     with pytest.raises(ValueError, match="1 input names"):
         parameter_names(orders)
+
+
+def test_the_places_in_a_save_are_those_of_its_version() -> None:
+    """Nothing is reckoned yet, so these are the same bytes on every machine."""
+    orders = ArmaxOrders(2, (2, 1), 2, (1, 3))
+    made = config(orders, method="rml", forgetting_factor=0.98, start_buffer=60)
+    digest = hashlib.sha256(RecursiveArmax(made).to_bytes()).hexdigest()
+    assert digest.startswith("42660b07d6c04"), "another layout needs another VERSION"

@@ -47,9 +47,8 @@ class RecursiveArmax(Readings):
     def _adopt(self, config: EstimatorConfig, state: Floats) -> None:
         self.config = config
         self._state = state
-        parts = slots.views(state)
-        self._parts = parts
-        self._moving = state[: len(state) - len(parts[slots.SAMPLES])]
+        self._header, self._parts = slots.named(state), slots.cut(state)
+        self._moving = state[: len(state) - len(self._parts.samples)]
         self._inputs = config.orders.n_inputs
         self._input_at = len(self._moving) - self._inputs
         self._n = config.n_theta
@@ -102,15 +101,15 @@ class RecursiveArmax(Readings):
         return EstimateBlock(rows, n)
 
     def _start(self) -> None:
-        window, parts = int(self._state[slots.WINDOW]), self._parts
-        rows = np.roll(parts[slots.SAMPLES].reshape(window, -1), -int(self._state[slots.HEAD]), 0)
-        rows[:, 1:] *= parts[slots.FACTORS]
+        window, parts = int(self._header.window), self._parts
+        rows = np.roll(parts.samples.reshape(window, -1), -int(self._header.head), 0)
+        rows[:, 1:] *= parts.factors
         start = fit_start(self.config, rows)
         if start is not None:
-            parts[slots.THETA][:] = start.theta
-            factorise(start.P, parts[slots.D], parts[slots.UPPER])
+            parts.theta[:] = start.theta
+            factorise(start.P, parts.d, parts.upper)
             if self.config.residual_lags:
-                parts[slots.COVARIANCE][:] = start.covariance.ravel()
+                parts.covariance[:] = start.covariance.ravel()
         entry.release(self._state, float(start is not None))
 
     def predict(self, u: ArrayLike = math.nan) -> float:
@@ -143,7 +142,7 @@ class RecursiveArmax(Readings):
     @property
     def theta(self) -> Floats:
         """Parameters (n,) in the user's units."""
-        return self._parts[slots.THETA] * self._parts[slots.UNITS]
+        return self._parts.theta * self._parts.units
 
     @property
     def theta_std(self) -> Floats:
@@ -158,69 +157,69 @@ class RecursiveArmax(Readings):
     @property
     def P(self) -> Floats:
         """P (n, n) in the user's units, not multiplied by the noise variance."""
-        n, d, upper = self.config.n_theta, self._parts[slots.D], self._parts[slots.UPPER]
+        n, d, upper = self.config.n_theta, self._parts.d, self._parts.upper
         P = np.empty((n, n))
         for j in range(n):
             for i in range(j + 1):
                 P[i, j] = P[j, i] = kernel.p_entry(d, upper, i, j)
-        units = self._parts[slots.UNITS] * self._parts[slots.FACTORS][0]
+        units = self._parts.units * self._parts.factors[0]
         return P * np.outer(units, units)
 
     @property
     def status(self) -> Status:
         """The status after the last sample."""
-        return Status(int(self._state[slots.STATUS]))
+        return Status(int(self._header.status))
 
     @property
     def updates(self) -> int:
         """Samples that moved theta (or took part in the start fit)."""
-        return int(self._state[slots.UPDATES])
+        return int(self._header.updates)
 
     @property
     def held(self) -> int:
         """Samples that did not: NaN, lags refilling, or dropped from a window that did not move."""
-        return int(self._state[slots.HELD])
+        return int(self._header.held)
 
     @property
     def halved(self) -> int:
         """Updates whose step was halved to keep C(q) stable."""
-        return int(self._state[slots.HALVED])
+        return int(self._header.halved)
 
     @property
     def restarts(self) -> int:
         """How often a non-finite result made theta and P start anew."""
-        return int(self._state[slots.RESTARTS])
+        return int(self._header.restarts)
 
     @property
     def forgetting_factor(self) -> float:
         """Lambda of the next update, on its way to the one configured."""
-        return float(self._state[slots.LAMBDA])
+        return float(self._header.lam)
 
     @property
     def noise_std(self) -> float:
         """Standard deviation of the noise e, in y's unit."""
-        return math.sqrt(noise_variance(self._state)) / self._scale
+        return math.sqrt(noise_variance(self._header)) / self._scale
 
     @property
     def innovation_std(self) -> float:
         """Root mean square of the innovation, with the same forgetting."""
-        return self._mean_root(slots.E2)
+        return self._mean_root(self._header.e2)
 
     @property
     def residual_std(self) -> float:
         """Root mean square of the residual, with the same forgetting."""
-        return self._mean_root(slots.EPS2)
+        return self._mean_root(self._header.eps2)
 
     @property
     def whiteness_p(self) -> float:
         """Ljung-Box p-value that the residuals are white; NaN while unknown."""
-        s1, s2 = float(self._state[slots.S1]), float(self._state[slots.S2])
-        return ljung_box(self._parts[slots.PRODUCTS], s1, s2)
+        s1, s2 = float(self._header.s1), float(self._header.s2)
+        return ljung_box(self._parts.products, s1, s2)
 
     @property
     def _scale(self) -> float:
-        return float(self._parts[slots.FACTORS][0])
+        return float(self._parts.factors[0])
 
-    def _mean_root(self, slot: int) -> float:
-        s1 = self._state[slots.S1]
-        return math.sqrt(self._state[slot] / s1) / self._scale if s1 else math.nan
+    def _mean_root(self, total: float) -> float:
+        s1 = self._header.s1
+        return math.sqrt(total / s1) / self._scale if s1 else math.nan

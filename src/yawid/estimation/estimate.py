@@ -23,7 +23,7 @@ class Estimate:
 
     def _read(self) -> Floats:
         state = self._state
-        row = np.empty(2 * int(state[slots.N]) + 5)
+        row = np.empty(2 * int(slots.named(state).n) + 5)
         entry.read(state, row)
         return row
 
@@ -67,7 +67,7 @@ class Estimate:
     @property
     def status(self) -> Status:
         """What the estimator says of itself."""
-        return Status(int(self._state[slots.STATUS]))
+        return Status(int(slots.named(self._state).status))
 
     def __repr__(self) -> str:
         return (
@@ -77,7 +77,7 @@ class Estimate:
 
 def covariance(state: Floats) -> Floats:
     """Return the covariance (n, n) of theta in the user's units."""
-    n = int(state[slots.N])
+    n = int(slots.named(state).n)
     row = np.empty(2 * n + 5 + n * n)
     entry.read(state, row)
     return row[2 * n + 5 :].reshape(n, n)

@@ -7,44 +7,14 @@ from __future__ import annotations
 import math
 
 from yawid.estimation.kernel.forgetting import noise_variance
-from yawid.estimation.kernel.linear_algebra import hot, jit, p_entry, part
+from yawid.estimation.kernel.linear_algebra import hot, jit, p_entry
 from yawid.estimation.kernel.recursion import expect, take
 from yawid.estimation.kernel.state import (
-    BIAS,
-    BROKEN,
-    COUNT,
-    COVARIANCE,
-    FACTORS,
     FITTING,
-    HEAD,
-    HEADS,
-    HELD,
     HOLDING,
-    INNOVATION,
-    INPUTS,
-    LAGS,
-    LAMBDA,
-    LAMBDA_END,
-    MINIMUM,
-    PHASE,
-    RESIDUAL,
     RUNNING,
-    S1,
-    S2,
-    SAMPLES,
-    SCALED,
-    START_FIT,
-    STATUS,
-    TAPS,
-    THETA,
-    UNITS,
-    UPPER,
     WARMING_UP,
-    WINDOW,
-    Y_HAT,
-    D,
-    M,
-    Y,
+    header,
     parts,
 )
 
@@ -52,113 +22,99 @@ TAKEN, FIT_DUE, INFINITE = 0, 1, 2  # what step returns
 
 
 @jit
-def _scale(s):
+def _scale(packed):
     """Set the factors from the full window; False where a channel in use moves too little."""
-    s = part(s, 0, len(s))
-    at = parts(s)
-    samples = at[SAMPLES]
-    factors = at[FACTORS]
-    heads = at[HEADS]
-    units = at[UNITS]
-    taps = at[TAPS]
-    w, width = int(s[WINDOW]), int(s[M]) + 2
-    for j in range(int(s[M]) + 1):
+    s, at = header(packed), parts(packed)
+    w, width = int(s.window), int(s.m) + 2
+    for j in range(int(s.m) + 1):
         mean, spread = 0.0, 0.0
         for i in range(w):
-            mean += samples[i * width + 1 + j] / w
+            mean += at.samples[i * width + 1 + j] / w
         for i in range(w):
-            spread += (samples[i * width + 1 + j] - mean) ** 2 / w
-        used = j == 0 or heads[j + 1] > heads[j]
-        if used and not s[MINIMUM] <= math.sqrt(spread) < math.inf:
-            factors[:] = 1.0
+            spread += (at.samples[i * width + 1 + j] - mean) ** 2 / w
+        used = j == 0 or at.heads[j + 1] > at.heads[j]
+        if used and not s.minimum <= math.sqrt(spread) < math.inf:
+            at.factors[:] = 1.0
             return False
-        if s[SCALED] > 0.0 and spread > 0.0:  # a power of two scales without rounding
-            factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
-    for i in range(len(units)):
-        for j in range(1, int(s[M]) + 1):
-            if heads[j] <= taps[i] < heads[j + 1]:
-                units[i] = factors[j] / factors[0]
-    if s[BIAS] > 0.0:
-        units[len(units) - 1] = 1.0 / factors[0]
+        if s.scaled > 0.0 and spread > 0.0:  # a power of two scales without rounding
+            at.factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
+    for i in range(len(at.units)):
+        for j in range(1, int(s.m) + 1):
+            if at.heads[j] <= at.taps[i] < at.heads[j + 1]:
+                at.units[i] = at.factors[j] / at.factors[0]
+    if s.bias > 0.0:
+        at.units[len(at.units) - 1] = 1.0 / at.factors[0]
     return True
 
 
 @jit
-def release(s, frozen):
+def release(packed, frozen):
     """Run through the window's samples, oldest first, and recurse from now on."""
-    s = part(s, 0, len(s))
-    at = parts(s)
-    samples = at[SAMPLES]
-    inputs = at[INPUTS]
-    w, width = int(s[WINDOW]), int(s[M]) + 2
-    s[PHASE] = RUNNING
+    s, at = header(packed), parts(packed)
+    w, width = int(s.window), int(s.m) + 2
+    s.phase = RUNNING
     for i in range(w):
-        row = ((int(s[HEAD]) + i) % w) * width
-        s[BROKEN] = max(s[BROKEN], samples[row])
-        s[Y] = samples[row + 1]
-        for j in range(int(s[M])):
-            inputs[j] = samples[row + 2 + j]
+        row = ((int(s.head) + i) % w) * width
+        s.broken = max(s.broken, at.samples[row])
+        s.y = at.samples[row + 1]
+        for j in range(int(s.m)):
+            at.inputs[j] = at.samples[row + 2 + j]
         take(s, at, frozen)
     if frozen > 0.0:
-        s[LAMBDA] = s[LAMBDA_END]
-    s[COUNT] = 0.0
-    samples[:] = 0.0
-    s[Y_HAT], s[INNOVATION] = math.nan, math.nan  # nothing could be predicted before this sample
+        s.lam = s.lam_end
+    s.count = 0.0
+    at.samples[:] = 0.0
+    s.y_hat, s.innovation = math.nan, math.nan  # nothing could be predicted before this sample
 
 
 @jit
-def _collect(s):
+def _collect(packed):
     """Keep the sample in the window; when the window is full and moves, scale and release it."""
-    s = part(s, 0, len(s))
-    at = parts(s)
-    samples = at[SAMPLES]
-    inputs = at[INPUTS]
-    w, width, head = int(s[WINDOW]), int(s[M]) + 2, int(s[HEAD])
-    if s[COUNT] == s[WINDOW]:
-        s[HEAD], s[HELD] = float((head + 1) % w), s[HELD] + 1.0
+    s, at = header(packed), parts(packed)
+    w, width, head = int(s.window), int(s.m) + 2, int(s.head)
+    if s.count == s.window:
+        s.head, s.held = float((head + 1) % w), s.held + 1.0
     else:
-        s[COUNT] += 1.0
-    row = ((head + int(s[COUNT]) - 1) % w) * width if s[HEAD] == head else head * width
-    samples[row], samples[row + 1] = s[BROKEN], s[Y]
-    for j in range(int(s[M])):
-        samples[row + 2 + j] = inputs[j]
-    s[BROKEN] = 0.0
-    s[Y_HAT], s[INNOVATION], s[RESIDUAL] = math.nan, math.nan, math.nan
-    s[STATUS] = WARMING_UP
-    if s[COUNT] == s[WINDOW] and _scale(s):
-        if s[START_FIT] > 0.0:
-            s[PHASE] = FITTING
+        s.count += 1.0
+    row = ((head + int(s.count) - 1) % w) * width if s.head == head else head * width
+    at.samples[row], at.samples[row + 1] = s.broken, s.y
+    for j in range(int(s.m)):
+        at.samples[row + 2 + j] = at.inputs[j]
+    s.broken = 0.0
+    s.y_hat, s.innovation, s.residual = math.nan, math.nan, math.nan
+    s.status = WARMING_UP
+    if s.count == s.window and _scale(packed):
+        if s.start_fit > 0.0:
+            s.phase = FITTING
         else:
-            release(s, 0.0)
+            release(packed, 0.0)
 
 
 @hot
 def _sample(s, at):
-    inputs = at[INPUTS]
-    finite = abs(s[Y]) < math.inf
-    for j in range(len(inputs)):
-        finite = finite and abs(inputs[j]) < math.inf
+    finite = abs(s.y) < math.inf
+    for j in range(len(at.inputs)):
+        finite = finite and abs(at.inputs[j]) < math.inf
     if not finite:
-        s[HELD] += 1.0
-        s[BROKEN] = 1.0
-        s[Y_HAT], s[INNOVATION], s[RESIDUAL], s[STATUS] = math.nan, math.nan, math.nan, HOLDING
-    elif s[PHASE] == RUNNING:
+        s.held += 1.0
+        s.broken = 1.0
+        s.y_hat, s.innovation, s.residual, s.status = math.nan, math.nan, math.nan, HOLDING
+    elif s.phase == RUNNING:
         take(s, at, 0.0)
     else:
-        _collect(s)
+        _collect(at.packed)
 
 
 @jit
-def step(s, u, y):
+def step(packed, u, y):
     """Take one sample of one input, or nothing if it is infinite; return what came of it."""
     if abs(u) == math.inf or abs(y) == math.inf:
         return INFINITE
-    s = part(s, 0, len(s))
-    at = parts(s)
-    at[INPUTS][0] = u
-    s[Y] = y
+    s, at = header(packed), parts(packed)
+    at.inputs[0] = u
+    s.y = y
     _sample(s, at)
-    return FIT_DUE if s[PHASE] == FITTING else TAKEN
+    return FIT_DUE if s.phase == FITTING else TAKEN
 
 
 @hot
@@ -174,51 +130,41 @@ def _finite_or_nan(u, y):
 
 
 @jit
-def predict(s):
-    """Return y_hat for the inputs in their slots; spoils s, so give it a copy."""
-    s = part(s, 0, len(s))
-    at = parts(s)
-    factors = at[FACTORS]
-    return expect(s, at) / factors[0] if s[PHASE] == RUNNING else math.nan
+def predict(packed):
+    """Return y_hat for the inputs in their slots; spoils the state, so give it a copy."""
+    s, at = header(packed), parts(packed)
+    return expect(s, at) / at.factors[0] if s.phase == RUNNING else math.nan
 
 
 @hot
 def covariance_entry(s, at, i, j):
     """Covariance of theta[i] and theta[j], i <= j, in the user's units."""
-    theta = at[THETA]
-    covariance = at[COVARIANCE]
-    d = at[D]
-    upper = at[UPPER]
-    units = at[UNITS]
-    n = len(theta)
-    if s[S1] == 0.0:
+    n = len(at.theta)
+    if s.s1 == 0.0:
         return math.nan
-    if s[LAGS] > 0.0:
-        return covariance[i * n + j] * units[i] * units[j]
+    if s.lags > 0.0:
+        return at.covariance[i * n + j] * at.units[i] * at.units[j]
     # cov = sigma^2 P S2 / S1: sigma^2 P for lambda = 1, sigma^2 P / (1 + lambda) in steady state
-    return noise_variance(s) * p_entry(d, upper, i, j) * s[S2] / s[S1] * units[i] * units[j]
+    p = p_entry(at.d, at.upper, i, j)
+    return noise_variance(s) * p * s.s2 / s.s1 * at.units[i] * at.units[j]
 
 
 @jit
-def read(s, row):
+def read(packed, row):
     """Fill row (2 N + 5,) with what came of the last sample, (2 N + 5 + N N,) with covariance.
 
     theta, theta_std, y_hat, innovation, residual, noise_std, status.
     """
-    s = part(s, 0, len(s))
-    at = parts(s)
-    theta = at[THETA]
-    units = at[UNITS]
-    factors = at[FACTORS]
-    n = len(theta)
+    s, at = header(packed), parts(packed)
+    n = len(at.theta)
     for i in range(n):
         variance = covariance_entry(s, at, i, i)
-        row[i] = theta[i] * units[i]
+        row[i] = at.theta[i] * at.units[i]
         row[n + i] = 0.0 if variance < 0.0 else math.sqrt(variance)
-    scale = 1.0 / factors[0]
-    row[2 * n], row[2 * n + 1] = s[Y_HAT] * scale, s[INNOVATION] * scale
-    row[2 * n + 2], row[2 * n + 3] = s[RESIDUAL] * scale, math.sqrt(noise_variance(s)) * scale
-    row[2 * n + 4] = s[STATUS]
+    scale = 1.0 / at.factors[0]
+    row[2 * n], row[2 * n + 1] = s.y_hat * scale, s.innovation * scale
+    row[2 * n + 2], row[2 * n + 3] = s.residual * scale, math.sqrt(noise_variance(s)) * scale
+    row[2 * n + 4] = s.status
     if len(row) > 2 * n + 5:
         for i in range(n):
             for j in range(i, n):
@@ -228,7 +174,7 @@ def read(s, row):
 
 
 @jit
-def run(s, u, y, out, first):
+def run(packed, u, y, out, first):
     """Take samples from the first on into rows of out (or only the last); stop where a fit is due.
 
     u (samples, M), y (samples,). Returns the number of samples taken; -1, and takes none, where
@@ -236,18 +182,16 @@ def run(s, u, y, out, first):
     """
     if first == 0 and not _finite_or_nan(u, y):
         return -1
-    s = part(s, 0, len(s))
-    at = parts(s)
-    inputs = at[INPUTS]
+    s, at = header(packed), parts(packed)
     for k in range(first, len(y)):
-        s[Y] = y[k]
+        s.y = y[k]
         for j in range(u.shape[1]):
-            inputs[j] = u[k, j]
+            at.inputs[j] = u[k, j]
         _sample(s, at)
-        if s[PHASE] == FITTING:
+        if s.phase == FITTING:
             return k
         if len(out) == len(y):
-            read(s, out[k])
+            read(packed, out[k])
     if len(out) != len(y):
-        read(s, out[0])
+        read(packed, out[0])
     return len(y)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -44,7 +44,11 @@ def hot(function: Callable[..., Any]) -> Any:
 
 
 def _compile(function: Callable[..., Any], inline: bool) -> Any:
-    options: dict[str, Any] = {"error_model": "numpy", "forceinline": inline}
+    inner = inline or function.__name__.startswith("_")  # not called from Python: no wrapper
+    options: dict[str, Any] = {
+        "error_model": "numpy", "forceinline": inline,
+        "no_cfunc_wrapper": True, "no_cpython_wrapper": inner,
+    }  # fmt: skip
     given, settings.CACHE_DIR = settings.CACHE_DIR, FOLDER
     try:
         return numba.njit(cache=True, **options)(function)
@@ -62,27 +66,49 @@ def compiled_before() -> bool:
     return bool(settings.DISABLE_JIT) or Path(FOLDER).is_dir()
 
 
-@intrinsic
-def _part(_context, array, start, stop):
-    """Return array[start:stop] unchecked and without a reference count."""
+def cutter(header: np.dtype[Any], parts: Any, indices: frozenset[str]) -> tuple[Any, Any]:
+    """Return what reads the header of a packed state by name, and what cuts it into its parts.
 
-    def generate(context, builder, signature, values):
-        whole = context.make_array(array)(context, builder, values[0])
-        view = context.make_array(array)(context, builder)
-        data = builder.gep(whole.data, [values[1]])
-        size = builder.sub(values[2], values[1])
-        populate_array(view, data, [size], [whole.itemsize], whole.itemsize, None)
-        return view._getvalue()
+    The first takes the state, the second the state and the lengths of the parts between the whole,
+    which comes first, and the rest, which comes last. Views are unchecked and not counted: the
+    caller keeps the state alive; a slice's checks and counts cost more than the arithmetic.
+    """
+    first = header.itemsize // 8
+    record: Any = numba.from_dtype(header)
 
-    return array(array, types.intp, types.intp), generate
+    @intrinsic
+    def named(_context, packed):
+        def generate(context, builder, _signature, values):
+            whole = context.make_array(packed)(context, builder, values[0])
+            return builder.bitcast(whole.data, context.get_value_type(record))
 
+        return record(packed), generate
 
-def _slice(array, start, stop):
-    return array[start:stop]
+    @intrinsic
+    def cut(_context, packed, lengths):
+        whole_numbers = packed.copy(dtype=types.uint64)
+        kinds = [whole_numbers if name in indices else packed for name in parts._fields]
+        made = types.NamedTuple(kinds, parts)
 
+        def generate(context, builder, _signature, values):
+            whole = context.make_array(packed)(context, builder, values[0])
+            sizes = cgutils.unpack_tuple(builder, values[1])
+            starts, at = [whole.nitems.type(0)], whole.nitems.type(first)
+            for size in sizes:
+                starts.append(at)
+                at = builder.add(at, size)
+            sizes = [whole.nitems, *sizes, builder.sub(whole.nitems, at)]
+            views = []
+            for kind, start, size in zip(kinds, [*starts, at], sizes, strict=True):
+                view = context.make_array(kind)(context, builder)
+                data = builder.bitcast(builder.gep(whole.data, [start]), view.data.type)
+                populate_array(view, data, [size], [whole.itemsize], whole.itemsize, None)
+                views.append(view._getvalue())
+            return context.make_tuple(builder, made, views)
 
-# The caller keeps the array alive: a slice's checks and counts cost more than the arithmetic.
-part: Any = _slice if settings.DISABLE_JIT else _part
+        return made(packed, lengths), generate
+
+    return named, cut
 
 
 @hot

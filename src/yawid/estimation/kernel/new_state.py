@@ -43,36 +43,32 @@ def new_state(config: EstimatorConfig) -> Floats:
     orders, n, lags = config.orders, config.n_theta, config.residual_lags
     window = max(config.scale_window, config.start_buffer)
     heads, taps = registers(config)
-    size = heads[-1] + max(1, orders.nc)  # a spare for signals without a register
-    covariance = n * n + n + 2 * lags + 1 if lags else 0
-    length = slots.HEADER + 9 * n + n * (n - 1) // 2 + 2 * size + covariance
-    length += max(n, orders.n_inputs + 3) + len(heads) + len(heads) - 1 + n
-    length += orders.nc + 2 * orders.n_inputs + 1 + (orders.n_inputs + 2) * window
-    state = np.zeros(length)
-    header = {
-        slots.N: n, slots.NA: orders.na, slots.NC: orders.nc, slots.M: orders.n_inputs,
-        slots.R: size, slots.LAGS: lags, slots.WINDOW: window, slots.DEPTH: lag_depth(config),
-        slots.BIAS: config.bias, slots.RML: config.method == "rml",
-        slots.SCALED: config.scale_window > 0, slots.START_FIT: config.start_buffer > 0,
-        slots.MINIMUM: config.scale_minimum, slots.DRIFTS: config.drift != 0.0,
-        slots.P0: config.P0, slots.D_MAX: max(D_CAP, config.P0),
-        slots.WARM: WARM_UPDATES_PER_PARAMETER * n,
-        slots.LAMBDA_START: config.forgetting_start, slots.LAMBDA_END: config.forgetting_factor,
-        slots.LAMBDA_RATE: config.forgetting_rate, slots.FLOOR: config.information_floor,
-        slots.LAMBDA: config.forgetting_start,
-        slots.PHASE: slots.GATHERING if window else slots.RUNNING, slots.BROKEN: 1.0,
+    header: dict[str, float | None] = {  # the config has filled its None
+        "n": n, "na": orders.na, "nc": orders.nc, "m": orders.n_inputs,
+        "r": heads[-1] + max(1, orders.nc),  # a spare for signals without a register
+        "lags": lags, "window": window, "depth": lag_depth(config),
+        "bias": config.bias, "rml": config.method == "rml",
+        "scaled": config.scale_window > 0, "start_fit": config.start_buffer > 0,
+        "minimum": config.scale_minimum, "drifts": config.drift != 0.0,
+        "P0": config.P0, "d_max": max(D_CAP, config.P0),
+        "warm": WARM_UPDATES_PER_PARAMETER * n,
+        "lam_start": config.forgetting_start, "lam_end": config.forgetting_factor,
+        "lam_rate": config.forgetting_rate, "floor": config.information_floor,
+        "lam": config.forgetting_start,
+        "phase": slots.GATHERING if window else slots.RUNNING, "broken": 1.0,
     }  # fmt: skip
-    for slot, value in header.items():
-        state[slot] = float(value)  # type: ignore[arg-type]  # the config has filled its None
-    parts = slots.views(state)
-    parts[slots.D][:] = config.P0
-    if lags:
-        parts[slots.COVARIANCE][:: n + 1] = config.P0
-    parts[slots.HEADS].view(np.uint64)[:] = heads
-    parts[slots.TAPS].view(np.uint64)[:] = taps
-    parts[slots.FACTORS][:] = 1.0
-    parts[slots.UNITS][:] = 1.0
-    parts[slots.LEAST][:] = config.P0
-    parts[slots.BEST][:] = config.P0
-    parts[slots.DRIFT][:] = np.multiply(config.drift, config.sample_time_s)
+    blank = np.zeros(1, slots.HEADER)
+    for name, value in header.items():
+        blank[name] = value
+    samples = (orders.n_inputs + 2) * window
+    rest = np.zeros(sum(slots.lengths(blank[0])) + samples)
+    state: Floats = np.concatenate([blank.view(np.float64), rest])
+    at = slots.cut(state)
+    for part in (at.d, at.least, at.best):
+        part[:] = config.P0
+    at.covariance[:: n + 1] = config.P0
+    at.heads[:], at.taps[:] = heads, taps
+    at.factors[:] = 1.0
+    at.units[:] = 1.0
+    at.drift[:] = np.multiply(config.drift, config.sample_time_s)
     return state

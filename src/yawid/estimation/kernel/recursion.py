@@ -11,59 +11,14 @@ import numpy as np
 from yawid.estimation.kernel.forgetting import account, adapt
 from yawid.estimation.kernel.linear_algebra import bierman, follow_covariance, hot, jit, stable
 from yawid.estimation.kernel.state import (
-    BEST,
-    BIAS,
-    BROKEN,
-    COVARIANCE,
-    D_MAX,
-    DEPTH,
-    DIVERGED,
     DIVERGING,
-    ECHO,
-    FACTORS,
-    FAST_Y2,
     FEW,
-    FILL,
-    FILTERED,
-    FRESH,
-    GAIN,
-    HALVED,
     HALVINGS,
-    HEADS,
-    HELD,
     HOLDING,
-    INNOVATION,
-    INPUTS,
-    LAGS,
-    LAMBDA,
-    LAMBDA_END,
-    LAMBDA_START,
-    LEAST,
-    NC,
-    P0,
-    PHI,
-    PRODUCTS,
-    PSI,
     PSI_FROM,
-    RAW,
-    RESIDUAL,
-    RESIDUALS,
-    RESTARTS,
-    RML,
-    S1,
-    SCRATCH,
-    SINCE,
-    STATUS,
-    TAPS,
-    THETA,
     TRACKING,
-    UPPER,
-    WARM,
     WARMING_UP,
-    Y_HAT,
-    C,
-    D,
-    Y,
+    header,
     parts,
 )
 
@@ -88,79 +43,61 @@ def _filter(s, at):
 
     While lambda(t) is on its way, C's zeros are drawn in as far: an early C may lie at the edge.
     """
-    filtered = at[FILTERED]
-    heads = at[HEADS]
-    fresh = at[FRESH]
-    theta = at[THETA]
-    scratch = at[SCRATCH]
-    c = at[C]
-    contraction = 1.0 - (s[LAMBDA_END] - s[LAMBDA])
-    power, first = contraction, len(theta) - len(c) - int(s[BIAS])
-    for i in range(len(c)):
-        c[i] = power * theta[first + i]
+    contraction = 1.0 - (s.lam_end - s.lam)
+    power, first = contraction, len(at.theta) - len(at.c) - int(s.bias)
+    for i in range(len(at.c)):
+        at.c[i] = power * at.theta[first + i]
         power *= contraction
-    for j in range(len(fresh)):
-        head = heads[j]
-        if heads[j + 1] > head:
-            x = fresh[j]
-            for i in range(len(c)):
-                x -= c[i] * filtered[head]
+    for j in range(len(at.fresh)):
+        head = at.heads[j]
+        if at.heads[j + 1] > head:
+            x = at.fresh[j]
+            for i in range(len(at.c)):
+                x -= at.c[i] * at.filtered[head]
                 head += ONE
-            scratch[j] = x
-    _shift(filtered, heads, scratch[: len(fresh)])
+            at.scratch[j] = x
+    _shift(at.filtered, at.heads, at.scratch[: len(at.fresh)])
 
 
 @jit
-def _open(s):
+def _open(packed):
     """Empty the registers: the samples before are not the neighbours of those that follow."""
-    at = parts(s)
-    raw = at[RAW]
-    filtered = at[FILTERED]
-    echo = at[ECHO]
-    residuals = at[RESIDUALS]
-    fresh = at[FRESH]
-    raw[:] = 0.0
-    filtered[:] = 0.0
-    echo[:] = 0.0
-    residuals[:] = 0.0
-    fresh[:] = 0.0
-    s[FILL], s[BROKEN] = 0.0, 0.0
+    s, at = header(packed), parts(packed)
+    at.raw[:] = 0.0
+    at.filtered[:] = 0.0
+    at.echo[:] = 0.0
+    at.residuals[:] = 0.0
+    at.fresh[:] = 0.0
+    s.filled, s.broken = 0.0, 0.0
 
 
 @jit
-def _restart(s):
+def _restart(packed):
     """Forget theta, P and the statistics after a non-finite result."""
-    at = parts(s)
-    theta = at[THETA]
-    d = at[D]
-    covariance = at[COVARIANCE]
-    upper = at[UPPER]
-    products = at[PRODUCTS]
-    least = at[LEAST]
-    best = at[BEST]
-    n = len(theta)
-    theta[:] = 0.0
-    d[:] = s[P0]
-    upper[:] = 0.0
-    least[:] = s[P0]
-    best[:] = s[P0]
-    covariance[:] = 0.0
-    for i in range(n if s[LAGS] > 0.0 else 0):
-        covariance[i * n + i] = s[P0]
-    products[:] = 0.0
-    s[LAMBDA] = s[LAMBDA_START]
-    s[S1 : FAST_Y2 + 1] = 0.0
-    s[SINCE], s[BROKEN] = 0.0, 1.0
-    s[DIVERGED] = 1.0
-    s[RESTARTS] += 1.0
+    s, at = header(packed), parts(packed)
+    n = len(at.theta)
+    at.theta[:] = 0.0
+    at.d[:] = s.P0
+    at.upper[:] = 0.0
+    at.least[:] = s.P0
+    at.best[:] = s.P0
+    at.covariance[:] = 0.0
+    for i in range(n if s.lags > 0.0 else 0):
+        at.covariance[i * n + i] = s.P0
+    at.products[:] = 0.0
+    s.lam = s.lam_start
+    s.s1 = s.s2 = s.loss = s.e2 = s.eps2 = s.y2 = s.fast_e2 = s.fast_y2 = 0.0
+    s.since, s.broken = 0.0, 1.0
+    s.diverged = 1.0
+    s.restarts += 1.0
 
 
 @hot
 def _stable_step(s, theta, gain, scratch, step):
     """Halve the step along the gain until it leaves C(q) stable; return it, 0 at worst."""
-    nc = int(s[NC])
+    nc = int(s.nc)
     trial = scratch[:nc]
-    first = len(theta) - nc - int(s[BIAS])
+    first = len(theta) - nc - int(s.bias)
     for _ in range(HALVINGS):
         for i in range(nc):
             trial[i] = theta[first + i] + step * gain[first + i]
@@ -173,45 +110,34 @@ def _stable_step(s, theta, gain, scratch, step):
 @hot
 def _learn(s, at, y, e):
     """Update theta and P by the innovation and phi, psi; return the residual, NaN for a failure."""
-    theta = at[THETA]
-    d = at[D]
-    phi = at[PHI]
-    gain = at[GAIN]
-    psi = at[PSI]
-    filtered = at[FILTERED]
-    taps = at[TAPS]
-    upper = at[UPPER]
-    scratch = at[SCRATCH]
-    covariance = at[COVARIANCE]
-    echo = at[ECHO]
-    if s[RML] == 0.0 or s[SINCE] < PSI_FROM:
-        psi = phi
-    else:
+    psi = at.phi
+    if s.rml > 0.0 and s.since >= PSI_FROM:
+        psi = at.psi
         for i in range(len(psi)):
-            psi[i] = filtered[taps[i]]
-    lam = s[LAMBDA]
-    inverse = bierman(d, upper, psi, lam, gain, s[D_MAX])
+            psi[i] = at.filtered[at.taps[i]]
+    lam = s.lam
+    inverse = bierman(at.d, at.upper, psi, lam, at.gain, s.d_max)
     step, share = e * inverse, lam * inverse
-    if s[RML] > 0.0:
-        if s[NC] > 0.0:
-            possible = _stable_step(s, theta, gain, scratch, step)
+    if s.rml > 0.0:
+        if s.nc > 0.0:
+            possible = _stable_step(s, at.theta, at.gain, at.scratch, step)
             if possible != step:
-                s[HALVED] += 1.0
+                s.halved += 1.0
             step = possible
         along = 0.0
-        for i in range(len(theta)):
-            theta[i] += step * gain[i]
-            along += gain[i] * phi[i]
+        for i in range(len(at.theta)):
+            at.theta[i] += step * at.gain[i]
+            along += at.gain[i] * at.phi[i]
         eps = e - step * along
     else:
-        for i in range(len(theta)):
-            theta[i] += step * gain[i]
+        for i in range(len(at.theta)):
+            at.theta[i] += step * at.gain[i]
         eps = e * share  # gain' phi = alpha - lambda where psi = phi
     if not (inverse > 0.0 and e * e + eps * eps < math.inf):
         return math.nan
-    if s[LAGS] > 0.0:
-        memory = 1.0 - min(1.0, max(1.0 / s[LAGS], FEW / (s[S1] + 1.0)))
-        follow_covariance(covariance, echo, psi, gain, scratch, inverse, e, memory)
+    if s.lags > 0.0:
+        memory = 1.0 - min(1.0, max(1.0 / s.lags, FEW / (s.s1 + 1.0)))
+        follow_covariance(at.covariance, at.echo, psi, at.gain, at.scratch, inverse, e, memory)
     adapt(s, at, lam)
     account(s, at, y, e, eps, lam, share)
     return eps
@@ -220,57 +146,47 @@ def _learn(s, at, y, e):
 @hot
 def expect(s, at):
     """Enter what is known before y and return the scaled y_hat, NaN while the lags are not full."""
-    inputs = at[INPUTS]
-    factors = at[FACTORS]
-    fresh = at[FRESH]
-    raw = at[RAW]
-    heads = at[HEADS]
-    taps = at[TAPS]
-    phi = at[PHI]
-    theta = at[THETA]
-    if s[BROKEN] > 0.0:
-        _open(s)
-    for j in range(len(inputs)):
-        fresh[1 + j] = inputs[j] * factors[1 + j]
-    fresh[len(fresh) - 1] = 1.0
-    if s[RML] > 0.0:
+    if s.broken > 0.0:
+        _open(at.packed)
+    for j in range(len(at.inputs)):
+        at.fresh[1 + j] = at.inputs[j] * at.factors[1 + j]
+    at.fresh[len(at.fresh) - 1] = 1.0
+    if s.rml > 0.0:
         _filter(s, at)
-    _shift(raw, heads, fresh)
-    s[FILL] += 1.0
-    if s[FILL] <= s[DEPTH]:
+    _shift(at.raw, at.heads, at.fresh)
+    s.filled += 1.0
+    if s.filled <= s.depth:
         return math.nan
     y_hat = 0.0
-    for i in range(len(theta)):
-        phi[i] = raw[taps[i]]
-        y_hat += phi[i] * theta[i]
+    for i in range(len(at.theta)):
+        at.phi[i] = at.raw[at.taps[i]]
+        y_hat += at.phi[i] * at.theta[i]
     return y_hat
 
 
 @hot
 def take(s, at, frozen):
     """Take the sample in its slots through the recursion; frozen leaves theta and P as they are."""
-    factors = at[FACTORS]
-    fresh = at[FRESH]
-    y = s[Y] * factors[0]
+    y = s.y * at.factors[0]
     y_hat = expect(s, at)
     e = y - y_hat
-    eps = e if frozen > 0.0 or s[SINCE] > 0.0 else 0.0
-    learning = s[FILL] > s[DEPTH] + s[NC]
+    eps = e if frozen > 0.0 or s.since > 0.0 else 0.0
+    learning = s.filled > s.depth + s.nc
     if learning and frozen > 0.0:
-        account(s, at, y, e, e, s[LAMBDA_END], 1.0)
+        account(s, at, y, e, e, s.lam_end, 1.0)
     elif learning:
         eps = _learn(s, at, y, e)
         if not abs(eps) < math.inf:
-            _restart(s)
+            _restart(at.packed)
             learning = False
     if not learning:
-        s[HELD] += 1.0
-    fresh[0] = -y
-    fresh[len(fresh) - 2] = eps if s[FILL] > s[DEPTH] else 0.0
-    s[Y_HAT], s[INNOVATION], s[RESIDUAL] = y_hat, e, eps
-    if s[DIVERGED] > 0.0:
-        s[STATUS] = DIVERGING
-    elif s[SINCE] < s[WARM]:
-        s[STATUS] = WARMING_UP
+        s.held += 1.0
+    at.fresh[0] = -y
+    at.fresh[len(at.fresh) - 2] = eps if s.filled > s.depth else 0.0
+    s.y_hat, s.innovation, s.residual = y_hat, e, eps
+    if s.diverged > 0.0:
+        s.status = DIVERGING
+    elif s.since < s.warm:
+        s.status = WARMING_UP
     else:
-        s[STATUS] = TRACKING if learning else HOLDING
+        s.status = TRACKING if learning else HOLDING
