@@ -176,6 +176,10 @@ class SampleBlock(Columns):
     altitude: Floats
 
 
+Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS = range(6)
+"""Where the scalars stand in a row of an :class:`EstimateBlock` after theta and theta_std."""
+
+
 @dataclass(frozen=True, slots=True)
 class EstimateBlock:
     """What one estimator made of a block of samples, a row each.
@@ -187,6 +191,11 @@ class EstimateBlock:
 
     rows: Floats
     p: int
+
+    @classmethod
+    def empty(cls, n: int, p: int, *, covariance: bool = False) -> EstimateBlock:
+        """Return n rows for p parameters that somebody else will fill."""
+        return cls(np.empty((n, 2 * p + SCALARS + (p * p if covariance else 0))), p)
 
     @classmethod
     def of(
@@ -219,33 +228,38 @@ class EstimateBlock:
     @property
     def covariance(self) -> Floats | None:
         """The covariance (n, p, p) of theta, or None where it was not asked for."""
-        rest = self.rows[:, 2 * self.p + 5 :]
+        rest = self.rows[:, 2 * self.p + SCALARS :]
         return rest.reshape(-1, self.p, self.p) if rest.size else None
 
     @property
     def y_hat(self) -> Floats:
         """One-step prediction (n,) of y."""
-        return self.rows[:, 2 * self.p]
+        return self.rows[:, 2 * self.p + Y_HAT]
 
     @property
     def innovation(self) -> Floats:
         """The error (n,) a priori, y - y_hat."""
-        return self.rows[:, 2 * self.p + 1]
+        return self.rows[:, 2 * self.p + INNOVATION]
 
     @property
     def residual(self) -> Floats:
         """The error (n,) a posteriori."""
-        return self.rows[:, 2 * self.p + 2]
+        return self.rows[:, 2 * self.p + RESIDUAL]
 
     @property
     def noise_std(self) -> Floats:
         """Standard deviation (n,) of the innovation."""
-        return self.rows[:, 2 * self.p + 3]
+        return self.rows[:, 2 * self.p + NOISE_STD]
 
     @property
     def status(self) -> Bytes:
         """See :class:`Status` (n,)."""
-        return self.rows[:, 2 * self.p + 4].astype(np.uint8)
+        return self.rows[:, 2 * self.p + STATUS].astype(np.uint8)
+
+    @property
+    def without_covariance(self) -> Floats:
+        """The columns before the covariance (n, 2 p + 5)."""
+        return self.rows[:, : 2 * self.p + SCALARS]
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -14,7 +14,7 @@ from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.physics.stage import PhysicsRows
+from yawid.physics.stage import PhysicsStage
 from yawid.sinks.base import Grid, Sink, rudder_unit
 
 BLOCK = 4096
@@ -78,7 +78,7 @@ class Pipeline:
 
     def _open_bank(self, sample_time_s: float) -> Bank:
         self.bank = self._make_bank(self.config, sample_time_s)
-        self._physics = PhysicsRows(
+        self._physics = PhysicsStage(
             self.config.armax_orders(),
             sample_time_s,
             mean_output=self.config.output == "yaw",

@@ -38,7 +38,7 @@ def assert_agree(kernel, reference, u, y):
     np.testing.assert_allclose(kernel.P, reference.P, rtol=1e-9, atol=1e-9)
     for name in ("updates", "held", "halved", "restarts", "status", "forgetting_factor"):
         assert getattr(kernel, name) == getattr(reference, name), name
-    for name in ("whiteness_p", "innovation_std", "residual_std", "noise_std", "spr_margin"):
+    for name in ("whiteness_p", "innovation_std", "residual_std", "noise_std"):
         np.testing.assert_allclose(
             getattr(kernel, name), getattr(reference, name), rtol=1e-7, atol=1e-9, err_msg=name
         )

@@ -14,14 +14,15 @@ from sinks.sink_blocks import SAMPLE_TIME_S, make_samples
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import MEMORIES, REMEMBERED, Bank, Record
+from yawid.estimation.bank import MEMORIES, REMEMBERED, Bank
+from yawid.estimation.history import Ring
 
 
 @given(limit=st.integers(1, 40), cuts=st.lists(st.integers(0, 60), max_size=12))
-def test_a_record_holds_the_newest_rows_however_they_came(limit: int, cuts: list[int]) -> None:
+def test_a_ring_holds_the_newest_rows_however_they_came(limit: int, cuts: list[int]) -> None:
     total = sum(cuts)
     rows, pairs = np.arange(float(total)), np.arange(2.0 * total).reshape(-1, 2)
-    record = Record(limit)
+    record = Ring(limit)
     at = 0
     for count in cuts:
         record.add(rows[at : at + count], pairs[at : at + count])

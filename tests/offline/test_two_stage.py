@@ -104,7 +104,7 @@ def test_what_cannot_be_fitted_is_refused():
         two_stage(np.ones(200), y, ORDERS, bias=True)
     with pytest.raises(ConfigError, match="too few"):
         two_stage(u[:12], y[:12], ORDERS)
-    with pytest.raises(ConfigError, match="y must be"):
+    with pytest.raises(ConfigError, match="u must have shape"):
         two_stage(u[1:], y, ORDERS)
     with pytest.raises(ConfigError, match="infinite"):
         two_stage(u, np.where(y > 1.0, np.inf, y), ORDERS)

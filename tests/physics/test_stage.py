@@ -12,7 +12,7 @@ from scipy.signal import cont2discrete
 from yawid.blocks import EstimateBlock, Status
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import NAMES, with_sigma
-from yawid.physics.stage import PhysicsRows
+from yawid.physics.stage import PhysicsStage
 
 ORDERS = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
 TS, N = 0.25, 41
@@ -44,7 +44,7 @@ def part(block: EstimateBlock, rows: slice) -> EstimateBlock:
 def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
     estimates = drifting()
 
-    found = PhysicsRows(ORDERS, TS).of(K, estimates)
+    found = PhysicsStage(ORDERS, TS).of(K, estimates)
 
     for row in range(N):
         second = row - (K[row] % 4)  # the row of the last whole second
@@ -63,7 +63,7 @@ def test_an_estimator_that_starts_anew_has_no_yaw_channel_left_over():
     estimates = drifting()
     estimates.rows[20:, 2 * estimates.p + 4] = Status.WARMING_UP
 
-    found = PhysicsRows(ORDERS, TS).of(K, estimates)
+    found = PhysicsStage(ORDERS, TS).of(K, estimates)
 
     assert np.isfinite(found.yaw[19]).all()
     assert np.isnan(found.yaw[20:]).all()
@@ -73,7 +73,7 @@ def test_an_estimator_that_starts_anew_has_no_yaw_channel_left_over():
 @settings(deadline=None)
 def test_rows_do_not_depend_on_how_the_stream_was_cut(cuts):
     estimates = drifting()
-    whole, rows = PhysicsRows(ORDERS, TS).of(K, estimates), PhysicsRows(ORDERS, TS)
+    whole, rows = PhysicsStage(ORDERS, TS).of(K, estimates), PhysicsStage(ORDERS, TS)
 
     edges = [0, *sorted(cuts), N]
     slices = [slice(first, last) for first, last in pairwise(edges)]
@@ -88,4 +88,4 @@ def test_where_eq_23_does_not_hold_there_are_no_numbers():
     estimates = drifting()
     estimates.theta[:, 3:] = [0.1, -0.3, 0.5]  # zeros that no yaw channel has
 
-    assert np.isnan(PhysicsRows(ORDERS, TS).of(K, estimates).yaw).all()
+    assert np.isnan(PhysicsStage(ORDERS, TS).of(K, estimates).yaw).all()

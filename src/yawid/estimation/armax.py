@@ -10,23 +10,89 @@ from numpy.typing import ArrayLike
 
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.estimator import EstimatorConfig
-from yawid.estimation.estimate import Estimate, covariance
+from yawid.errors import ConfigError
+from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import entry_points as entry
 from yawid.estimation.kernel import linear_algebra as kernel
 from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.forgetting import noise_variance
 from yawid.estimation.kernel.new_state import new_state
-from yawid.estimation.polynomials import parameter_names
-from yawid.estimation.readings import Readings
 from yawid.estimation.serialise import pack, unpack
-from yawid.estimation.shapes import checked_samples, checked_u
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box
 
-__all__ = ["Estimate", "RecursiveArmax", "parameter_names"]
+
+class Estimate:
+    """A snapshot after one sample; its fields are computed when asked for."""
+
+    __slots__ = ("_saved",)
+
+    def __init__(self, saved: bytes) -> None:
+        self._saved = saved
+
+    def _block(self, *, covariance: bool = False) -> EstimateBlock:
+        # The compiled code reads writable arrays only.
+        return _reading(np.frombuffer(self._saved).copy(), covariance=covariance)
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n,) in the user's units."""
+        return np.asarray(self._block().theta[0])
+
+    @property
+    def theta_std(self) -> Floats:
+        """Standard deviation (n,) of theta; NaN before the first update."""
+        return np.asarray(self._block().theta_std[0])
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (n, n) of theta; NaN before the first update."""
+        return _covariance(self._block(covariance=True))
+
+    @property
+    def y_hat(self) -> float:
+        """One-step prediction of y; NaN where there was none."""
+        return float(self._block().y_hat[0])
+
+    @property
+    def innovation(self) -> float:
+        """The error a priori, y - y_hat."""
+        return float(self._block().innovation[0])
+
+    @property
+    def residual(self) -> float:
+        """The error a posteriori, y - phi' theta(k)."""
+        return float(self._block().residual[0])
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the innovation."""
+        return float(self._block().noise_std[0])
+
+    @property
+    def status(self) -> Status:
+        """What the estimator says of itself."""
+        return Status(int(self._block().status[0]))
+
+    def __repr__(self) -> str:
+        return (
+            f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
+        )
 
 
-class RecursiveArmax(Readings):
+def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
+    """Return one row of what came of the last sample."""
+    block = EstimateBlock.empty(1, int(slots.named(state).n), covariance=covariance)
+    entry.read(state, block.rows[0])
+    return block
+
+
+def _covariance(block: EstimateBlock) -> Floats:
+    assert block.covariance is not None  # it was asked for
+    return np.asarray(block.covariance[0])
+
+
+class RecursiveArmax:
     """Recursive estimation of A(q) y = B(q) u + C(q) e + bias, paper eq. 28-33.
 
     theta = [a1.., b1.. of each input, c1.., bias]; phi(k) = [-y(k-1).., u(k-nk).., eps(k-1).., 1];
@@ -57,12 +123,12 @@ class RecursiveArmax(Readings):
         """Take one sample; ``u`` is a float, or (n_inputs,). A NaN makes it a held record.
 
         Raises:
-            ValueError: u or y is infinite, or u has another number of inputs.
+            ConfigError: u or y is infinite, or u has another number of inputs.
         """
         if self._inputs == 1 and isinstance(u, float):
             if came := entry.step(self._state, u, y):
                 if came == entry.INFINITE:
-                    raise ValueError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
+                    raise ConfigError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
                 self._start()
         else:
             row = checked_u(u, y, self._inputs)
@@ -82,23 +148,23 @@ class RecursiveArmax(Readings):
         row only; ``covariance`` adds theta's, (samples, n, n).
 
         Raises:
-            ValueError: wrong shapes or an infinite value; nothing has been taken then.
+            ConfigError: wrong shapes or an infinite value; nothing has been taken then.
         """
         if keep not in ("all", "last"):
-            raise ValueError(f'keep must be "all" or "last", got {keep!r}')
+            raise ConfigError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self._inputs)
-        n = self._n
-        width = 2 * n + 5 + (n * n if covariance else 0)
-        rows = np.empty((len(y) if keep == "all" else 1, width))
+        count = len(y) if keep == "all" else 1
+        block = EstimateBlock.empty(count, self._n, covariance=covariance)
+        rows = block.rows
         done = entry.run(self._state, u, y, rows, 0)
         if done < 0:
-            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
+            raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
         if done < len(y):  # a start fit is due, once in a life
             self._start()
             if keep == "all":
                 entry.read(self._state, rows[done])
             entry.run(self._state, u, y, rows, done + 1)
-        return EstimateBlock(rows, n)
+        return block
 
     def _start(self) -> None:
         window, parts = int(self._header.window), self._parts
@@ -152,7 +218,7 @@ class RecursiveArmax(Readings):
     @property
     def covariance(self) -> Floats:
         """Covariance (n, n) of theta in the user's units; NaN before the first update."""
-        return covariance(self._state)
+        return _covariance(_reading(self._state, covariance=True))
 
     @property
     def P(self) -> Floats:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats, Ints, SampleBlock
+from yawid.blocks import EstimateBlock, SampleBlock
 from yawid.config.run import RunConfig
+from yawid.estimation.history import History, PastModels, Ring
 from yawid.estimation.reference.estimator import make_estimator
 
 HISTORY = 2**19
@@ -18,69 +17,6 @@ MEMORIES = 3.0
 """A model that forgets is asked about three times its memory, what it still knows something of."""
 REMEMBERED = 16
 """Every so many samples the model is kept as it stood, to be asked about what came after."""
-
-
-class Record:
-    """The newest ``limit`` rows of what the columns of :class:`History` are, in a ring each.
-
-    A ring lies still: parts of a live session, a sample each, would hold the process's memory apart
-    for hours.
-    """
-
-    def __init__(self, limit: int) -> None:
-        self.limit = limit
-        self.seen = 0
-        self._rings: list[Floats] = []
-
-    def __len__(self) -> int:
-        return min(self.seen, self.limit)
-
-    def add(self, *columns: Floats) -> None:
-        """Append rows; columns (n, ...) are the same in every call but for n."""
-        if not self._rings:
-            # Memory that was never written to is not taken: a short record stays small.
-            self._rings = [np.empty((self.limit, *column.shape[1:])) for column in columns]
-        count = len(columns[0])
-        rows = np.arange(self.seen, self.seen + count)[-self.limit :] % self.limit
-        for ring, column in zip(self._rings, columns, strict=True):
-            ring[rows] = column[-self.limit :]
-        self.seen += count
-
-    def joined(self) -> tuple[Floats, ...]:
-        """Return the columns of the newest rows, the oldest first; none before the first row."""
-        rows = np.arange(self.seen - len(self), self.seen) % self.limit
-        return tuple(ring[rows] for ring in self._rings)
-
-
-@dataclass(frozen=True, slots=True)
-class History:
-    """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN.
-
-    ``y`` in rad/s, ``roll`` in rad, ``turn`` in rad/s, ``airspeed`` in m/s, ``aileron`` in units of
-    half its travel, whether it is an input or not, ``mode`` HEARTBEAT.custom_mode.
-    """
-
-    u: Floats
-    y: Floats
-    roll: Floats
-    turn: Floats
-    airspeed: Floats
-    aileron: Floats
-    mode: Floats
-    y_hat: Mapping[str, Floats]
-
-    @property
-    def good(self) -> Ints:
-        """The rows that the estimators could use."""
-        return np.flatnonzero(np.isfinite(self.y) & np.isfinite(self.u).all(axis=1))
-
-
-@dataclass(frozen=True, slots=True)
-class Earlier:
-    """The models as they stood before row ``first`` of the history: theta (n,) of each method."""
-
-    first: int
-    theta: Mapping[str, Floats]
 
 
 class Bank:
@@ -103,8 +39,8 @@ class Bank:
         }
         forgotten = 1.0 - self.config.forgetting_factor(self.sample_time_s)
         kept = math.ceil(MEMORIES / forgotten) if forgotten > 0.0 else HISTORY
-        self._record = Record(min(kept, HISTORY))
-        self._thetas = Record(min(kept, HISTORY) // REMEMBERED + 1)
+        self._record = Ring(min(kept, HISTORY))
+        self._thetas = Ring(min(kept, HISTORY) // REMEMBERED + 1)
         self.last: dict[str, EstimateBlock] = {}
 
     def run(self, samples: SampleBlock) -> dict[str, EstimateBlock]:
@@ -143,7 +79,7 @@ class Bank:
         y_hat = dict(zip(self.methods, columns[own:], strict=True))
         return History(u, y, roll, turn, airspeed, aileron, mode, y_hat)
 
-    def earlier(self, row: int) -> Earlier | None:
+    def earlier(self, row: int) -> PastModels | None:
         """Return the newest models kept that had not seen ``row`` of the history, if there are."""
         seen, *thetas = self._thetas.joined() or (np.empty(0),)
         firsts = seen - (self._record.seen - len(self._record))
@@ -152,4 +88,4 @@ class Bank:
             return None
         newest = known[-1]
         models = {name: theta[newest] for name, theta in zip(self.methods, thetas, strict=True)}
-        return Earlier(int(firsts[newest]), models)
+        return PastModels(int(firsts[newest]), models)

@@ -11,6 +11,7 @@ import numpy as np
 from yawid.blocks import Floats, runs_of
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.all_pole import all_pole
+from yawid.estimation.polynomials import lag_depth
 
 WORST_PCT = -1000.0
 
@@ -48,7 +49,7 @@ def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Float
 def _simulate_stretch(
     theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats
 ) -> Floats:
-    lags = max([orders.na, *(nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True))])
+    lags = lag_depth(orders)
     drive = np.full(len(y), theta[-1] if bias else 0.0)
     first = orders.na
     for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):

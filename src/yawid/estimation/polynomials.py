@@ -1,11 +1,12 @@
-"""The polynomials A, B, C of theta: their names, their order and where C is well behaved."""
+"""The polynomials A, B, C of theta: names, order, regressors, and where C is well behaved."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, shifted
 from yawid.config.estimator import ArmaxOrders
+from yawid.errors import ConfigError
 
 FREQUENCIES = 512
 
@@ -16,10 +17,10 @@ def parameter_names(
     """Return theta's names: a1.., b1.. of the first input, b1_<input>.. of others, c1.., bias.
 
     Raises:
-        ValueError: the number of inputs is not that of the orders.
+        ConfigError: the number of inputs is not that of the orders.
     """
     if len(inputs) != orders.n_inputs:
-        raise ValueError(f"{len(inputs)} input names for orders with {orders.n_inputs} inputs")
+        raise ConfigError(f"{len(inputs)} input names for orders with {orders.n_inputs} inputs")
     names = [f"a{i + 1}" for i in range(orders.na)]
     for j, (name, nb) in enumerate(zip(inputs, orders.nb, strict=True)):
         names += [f"b{i + 1}" + (f"_{name}" if j else "") for i in range(nb)]
@@ -31,6 +32,26 @@ def c_of(theta: Floats, orders: ArmaxOrders) -> Floats:
     """Return c1..c_nc, a view of theta (..., n)."""
     first = orders.na + sum(orders.nb)
     return theta[..., first : first + orders.nc]
+
+
+def lag_depth(orders: ArmaxOrders) -> int:
+    """Return the number of earlier samples of y and u that phi(k) needs (eq. 32)."""
+    inputs = [nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True) if nb > 0]
+    return max([0, orders.na, *inputs])
+
+
+def known_regressors(u: Floats, y: Floats, orders: ArmaxOrders, bias: bool) -> Floats:
+    """Return the measured columns of phi over a record: -y(k-1).., u(k-nk).., 1 (eq. 32).
+
+    ``u`` (samples, n_inputs), ``y`` (samples,); the answer is (samples, n_theta less nc), in the
+    order of theta without c1.., NaN where a lag reaches before the record or a missing sample.
+    """
+    columns = [-shifted(y, i + 1) for i in range(orders.na)]
+    for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
+        columns += [shifted(u[:, j], nk + i) for i in range(nb)]
+    if bias:
+        columns.append(np.ones(len(y)))
+    return np.column_stack(columns) if columns else np.empty((len(y), 0))
 
 
 def spr_margin(c: Floats) -> float:

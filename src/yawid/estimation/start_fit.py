@@ -12,9 +12,14 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
-from yawid.estimation.kernel.linear_algebra import over_c
-from yawid.estimation.kernel.new_state import lag_depth
-from yawid.estimation.polynomials import c_of, is_stable, reflected
+from yawid.estimation.all_pole import all_pole
+from yawid.estimation.polynomials import (
+    c_of,
+    is_stable,
+    known_regressors,
+    lag_depth,
+    reflected,
+)
 
 ITERATIONS = 30
 HALVINGS = 10
@@ -51,19 +56,15 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
 
 def _stretches(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Yield y (n,) and the known regressors (n, n_theta), residuals left 0, between breaks."""
-    orders, depth = config.orders, lag_depth(config)
+    orders, depth = config.orders, lag_depth(config.orders)
+    first = orders.na + sum(orders.nb)
     for stretch in np.split(rows[:, 1:], np.flatnonzero(rows[:, 0] > 0.0)):
         n = len(stretch) - depth
         if n <= orders.nc:
             continue
+        known = known_regressors(stretch[:, 1:], stretch[:, 0], orders, config.bias)[depth:]
         phi = np.zeros((n, config.n_theta))
-        columns = [-stretch[depth - lag :][:n, 0] for lag in range(1, orders.na + 1)]
-        for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
-            columns += [stretch[depth - lag :][:n, j + 1] for lag in range(nk, nk + nb)]
-        for i, column in enumerate(columns):
-            phi[:, i] = column
-        if config.bias:
-            phi[:, -1] = 1.0
+        phi[:, :first], phi[:, first + orders.nc :] = known[:, :first], known[:, first:]
         yield stretch[depth:, 0].copy(), phi
 
 
@@ -79,11 +80,8 @@ class _Fit:
 
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return eps = (A y - B u - bias) / C of each stretch, from eps = 0."""
-        c = np.ascontiguousarray(c_of(theta, self.orders))
-        found = [(y - phi @ theta).reshape(-1, 1) for y, phi in self.stretches]
-        for eps in found:
-            over_c(c, eps)
-        return [eps[:, 0] for eps in found]
+        c, rest = c_of(theta, self.orders), np.zeros(self.orders.nc)
+        return [all_pole(c, y - phi @ theta, rest) for y, phi in self.stretches]
 
     def loss(self, theta: Floats) -> float:
         """Return the weighted sum of squared residuals with the ridge's share, or inf."""
@@ -94,15 +92,13 @@ class _Fit:
     def gradient(self, theta: Floats, filtered: bool = True) -> tuple[Floats, Floats]:
         """Return psi (n, n_theta), or phi where not filtered, and eps (n,) at theta."""
         orders, first = self.orders, self.orders.na + sum(self.orders.nb)
-        c = np.ascontiguousarray(c_of(theta, orders))
+        c = c_of(theta, orders)
         residuals, rows = self.residuals(theta), []
         for (_, phi), eps in zip(self.stretches, residuals, strict=True):
             psi = phi.copy()
             for i in range(orders.nc):
                 psi[i + 1 :, first + i] = eps[: -i - 1]
-            if filtered:
-                over_c(c, psi)
-            rows.append(psi)
+            rows.append(all_pole(c, psi, np.zeros((orders.nc, len(theta)))) if filtered else psi)
         return np.concatenate(rows), np.concatenate(residuals)
 
     def first_guess(self) -> Floats:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from yawid.blocks import Floats
-from yawid.offline.records import checked_record
+from yawid.estimation.checks import checked_record
 
 SAMPLE_TIME_S = 0.01
 """T of the listing."""

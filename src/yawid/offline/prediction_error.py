@@ -16,8 +16,8 @@ from yawid.blocks import Floats
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.checks import checked_samples
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.shapes import checked_samples
 
 UNSETTLED = 0.5
 """Lambda that only a fit replaces: a recursion that had to start without one keeps it."""

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, shifted
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.offline.records import checked_record
+from yawid.estimation.checks import checked_record
 from yawid.physics.model_response import step_response
 
 
@@ -85,8 +85,8 @@ def curves_from_data(u: ArrayLike, y: ArrayLike, sample_time_s: float, length: i
     rows = len(y) - length
     if length < 1 or rows <= 2 * (length + 1):
         raise ConfigError(f"a length of {length} needs more than the record's {len(y)} samples")
-    lagged = [u[length - 1 - i : length - 1 - i + rows] for i in range(length)]
-    phi = np.column_stack([*lagged, np.ones(rows)])
+    pasts = [shifted(u, i + 1)[length:] for i in range(length)]
+    phi = np.column_stack([*pasts, np.ones(rows)])
     theta, _, rank, _ = np.linalg.lstsq(phi, y[length:], rcond=1e-10)
     if rank < length + 1:
         raise NotIdentifiable(f"the input excites {rank} of the {length + 1} values asked for")

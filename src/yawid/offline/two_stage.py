@@ -16,13 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
-from yawid.blocks import Floats, runs_of
+from yawid.blocks import Floats, runs_of, shifted
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
+from yawid.estimation.all_pole import all_pole
+from yawid.estimation.checks import checked_samples
 from yawid.estimation.fit import fit_percent
-from yawid.estimation.polynomials import c_of, reflected, spr_margin
+from yawid.estimation.polynomials import c_of, known_regressors, reflected, spr_margin
 
 MOST_ROUNDS = 500
 STILL = 1e-7
@@ -62,8 +63,8 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
         ConfigError: wrong shapes, an infinite value, or too few samples for these orders.
         NotIdentifiable: the record does not excite these orders.
     """
-    u, y = _checked(u, y, orders)
-    known, first = _known_regressors(u, y, orders, bias), orders.n_theta - orders.nc
+    u, y = checked_samples(u, y, orders.n_inputs, finite_or_nan=True)
+    known, first = known_regressors(u, y, orders, bias), orders.n_theta - orders.nc
     rows = np.isfinite(known).all(axis=1) & np.isfinite(y)
     if rows.sum() <= 2 * known.shape[1] + orders.nc:
         raise ConfigError(f"{rows.sum()} samples with their lags are too few for {orders}")
@@ -75,7 +76,7 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
     if np.linalg.norm(eps[rows]) <= NOISELESS * spread:  # nothing tells C
         std, still = np.insert(std, [first] * orders.nc, np.inf), True
     while not still and rounds < MOST_ROUNDS:
-        lagged = [_lag(np.where(rows, eps, 0.0), i + 1) for i in range(orders.nc)]
+        lagged = [shifted(np.where(rows, eps, 0.0), i + 1) for i in range(orders.nc)]
         phi = np.column_stack([known[:, :first], *lagged, known[:, first:]])
         phi[np.isnan(phi) & rows[:, None]] = 0.0  # an eps before the first row
         target, std = _least_squares(phi[rows], y[rows])
@@ -91,35 +92,6 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
     margin = spr_margin(c_of(theta, orders))
     fit = fit_percent(y, y - eps)
     return TwoStage(theta, std, arx, eps, noise, fit, rounds, still, margin)
-
-
-def _checked(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders) -> tuple[Floats, Floats]:
-    u, y = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    u = u.reshape(-1, 1) if u.ndim == 1 else u
-    if y.ndim != 1 or u.shape != (len(y), orders.n_inputs):
-        raise ConfigError(
-            f"y must be (n,) and u (n, {orders.n_inputs}), got {y.shape} and {u.shape}"
-        )
-    if np.isinf(u).any() or np.isinf(y).any():
-        raise ConfigError("u and y must not be infinite; NaN marks a sample to be left out")
-    return u, y
-
-
-def _lag(x: Floats, count: int) -> Floats:
-    """Return x (n,) so many samples later; NaN where there is none yet."""
-    lagged = np.full(len(x), np.nan)
-    lagged[count:] = x[: len(x) - count]
-    return lagged
-
-
-def _known_regressors(u: Floats, y: Floats, orders: ArmaxOrders, bias: bool) -> Floats:
-    """Return the columns of eq. 32 that are measured: -y(k-1).., u(k-nk).., 1."""
-    columns = [-_lag(y, i + 1) for i in range(orders.na)]
-    for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
-        columns += [_lag(u[:, j], nk + i) for i in range(nb)]
-    if bias:
-        columns.append(np.ones(len(y)))
-    return np.column_stack(columns) if columns else np.empty((len(y), 0))
 
 
 def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -143,5 +115,5 @@ def _residuals(
     c = c_of(theta, orders)
     eps = y - known @ np.delete(theta, slice(first, first + orders.nc))
     for start, stop in runs_of(rows):
-        eps[start:stop] = lfilter([1.0], np.concatenate([[1.0], c]), eps[start:stop])
+        eps[start:stop] = all_pole(c, eps[start:stop], np.zeros(orders.nc))
     return eps

@@ -17,7 +17,7 @@ from yawid.physics.derivatives import NAMES, known_rows, with_sigma
 from yawid.physics.modes import modes
 
 
-class PhysicsRows:
+class PhysicsStage:
     """Turns blocks of estimates, cut anywhere, into modes and yaw channel, a row each."""
 
     def __init__(

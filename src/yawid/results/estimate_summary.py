@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from yawid.channels.sample_flags import strokes, window_of
-from yawid.estimation.bank import Bank, Earlier, History
+from yawid.estimation.bank import Bank
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.polynomials import parameter_names
+from yawid.estimation.history import History, PastModels
+from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.physics.derivatives import summary_of
 from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
@@ -87,7 +88,7 @@ def _fit(bank: Bank, method: str, history: History) -> dict[str, float]:
         "innovation_std": estimator.innovation_std,
         "residual_std": estimator.residual_std,
         "whiteness_p": estimator.whiteness_p,
-        "spr_margin": estimator.spr_margin,
+        "spr_margin": spr_margin(c_of(estimator.theta, config.orders)),
     }
 
 
@@ -113,7 +114,7 @@ def _held_back_pct(bank: Bank, method: str, history: History) -> float:
     return fit_percent(y, simulate(earlier.theta[method], config.orders, config.bias, u, y))
 
 
-def _shortly_before(bank: Bank, history: History) -> Earlier | None:
+def _shortly_before(bank: Bank, history: History) -> PastModels | None:
     """Return the models a third of the memory ago, or before the last third of a short record."""
     good = history.good
     if len(good) < LEAST_SAMPLES:

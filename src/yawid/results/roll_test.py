@@ -13,7 +13,8 @@ import numpy as np
 from yawid.blocks import Floats, runs_of, shifted
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.bank import History
+from yawid.estimation.history import History
+from yawid.estimation.polynomials import known_regressors
 from yawid.estimation.whiteness import chi_square_tail
 
 NEWEST = 2**14
@@ -57,16 +58,12 @@ def _residuals_and_slopes(
     """Return eps (n,) of eq. 33, its slopes (n, p + 3) with the roll's, and the weights' roots."""
     orders = config.orders
     u, y, roll = (column[-NEWEST:] for column in (history.u, history.y, history.roll))
-    known = [-shifted(y, i + 1) for i in range(orders.na)]
-    for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
-        known += [shifted(u[:, j], nk + i) for i in range(nb)]
-    first = len(known)
+    known, first = known_regressors(u, y, orders, config.bias), orders.n_theta - orders.nc
     c, rest = theta[first : first + orders.nc], np.zeros(orders.nc)
-    constant = [np.ones(len(y))] if config.bias else []
     rolls = [shifted(roll, i + 1) for i in range(ROLL_LAGS)]
-    plain = np.column_stack([*known, *constant])
-    error = y - plain @ np.delete(theta, slice(first, first + orders.nc))
-    phi = np.column_stack([*known, *[np.zeros(len(y))] * orders.nc, *constant, *rolls])
+    error = y - known @ np.delete(theta, slice(first, first + orders.nc))
+    c_columns = np.zeros((len(y), orders.nc))
+    phi = np.column_stack([known[:, :first], c_columns, known[:, first:], *rolls])
     rows = np.isfinite(phi).all(axis=1) & np.isfinite(error)
     used = np.zeros(len(y), bool)
     for start, stop in runs_of(rows):
@@ -74,8 +71,7 @@ def _residuals_and_slopes(
         error[stretch] = all_pole(c, error[stretch], rest)
         for i in range(orders.nc):
             phi[start + i + 1 : stop, first + i] = error[start : max(stop - i - 1, start)]
-        for column in phi[stretch].T:
-            column[:] = all_pole(c, column, rest)
+        phi[stretch] = all_pole(c, phi[stretch], np.zeros((orders.nc, phi.shape[1])))
         used[start + SETTLED : stop] = True
     age = len(y) - 1.0 - np.flatnonzero(used)
     weight: Floats = np.power(config.forgetting_factor, 0.5 * age)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
 from yawid.estimation.kernel.forgetting import noise_variance
 from yawid.estimation.kernel.linear_algebra import hot, jit, p_entry
 from yawid.estimation.kernel.recursion import expect, take
@@ -151,9 +152,9 @@ def covariance_entry(s, at, i, j):
 
 @jit
 def read(packed, row):
-    """Fill row (2 N + 5,) with what came of the last sample, (2 N + 5 + N N,) with covariance.
+    """Fill a row of an :class:`EstimateBlock` with what came of the last sample.
 
-    theta, theta_std, y_hat, innovation, residual, noise_std, status.
+    Its length says whether the covariance of theta belongs to it.
     """
     s, at = header(packed), parts(packed)
     n = len(at.theta)
@@ -161,16 +162,17 @@ def read(packed, row):
         variance = covariance_entry(s, at, i, i)
         row[i] = at.theta[i] * at.units[i]
         row[n + i] = 0.0 if variance < 0.0 else math.sqrt(variance)
-    scale = 1.0 / at.factors[0]
-    row[2 * n], row[2 * n + 1] = s.y_hat * scale, s.innovation * scale
-    row[2 * n + 2], row[2 * n + 3] = s.residual * scale, math.sqrt(noise_variance(s)) * scale
-    row[2 * n + 4] = s.status
-    if len(row) > 2 * n + 5:
+    scale, last = 1.0 / at.factors[0], 2 * n + SCALARS
+    row[2 * n + Y_HAT], row[2 * n + INNOVATION] = s.y_hat * scale, s.innovation * scale
+    row[2 * n + RESIDUAL] = s.residual * scale
+    row[2 * n + NOISE_STD] = math.sqrt(noise_variance(s)) * scale
+    row[2 * n + STATUS] = s.status
+    if len(row) > last:
         for i in range(n):
             for j in range(i, n):
                 entry = covariance_entry(s, at, i, j)
-                row[2 * n + 5 + i * n + j] = entry
-                row[2 * n + 5 + j * n + i] = entry
+                row[last + i * n + j] = entry
+                row[last + j * n + i] = entry
 
 
 @jit

@@ -19,6 +19,8 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
+
 settings: Any = numba.config  # it makes its attributes as it goes
 COMPILED = ("linear_algebra.py", "state.py", "forgetting.py", "recursion.py", "entry_points.py")
 
@@ -27,6 +29,7 @@ def _cache_folder() -> str:
     """Name a folder by what is compiled: numba sees changes of a function's own file only."""
     here = Path(__file__).parent
     digest = hashlib.sha256(b"".join((here / name).read_bytes() for name in COMPILED))
+    digest.update(repr((Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS)).encode())
     base = Path(settings.CACHE_DIR or here / "__pycache__")
     return str(base / digest.hexdigest()[:16])
 
@@ -205,14 +208,14 @@ def stable(a):
 
 
 @jit
-def over_c(c, columns):
-    """Filter each of the columns (n, m) by 1/C(q), from rest, in place."""
-    for k in range(columns.shape[0]):
-        for j in range(columns.shape[1]):
-            x = columns[k, j]
-            for i in range(min(len(c), k)):
-                x -= c[i] * columns[k - 1 - i, j]
-            columns[k, j] = x
+def over_a(a, rows):
+    """Filter each column of the rows (na + n, m) by 1/A(q) in place; the first na rows are past."""
+    for k in range(len(a), rows.shape[0]):
+        for j in range(rows.shape[1]):
+            x = rows[k, j]
+            for i in range(len(a)):
+                x -= a[i] * rows[k - 1 - i, j]
+            rows[k, j] = x
 
 
 @hot

@@ -7,17 +7,11 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.kernel import state as slots
+from yawid.estimation.polynomials import lag_depth
 
 WARM_UPDATES_PER_PARAMETER = 10
 D_CAP = 1e6
 """D of P = U D U' grows by forgetting no further than this, or P0 where that is larger."""
-
-
-def lag_depth(config: EstimatorConfig) -> int:
-    """Return the number of earlier samples of y and u that phi(k) needs."""
-    orders = config.orders
-    inputs = [nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True) if nb > 0]
-    return max([0, orders.na, *inputs])
 
 
 def registers(config: EstimatorConfig) -> tuple[list[int], list[int]]:
@@ -46,7 +40,7 @@ def new_state(config: EstimatorConfig) -> Floats:
     header: dict[str, float | None] = {  # the config has filled its None
         "n": n, "na": orders.na, "nc": orders.nc, "m": orders.n_inputs,
         "r": heads[-1] + max(1, orders.nc),  # a spare for signals without a register
-        "lags": lags, "window": window, "depth": lag_depth(config),
+        "lags": lags, "window": window, "depth": lag_depth(config.orders),
         "bias": config.bias, "rml": config.method == "rml",
         "scaled": config.scale_window > 0, "start_fit": config.start_buffer > 0,
         "minimum": config.scale_minimum, "drifts": config.drift != 0.0,

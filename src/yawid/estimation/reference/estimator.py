@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,14 +17,14 @@ from numpy.typing import ArrayLike
 
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.estimator import Engine, EstimatorConfig
+from yawid.errors import ConfigError
 from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import state as slots
-from yawid.estimation.kernel.new_state import WARM_UPDATES_PER_PARAMETER, lag_depth
-from yawid.estimation.polynomials import c_of, is_stable
-from yawid.estimation.reference.readings import ReferenceEstimate, ReferenceReadings
-from yawid.estimation.reference.sums import Spread, Sums
-from yawid.estimation.shapes import checked_samples, checked_u
+from yawid.estimation.kernel.new_state import WARM_UPDATES_PER_PARAMETER
+from yawid.estimation.polynomials import c_of, is_stable, lag_depth
 from yawid.estimation.start_fit import fit_start
+from yawid.estimation.whiteness import ljung_box
 
 
 def make_estimator(
@@ -33,7 +34,70 @@ def make_estimator(
     return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
 
 
-class ReferenceArmax(ReferenceReadings):
+class Sums:
+    """Sums of squares and of products of residuals, with the forgetting of the recursion."""
+
+    def __init__(self, lags: int) -> None:
+        self.s1 = self.s2 = self.loss = self.e2 = self.eps2 = self.y2 = 0.0
+        self.fast_e2 = self.fast_y2 = 0.0
+        self.residuals = np.zeros(lags)
+        self.products = np.zeros(lags + 1)
+
+    def add(self, y: float, e: float, eps: float, lam: float, share: float) -> None:
+        """Add one update; ``share`` is the part of e^2 that the loss counts."""
+        self.s1, self.s2 = lam * self.s1 + 1.0, lam * lam * self.s2 + 1.0
+        self.loss = lam * self.loss + e * e * share
+        self.e2, self.eps2 = lam * self.e2 + e * e, lam * self.eps2 + eps * eps
+        self.y2 = lam * self.y2 + y * y
+        self.fast_e2 = slots.FAST * self.fast_e2 + (1.0 - slots.FAST) * e * e
+        self.fast_y2 = slots.FAST * self.fast_y2 + (1.0 - slots.FAST) * y * y
+        lagged = np.array([eps, *self.residuals])
+        self.products = lam * self.products + eps * lagged
+        self.residuals = lagged[:-1]
+
+    def noise_variance(self, n_theta: int) -> float:
+        """Return the variance of the innovation, NaN before the first update."""
+        if not self.s1:
+            return math.nan
+        return self.loss / max(self.s1 - n_theta * self.s2 / self.s1, 1.0)
+
+    def root_mean(self, total: float) -> float:
+        """Return the root of a mean square."""
+        return math.sqrt(total / self.s1) if self.s1 else math.nan
+
+
+class Spread:
+    """The covariance of theta, the residual's autocorrelation included."""
+
+    def __init__(self, covariance: Floats, lags: int) -> None:
+        self.covariance = covariance
+        self.echo = np.zeros(len(covariance))
+        self.lags = lags
+
+    def follow(self, psi: Floats, gain: Floats, e: float, s1: float) -> None:
+        """Take one update: see ``kernel.follow_covariance``, here as the equations stand."""
+        memory = 1.0 - min(1.0, max(1.0 / max(self.lags, 1), slots.FEW / (s1 + 1.0)))
+        F, drive = np.eye(len(psi)) - np.outer(gain, psi), gain * e
+        cross = F @ np.outer(memory * self.echo, drive)
+        self.covariance = F @ self.covariance @ F.T + np.outer(drive, drive) + cross + cross.T
+        self.echo = memory * (F @ self.echo) + drive
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceEstimate:
+    """A snapshot after one sample, as :class:`yawid.Estimate`."""
+
+    theta: Floats
+    theta_std: Floats
+    covariance: Floats
+    y_hat: float
+    innovation: float
+    residual: float
+    noise_std: float
+    status: Status
+
+
+class ReferenceArmax:
     """:class:`RecursiveArmax` on filterpy, hundreds of times slower; it cannot be saved."""
 
     def __init__(self, config: EstimatorConfig) -> None:
@@ -86,10 +150,10 @@ class ReferenceArmax(ReferenceReadings):
     ) -> EstimateBlock:
         """Take a block of samples, as :meth:`RecursiveArmax.run`."""
         if keep not in ("all", "last"):
-            raise ValueError(f'keep must be "all" or "last", got {keep!r}')
+            raise ConfigError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self.config.orders.n_inputs)
         if np.isinf(u).any() or np.isinf(y).any():
-            raise ValueError("u and y must not be infinite; a NaN marks a sample to be held")
+            raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
         made = []
         for row, value in zip(u, y, strict=True):
             self._sample(row, float(value))
@@ -180,7 +244,7 @@ class ReferenceArmax(ReferenceReadings):
 
     def _take(self, u: Floats, y: float, frozen: bool = False) -> None:
         self._shift(u)
-        y, y_hat, depth = y * self._factors[0], math.nan, lag_depth(self.config)
+        y, y_hat, depth = y * self._factors[0], math.nan, lag_depth(self.config.orders)
         if self._fill > depth:
             y_hat = float(self._regressor(self._raw) @ self._filter.x[:, 0])
         e = y - y_hat
@@ -286,7 +350,63 @@ class ReferenceArmax(ReferenceReadings):
         if not all(self.config.orders.nk):
             row = checked_u(u, 0.0, self.config.orders.n_inputs)
         scratch._shift(row)
-        if scratch._fill <= lag_depth(self.config):
+        if scratch._fill <= lag_depth(self.config.orders):
             return math.nan
         y_hat = scratch._regressor(scratch._raw) @ self._filter.x[:, 0]
         return float(y_hat / self._factors[0])
+
+    def estimate(self) -> ReferenceEstimate:
+        """Return a snapshot."""
+        status, covariance = self.status, self.covariance
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        std[np.isnan(np.diag(covariance))] = math.nan
+        return ReferenceEstimate(self.theta, std, covariance, *self._last, self.noise_std, status)
+
+    @property
+    def theta(self) -> Floats:
+        """Parameters (n,) in the user's units."""
+        return np.asarray(self._filter.x[:, 0] * self._units, dtype=np.float64)
+
+    @property
+    def theta_std(self) -> Floats:
+        """Standard deviation (n,) of theta."""
+        return self.estimate().theta_std
+
+    @property
+    def P(self) -> Floats:
+        """P (n, n) in the user's units, not multiplied by the noise variance."""
+        units = self._units * self._factors[0]
+        return np.asarray(self._filter.P * np.outer(units, units), dtype=np.float64)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (n, n) of theta in the user's units; NaN before the first update."""
+        sums = self._sums
+        if not sums.s1:
+            return np.full((self.config.n_theta,) * 2, math.nan)
+        covariance = self._spread.covariance
+        if not self.config.residual_lags:
+            noise = sums.noise_variance(self.config.n_theta)
+            covariance = noise * self._filter.P * sums.s2 / sums.s1
+        return np.asarray(covariance * np.outer(self._units, self._units), np.float64)
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the noise e, in y's unit; NaN where its loss is below 0."""
+        variance = self._sums.noise_variance(self.config.n_theta)
+        return math.sqrt(variance) / float(self._factors[0]) if variance >= 0.0 else math.nan
+
+    @property
+    def innovation_std(self) -> float:
+        """Root mean square of the innovation."""
+        return self._sums.root_mean(self._sums.e2) / float(self._factors[0])
+
+    @property
+    def residual_std(self) -> float:
+        """Root mean square of the residual."""
+        return self._sums.root_mean(self._sums.eps2) / float(self._factors[0])
+
+    @property
+    def whiteness_p(self) -> float:
+        """Ljung-Box p-value that the residuals are white; NaN while unknown."""
+        return ljung_box(self._sums.products, self._sums.s1, self._sums.s2)

@@ -33,7 +33,7 @@ def joined(parts: Sequence[Written]) -> Written:
         return parts[0]
     estimates = {}
     for method, first in parts[0].estimates.items():
-        rows = [part.estimates[method].rows[:, : 2 * first.p + 5] for part in parts]
+        rows = [part.estimates[method].without_covariance for part in parts]
         estimates[method] = EstimateBlock(np.concatenate(rows), first.p)
     modes = ModesBlock(
         *(

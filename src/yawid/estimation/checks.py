@@ -1,0 +1,59 @@
+"""Check the arrays a caller hands over, before anything is touched."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+
+
+def checked_u(u: ArrayLike, y: float, n_inputs: int) -> Floats:
+    """Return one sample's inputs (n_inputs,).
+
+    Raises:
+        ConfigError: another number of inputs, or an infinite value.
+    """
+    row = np.atleast_1d(np.asarray(u if u is not None else (), dtype=np.float64))
+    if row.shape != (n_inputs,):
+        raise ConfigError(f"u must hold {n_inputs} inputs, got shape {np.shape(u)}")
+    if np.isinf(row).any() or np.isinf(y):
+        raise ConfigError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
+    return row
+
+
+def checked_samples(
+    u: ArrayLike, y: ArrayLike, n_inputs: int, *, finite_or_nan: bool = False
+) -> tuple[Floats, Floats]:
+    """Return u (samples, n_inputs) and y (samples,), contiguous; NaN marks a missing sample.
+
+    Raises:
+        ConfigError: wrong shapes or, where ``finite_or_nan``, an infinite value.
+    """
+    y = np.ascontiguousarray(y, np.float64)
+    if y.ndim != 1:
+        raise ConfigError(f"y must have shape (samples,), got {y.shape}")
+    n = len(y)
+    u = np.ascontiguousarray(u if u is not None else np.empty((n, 0)), np.float64)
+    if u.ndim == 1 and n_inputs == 1:
+        u = u[:, np.newaxis]
+    if u.shape != (n, n_inputs):
+        raise ConfigError(f"u must have shape ({n}, {n_inputs}), got {u.shape}")
+    if finite_or_nan and (np.isinf(u).any() or np.isinf(y).any()):
+        raise ConfigError("u and y must not be infinite; a NaN marks a sample to be left out")
+    return u, y
+
+
+def checked_record(u: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    """Return u (n,) and y (n,) of a record without gaps.
+
+    Raises:
+        ConfigError: they differ in length, are not one-dimensional or not finite.
+    """
+    u, y = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if u.ndim != 1 or u.shape != y.shape:
+        raise ConfigError(f"u and y must be (n,) alike, got {u.shape} and {y.shape}")
+    if not (np.isfinite(u).all() and np.isfinite(y).all()):
+        raise ConfigError("u and y must be finite: this method takes a record without gaps")
+    return u, y
