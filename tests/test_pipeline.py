@@ -11,10 +11,10 @@ from places import REPLAY_LOGS as CASES
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.runs.regress.compare import RowsSink
+from yawid.runs.regress.table import TableSink
 
 
-class AllRows(RowsSink):
+class AllRows(TableSink):
     """Keeps every row."""
 
     def write(self, samples: SampleBlock, estimates, modes) -> None:

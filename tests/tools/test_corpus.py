@@ -255,9 +255,9 @@ def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path:
     true = made.truth["dutch_roll"]
     assert true["wn_rad_s"] == pytest.approx(1.3, abs=0.03)
     for method in ("els", "rml"):
-        found = summary["estimates"][method]["dutch_roll"]
-        assert found["wn_rad_s"] == pytest.approx(true["wn_rad_s"], rel=0.03)
-        assert found["zeta"] == pytest.approx(true["zeta"], abs=0.03)
+        found = summary.estimates[method].dutch_roll
+        assert found.wn_rad_s == pytest.approx(true["wn_rad_s"], rel=0.03)
+        assert found.zeta == pytest.approx(true["zeta"], abs=0.03)
 
 
 def test_made_logs_are_judged_into_a_table_beside_their_truth(

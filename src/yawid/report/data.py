@@ -110,7 +110,7 @@ class ReportData:
 def gather(run: McapRun, method: str | None = None) -> ReportData | None:
     """Return what is drawn of a run, or None where it has no rows or nothing was estimated.
 
-    ``method`` is the estimator to draw, the run's first unless told.
+    ``method`` is the estimator to draw, the run's first unless given.
 
     Raises:
         SourceError: the file is damaged.

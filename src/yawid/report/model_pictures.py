@@ -25,6 +25,7 @@ from yawid.report.data import Judged, Model, ReportData
 from yawid.report.picture import BLUE, GREEN, GREY, ORANGE, RED, Picture, band, drawn
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
+from yawid.sinks.rerun.derived_panels import damping_lines
 
 LAGS = 25
 COHERENT = 0.6
@@ -61,9 +62,7 @@ def poles_picture(model: Model) -> Picture:
 def _plane(ax: Axes) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     ax.plot(np.cos(angle), np.sin(angle), color="#444444", linewidth=1.0)
-    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
-        wt = np.linspace(0.0, np.pi / math.sqrt(1.0 - zeta**2), 100)
-        z = np.exp(-zeta * wt + 1j * math.sqrt(1.0 - zeta**2) * wt)
+    for z in damping_lines():
         for sign in (1.0, -1.0):
             ax.plot(z.real, sign * z.imag, color="#cccccc", linewidth=0.6)
     ax.set_aspect("equal")

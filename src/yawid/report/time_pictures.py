@@ -18,6 +18,7 @@ from yawid.report.picture import (
     RED,
     Picture,
     band,
+    colour,
     drawn,
     mark_events,
     sensible_limits,
@@ -26,6 +27,7 @@ from yawid.report.picture import (
 from yawid.results.run_summary import Fit, MethodSummary
 from yawid.sinks.answers import percent
 from yawid.sinks.base import Grid
+from yawid.sinks.rerun.series import PALETTE
 
 FIT_WINDOW_S = 30.0
 OUTSIDE = 10.0
@@ -109,7 +111,8 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
         grid = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for ax, (title, columns) in zip(grid.flat, panels, strict=False):
             lines = []
-            for count, (shade, i) in enumerate(zip(_shades(len(columns)), columns, strict=True)):
+            for count, i in enumerate(columns):
+                shade = colour(PALETTE[count % len(PALETTE)])
                 theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
                 ax.plot(track.t, theta, color=shade, label=names[i] if count < MOST_NAMED else None)
                 band(ax, track.t, theta - spread, theta + spread, shade)
@@ -134,11 +137,6 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
 
 def _group(name: str) -> str:
     return "bias" if name == "bias" else name[:1]
-
-
-def _shades(count: int) -> list[str]:
-    shades = (BLUE, ORANGE, GREEN, RED, "#ab47bc", "#8d6e63", "#ec62a1", "#78909c")
-    return [shades[i % len(shades)] for i in range(count)]
 
 
 def modes_picture(data: ReportData, others: Mapping[str, MethodSummary]) -> Picture:

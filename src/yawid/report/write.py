@@ -11,8 +11,9 @@ from yawid.report.model_pictures import bode_picture, poles_picture, residuals_p
 from yawid.report.time_pictures import fit_picture, link_picture, modes_picture, parameters_picture
 from yawid.results.run_summary import Fit, MethodSummary, RunSummary
 from yawid.sinks.answers import cards, headline, percent
-from yawid.sinks.base import Grid, open_part, os_errors_as_sink_error, sync
+from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.part_file import check_free, write_whole
 
 PHYSICS_UNITS = {
     "K": "static gain, rad/s per {rudder}",
@@ -29,7 +30,7 @@ PHYSICS_UNITS = {
 
 
 def write_report(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
-    """Write the report of a finished run and return its path, beside the MCAP unless told.
+    """Write the report of a finished run and return its path, ``out`` or beside the MCAP.
 
     The same run gives the same bytes.
 
@@ -39,15 +40,8 @@ def write_report(mcap: Path, out: Path | None = None, *, force: bool = False) ->
     """
     run = open_run(mcap)
     path = mcap.with_suffix(".html") if out is None else out
-    part, stream = open_part(path, force=force)
-    try:
-        with stream, os_errors_as_sink_error(part):
-            stream.write(report(run).encode("utf-8", "replace"))
-            sync(stream)
-            part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+    check_free(path, force=force)
+    write_whole({path: report(run).encode("utf-8", "replace")}, force=force)
     return path.absolute()
 
 

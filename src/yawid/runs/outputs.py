@@ -17,8 +17,9 @@ from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
 from yawid.results.run_summary import RunSummary
-from yawid.sinks.base import Sink, check_free
+from yawid.sinks.base import Sink
 from yawid.sinks.mcap.sink import McapSink
+from yawid.sinks.part_file import check_free
 from yawid.sinks.rerun.sink import RerunSink
 
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"

@@ -18,7 +18,7 @@ from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plan
 from yawid.results.summary import summarise
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
 from yawid.runs.run_log import run_log
-from yawid.sinks.base import check_free, write_whole
+from yawid.sinks.part_file import check_free, write_whole
 from yawid.sources.logs.simulated_tlog import Flight, tlog_of
 from yawid.sources.open_log import TlogBytes
 

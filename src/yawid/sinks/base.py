@@ -1,18 +1,14 @@
-"""What every sink offers the pipeline, and how a file comes to bear its final name."""
+"""What every sink offers the pipeline."""
 
 from __future__ import annotations
 
 import math
-import os
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import BinaryIO, Final, Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.errors import SinkError
 from yawid.results.run_summary import RunSummary
 from yawid.sources.mavlink.flight_modes import mode_name
 
@@ -103,68 +99,3 @@ class Pace:
             return False
         self._next_s = now + self._period_s
         return True
-
-
-@contextmanager
-def os_errors_as_sink_error(path: Path) -> Iterator[None]:
-    """Turn what the operating system says about ``path`` into one line."""
-    try:
-        yield
-    except OSError as error:
-        raise SinkError(f"cannot write {path}: {error.strerror or error}") from error
-
-
-def open_part(path: Path, *, force: bool, suffix: str = ".part") -> tuple[Path, BinaryIO]:
-    """Open ``<path><suffix>``, the name a file bears until it is finished.
-
-    Raises:
-        SinkError: the file or its part exists and ``force`` is not set, or it cannot be written.
-    """
-    part = path.with_name(path.name + suffix)
-    check_free(path, force=force)
-    with os_errors_as_sink_error(part):
-        try:
-            return part, part.open("wb" if force else "xb")
-        except FileExistsError as error:
-            raise SinkError(
-                f"{part} exists: a run still writes it or was cut off; move it away or use --force"
-            ) from error
-
-
-def check_free(path: Path, *, force: bool) -> None:
-    """Look whether a file may get this name.
-
-    Raises:
-        SinkError: it is a folder's, or that of a file and ``force`` is not set.
-    """
-    if path.is_dir():
-        raise SinkError(f"cannot write {path}: it is a folder")
-    if path.exists() and not force:
-        raise SinkError(f"{path} exists: --force overwrites it")
-
-
-def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
-    """Write files beside their places, then give each its name: all of them whole, or none.
-
-    Raises:
-        SinkError: one exists and ``force`` is not set, or one cannot be written.
-    """
-    parts: dict[Path, Path] = {}
-    try:
-        for path, data in files.items():
-            parts[path], stream = open_part(path, force=force)
-            with stream, os_errors_as_sink_error(path):
-                stream.write(data)
-                sync(stream)
-        for path, part in parts.items():
-            with os_errors_as_sink_error(path):
-                part.replace(path)
-    finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
-
-
-def sync(stream: BinaryIO) -> None:
-    """Bring what was written to ``stream`` through every buffer to the disk."""
-    stream.flush()
-    os.fsync(stream.fileno())

@@ -20,10 +20,10 @@ from yawid.runs.regress.compare import (
     VALUE_TOLERANCE,
     compare_summaries,
     compare_tables,
-    read_csv,
     split_tolerances,
     tolerance_of,
 )
+from yawid.runs.regress.table import read_csv
 
 NAMES = sorted(path.parent.name for path in CASES.glob("*/case.toml"))
 TEN = 10.0

@@ -143,8 +143,7 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     }  # fmt: skip
     assert (found.chunks, found.channels, found.messages) == (1, 2, 80)
     assert found.left_out == (
-        "1 x damaged chunk, 2 x unknown or damaged channel or schema record, "
-        "80 x message of no known channel"
+        "1 x damaged chunk, 2 x unknown or damaged channel record, 80 x message of no known channel"
     )
 
 
@@ -195,7 +194,7 @@ def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
 def test_a_torn_file_of_another_version_gives_nothing_and_says_why(tmp_path: Path) -> None:
     data = write_file(tmp_path / "whole.mcap").read_bytes()
     (tmp_path / "old.mcap").write_bytes(data[:-100].replace(b"boot_time", b"long_time"))
-    with pytest.raises(SinkError, match=r"x unknown .* x message of no known .*nothing recovered"):
+    with pytest.raises(SinkError, match=r"schema of another version of yawid.*nothing recovered"):
         recover(tmp_path / "old.mcap", tmp_path / "out.mcap")
 
 

@@ -79,16 +79,6 @@ def test_no_chunk_is_longer_than_a_second_and_none_is_one_sample(tmp_path: Path)
     assert {c.compression for c in chunks} == {"zstd"}
 
 
-def test_the_file_bears_its_final_name_only_when_finished(tmp_path: Path) -> None:
-    path, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
-    sink = McapSink(path, {})
-    assert part.stat().st_size > 0
-    assert not path.exists()
-    sink.finish(SUMMARY, {})
-    assert path.exists()
-    assert not part.exists()
-
-
 def test_a_run_without_a_grid_still_leaves_its_verdict(tmp_path: Path) -> None:
     McapSink(tmp_path / "a.mcap", {}).finish(SUMMARY, {})
     assert decoded(tmp_path / "a.mcap").keys() == {"/yawid/verdict"}

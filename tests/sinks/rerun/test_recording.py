@@ -70,24 +70,6 @@ def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
             assert len(colours) == len(columns["Scalars:scalars"][0])
 
 
-def test_the_way_a_stream_is_cut_into_blocks_does_not_show(tmp_path: Path) -> None:
-    blocks = make_blocks(n=60)
-    whole = recorded(save(tmp_path / "a.rrd", blocks))
-    parts = recorded(save(tmp_path / "b.rrd", blocks, list(range(60))))
-    assert whole.keys() == parts.keys()
-    for entity in whole:
-        if "Scalars:scalars" in whole[entity]:
-            np.testing.assert_array_equal(values(whole, entity), values(parts, entity))
-        else:
-            assert sorted_rows(whole[entity]) == sorted_rows(parts[entity])
-
-
-def sorted_rows(columns: dict[str, Any]) -> list[str]:
-    """Rows as text, but for the ids and times of writing, which are the recording's own."""
-    names = sorted(name for name in columns if ":" in name or name == "unix_time")
-    return sorted(str(row) for row in zip(*(columns[name] for name in names), strict=True))
-
-
 def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Path) -> None:
     samples, estimates, modes = make_blocks(n=30)
     held = np.zeros(30, np.int64)
@@ -181,16 +163,6 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
     hidden = {"/none"}  # holds the time range that all time axes share
     assert origins == flight | worth | hidden | {"/dutch_roll/wn", "/dutch_roll/zeta"}
     subprocess.run([VIEWER, "rrd", "verify", str(path)], check=True, capture_output=True)
-
-
-def test_the_file_bears_its_final_name_only_when_finished(tmp_path: Path) -> None:
-    path, part = tmp_path / "a.rrd", tmp_path / "a.rrd.part"
-    sink = RerunSink("save", name="flight", warn=fail, path=path)
-    assert part.exists()
-    assert not path.exists()
-    sink.finish(SUMMARY, {})
-    assert path.exists()
-    assert not part.exists()
 
 
 def test_an_aborted_recording_keeps_what_it_had(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import RunSummary
-from yawid.sinks.base import Grid, LogLevel, Pace, Sink, os_errors_as_sink_error
+from yawid.sinks.base import Grid, LogLevel, Pace, Sink
+from yawid.sinks.part_file import os_errors_as_sink_error
 
 LOOK_S = 1.0
 

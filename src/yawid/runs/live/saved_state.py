@@ -19,7 +19,8 @@ from yawid.errors import ConfigError
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
-from yawid.sinks.base import Pace, os_errors_as_sink_error, sync
+from yawid.sinks.base import Pace
+from yawid.sinks.part_file import os_errors_as_sink_error, sync
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0

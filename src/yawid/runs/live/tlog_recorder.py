@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from yawid.runs.live.guarded_sink import Guard
-from yawid.sinks.base import open_part, sync
+from yawid.sinks.part_file import open_part, sync
 
 
 class TlogRecorder(Guard):

@@ -13,7 +13,8 @@ from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
-from yawid.runs.regress.compare import NOT_COMPARED, RowsSink
+from yawid.runs.regress.compare import NOT_COMPARED
+from yawid.runs.regress.table import TableSink
 from yawid.runs.run_log import open_log, run_log
 from yawid.sources.open_log import SUFFIXES
 
@@ -80,7 +81,7 @@ class Case:
             SourceError: the log cannot be read.
             ConfigError: the options do not fit the log.
         """
-        rows, source = RowsSink(), open_log(self.log)
+        rows, source = TableSink(), open_log(self.log)
         pipeline = Pipeline(self.config, [rows])
         run_log(source, pipeline)
         summary, _ = summarise(pipeline, source.link, self.log.name, source.sha256)

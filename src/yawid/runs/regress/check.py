@@ -17,14 +17,8 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, YawidError
 from yawid.runs.regress.case import Case, Replayed
-from yawid.runs.regress.compare import (
-    Mismatch,
-    compare_summaries,
-    compare_tables,
-    csv_of,
-    read_csv,
-    split_tolerances,
-)
+from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
+from yawid.runs.regress.table import csv_of, read_csv
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
 PARALLEL_BYTES = 50_000_000

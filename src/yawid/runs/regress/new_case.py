@@ -20,7 +20,7 @@ from yawid.channels.yaw_reader import SOURCES, UNTIMED
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
-from yawid.sinks.base import os_errors_as_sink_error
+from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.sources.logs.tlog import read_tlog
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size

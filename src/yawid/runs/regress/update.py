@@ -14,9 +14,9 @@ import tomli_w
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.outputs import versions
 from yawid.runs.regress.case import Case, Replayed, find_cases
-from yawid.runs.regress.compare import csv_of
+from yawid.runs.regress.table import csv_of
 from yawid.runs.stop import Interrupted
-from yawid.sinks.base import write_whole
+from yawid.sinks.part_file import write_whole
 
 
 def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], None]) -> None:

@@ -14,7 +14,7 @@ from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import VerdictSummary
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.schemas import LogLevelNumber, descriptor, message_class
+from yawid.sinks.mcap.schemas import MODE_VALUES, LogLevelNumber, descriptor, message_class
 
 Rows = NDArray[Any]
 
@@ -96,14 +96,13 @@ def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
 
 def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
     """Return ``yawid.Modes`` messages (n,)."""
-    repeated = ("pole_re", "pole_im", "wn", "wn_std", "zeta", "zeta_std")
+    repeated = ("pole_re", "pole_im", *MODE_VALUES)
     na = modes.poles.shape[1]
     rows = _layout("yawid.Modes", **dict.fromkeys(repeated, na)).rows(len(samples))
     rows["boot_time"] = samples.boot_us / 1e6
     rows["pole_re"], rows["pole_im"] = modes.poles.real, modes.poles.imag
-    for name in repeated[2:]:
+    for column, name in enumerate(MODE_VALUES):
         rows[name] = getattr(modes, name)
-    for column, name in enumerate(("wn", "wn_std", "zeta", "zeta_std")):
         rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
     for column, name in enumerate(NAMES):
         rows[name], rows[f"{name}_std"] = modes.yaw[:, column], modes.yaw_std[:, column]
@@ -178,11 +177,10 @@ def estimate_from(rows: Rows) -> EstimateBlock:
 
 def modes_from(rows: Rows) -> ModesBlock:
     """Return the modes that :func:`modes_rows` wrote."""
-    dutch_roll = [rows[f"dutch_roll_{name}"] for name in ("wn", "wn_std", "zeta", "zeta_std")]
     return ModesBlock(
         poles=rows["pole_re"] + 1j * rows["pole_im"],
-        dutch_roll=np.column_stack(dutch_roll),
+        dutch_roll=np.column_stack([rows[f"dutch_roll_{name}"] for name in MODE_VALUES]),
         yaw=np.column_stack([_floats(rows, name) for name in NAMES]),
         yaw_std=np.column_stack([_floats(rows, f"{name}_std") for name in NAMES]),
-        **{name: np.ascontiguousarray(rows[name]) for name in ("wn", "wn_std", "zeta", "zeta_std")},
+        **{name: np.ascontiguousarray(rows[name]) for name in MODE_VALUES},
     )

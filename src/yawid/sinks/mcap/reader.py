@@ -7,7 +7,6 @@ format, which is refused instead of being misread.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,9 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
-from zstandard import ZstdError
 
-from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -28,15 +25,24 @@ from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.recover import is_bomb
 from yawid.sinks.mcap.run_facts import checked, read_config, read_grid
-from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, message_class
+from yawid.sinks.mcap.schemas import (
+    LOG,
+    MODES,
+    SAMPLE,
+    descriptor,
+    descriptor_in,
+    estimate_topics,
+    is_older,
+    message_class,
+)
+from yawid.sinks.mcap.trusted import DAMAGE
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 BLOCK_ROWS: Final = 8192
-SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
 _LOG_LEVELS: Final[Mapping[int, LogLevel]] = {
     1: "debug",
     2: "info",
@@ -45,10 +51,7 @@ _LOG_LEVELS: Final[Mapping[int, LogLevel]] = {
     5: "error",
 }
 # What the libraries raise on bytes that are not what they should be.
-_DAMAGE: Final = (
-    McapError, DecodeError, struct.error, ValueError, KeyError, TypeError, ZstdError, MemoryError,
-    OverflowError, OSError,  # seeking to where a damaged index points
-)  # fmt: skip
+_DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: it seeks anywhere
 
 
 class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
@@ -104,10 +107,9 @@ class McapRun:
         Raises:
             SourceError: the file is damaged.
         """
-        methods = () if self.grid is None else self.grid.methods
-        topics = [f"/yawid/estimate{'' if i == 0 else '/' + m}" for i, m in enumerate(methods)]
-        for rows, unix_ns in self._rows((SAMPLE, *topics, MODES)):
-            estimates = {m: estimate_from(r) for m, r in zip(methods, rows[1:-1], strict=True)}
+        topics = estimate_topics(() if self.grid is None else self.grid.methods)
+        for rows, unix_ns in self._rows((SAMPLE, *topics.values(), MODES)):
+            estimates = {m: estimate_from(r) for m, r in zip(topics, rows[1:-1], strict=True)}
             yield RunBlock(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
 
     def _samples(self, rows: Rows, unix_ns: Ints) -> SampleBlock:
@@ -121,7 +123,7 @@ class McapRun:
         layouts: dict[str, RowLayout] = {}
         waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
         log_ns: list[int] = []
-        with _opened(self.path) as stream, _damage_told(self.path):
+        with _opened(self.path) as stream, _damage_reported(self.path):
             for schema, channel, message in _messages(stream, topics):
                 topic = channel.topic
                 if topic not in layouts:
@@ -156,7 +158,7 @@ def open_run(path: Path) -> McapRun:
         if stream.read(len(MAGIC)) != MAGIC:
             raise SourceError(f"{path} is no MCAP file: yawid replay makes one of a log")
         stream.seek(0)
-        with _damage_told(path):
+        with _damage_reported(path):
             for record in StreamReader(stream, emit_chunks=True).records:
                 if isinstance(record, Chunk) and is_bomb(record):
                     raise SourceError(f"{path}: a chunk of it unpacks to too much: not read")
@@ -182,7 +184,7 @@ def open_run(path: Path) -> McapRun:
 
 
 @contextmanager
-def _damage_told(path: Path) -> Iterator[None]:
+def _damage_reported(path: Path) -> Iterator[None]:
     """Turn what the libraries raise on damaged bytes into one line."""
     try:
         yield

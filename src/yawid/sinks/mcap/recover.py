@@ -15,9 +15,9 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, Writer
 from yawid import __version__
 from yawid.errors import SinkError
-from yawid.sinks.base import open_part, os_errors_as_sink_error, sync
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
 from yawid.sinks.mcap.trusted import DAMAGE, Known, known, records
+from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LARGEST_CHUNK: Final = 64 << 20
 """Unpacked; yawid writes a chunk a second."""
@@ -33,6 +33,7 @@ class Recovered:
 
     counts: Counter[str] = field(default_factory=Counter)
     channels: int = 0
+    schemas: int = 0
     messages: int = 0
     chunks: int = 0
     attachments: int = 0
@@ -42,7 +43,10 @@ class Recovered:
         """What was left out, in words; "" where nothing was."""
         kinds = {
             "damaged chunk": self.chunks,
-            "unknown or damaged channel or schema record": self.channels,
+            "schema of another version of yawid, which alone can recover it, or damaged": (
+                self.schemas
+            ),
+            "unknown or damaged channel record": self.channels,
             "message of no known channel": self.messages,
             "damaged attachment": self.attachments,
         }
@@ -75,10 +79,8 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
                 recovered = _Copy(out, known(stream), path_in).run(stream)
                 sync(out)
             if not recovered.counts:
-                told = f" ({recovered.left_out})" if recovered.left_out else ""
-                raise SinkError(
-                    f"{path_in} holds no message to be trusted{told}: nothing recovered"
-                )
+                why = f" ({recovered.left_out})" if recovered.left_out else ""
+                raise SinkError(f"{path_in} holds no message to be trusted{why}: nothing recovered")
             with os_errors_as_sink_error(path_out):
                 part.replace(path_out)
         finally:
@@ -107,7 +109,7 @@ def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
 
 
 class _Copy:
-    """One run from a stream of records to a new file; schema and channel numbers are given anew."""
+    """One run from a stream of records to a new file, with new numbers of schemas and channels."""
 
     def __init__(self, out: BinaryIO, trusted: Known, path_in: Path) -> None:
         self._writer = Writer(out, compression=CompressionType.ZSTD)
@@ -133,18 +135,18 @@ class _Copy:
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment():
                     self._copy_attachment(record, stream)
-                case _:  # schemas and channels are known; indexes and statistics are made anew
+                case _:  # schemas and channels are known; indexes and statistics are made again
                     pass
-        self._result.channels = self._known.refused
-        self._tell()
+        self._result.channels, self._result.schemas = self._known.refused, self._known.foreign
+        self._write_attachments()
         self._writer.finish()
         return self._result
 
-    def _tell(self) -> None:
+    def _write_attachments(self) -> None:
         """Write what the file says of itself."""
         lost = bool(self._result.chunks or self._result.messages)
-        told = self._remains.told(self._path_in, self._result.left_out, lost=lost)
-        for name, data in told.items():
+        found = self._remains.attached(self._path_in, self._result.left_out, lost=lost)
+        for name, data in found.items():
             kind = "application/json" if name == SUMMARY else "application/toml"
             self._writer.add_attachment(self._newest_ns, self._newest_ns, name, kind, data)
 

@@ -31,9 +31,15 @@ from yawid.results.run_summary import (
 )
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.run_facts import read_grid
-from yawid.sinks.mcap.schemas import TOPICS, message_class
+from yawid.sinks.mcap.schemas import (
+    MODE_VALUES,
+    MODES,
+    SAMPLE,
+    TOPICS,
+    estimate_topics,
+    message_class,
+)
 
-SAMPLE: Final = "/yawid/sample"
 CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
 NAMES: Final = (CONFIGURATION, SUMMARY)
 _NO_VALUE: Final = (ValueError, OverflowError, RecursionError, KeyError, TypeError, DecodeError)
@@ -60,7 +66,7 @@ class Remains:
             self.rows += 1
             self.held += _read(topic, data).held != 0
 
-    def told(self, path: Path, left_out: str, *, lost: bool) -> dict[str, bytes]:
+    def attached(self, path: Path, left_out: str, *, lost: bool) -> dict[str, bytes]:
         """Return configuration and summary for the new file, as they were where nothing is missing.
 
         ``path`` is the torn file, ``left_out`` what was not copied of it, ``lost`` whether messages
@@ -81,8 +87,8 @@ class Remains:
             verdict=replace(before, usable=False, reasons=[first, *others]),
             recovered=Recovered(self.rows, left_out),
         )
-        told = json.dumps(summary.to_json()).encode()
-        return {CONFIGURATION: config.to_toml().encode(), SUMMARY: told}
+        text = json.dumps(summary.to_json())
+        return {CONFIGURATION: config.to_toml().encode(), SUMMARY: text.encode()}
 
     def _missing(self, path: Path, left_out: str) -> str:
         found = f"recovered from {path.name}, {self.rows} samples"
@@ -93,8 +99,8 @@ class Remains:
     def _config(self) -> RunConfig:
         """Return the configuration that the head of the file tells."""
         texts = {known.name for known in fields(RunConfig) if isinstance(known.default, str)}
-        told = self.metadata["configuration"]
-        settings = {n: text if n in texts else json.loads(text) for n, text in told.items()}
+        texts_of = self.metadata["configuration"]
+        settings = {n: text if n in texts else json.loads(text) for n, text in texts_of.items()}
         given = {name: value for name, value in settings.items() if value is not None}
         return RunConfig(**check_settings(given, "configuration"))
 
@@ -118,16 +124,14 @@ class Remains:
 
     def _estimate(self, method: str, grid: Grid, config: RunConfig) -> MethodSummary | None:
         """Return what the newest messages tell of a method, None where it has none."""
-        is_first = method == grid.methods[0]
-        topic = "/yawid/estimate" if is_first else f"/yawid/estimate/{method}"
+        topic = estimate_topics(grid.methods)[method]
         if topic not in self._newest:
             return None
         newest = _read(topic, self._newest[topic])
         roll = None
-        if is_first and "/yawid/modes" in self._newest:
-            modes = _read("/yawid/modes", self._newest["/yawid/modes"])
-            names = ("wn", "wn_std", "zeta", "zeta_std")
-            roll = DutchRoll.of([getattr(modes, f"dutch_roll_{name}") for name in names])
+        if method == grid.methods[0] and MODES in self._newest:
+            modes = _read(MODES, self._newest[MODES])
+            roll = DutchRoll.of([getattr(modes, f"dutch_roll_{name}") for name in MODE_VALUES])
         return MethodSummary(
             method=method,
             orders=Orders(*config.orders),

@@ -6,7 +6,7 @@ to those who remember the schema. The numbers of ``foxglove.Log`` are its publis
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Final
 
@@ -122,6 +122,14 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/log": "foxglove.Log",
 }
 """Every topic of our files and the message on it."""
+SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
+MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
+"""Of a mode: fields of ``yawid.Modes`` by themselves and after ``dutch_roll_``."""
+
+
+def estimate_topics(methods: Sequence[str]) -> dict[str, str]:
+    """Return the topic of each method's estimates, the first asked for first."""
+    return {m: f"/yawid/estimate/{m}" if i else "/yawid/estimate" for i, m in enumerate(methods)}
 
 
 def units(rudder_unit: str) -> dict[str, str]:

@@ -16,7 +16,7 @@ from yawid import __version__
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import RunSummary
-from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error, sync
+from yawid.sinks.base import Grid, LogLevel, Pace
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
     Written,
@@ -28,7 +28,8 @@ from yawid.sinks.mcap.messages import (
     sample_rows,
     verdict_message,
 )
-from yawid.sinks.mcap.schemas import TOPICS, schema_data, units
+from yawid.sinks.mcap.schemas import LOG, MODES, SAMPLE, TOPICS, estimate_topics, schema_data, units
+from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
@@ -102,17 +103,15 @@ class McapSink:
         }
         names = {name: record[name] for name in ("inputs", "sample_time_s")}
         parameters = {"parameters": record["parameters"]}
-        first = grid.methods[0]
         with os_errors_as_sink_error(self._part):
             self._add_record("units", units(grid.rudder_unit))
             self._add_record("grid", record)
-            self._sample_channel = self._channel("/yawid/sample", names)
-            for method in grid.methods:
-                topic = "/yawid/estimate" + ("" if method == first else f"/{method}")
+            self._sample_channel = self._channel(SAMPLE, names)
+            for method, topic in estimate_topics(grid.methods).items():
                 self._estimate_channels[method] = self._channel(
                     topic, {"method": method} | parameters
                 )
-            self._modes_channel = self._channel("/yawid/modes", {"method": first})
+            self._modes_channel = self._channel(MODES, {"method": grid.methods[0]})
             self._mode_channel = self._channel("/yawid/mode")
             self._stream.flush()
 
@@ -192,9 +191,9 @@ class McapSink:
             verdict = verdict_message(summary.verdict)
             self._writer.add_message(self._verdict_channel, last_ns, verdict)
             self._add_record("source", summary.own_source.to_json())
-            told = summary.to_json()
+            objects = summary.to_json()
             for name in ("vehicle", "channels", "link"):
-                self._add_record(name, told.get(name, {}))
+                self._add_record(name, objects.get(name, {}))
             for name, data in attachments.items():
                 media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
                 self._writer.add_attachment(last_ns, name, media_type, data)
@@ -206,7 +205,7 @@ class McapSink:
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
-        # The error that led here has been told already.
+        # The error that led here has been reported already.
         with contextlib.suppress(OSError, SinkError):
             if not self._stream.closed:
                 self._write_waiting()
@@ -228,7 +227,7 @@ class McapSink:
             self._writer.start(LIBRARY)
             for name, value in metadata.items():
                 self._add_record(name, value)
-            self._log_channel = self._channel("/yawid/log")
+            self._log_channel = self._channel(LOG)
             self._verdict_channel = self._channel("/yawid/verdict")
             self._stream.flush()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO, Final
@@ -42,11 +42,16 @@ def records(stream: BinaryIO, *, within: bool = False) -> Iterator[McapRecord]:
 
 @dataclass(slots=True)
 class Known:
-    """The schemas and channels that can be vouched for, by their numbers in the file."""
+    """The schemas and channels that can be vouched for, by their numbers in the file.
+
+    ``refused`` counts the channels that cannot, ``foreign`` the schemas that this version does not
+    write.
+    """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     refused: int = 0
+    foreign: int = 0
 
     def add(self, record: Schema | Channel) -> None:
         """Take a record in whose bytes a checksum covers."""
@@ -71,8 +76,8 @@ def known(stream: BinaryIO) -> Known:
 
     A sound summary at the end of the file settles it. Without one a schema must be, byte for byte,
     one that this version writes, and a channel one of its topics with that topic's schema; where
-    two such records claim one number, that which stands there more often has it, in a tie neither.
-    The texts beside a channel (its metadata) are then as found.
+    two such records claim one number, neither has it. The texts beside a channel (its metadata)
+    are then as found.
     """
     found = Known()
     if _seek_summary(stream):
@@ -80,30 +85,26 @@ def known(stream: BinaryIO) -> Known:
             if isinstance(record, Schema | Channel):
                 found.add(record)
         return found
-    votes: defaultdict[tuple[type, int], Counter[str]] = defaultdict(Counter)
-    first: dict[tuple[type, int, str], Schema | Channel] = {}
+    claims: defaultdict[tuple[type, int], dict[str, Schema | Channel]] = defaultdict(dict)
     stream.seek(0)
     for record in records(stream):
-        if isinstance(record, Schema | Channel):
-            name = _name(record)
-            found.refused += not name
-            if name:
-                votes[type(record), record.id][name] += 1
-                first.setdefault((type(record), record.id, name), record)
+        if isinstance(record, Schema) and record.data != _own_schema(record.name):
+            found.foreign += 1
+        elif isinstance(record, Channel) and record.topic not in TOPICS:
+            found.refused += 1
+        elif isinstance(record, Schema | Channel):
+            name = record.name if isinstance(record, Schema) else record.topic
+            claims[type(record), record.id].setdefault(name, record)
     for kind in (Schema, Channel):  # a channel is judged by its schema
-        for (of, number), names in votes.items():
-            (name, most), *others = names.most_common(2)
-            if of is kind and (not others or most > others[0][1]):
-                found.add(first[kind, number, name])
+        for (of, _), claimed in claims.items():
+            if of is kind and len(claimed) == 1:
+                found.add(*claimed.values())
     return found
 
 
-def _name(record: Schema | Channel) -> str:
-    """Return the schema's name or the channel's topic, "" where it is none of this version's."""
-    if isinstance(record, Channel):
-        return record.topic if record.topic in TOPICS else ""
-    ours = record.name in TOPICS.values() and record.data == schema_data(record.name)
-    return record.name if ours else ""
+def _own_schema(name: str) -> bytes | None:
+    """Return the schema that this version writes under a name, None where it writes none."""
+    return schema_data(name) if name in TOPICS.values() else None
 
 
 def _seek_summary(stream: BinaryIO) -> bool:

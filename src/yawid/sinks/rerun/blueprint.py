@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import rerun as rr
 import rerun.blueprint as rrb
 from yawid.blocks import Floats
-from yawid.sinks.rerun.derived_panels import USED
+from yawid.sinks.rerun.derived_panels import USED, damping_lines
 from yawid.sinks.rerun.series import NEUTRAL, RED, Rgba
 
 TIMELINE: Final = "boot_time"
@@ -103,12 +103,7 @@ def log_furniture(recording: rr.RecordingStream) -> None:
     """Log what never changes: unit circle, axes and zeta lines, colours of the lanes and bars."""
     circle = points(np.exp(1j * _ANGLE))
     cross = [points(np.array([-1.3, 1.3])), points(np.array([-1.1j, 1.1j]))]
-    dampings = []
-    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
-        root = np.sqrt(1.0 - zeta**2)
-        wt = np.linspace(0.0, np.pi / root, 60)
-        z = np.exp((-zeta + 1j * root) * wt)
-        dampings += [points(z), points(np.conj(z))]
+    dampings = [points(half) for z in damping_lines() for half in (z, np.conj(z))]
     _log_strips(recording, "z_plane/unit_circle", [circle], (60, 60, 60, 255), 1.5)
     _log_strips(recording, "z_plane/axes", cross, (170, 170, 170, 255), 0.7)
     _log_strips(recording, "z_plane/zeta", dampings, (205, 205, 205, 255), 0.6)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import RunSummary
-from yawid.sinks.base import Grid, LogLevel, Pace, open_part, os_errors_as_sink_error
+from yawid.sinks.base import Grid, LogLevel, Pace
+from yawid.sinks.part_file import open_part, os_errors_as_sink_error
 
 if TYPE_CHECKING:
     from yawid.sinks.rerun.recording import RerunView

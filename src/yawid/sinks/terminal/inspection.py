@@ -46,8 +46,8 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
     if report.unchecked is not None:
         yield "signing", report.unchecked
     if report.rates:
-        told = ", ".join(f"{name} {_interval(each)}" for name, each in report.rates.items())
-        yield "interval", told.replace("(", "(5-95 %: ", 1)
+        rates = ", ".join(f"{name} {_interval(each)}" for name, each in report.rates.items())
+        yield "interval", rates.replace("(", "(5-95 %: ", 1)
     if report.phases:
         yield "phases", _phases(report.phases)
     windows = [_window(each) for each in report.excited]
@@ -89,8 +89,8 @@ def _phases(phases: Sequence[FlightPhase]) -> str:
     longest = np.sort(np.argsort(-lasts, kind="stable")[:MOST_PHASES])
     shown = [i for i in longest.tolist() if lasts[i] >= LEAST_PHASE_S]
     rest = len(phases) - len(shown)
-    told = ", ".join(_phase(phases[i]) for i in shown) or "none of two seconds"
-    return told + (f", and {rest} shorter" if rest else "")
+    named = ", ".join(_phase(phases[i]) for i in shown) or "none of two seconds"
+    return named + (f", and {rest} shorter" if rest else "")
 
 
 def _phase(phase: FlightPhase) -> str:

@@ -1,0 +1,82 @@
+"""The table of a run, one row a second and the last one: what ``expected.csv`` holds."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.base import Grid, LogLevel
+
+
+@dataclass(slots=True)
+class TableSink:
+    """A sink that keeps one row a second and the last."""
+
+    columns: list[str] = field(default_factory=list)
+    rows: list[list[float]] = field(default_factory=list)
+    newest: list[float] = field(default_factory=list)
+    _second: int = -1
+
+    def start(self, grid: Grid) -> None:
+        """Name the columns."""
+        self.columns = ["k", "t", "held", *grid.inputs, "yaw_rate"]
+        for method in grid.methods:
+            per_sample = ("status", "y_hat", "innovation", "residual", "noise_std")
+            self.columns += [f"{method}.{name}" for name in per_sample]
+            self.columns += [f"{method}.{name}" for name in grid.parameters]
+            self.columns += [f"{method}.{name}_std" for name in grid.parameters]
+        self.columns += ["wn", "wn_std", "zeta", "zeta_std"]
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """Keep the first row of each second."""
+        columns: list[Any] = [samples.k, samples.boot_us / 1e6, samples.held, samples.u, samples.y]
+        for block in estimates.values():
+            columns += [block.status, block.y_hat, block.innovation, block.residual]
+            columns += [block.noise_std, block.theta, block.theta_std]
+        table = np.column_stack([*columns, modes.dutch_roll]).astype(float)
+        seconds = samples.boot_us // 1_000_000
+        first = np.diff(seconds, prepend=self._second) != 0
+        self.rows += table[first].tolist()
+        self._second, self.newest = int(seconds[-1]), table[-1].tolist()
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """Lines for people are no result."""
+
+    def flush(self) -> None:
+        """Nothing is buffered."""
+
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """Add the last row."""
+        if self.newest and self.rows[-1][0] != self.newest[0]:
+            self.rows.append(self.newest)
+
+    def abort(self) -> None:
+        """Nothing is open."""
+
+
+def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:
+    """Return a table as text that ``git diff`` can show."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([f"{value:.9g}" for value in row] for row in rows)
+    return text.getvalue().encode()
+
+
+def read_csv(path: Path) -> tuple[list[str], Floats]:
+    """Return the columns' names and the table (n, m) of a reference."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        header, *rows = csv.reader(stream)
+    return header, np.array([[float(value) for value in row] for row in rows]).reshape(
+        len(rows), len(header)
+    )
