@@ -205,15 +205,14 @@ def _epochs(epoch: Ints) -> Iterator[slice]:
 
 
 def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: float) -> Events:
-    edges = np.diff(np.concatenate([[0], (held != 0).astype(int), [0]]))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    spans = runs_of(held != 0)
     changed = noted & Noted.MODE_CHANGED.value != 0
     changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
     stride = -(-len(t) // TRACK_POINTS)
     # The slowest of each stretch: a stall must not fall between the points that are drawn.
     starts = np.arange(0, len(t), stride)
     return Events(
-        np.column_stack([t[first], t[last] + sample_time_s]),
+        np.column_stack([t[spans[:, 0]], t[spans[:, 1] - 1] + sample_time_s]),
         changes,
         _counts(held, Held),
         _counts(noted, Noted),

@@ -9,59 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from importlib.resources import files
 from typing import Final
 
 from yawid.report.picture import Picture
 from yawid.results.run_summary import ReasonSummary, VerdictSummary
 from yawid.sinks.answers import Card, advice
 
-STYLE: Final = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1rem 1.25rem 3rem; max-width: 72rem; background: #fff;
-  color: #1c1c1c; font: 15px/1.45 "DejaVu Sans", Verdana, "Segoe UI", sans-serif; }
-h1 { font-size: 1.35rem; margin: 0 0 .15rem; overflow-wrap: anywhere; }
-h2 { font-size: 1.1rem; margin: 2rem 0 .5rem; border-bottom: 1px solid #ccc;
-  padding-bottom: .2rem; }
-h3 { font-size: 1rem; margin: 0 0 .25rem; }
-.origin { color: #555; margin: 0 0 .8rem; overflow-wrap: anywhere; font-size: .87rem; }
-.headline { font-size: 1.08rem; margin: 0 0 .9rem; }
-.cards { display: grid; gap: .7rem; grid-template-columns: repeat(4, 1fr); }
-.card { border: 1px solid #c8c8c8; border-top: 5px solid #4285f4; border-radius: 6px;
-  padding: .6rem .75rem; }
-.card .question { font-size: .84rem; color: #555; }
-.card .answer { font-size: 1.5rem; font-weight: 700; line-height: 1.25; }
-.card .spread { font-weight: 600; }
-.card .note { color: #444; font-size: .84rem; }
-.use.yes { border-top-color: #2e7d32; } .use.care { border-top-color: #e69100; }
-.use.no { border-top-color: #c62828; } .use.no .answer { color: #c62828; }
-.unusable .card:not(.use) .answer, .unusable .card:not(.use) .spread { color: #8a8a8a; }
-.reasons { list-style: none; padding: 0; margin: .8rem 0 0; }
-.reasons li { border-left: 5px solid #e69100; padding: .2rem .7rem; margin: .4rem 0; }
-.reasons li.fatal { border-left-color: #c62828; }
-.reasons b { margin-right: .4rem; } .reasons .advice { color: #444; font-style: italic; }
-.pictures { display: grid; gap: 1.3rem 1.6rem; grid-template-columns: 1fr 1fr; }
-figure { margin: 0; break-inside: avoid; min-width: 0; }
-figure svg { display: block; width: 100%; height: auto; }
-figcaption { font-size: .86rem; color: #333; }
-table { border-collapse: collapse; font-size: .87rem; max-width: 100%; }
-td, th { text-align: left; vertical-align: top; padding: .14rem .8rem .14rem 0;
-  border-bottom: 1px solid #e8e8e8; overflow-wrap: anywhere; }
-th { font-weight: 600; white-space: nowrap; } td.number { text-align: right;
-  white-space: nowrap;  font-variant-numeric: tabular-nums; }
-.tables { display: grid; gap: 1rem 2rem; grid-template-columns: 1fr 1fr; }
-.tables > div { min-width: 0; }
-details { margin: .6rem 0; } summary { cursor: pointer; }
-@media (max-width: 60rem) { .cards { grid-template-columns: 1fr 1fr; } }
-@media (max-width: 44rem) { body { padding: .7rem .8rem 2rem; }
-  .pictures, .tables { grid-template-columns: 1fr; } .card .answer { font-size: 1.2rem; }
-  th { white-space: normal; } }
-@media (max-width: 22rem) { .cards { grid-template-columns: 1fr; } }
-@media print { body { font-size: 10pt; padding: 0; max-width: none; } @page { margin: 14mm; }
-  h2 { break-after: avoid; } .card, li, table { break-inside: avoid; }
-  .pictures { gap: .8rem 1rem; }
-  .cards { grid-template-columns: repeat(4, 1fr); } .card .answer { font-size: 1.15rem; } }
-"""
+STYLE: Final = files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
@@ -78,7 +33,7 @@ def page(title: str, body: Iterable[str]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<link rel="icon" href="data:,">\n<title>{safe(title)}</title>\n'
-        f"<style>{STYLE}</style>\n</head>\n<body>\n"
+        f"<style>\n{STYLE}</style>\n</head>\n<body>\n"
     )
     return head + "\n".join(body) + "\n</body>\n</html>\n"
 

@@ -27,6 +27,7 @@ from yawid.sinks.mcap.recover import recover
 from yawid.sinks.mcap.schemas import TOPICS, schema_data
 from yawid.sinks.mcap.sink import McapSink
 
+OLD_RUN = Path(__file__).with_name("run_of_0_1_0.mcap")
 Row = tuple[str, int, int, int, bytes]
 PER_SAMPLE = 4  # messages: sample, two estimates, modes
 
@@ -196,6 +197,34 @@ def test_a_torn_file_of_another_version_gives_nothing_and_says_why(tmp_path: Pat
     (tmp_path / "old.mcap").write_bytes(data[:-100].replace(b"boot_time", b"long_time"))
     with pytest.raises(SinkError, match=r"schema of another version of yawid.*nothing recovered"):
         recover(tmp_path / "old.mcap", tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_run_of_an_older_version_is_recovered_by_its_summary_or_refused_by_name(
+    tmp_path: Path,
+) -> None:
+    whole = recover(OLD_RUN, tmp_path / "whole.mcap")
+    assert whole.counts["/yawid/sample"] > 200
+    assert not whole.left_out
+    (tmp_path / "torn.mcap").write_bytes(OLD_RUN.read_bytes()[:-20])
+    with pytest.raises(SinkError, match=r"[0-9] x schema of another version of yawid"):
+        recover(tmp_path / "torn.mcap", tmp_path / "out.mcap")
+
+
+def test_two_channels_that_claim_one_number_have_neither(tmp_path: Path) -> None:
+    data = bytearray(write_file(tmp_path / "whole.mcap").read_bytes())
+    stop = chunk_places(tmp_path / "whole.mcap")[-1][1]
+    numbers = {}
+    for topic in (b"/yawid/estimate/rml", b"/yawid/modes"):
+        at = data.index(len(topic).to_bytes(4, "little") + topic)
+        numbers[topic] = at - 4  # of the channel: its own and its schema's stand before its topic
+    source, target = numbers.values()
+    data[source : source + 2] = data[target : target + 2]
+    (tmp_path / "bad.mcap").write_bytes(data[:stop])
+    found = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    assert found.counts["/yawid/sample"] == 100
+    assert found.counts.keys().isdisjoint({"/yawid/estimate/rml", "/yawid/modes"})
+    assert found.messages == 200
 
 
 def test_what_cannot_be_read_twice_is_refused(tmp_path: Path) -> None:

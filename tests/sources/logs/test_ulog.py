@@ -33,6 +33,7 @@ from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
+from yawid.results.run_summary import VehicleSeen
 from yawid.runs.inspect_log import inspect
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -76,12 +77,12 @@ def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path
     summary = told.to_json()
 
     assert verdict.exit_code == 0, verdict.reasons
-    assert summary["sha256"] == hashlib.sha256(whole()).hexdigest()
-    assert summary["vehicle"] == {"sysid": 7, "compid": 1, "type": 1, "autopilot": 12}
-    rudder = summary["channels"]["rudder"]
-    assert (rudder["source"], rudder["how"]) == ("SERVO_OUTPUT_RAW.servo3_raw", "parameter")
-    assert (rudder["min_us"], rudder["trim_us"], rudder["max_us"]) == (1100, 1500, 1900)
-    found = summary["estimates"]["els"]["dutch_roll"]["wn_rad_s"]
+    assert summary.sha256 == hashlib.sha256(whole()).hexdigest()
+    assert summary.vehicle == VehicleSeen(sysid=7, compid=1, type=1, autopilot=12)
+    rudder = summary.channels["rudder"]
+    assert (rudder.source, rudder.how) == ("SERVO_OUTPUT_RAW.servo3_raw", "parameter")
+    assert (rudder.min_us, rudder.trim_us, rudder.max_us) == (1100, 1500, 1900)
+    found = summary.estimates["els"].dutch_roll.wn_rad_s
     assert found == pytest.approx(4.0, rel=0.02)
 
 

@@ -16,6 +16,7 @@ from mcap.writer import CompressionType, Writer
 from yawid import __version__
 from yawid.errors import SinkError
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
+from yawid.sinks.mcap.schemas import LOG
 from yawid.sinks.mcap.trusted import DAMAGE, Known, known, records
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
@@ -78,9 +79,13 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
             with out, os_errors_as_sink_error(part):
                 recovered = _Copy(out, known(stream), path_in).run(stream)
                 sync(out)
-            if not recovered.counts:
+            # The schema of log lines is Foxglove's: they alone are not worth a file.
+            only_log = recovered.schemas > 0 and recovered.counts.keys() <= {LOG}
+            if only_log or not recovered.counts:
                 why = f" ({recovered.left_out})" if recovered.left_out else ""
-                raise SinkError(f"{path_in} holds no message to be trusted{why}: nothing recovered")
+                raise SinkError(
+                    f"{path_in} holds no message of a run to be trusted{why}: nothing recovered"
+                )
             with os_errors_as_sink_error(path_out):
                 part.replace(path_out)
         finally:

@@ -1,0 +1,115 @@
+"""The summary as JSON and back: today's keys and order, nothing that is not as yawid writes it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from places import REPLAY_LOGS
+
+from yawid.results.run_summary import (
+    DutchRoll,
+    Fit,
+    LinkCounts,
+    MethodSummary,
+    Orders,
+    RunSummary,
+    VerdictSummary,
+)
+
+
+def summary(**changes: Any) -> RunSummary:
+    plain = {
+        "log": "a.tlog",
+        "duration_s": 1.0,
+        "link": LinkCounts(),
+        "channels": {},
+        "verdict": VerdictSummary(usable=True, reasons=[]),
+    }
+    return RunSummary(**(plain | changes))
+
+
+def estimate(theta: dict[str, Any], roll: DutchRoll | None = None) -> MethodSummary:
+    return MethodSummary(
+        method="els",
+        orders=Orders(3, 3, 2, 1),
+        sample_time_s=0.1,
+        updates=9,
+        held=1,
+        theta=theta,
+        theta_std={},
+        dutch_roll=roll,
+        fit=Fit(),
+    )
+
+
+@pytest.mark.parametrize(
+    "path", sorted(REPLAY_LOGS.glob("*/expected.json")), ids=lambda p: p.parent.name
+)
+def test_every_reference_comes_back_with_its_keys_in_their_order(path: Path):
+    before = {"log": "log.tlog"} | json.loads(path.read_text())
+    data = json.dumps(before)
+
+    assert json.dumps(RunSummary.from_json(data.encode()).to_json()) == data
+
+
+def test_what_does_not_apply_has_no_key_and_what_is_empty_has():
+    told = summary(estimates={"els": estimate({})}).to_json()
+
+    assert set(told) == {"log", "duration_s", "link", "channels", "estimates", "verdict"}
+    assert told["link"] == {}
+    assert "dutch_roll" not in told["estimates"]["els"]
+    assert told["estimates"]["els"]["theta_std"] == {}
+    assert told["verdict"] == {"usable": True, "reasons": []}
+
+
+def test_scalars_of_numpy_are_numbers_in_json():
+    found = summary(duration_s=np.float64(2.5), estimates={"els": estimate({"a1": np.float64(1)})})
+
+    assert json.loads(json.dumps(found.to_json()))["estimates"]["els"]["theta"] == {"a1": 1.0}
+
+
+def test_a_dutch_roll_without_frequency_or_damping_is_none():
+    assert DutchRoll.of([2.0, np.nan, 0.2, 0.01]) == DutchRoll(
+        wn_rad_s=2.0, wn_std=None, zeta=0.2, zeta_std=0.01
+    )
+    for row in ([np.nan] * 4, [2.0, 0.1, np.nan, np.nan], [0.0, 0.1, 1.0, 0.1], [np.inf, 0, 0, 0]):
+        assert DutchRoll.of(row) is None
+
+
+def test_keys_of_a_newer_version_are_left_out():
+    newer = summary().to_json() | {"flight": {"wn_rad_s": 2.0}}
+    newer["verdict"]["colour"] = "green"
+
+    assert RunSummary.from_json(json.dumps(newer).encode()) == summary()
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"duration_s": "long"}, "duration_s: Expected `float`, got `str`"),
+        ({"duration_s": float("nan")}, "duration_s: "),
+        ({"duration_s": 10**400}, "duration_s: "),
+        ({"link": {"lost": -1}}, "link.lost: "),
+        ({"verdict": {"usable": 1, "reasons": []}}, "verdict.usable: Expected `bool`, got `int`"),
+        ({"boots": [{"boot": 1, "from": 0.0, "to": None}]}, r"boots\[0\].to: "),
+    ],
+)
+def test_a_wrong_value_is_refused_by_its_field(change: dict[str, Any], place: str):
+    data = json.dumps(summary().to_json() | change).encode()
+
+    with pytest.raises(ValueError, match=f"^{place}"):
+        RunSummary.from_json(data)
+
+
+def test_the_answer_is_the_estimate_that_the_verdict_names_else_the_first():
+    roll = DutchRoll(wn_rad_s=2.0, zeta=0.1)
+    both = {"els": estimate({}), "rml": estimate({}, roll)}
+    named = summary(estimates=both, verdict=VerdictSummary(method="rml", usable=True, reasons=[]))
+
+    assert (named.answering, named.dutch_roll, list(named.others)) == ("rml", roll, ["els"])
+    assert summary(estimates=both).answering == "els"
+    assert (summary().answering, summary().answer, summary().others) == (None, None, {})
