@@ -18,7 +18,7 @@ from yawid.blocks import Held, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.conditioning import Conditioner
 from yawid.channels.decimate import finer_by
-from yawid.channels.series import Piece, Series
+from yawid.channels.series import Piece, Readings, Series
 from yawid.channels.yaw_reader import COLUMNS, RATE
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
@@ -74,7 +74,7 @@ def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> Sa
     count = finer_by(sample_time_s, 1e6 / raw_hz) if way == "band" else 1
     aligner = Aligner(sample_time_s / count, (10e6 / rate_hz, 10e6 / rate_hz))
     band = None if way == "none" else (BAND[0] * rate_hz, BAND[1] * rate_hz)
-    block = aligner.feed(Piece(True, Held.NONE, 0, yaw, surface, none, none))
+    block = aligner.feed(Piece(True, Held.NONE, 0, yaw, surface, Readings(none, none)))
     assert block is not None
     found = Conditioner(RunConfig(band=band), sample_time_s, count).feed(block)
     assert found is not None

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 
 
-def runs_of(good: NDArray[np.bool_]) -> Ints:
+def runs_of(good: Bools) -> Ints:
     """Return where each run of True in ``good`` (n,) begins and ends, (runs, 2)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     return edges.reshape(-1, 2)

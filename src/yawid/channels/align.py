@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import Columns, Floats, Held, Ints, Noted, SampleBlock
-from yawid.channels.series import Piece, Series, flow_together
+from yawid.blocks import Bools, Columns, Floats, Held, Ints, Noted, SampleBlock
+from yawid.channels.series import Piece, Readings, Series, flow_together
 from yawid.channels.yaw_reader import (
     AIRSPEED,
     ALTITUDE,
@@ -29,7 +29,6 @@ from yawid.channels.yaw_reader import (
     YAW,
 )
 
-Bools = np.ndarray[tuple[int], np.dtype[np.bool_]]
 MOST_INSTANTS = 2**16
 """Aligned at once: a clock that leaps from message to message must not take the memory."""
 
@@ -59,7 +58,7 @@ class Aligner:
     gaps: int = 0
     _yaw: Series = field(default_factory=lambda: Series.empty(COLUMNS))
     _surface: Series = field(default_factory=lambda: Series.empty(0))
-    _offset: tuple[Ints, Ints] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    _offset: Readings = field(default_factory=Readings.none)
     _next_k: int | None = None
     _why: Held = Held.NONE
     _epoch: int = 0
@@ -73,10 +72,7 @@ class Aligner:
             self._open(piece)
         self._surface = Series.concatenate(self._surface, piece.surface)
         self._yaw = Series.concatenate(self._yaw, piece.yaw)
-        self._offset = (
-            np.concatenate([self._offset[0], piece.offset_order]),
-            np.concatenate([self._offset[1], piece.offset_us]),
-        )
+        self._offset = Readings.joined([self._offset, piece.offset])
         blocks = [] if self._next_k is not None else self._start()
         before = None
         while self._next_k is not None and self._next_k != before:
@@ -87,7 +83,7 @@ class Aligner:
 
     def _open(self, piece: Piece) -> None:
         self._yaw, self._surface = piece.yaw.select(slice(0, 0)), piece.surface.select(slice(0, 0))
-        self._offset = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+        self._offset = Readings.none()
         self._next_k, self._why, self._in_gap = None, piece.why, False
         self._epoch = piece.epoch
 
@@ -111,7 +107,7 @@ class Aligner:
                 np.array([self._next_k - 1]),
                 np.array([both]),
                 received.received_us[:1],
-                self._offset_at(np.array([both])),
+                self._offset.at(np.array([both])),
                 *hole,
                 np.array([int(self._why)]),
             )
@@ -140,7 +136,7 @@ class Aligner:
             k,
             order,
             np.where(later, self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]),
-            self._offset_at(order),
+            self._offset.at(order),
             yaw,
             surface,
             np.where(gap, int(Held.GAP), 0),
@@ -172,11 +168,6 @@ class Aligner:
         closing = np.searchsorted(times, edges[1:], side="left")
         return mean, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]
 
-    def _offset_at(self, order: Ints) -> Ints:
-        row = np.searchsorted(self._offset[0], order, side="right") - 1
-        offset: Ints = self._offset[1][row]
-        return offset
-
     def _prune(self) -> None:
         """Forget the rows no later sample can need."""
         if self._next_k is None:
@@ -186,12 +177,11 @@ class Aligner:
         else:
             t = self._next_k * self._ts_us
             self._yaw, self._surface = _from(self._yaw, t), _from(self._surface, t)
+        row = -1
         if len(self._yaw) and len(self._surface):
             oldest = min(self._yaw.order[0], self._surface.order[0])
-            row = max(int(np.searchsorted(self._offset[0], oldest, side="right")) - 1, 0)
-            self._offset = (self._offset[0][row:], self._offset[1][row:])
-        else:
-            self._offset = (self._offset[0][-1:], self._offset[1][-1:])
+            row = max(int(np.searchsorted(self._offset.order, oldest, side="right")) - 1, 0)
+        self._offset = self._offset.select(slice(row, None))
 
     def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
         rows = AlignedRows.joined(blocks)

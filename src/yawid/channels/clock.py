@@ -13,9 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Ints, MessageBlock
+from yawid.channels.series import Readings
 
 UNIX_US = 10**15
 """MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
+
+
+NEWEST = slice(-1, None)
+"""Of a series, all that is needed of what came before."""
 
 
 def boot_us(fields: NDArray[Any]) -> Ints:
@@ -41,19 +46,18 @@ def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) ->
 class OwnClock:
     """The clock of one message alone, where no other reports a full time: its newest readings.
 
-    ``t_us`` (n,) is the time at ``order`` (n,) in microseconds: since boot where the message
-    reports that, and since its first reading where it reports Unix time.
+    They count from boot where the message reports that, and from the first where it reports Unix
+    time.
     """
 
-    order: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
-    t_us: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    readings: Readings = field(default_factory=Readings.none)
     _shift: int | None = None
     _last: int | None = None
 
     def observe(self, block: MessageBlock | None) -> None:
         """Take a block in; of what came before only the newest reading is still needed."""
         if block is None or len(block) == 0:
-            self.order, self.t_us = self.order[-1:], self.t_us[-1:]
+            self.readings = self.readings.select(NEWEST)
             return
         raw = boot_us(block.fields)
         if self._shift is None:
@@ -65,11 +69,5 @@ class OwnClock:
             turns = -np.cumsum(np.rint(steps / 2.0**32).astype(np.int64))
             self._last, self._shift = int(raw[-1]), self._shift + int(turns[-1]) * 2**32
             t_us = t_us + turns * 2**32
-        self.order = np.concatenate([self.order[-1:], block.order])
-        self.t_us = np.concatenate([self.t_us[-1:], t_us])
-
-    def at(self, order: Ints) -> Ints:
-        """Return the newest reading at or before each place (n,), at least one being known."""
-        rows = np.maximum(np.searchsorted(self.order, order, side="right") - 1, 0)
-        newest: Ints = self.t_us[rows]
-        return newest
+        fresh = Readings(block.order, t_us)
+        self.readings = Readings.joined([self.readings.select(NEWEST), fresh])

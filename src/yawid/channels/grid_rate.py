@@ -61,8 +61,7 @@ class StartUp:
             opened,
             yaw=yaw.select(last),
             surface=surface.select(last),
-            offset_order=newest.offset_order[last],
-            offset_us=newest.offset_us[last],
+            offset=newest.offset.select(last),
         )
         self.pieces[self._first :] = [kept]
 

@@ -10,12 +10,10 @@ from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Noted, SampleBlock
+from yawid.blocks import Bools, Floats, Noted, SampleBlock
 from yawid.config.run import DEFAULT_MEMORY_S
 
-Bools = NDArray[np.bool_]
 AIRSPEED_SHARE = 0.1
 """An airspeed that differs by more than this from its mean is another one."""
 LEAST_TRAVEL = 0.02

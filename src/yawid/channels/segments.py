@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import Held, Ints
-from yawid.channels.series import Piece, Series
+from yawid.blocks import Bools, Held, Ints
+from yawid.channels.series import Piece, Readings, Series
 
 BACK_STEP_US = 1_000_000
 """A channel's time may fall back less than this (a repeated or reordered message) without a new
@@ -64,15 +64,13 @@ class Segmenter:
             near = slice(start, start + window)
             stop, good = self._until_break(merged.t_us[near], kind[near])
             rows, kinds = row[start : start + stop], kind[start : start + stop]
-            offset_order, offset_us = self._offsets(merged.select(slice(start, start + stop)))
             yield Piece(
                 opens,
                 self._why if opens else Held.NONE,
                 self.epoch,
                 yaw.select(rows[good & (kinds == 0)]),
                 surface.select(rows[good & (kinds == 1)]),
-                offset_order,
-                offset_us,
+                self._offsets(merged.select(slice(start, start + stop))),
                 self.reboots + 1,
             )
             received = merged.received_us[start : start + stop]
@@ -86,9 +84,7 @@ class Segmenter:
                 self._break(t_us, received_us, int(kind[start]))
                 window = FIRST_WINDOW
 
-    def _until_break(
-        self, t: Ints, kind: Ints
-    ) -> tuple[int, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    def _until_break(self, t: Ints, kind: Ints) -> tuple[int, Bools]:
         """Return how many rows belong to this segment, and which of them go forward in time."""
         before = np.stack([_newest_before(t, kind == k, self.newest[k]) for k in (0, 1)])
         own = before[kind, np.arange(len(t))]
@@ -132,10 +128,10 @@ class Segmenter:
         self.newest = [None, None]
         self.began_us = self.offset_us = None
 
-    def _offsets(self, rows: Series) -> tuple[Ints, Ints]:
+    def _offsets(self, rows: Series) -> Readings:
         """Return the running minimum of received - boot over the segment's first seconds."""
         if len(rows) == 0:
-            return rows.order, rows.t_us
+            return Readings(rows.order, rows.t_us)
         if self.began_us is None:
             self.began_us = int(rows.t_us[0])
         young = rows.t_us <= self.began_us + OFFSET_WINDOW_US
@@ -144,12 +140,10 @@ class Segmenter:
         lag[0] = min(lag[0], latest)
         offsets = np.minimum.accumulate(lag)
         self.offset_us = int(offsets[-1])
-        return rows.order, offsets
+        return Readings(rows.order, offsets)
 
 
-def _newest_before(
-    t: Ints, mine: np.ndarray[tuple[int], np.dtype[np.bool_]], carried: int | None
-) -> Ints:
+def _newest_before(t: Ints, mine: Bools, carried: int | None) -> Ints:
     """Return the newest time of one channel strictly before each row (int64 minimum: none)."""
     never = np.iinfo(np.int64).min
     seen = np.where(mine, t, never)

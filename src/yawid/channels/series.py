@@ -31,11 +31,30 @@ class Series(Columns):
 
 
 @dataclass(frozen=True, slots=True)
+class Readings(Columns):
+    """What was read off in microseconds, ``us`` (n,), at places ``order`` (n,) of the stream."""
+
+    order: Ints
+    us: Ints
+
+    @staticmethod
+    def none() -> Readings:
+        """Return no readings."""
+        return Readings(np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+    def at(self, order: Ints) -> Ints:
+        """Return the newest reading (m,) at or before each place (m,), at least one being known."""
+        rows = np.maximum(np.searchsorted(self.order, order, side="right") - 1, 0)
+        newest: Ints = self.us[rows]
+        return newest
+
+
+@dataclass(frozen=True, slots=True)
 class Piece:
     """A stretch of one segment: its rows, and if it opens the segment, why the last one ended.
 
     ``epoch`` counts the meanings the surfaces have had, ``boot`` the vehicle's boots from 1.
-    ``offset_us`` maps order to Unix minus boot time: the least seen so far in the segment's first
+    ``offset`` maps order to Unix minus boot time: the least seen so far in the segment's first
     seconds.
     """
 
@@ -44,8 +63,7 @@ class Piece:
     epoch: int
     yaw: Series
     surface: Series
-    offset_order: Ints
-    offset_us: Ints
+    offset: Readings
     boot: int = 1
 
 

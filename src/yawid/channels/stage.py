@@ -154,13 +154,9 @@ class Channels:
         assert vehicle is not None
         selector = getattr(self.config, name)
         surface = find_surface(name, selector, vehicle, self.parameters, self._received.names)
-        return None if surface is None else replace(surface, scale=self._scale(name))
-
-    def _scale(self, name: str) -> float:
-        if name != "rudder":
-            return 1.0
         sign = -1.0 if self.config.rudder_sign == "nose-left" else 1.0
-        return sign * self.config.half_travel
+        scale = sign * self.config.half_travel if name == "rudder" else 1.0
+        return None if surface is None else replace(surface, scale=scale)
 
     def _read(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]

@@ -12,12 +12,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, MessageBlock
+from yawid.blocks import Bools, Floats, MessageBlock
 
 Travel = tuple[float, float, float]
-Bools = NDArray[np.bool_]
 
 STICKS = ("RC_CHANNELS", "RC_CHANNELS_RAW")
 """The messages that report the pilot's stick, the better one first."""

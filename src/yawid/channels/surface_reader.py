@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.clock import UNIX_US, OwnClock, boot_us, unwrap_uint32_us
+from yawid.channels.clock import NEWEST, UNIX_US, OwnClock, boot_us, unwrap_uint32_us
 from yawid.channels.latest import Latest
 from yawid.channels.redundant_outputs import Twins
-from yawid.channels.series import Series
+from yawid.channels.series import Readings, Series
 from yawid.channels.surface import Surface
 
 APART_US = 10_000_000
-_NONE = np.zeros(0, np.int64)
 
 
 def _no_values(_: NDArray[Any]) -> Floats:
@@ -37,15 +36,14 @@ class SurfaceReader:
     own_clock: OwnClock = field(default_factory=OwnClock)
     _aileron: Latest = field(default_factory=lambda: Latest(1))
     _unix_offset: int = 0
-    _boot: tuple[Ints, Ints] = (_NONE, _NONE)
+    _boot: Readings = field(default_factory=Readings.none)
 
     def observe_clock(self, clock: MessageBlock | None) -> None:
         """Remember the full boot times of a block of the yaw source and the newest before it."""
-        if clock is None:
-            self._boot = (self._boot[0][-1:], self._boot[1][-1:])
-            return
-        order = np.concatenate([self._boot[0][-1:], clock.order])
-        self._boot = (order, np.concatenate([self._boot[1][-1:], boot_us(clock.fields)]))
+        self._boot = self._boot.select(NEWEST)
+        if clock is not None:
+            fresh = Readings(clock.order, boot_us(clock.fields))
+            self._boot = Readings.joined([self._boot, fresh])
 
     def observe_own_clock(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
@@ -67,7 +65,7 @@ class SurfaceReader:
         """
         self._observe_aileron(messages, aileron)
         none = Series.empty(self.columns + 1)
-        order = self.own_clock.order if own_clock else self._boot[0]
+        order = (self.own_clock.readings if own_clock else self._boot).order
         if not surfaces or surfaces[0].message not in messages or len(order) == 0:
             return none
         block = messages[surfaces[0].message]
@@ -78,7 +76,7 @@ class SurfaceReader:
             self.twins.observe(block, surface)
         beside = self._aileron.at(block.order + 1)[:, 0]  # of the same message: of this very row
         values = np.stack([*(s.deflection(block) for s in surfaces), beside], axis=1)
-        times = self.own_clock.at(block.order) if own_clock else self._times(block)
+        times = self.own_clock.readings.at(block.order) if own_clock else self._times(block)
         return Series(block.order, block.received_us, times, values)
 
     def _observe_aileron(
@@ -93,13 +91,13 @@ class SurfaceReader:
         self._aileron.observe(block, lambda _: surface.deflection(block)[:, None])
 
     def _times(self, block: MessageBlock) -> Ints:
-        order, boot = self._boot
-        beside = boot[np.maximum(np.searchsorted(order, block.order) - 1, 0)]
         if block.name == "SERVO_OUTPUT_RAW":
             raw = block.fields["time_usec"].astype(np.int64)
-            return unwrap_uint32_us(raw, block.order, boot, order)
+            return unwrap_uint32_us(raw, block.order, self._boot.us, self._boot.order)
         reported = boot_us(block.fields)
-        return reported if reported[0] < UNIX_US else self._from_unix(reported, beside)
+        if reported[0] < UNIX_US:
+            return reported
+        return self._from_unix(reported, self._boot.at(block.order))
 
     def _from_unix(self, reported: Ints, beside: Ints) -> Ints:
         """Turn Unix time into boot time by one offset, found again where the two drift apart."""

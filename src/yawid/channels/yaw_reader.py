@@ -101,7 +101,7 @@ class YawReader:
 
     def wait(self, clock: OwnClock) -> None:
         """Wait for a better source than VFR_HUD while another message's clock goes on."""
-        self._wait.observe(clock.order, clock.t_us)
+        self._wait.observe(clock.readings.order, clock.readings.us)
 
     def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
         """Return the first better source among these messages and where it starts."""
@@ -166,7 +166,7 @@ class YawReader:
 
         Receive stamps would not do: messages come in bursts.
         """
-        t_us = clock.at(block.order)
+        t_us = clock.readings.at(block.order)
         before = np.append(t_us[:1] - 1 if self._last_us is None else self._last_us, t_us)[:-1]
         self._last_us = int(t_us[-1])
         moved = t_us != before

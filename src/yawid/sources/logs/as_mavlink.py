@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
+from yawid.blocks import Bools, Floats, FrameBlock, Ints, MessageBlock
 
-Bools = NDArray[np.bool_]
 PlacedFields = tuple[Ints, NDArray[Any]]
 """Where rows of a message stand (n,), in us since boot or in bytes, and their fields (n,)."""
 COMPID = 1

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Bytes, Columns, Ints
+from yawid.blocks import Bools, Bytes, Columns, Ints
 from yawid.sources.mavlink.framing import Frames
 
 _CYCLE = 256
@@ -15,8 +14,6 @@ _LONGEST = 128  # a larger step of the sequence is a restart, not a loss
 _LATE = 32  # a step back by this much is a frame that came late, by more a restart
 _TWICE_WITHIN_US = 2_000_000
 _WORD = 8
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +69,7 @@ class SenderCount:
         self._highest = -1
         self._recent: list[tuple[int, int, bytes] | None] = [None] * _CYCLE
 
-    def add(self, data: bytes, own: Records) -> Mask | None:
+    def add(self, data: bytes, own: Records) -> Bools | None:
         """Count the frames, n >= 1; return which are no duplicates (n,), None if all."""
         steps = _steps(own.sequence, self._last)
         place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
@@ -115,7 +112,7 @@ class SenderCount:
         self._highest = self._place
         self.frames += len(sequence)
 
-    def _count_lost(self, sequence: Bytes, is_taken: Mask | None) -> None:
+    def _count_lost(self, sequence: Bytes, is_taken: Bools | None) -> None:
         """Add up what the steps leave out.
 
         A frame that comes late was counted as missing before. One whose place ``is_taken`` already
@@ -130,7 +127,7 @@ class SenderCount:
             self.lost -= int((back[back <= _LATE] + 1).sum())
         self._last_kept = int(sequence[-1])
 
-    def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Mask, Mask]:
+    def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Bools, Bools]:
         """Return which frames have the place of one before them, and which are the same."""
         by_number = np.argsort(own.sequence, kind="stable")
         follows = np.diff(own.sequence[by_number]) == 0
@@ -189,10 +186,10 @@ def _frame(data: bytes, frames: Frames, row: int) -> bytes:
     return data[frames.begin[row] : frames.end[row]]
 
 
-def _same_bytes(data: bytes, frames: Frames, earlier: Ints, later: Ints) -> Mask:
+def _same_bytes(data: bytes, frames: Frames, earlier: Ints, later: Ints) -> Bools:
     """Return whether the frames of two lists of rows are the same, byte for byte (n,)."""
     size = (frames.end - frames.begin)[earlier]
-    same: Mask = size == (frames.end - frames.begin)[later]
+    same: Bools = size == (frames.end - frames.begin)[later]
     word_at = np.ndarray((len(data) - _WORD + 1,), np.uint64, data, 0, (1,))
     rows = np.flatnonzero(same)
     offset = 0
