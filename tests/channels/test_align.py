@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from yawid.blocks import Held
+from yawid.config.estimator import ArmaxOrders
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
+from yawid.physics.derivatives import yaw_channel
 
 START_S = 10.0
 
@@ -186,17 +188,17 @@ def test_inputs_that_switch_on_the_grid_give_the_plant_back_exactly():
     wn_found, zeta_found, theta = least_squares(found, nb=2)
 
     # ATTITUDE carries float32: that is what 1e-6 leaves room for.
-    assert wn_found == pytest.approx(wn, rel=1e-5)
-    assert zeta_found == pytest.approx(zeta, rel=1e-5)
-    assert theta[2:].sum() / (1 + theta[:2].sum()) == pytest.approx(gain, rel=1e-5)
-    assert lead == 0.8
+    assert wn_found == pytest.approx(wn, rel=1e-6)
+    assert zeta_found == pytest.approx(zeta, rel=1e-6)
+    values, _ = yaw_channel(theta[None], ArmaxOrders(2, 2, 0, 1), 0.1)
+    np.testing.assert_allclose(values[0, :4], [gain, lead, wn, zeta], rtol=1e-6)
 
 
 def test_inputs_that_switch_anywhere_give_wn_and_zeta_within_a_percent():
     rng = np.random.default_rng(6)
     switches = sorted(rng.uniform(0.5, 59.0, 60).round(6).tolist())
     levels = rng.integers(1300, 1700, 60).tolist()
-    log, (wn, zeta, gain, _) = plant_log(switches, levels, 60.0)
+    log, (wn, zeta, gain, lead) = plant_log(switches, levels, 60.0)
     found = samples_of(log.data, RunConfig(rate=10.0))
 
     wn_found, zeta_found, theta = least_squares(found, nb=3)
@@ -204,3 +206,5 @@ def test_inputs_that_switch_anywhere_give_wn_and_zeta_within_a_percent():
     assert wn_found == pytest.approx(wn, rel=0.01)
     assert zeta_found == pytest.approx(zeta, rel=0.01)
     assert theta[2:].sum() / (1 + theta[:2].sum()) == pytest.approx(gain, rel=0.05)
+    values, _ = yaw_channel(theta[None], ArmaxOrders(2, 3, 0, 1), 0.1)
+    assert values[0, 1] == pytest.approx(lead, rel=0.05)

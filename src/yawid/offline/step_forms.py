@@ -31,12 +31,6 @@ def second_order_response(t: Floats, k: float, D: float, q: float) -> Floats:
     return np.asarray(k * (1.0 - ring))
 
 
-def second_order_weighting(t: Floats, k: float, D: float, q: float) -> Floats:
-    """Return g(t) = dh/dt of the model of eq. 7, 0 before t = 0."""
-    t, root = np.maximum(t, 0.0), math.sqrt(1.0 - D * D)
-    return np.asarray(k * q / root * np.exp(-D * q * t) * np.sin(q * root * t))
-
-
 def second_order_settling(D: float, q: float, tolerance: float) -> float:
     """Return when the envelope exp(-D q t)/sqrt(1 - D^2) has come down to the tolerance."""
     return -math.log(tolerance * math.sqrt(1.0 - D * D)) / (D * q)

@@ -6,8 +6,9 @@
 4. Repeat 2 and 3 until theta stands still, going only a share of the way where it swings.
 
 The fixed point is that of extended least squares. It is reached surely where 1/C - 1/2 is strictly
-positive real (``polynomials.spr_margin``), often but not always elsewhere; ``prediction_error.py``
-has no such limit. Printed slip: the last exponent of B in eq. 29 is -nk-nb+1, as eq. 32 has it.
+positive real (``polynomials.spr_margin``), often but not always elsewhere; recursive maximum
+likelihood has no such limit. Printed slip: the last exponent of B in eq. 29 is -nk-nb+1, as eq. 32
+has it.
 """
 
 from __future__ import annotations

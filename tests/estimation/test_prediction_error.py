@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from estimation.prediction_error import fit_prediction_error
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.offline.prediction_error import fit_prediction_error
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import REFERENCE, simulate_plant
 from yawid.plant.yaw import YawPlant
