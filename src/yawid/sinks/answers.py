@@ -133,8 +133,8 @@ def _sure(summary: RunSummary) -> Card:
     answer, mode, notes = summary.answer, summary.dutch_roll, []
     if answer is not None:
         if answer.fit.simulation_pct is not None:
-            told_pct = max(answer.fit.simulation_pct, 0.0)
-            notes.append(f"the model alone tells {told_pct:.0f} % of the yaw rate")
+            explained_pct = max(answer.fit.simulation_pct, 0.0)
+            notes.append(f"the model alone tells {explained_pct:.0f} % of the yaw rate")
         notes.append(f"learnt from {_duration(answer.updates * answer.sample_time_s)} of flight")
     if not summary.verdict.usable:
         return Card("How sure?", "Not usable", "whatever the sigma says", tuple(notes))

@@ -44,7 +44,9 @@ def joined(parts: Sequence[Written]) -> Written:
     return Written(SampleBlock.joined([part.samples for part in parts]), estimates, modes)
 
 
-_APPENDED: Final = ("aileron", "mode", "on_ground", "altitude")
+_FROM_THE_FIRST: Final = ("k", "u", "yaw", "roll", "airspeed", "aileron")
+_APPENDED: Final = ("mode", "on_ground", "altitude")
+"""Fields of a sample called as in its block, by whether files of 0.1.0 have them."""
 _ESTIMATE: Final = (
     "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
 )  # fmt: skip
@@ -76,7 +78,7 @@ def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     rows["boot_time"] = samples.boot_us / 1e6
     rows["received_time"] = samples.received_us / 1e6
     _fill_held(rows, samples.held)
-    for name in ("k", "epoch", "u", "yaw", "roll", "airspeed", "noted", *_APPENDED):
+    for name in ("epoch", "noted", *_FROM_THE_FIRST, *_APPENDED):
         rows[name] = getattr(samples, name)
     rows["yaw_rate"], rows["turn_rate"] = samples.y, samples.turn
     rows["rudder"] = samples.u[:, inputs.index("rudder")] if "rudder" in inputs else np.nan
@@ -138,26 +140,19 @@ def verdict_message(verdict: VerdictSummary) -> bytes:
 
 def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock:
     """Return the samples that :func:`sample_rows` wrote; ``unix_ns`` (n,) is their log time."""
-    integers = {name: rows[name].astype(np.int64) for name in ("noted", "held", "epoch")}
+    columns: dict[str, Any] = {
+        name: rows[name].astype(np.int64) for name in ("noted", "held", "epoch")
+    }
+    columns |= {name: np.ascontiguousarray(rows[name]) for name in _FROM_THE_FIRST}
+    columns |= {name: _floats(rows, name) for name in _APPENDED}
     return SampleBlock(
         sample_time_s=sample_time_s,
-        k=np.ascontiguousarray(rows["k"]),
         boot_us=np.rint(rows["boot_time"] * 1e6).astype(np.int64),
         unix_ns=unix_ns,
         received_us=np.rint(rows["received_time"] * 1e6).astype(np.int64),
-        u=np.ascontiguousarray(rows["u"]),
         y=np.ascontiguousarray(rows["yaw_rate"]),
-        yaw=np.ascontiguousarray(rows["yaw"]),
-        roll=np.ascontiguousarray(rows["roll"]),
         turn=np.ascontiguousarray(rows["turn_rate"]),
-        airspeed=np.ascontiguousarray(rows["airspeed"]),
-        noted=integers["noted"],
-        held=integers["held"],
-        epoch=integers["epoch"],
-        aileron=np.ascontiguousarray(rows["aileron"]),
-        mode=_floats(rows, "mode"),
-        on_ground=_floats(rows, "on_ground"),
-        altitude=_floats(rows, "altitude"),
+        **columns,
     )
 
 

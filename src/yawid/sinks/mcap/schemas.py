@@ -202,14 +202,11 @@ def _foxglove_log_file() -> descriptor_pb2.FileDescriptorProto:
     return file
 
 
-def _timestamp_file() -> descriptor_pb2.FileDescriptorProto:
-    return descriptor_pb2.FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
-
-
 def _build_pool() -> descriptor_pool.DescriptorPool:
     # A pool of our own: the default one is shared with whatever else the process has loaded.
     pool = descriptor_pool.DescriptorPool()
-    for file in (_timestamp_file(), _yawid_file(), _foxglove_log_file()):
+    pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
+    for file in (_yawid_file(), _foxglove_log_file()):
         pool.AddSerializedFile(file.SerializeToString(deterministic=True))
     return pool
 
