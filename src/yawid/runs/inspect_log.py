@@ -97,8 +97,8 @@ class Trial:
     @property
     def simulation_pct(self) -> float:
         """The free-running fit of the method that answers."""
-        told_pct = None if self._answer is None else self._answer.fit.simulation_pct
-        return -np.inf if told_pct is None else told_pct
+        fit_pct = None if self._answer is None else self._answer.fit.simulation_pct
+        return -np.inf if fit_pct is None else fit_pct
 
     @property
     def _answer(self) -> MethodSummary | None:
