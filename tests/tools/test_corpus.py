@@ -248,7 +248,8 @@ def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path:
 
     hz, power = welch(yaw_rate, fs=25.0, nperseg=512)
     config = RunConfig(rate=5.0, forgetting=1.0, band=(0.05, 1.0))
-    summary, _ = judge.summarise(judge.finished(log, config), "", "")
+    pipeline, source = judge.finished(log, config)
+    summary, _ = judge.summarise(pipeline, source.link, "", "")
 
     line = (hz > 2.2) & (hz < 2.6)
     assert power[line].sum() / power.sum() == pytest.approx(0.17, abs=0.03)

@@ -93,7 +93,7 @@ def test_the_replay_finds_what_the_replay_of_the_telemetry_log_finds(tmp_path: P
         summary, verdict = replay(path, RunConfig(forgetting=1.0), outputs, StopFlag())
         found[path] = summary.to_json()
         assert verdict.exit_code == 0, verdict.reasons
-    a, b = found[tlog].to_json(), found[dataflash].to_json()
+    a, b = found[tlog], found[dataflash]
 
     assert a["vehicle"] == b["vehicle"] == {"sysid": 7, "compid": 1, "type": 1, "autopilot": 3}
     assert a["channels"] == b["channels"]

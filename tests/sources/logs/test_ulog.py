@@ -73,8 +73,7 @@ def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path
 def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path):
     log = ulg.rename(tmp_path / "flight.tlog")
     config = RunConfig(forgetting=1.0)
-    told, verdict = replay(log, config, Outputs(tmp_path, "out"), StopFlag())
-    summary = told.to_json()
+    summary, verdict = replay(log, config, Outputs(tmp_path, "out"), StopFlag())
 
     assert verdict.exit_code == 0, verdict.reasons
     assert summary.sha256 == hashlib.sha256(whole()).hexdigest()
