@@ -54,14 +54,10 @@ class Columns:
 
     def select(self, rows: NDArray[Any] | slice) -> Self:
         """Return the rows chosen by a mask (n,), an index array (m,) or a slice."""
-        columns: list[Any] = []
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray):
-                columns.append(value[rows])
-            else:
-                columns.append(value.select(rows) if isinstance(value, Columns) else value)
-        return type(self)(*columns)
+        values = [getattr(self, name) for name in self.__slots__]
+        return type(self)(
+            *[v[rows] if isinstance(v, np.ndarray) else _select(v, rows) for v in values]
+        )
 
     @classmethod
     def joined(cls, blocks: Sequence[Self]) -> Self:
@@ -69,8 +65,12 @@ class Columns:
         first = blocks[0]
         if len(blocks) == 1:
             return first
-        columns = ([getattr(block, name) for block in blocks] for name in cls.__slots__)
-        return cls(*(np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for c in columns))
+        columns = [[getattr(block, name) for block in blocks] for name in cls.__slots__]
+        return cls(*[np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for c in columns])
+
+
+def _select(value: Any, rows: NDArray[Any] | slice) -> Any:
+    return value.select(rows) if isinstance(value, Columns) else value
 
 
 class Status(IntEnum):
