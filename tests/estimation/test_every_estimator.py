@@ -14,10 +14,6 @@ from scipy.signal import lfilter
 from yawid import ArmaxOrders, ConfigError, RecursiveArmax, Status, make_estimator
 
 TWO, NONE = ArmaxOrders(2, (2, 1), 1, (1, 0)), ArmaxOrders(2, (), 1, ())
-    ArmaxOrders(2, 2, 2, 1),
-    ArmaxOrders(2, (2, 1), 1, (1, 0)),
-    ArmaxOrders(2, (), 1, ()),
-)
 VARIANTS: dict[str, dict[str, Any]] = {
     "plain": {},
     "forgetting with a floor": {"forgetting_factor": 0.98},
