@@ -179,9 +179,12 @@ class RecursiveArmax:
         entry.release(self._state, float(start is not None))
 
     def predict(self, u: ArrayLike = math.nan) -> float:
-        """Return y_hat(k), in y's unit; ``u`` is u(k), which matters only where nk = 0.
+        """Return y_hat(k) = phi' theta, in y's unit (eq. 30); NaN while the lags are not full.
 
-        Changes nothing. NaN where the lags or the window are not full.
+        ``u``, a float or (n_inputs,), is u(k), which matters only where nk = 0. Changes nothing.
+
+        Raises:
+            ConfigError: nk = 0 and u has another number of inputs or is infinite.
         """
         scratch = self._moving.copy()
         if not all(self.config.orders.nk):

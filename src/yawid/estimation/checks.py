@@ -10,7 +10,7 @@ from yawid.errors import ConfigError
 
 
 def checked_u(u: ArrayLike, y: float, n_inputs: int) -> Floats:
-    """Return one sample's inputs (n_inputs,).
+    """Return one sample's inputs (n_inputs,) of ``u``, a float or (n_inputs,).
 
     Raises:
         ConfigError: another number of inputs, or an infinite value.

@@ -17,9 +17,10 @@ WORST_PCT = -1000.0
 
 
 def fit_percent(y: Floats, y_hat: Floats) -> float:
-    """Return the fit in percent over the rows where both are known; NaN where y does not move.
+    """Return the fit of ``y_hat`` (n,) to ``y`` (n,) in percent, over the rows that have both.
 
-    It is never below -1000 %: of a model that explodes no number says more than that it does.
+    NaN where y does not move. It is never below -1000 %: of a model that explodes no number says
+    more than that it does.
     """
     rows = np.isfinite(y) & ~np.isnan(y_hat)
     if rows.sum() < 2:
@@ -35,8 +36,9 @@ def fit_percent(y: Floats, y_hat: Floats) -> float:
 def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats) -> Floats:
     """Return y (n,) of A(q) y = B(q) u + bias run free, anew after every held (NaN) sample.
 
-    ``u`` (n, inputs). Each stretch starts from its first measured samples, as many as the lags
-    need; those rows are NaN, as are held ones. Where a model explodes its rows are infinite.
+    ``theta`` (n_theta,), ``u`` (n, inputs), ``y`` (n,) in its unit. Each stretch starts from its
+    first measured samples, as many as the lags need; those rows are NaN, as are held ones. Where a
+    model explodes its rows are infinite.
     """
     simulated = np.full(len(y), np.nan)
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)

@@ -37,7 +37,7 @@ class Ring:
         self.seen += count
 
     def joined(self) -> tuple[Floats, ...]:
-        """Return the columns of the newest rows, the oldest first; none before the first row."""
+        """Return the columns (n, ...) of the newest rows, the oldest first; none before any row."""
         rows = np.arange(self.seen - len(self), self.seen) % self.limit
         return tuple(ring[rows] for ring in self._rings)
 
@@ -61,7 +61,7 @@ class History:
 
     @property
     def good(self) -> Ints:
-        """The rows that the estimators could use."""
+        """The rows (m,) that the estimators could use."""
         return np.flatnonzero(np.isfinite(self.y) & np.isfinite(self.u).all(axis=1))
 
 

@@ -57,7 +57,8 @@ def known_regressors(u: Floats, y: Floats, orders: ArmaxOrders, bias: bool) -> F
 def spr_margin(c: Floats) -> float:
     """Return min over frequency of Re(1/C(e^jw)) - 1/2: ELS converges surely only where it is > 0.
 
-    (Ljung 1977; Ljung and Soderstrom 1983, section 4.4.)
+    ``c`` (nc,) without its leading 1; no unit. (Ljung 1977; Ljung and Soderstrom 1983, section
+    4.4.)
     """
     w = np.linspace(0.0, np.pi, FREQUENCIES)
     powers = np.exp(-1j * np.outer(w, np.arange(len(c) + 1)))
@@ -68,13 +69,13 @@ def spr_margin(c: Floats) -> float:
 
 
 def is_stable(c: Floats) -> bool:
-    """Tell whether all zeros of C(q) lie inside the unit circle."""
+    """Tell whether all zeros of C(q), ``c`` (nc,), lie inside the unit circle."""
     zeros = np.roots(np.concatenate([[1.0], c])) if np.isfinite(c).all() else np.array([np.inf])
     return bool(np.all(np.abs(zeros) < 1.0))
 
 
 def reflected(c: Floats) -> Floats:
-    """Return C with the zeros outside the unit circle mirrored into it: the same spectrum."""
+    """Return C (nc,) with zeros outside the unit circle mirrored into it: the same spectrum."""
     if not len(c) or not np.isfinite(c).all():
         return np.zeros_like(c)
     zeros = np.roots(np.concatenate([[1.0], c]))

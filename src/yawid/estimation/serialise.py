@@ -18,13 +18,13 @@ VERSION = "yawid-armax-2"
 
 
 def pack(config: EstimatorConfig, state: Floats) -> bytes:
-    """Return version, configuration and state as bytes."""
+    """Return version, configuration and packed state (slots,) as bytes."""
     head = json.dumps({"version": VERSION, "config": asdict(config)})
     return head.encode() + b"\n" + state.astype("<f8").tobytes()
 
 
 def unpack(saved: bytes) -> tuple[EstimatorConfig, Floats]:
-    """Return the configuration and state that :func:`pack` saved.
+    """Return the configuration and the state (slots,) that :func:`pack` saved.
 
     Raises:
         ConfigError: not a whole save, or one of another version.

@@ -39,7 +39,10 @@ class Start:
 
 
 def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
-    """Fit the window's rows of break flag, y and u (scaled, oldest first); None if that fails."""
+    """Fit ``rows`` (window, 2 + n_inputs): break flag, y and u, scaled, the oldest first.
+
+    None where there are too few samples, or no fit beats theta = 0.
+    """
     fit = _Fit(config, list(_stretches(config, rows)))
     if len(fit.y) <= 2 * config.n_theta:
         return None
@@ -79,7 +82,7 @@ class _Fit:
         self.prior = np.eye(config.n_theta) * RIDGE
 
     def residuals(self, theta: Floats) -> list[Floats]:
-        """Return eps = (A y - B u - bias) / C of each stretch, from eps = 0."""
+        """Return eps (n,) = (A y - B u - bias) / C of each stretch, from eps = 0 (eq. 33)."""
         c, rest = c_of(theta, self.orders), np.zeros(self.orders.nc)
         return [all_pole(c, y - phi @ theta, rest) for y, phi in self.stretches]
 
@@ -157,7 +160,7 @@ def _lagged(phi: Floats, y: Floats, order: int) -> Floats:
 
 
 def factorise(P: Floats, d: Floats, upper: Floats) -> None:
-    """Fill D (n,) and the columns above the diagonal of U, P = U D U'."""
+    """Fill ``d`` (n,) and ``upper`` (n (n - 1) / 2,) with P (n, n) = U D U' (Bierman 1977)."""
     lower = np.linalg.cholesky(P[::-1, ::-1])
     root = lower[::-1, ::-1]
     diagonal = np.diag(root)

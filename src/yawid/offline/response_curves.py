@@ -135,9 +135,10 @@ def answer_by_weighting(g: Floats, u: Floats, sample_time_s: float, h0: float = 
 def frequency_response(
     u: ArrayLike, y: ArrayLike, sample_time_s: float, segment_s: float
 ) -> FrequencyResponse:
-    """Return G = S_uy / S_uu by averaged cross spectra (passive), without the zero frequency.
+    """Return G = S_uy / S_uu of u (n,) and y (n,) by averaged cross spectra (passive).
 
-    Hann windows of ``segment_s`` that overlap by half, each less its mean. Sigma after Bendat and
+    Without the zero frequency. Hann windows of ``segment_s`` that overlap by half, each less its
+    mean. Sigma after Bendat and
     Piersol (2010, table 9.6), for 0.95 times as many independent averages as there are halves.
 
     Raises:

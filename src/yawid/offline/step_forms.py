@@ -15,7 +15,7 @@ from yawid.errors import NotIdentifiable
 
 
 def first_order_response(t: Floats, K: float, T: float) -> Floats:
-    """Return c(t) = K (1 - exp(-t/T)) of eq. 4, 0 before t = 0."""
+    """Return c(t) = K (1 - exp(-t/T)) of eq. 4 at t (n,) in s, 0 before t = 0."""
     return np.asarray(-K * np.expm1(-np.maximum(t, 0.0) / T))
 
 
@@ -25,7 +25,7 @@ def first_order_settling(T: float, tolerance: float) -> float:
 
 
 def second_order_response(t: Floats, k: float, D: float, q: float) -> Floats:
-    """Return h(t) of the model of eq. 7, W(s) = k q^2 / (s^2 + 2 q D s + q^2), 0 before t = 0."""
+    """Return h(t) of eq. 7, k q^2 / (s^2 + 2 q D s + q^2), at t (n,) in s; 0 before t = 0."""
     t, root = np.maximum(t, 0.0), math.sqrt(1.0 - D * D)
     ring = np.exp(-D * q * t) / root * np.sin(q * root * t + math.acos(D))
     return np.asarray(k * (1.0 - ring))

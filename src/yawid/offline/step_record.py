@@ -58,7 +58,7 @@ class Record:
         return cls(t, (y - low) / scale, low, scale, noise / abs(scale))
 
     def smoothed(self) -> Iterator[tuple[Floats, Floats]]:
-        """Yield t and y from the step on, y averaged over ever more samples."""
+        """Yield t and y (m,) from the step on, y averaged over ever more samples."""
         t, y = self.t[self.t >= 0.0], self.y[self.t >= 0.0]
         for width in sorted({2 * round(0.5 * share * len(y)) + 1 for share in SMOOTHING}):
             mean = np.convolve(y, np.ones(width) / width, mode="valid")

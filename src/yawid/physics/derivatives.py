@@ -67,9 +67,10 @@ def yaw_channel(
 ) -> tuple[Floats, Floats]:
     """Return the numbers (n, 9), in the order of NAMES, and the reduction's error (n,).
 
-    ``mean_output``: the output is the mean rate over the interval before, as with the yaw angle.
-    ``servo_tau_s`` names the servo's lag, for na > 2. NaN where there is no mode or no servo of
-    that lag or, for na < 2, no such model; the servo's lag alone is NaN where no pole is left.
+    ``theta`` (n, p); eq. 22-23. ``mean_output``: the output is the mean rate over the interval
+    before, as with the yaw angle. ``servo_tau_s`` names the servo's lag, for na > 2. NaN where
+    there is no mode or no servo of that lag or, for na < 2, no such model; the servo's lag alone is
+    NaN where no pole is left.
     """
     n = len(theta)
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
@@ -241,7 +242,8 @@ def with_sigma(
 def known_rows(values: Floats, std: Floats, error: Floats) -> NDArray[np.bool_]:
     """Tell (n,) where eq. 23 holds: all of it known, with sigma, and the reduction's error small.
 
-    A servo may be missing, nothing else.
+    ``values`` and ``std`` (n, 9), ``error`` (n,), as :func:`with_sigma` returns them. A servo may
+    be missing, nothing else.
     """
     rest = np.arange(len(NAMES)) != SERVO
     finite = np.isfinite(values[:, rest]) & np.isfinite(std[:, rest])
@@ -258,7 +260,10 @@ def summary_of(
     mean_output: bool = False,
     servo_tau_s: float | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Return {name: {value, std}} of theta (p,) for the JSON summary, empty where eq. 23 is out."""
+    """Return {name: {value, std}} of theta (p,) and its covariance (p, p) for the JSON summary.
+
+    Empty where eq. 23 does not hold.
+    """
     values, std, error = with_sigma(
         theta[None], covariance[None], orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=servo_tau_s,

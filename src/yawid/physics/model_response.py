@@ -12,7 +12,7 @@ from yawid.estimation.all_pole import all_pole
 
 
 def step_response(theta: Floats, orders: ArmaxOrders, steps: int) -> Floats:
-    """Return the yaw rate (steps,) after a unit step of the first input at sample 0."""
+    """Return the yaw rate (steps,) of theta (p,) after a unit step of the first input at row 0."""
     b = np.concatenate([np.zeros(orders.nk[0]), theta[orders.na : orders.na + orders.nb[0]]])
     drive = np.cumsum(b)[np.minimum(np.arange(steps), len(b) - 1)]
     return all_pole(theta[: orders.na], drive, np.zeros(orders.na))
@@ -21,7 +21,7 @@ def step_response(theta: Floats, orders: ArmaxOrders, steps: int) -> Floats:
 def early_response(
     theta: Floats, orders: ArmaxOrders, sample_time_s: float, wn_rad_s: float
 ) -> float:
-    """Return the mean yaw rate over the first half period after a unit step; NaN without a wn.
+    """Return the mean yaw rate of theta (p,) over half a period after a unit step; NaN without wn.
 
     Its sign is that of the rudder's effect. The DC gain's is not to be trusted: the spiral mode,
     which no short record shows, decides it.

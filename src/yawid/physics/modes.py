@@ -56,8 +56,9 @@ def modes(
     *,
     mean_output: bool = False,
 ) -> ModesBlock:
-    """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each.
+    """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each (n,).
 
+    Sigma is NaN where the estimates carry no covariance.
     The yaw channel is left empty, see :mod:`yawid.physics.stage`.
     A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
     poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`poles_and_residues`.
@@ -108,6 +109,7 @@ def poles_and_residues(
 ) -> tuple[Complexes, Complexes, Complexes]:
     """Return z and s (n, na), the discrete and continuous poles, and R (n, na) of the first input.
 
+    ``theta`` (n, p); s in rad/s.
     The continuous model is the sum of R/(s - p). A zero-order hold makes of each term
     R (z_p - 1)/p / (z - z_p); where the output is the mean over the interval before
     (``mean_output``), the residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are undone here,
@@ -149,7 +151,10 @@ def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
 
 
 def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) -> Ints:
-    """Return the column (n,) of the oscillatory pole with most energy |R|^2/(2|Re s|), or -1."""
+    """Return the column (n,) of the oscillatory pole with most energy |R|^2/(2|Re s|), or -1.
+
+    ``s`` (n, na) in rad/s, ``residues`` (n, na).
+    """
     if s.shape[1] == 0:
         return np.full(len(s), -1)
     low = 2.0 * np.pi * LOWEST_DUTCH_ROLL_HZ

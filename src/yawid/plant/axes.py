@@ -36,10 +36,10 @@ def paper_from_frd(vector: Floats) -> Floats:
 
 
 def rudder_from_paper(minus_delta_h: Floats) -> Floats:
-    """Return the rudder, positive nose right, from the paper's input -delta_H; its own inverse."""
+    """Return the rudder (n,), positive nose right, from the paper's -delta_H; its own inverse."""
     return -minus_delta_h
 
 
 def yaw_from_paper(psi: Floats) -> Floats:
-    """Return yaw or its rate, positive nose right, from psi or omega_y; its own inverse."""
+    """Return yaw or its rate (n,), positive nose right, from psi or omega_y; its own inverse."""
     return -psi

@@ -28,7 +28,8 @@ class LinearPlant:
     def from_transfer(cls, numerator: ArrayLike, denominator: ArrayLike) -> LinearPlant:
         """Return one input u and one output y with this transfer function, highest power first.
 
-        The numerator has a lower degree than the denominator, whose first coefficient is 1.
+        ``numerator`` (m,), ``denominator`` (n + 1,) for n states. The numerator has a lower degree
+        than the denominator, whose first coefficient is 1.
         """
         n = np.size(denominator) - 1
         A, C = np.eye(n, k=-1), np.zeros((1, n))
@@ -43,7 +44,7 @@ class LinearPlant:
         return np.asarray(self.C @ inner + self.D, dtype=np.complex128)
 
     def transfer(self, source: str, output: str) -> tuple[Floats, Floats]:
-        """Return numerator and denominator from one input to one output, highest power first."""
+        """Return numerator and denominator (n + 1,) between two channels, highest power first."""
         column, row = self.inputs.index(source), self.outputs.index(output)
         numerator, denominator = signal.ss2tf(self.A, self.B, self.C, self.D, column)
         return numerator[row], denominator

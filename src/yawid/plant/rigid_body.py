@@ -66,7 +66,7 @@ Loads = Callable[[float, Motion], tuple[Floats, Floats]]
 
 
 def translation(body: RigidBody, W: Floats, omega: Floats, forces: Floats) -> Floats:
-    """Return W' (3,) of eq. 17: m (W' + omega x W) = F."""
+    """Return W' (3,) in m/s^2 of eq. 17: m (W' + omega x W) = F, from W, omega and F (3,)."""
     wx, wy, wz = W
     ox, oy, oz = omega
     turning = np.array([oy * wz - oz * wy, oz * wx - ox * wz, ox * wy - oy * wx])
@@ -74,7 +74,7 @@ def translation(body: RigidBody, W: Floats, omega: Floats, forces: Floats) -> Fl
 
 
 def rotation(body: RigidBody, omega: Floats, moments: Floats) -> Floats:
-    """Return omega' (3,) of eq. 18: J omega' + omega x J omega = M."""
+    """Return omega' (3,) in rad/s^2 of eq. 18: J omega' + omega x J omega = M, M (3,) in N m."""
     ox, oy, oz = omega
     J = np.array([body.J_x, body.J_y, body.J_z])
     gyroscopic = np.array(
@@ -90,24 +90,24 @@ def rotation(body: RigidBody, omega: Floats, moments: Floats) -> Floats:
 def longitudinal(
     body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: Floats
 ) -> Floats:
-    """Return W_x', W_y', omega_z' of eq. 19, the longitudinal rows of eq. 17-18."""
+    """Return W_x', W_y', omega_z' (3,) of eq. 19, the longitudinal rows of eq. 17-18; (3,) each."""
     linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
     return np.array([linear[0], linear[1], angular[2]])
 
 
 def lateral(body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: Floats) -> Floats:
-    """Return W_z', omega_x', omega_y' of eq. 20, the lateral rows of eq. 17-18."""
+    """Return W_z', omega_x', omega_y' (3,) of eq. 20, the lateral rows of eq. 17-18; (3,) each."""
     linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
     return np.array([linear[2], angular[0], angular[1]])
 
 
 def attitude_from(angles: Floats) -> Floats:
-    """Return the quaternion (..., 4) of psi, theta, gamma (..., 3)."""
+    """Return the quaternion (..., 4) of psi, theta, gamma (..., 3) in rad."""
     return np.asarray(Rotation.from_euler("YZX", angles).as_quat())
 
 
 def angles_from(attitude: Floats) -> Floats:
-    """Return psi, theta, gamma (..., 3) of the quaternion (..., 4)."""
+    """Return psi, theta, gamma (..., 3) in rad of the quaternion (..., 4)."""
     return np.asarray(Rotation.from_quat(attitude).as_euler("YZX"))
 
 
@@ -120,7 +120,7 @@ def angle_rates(angles: Floats, omega: Floats) -> Floats:
 
 
 def weight(body: RigidBody, attitude: Floats) -> Floats:
-    """Return gravity's force (3,) in body axes."""
+    """Return gravity's force (3,) in N in body axes, at an attitude (4,)."""
     down = np.array([0.0, -body.mass * GRAVITY_M_S2, 0.0])
     return np.asarray(Rotation.from_quat(attitude).apply(down, inverse=True))
 
