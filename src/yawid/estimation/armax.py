@@ -179,9 +179,10 @@ class RecursiveArmax:
         entry.release(self._state, float(start is not None))
 
     def predict(self, u: ArrayLike = math.nan) -> float:
-        """Return y_hat(k) = phi' theta, in y's unit (eq. 30); NaN while the lags are not full.
+        """Return y_hat(k) = phi' theta, in y's unit (eq. 30); NaN while it is not known.
 
-        ``u``, a float or (n_inputs,), is u(k), which matters only where nk = 0. Changes nothing.
+        ``u``, a float or (n_inputs,), is u(k), which matters only where nk = 0. Not known is
+        y_hat while the window or the lags are not full. Changes nothing.
 
         Raises:
             ConfigError: nk = 0 and u has another number of inputs or is infinite.

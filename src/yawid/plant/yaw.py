@@ -64,5 +64,5 @@ class YawPlant:
         return LinearPlant.from_transfer(numerator, denominator)
 
     def theta(self, sample_time_s: float, output: Output = "yaw-rate") -> Floats:
-        """Return the true theta (2 na,) = [a1.., b1..], nk = 1, behind an input held on the grid."""
+        """Return the true theta (2 na,) = [a1.., b1..], nk = 1, behind a held input."""
         return sampled_theta(self.linear(output), sample_time_s)
