@@ -181,6 +181,11 @@ Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS = range(6)
 """Where the scalars stand in a row of an :class:`EstimateBlock` after theta and theta_std."""
 
 
+def estimate_width(p: int, covariance: bool) -> int:
+    """Return the columns of such a row for p parameters."""
+    return 2 * p + SCALARS + (p * p if covariance else 0)
+
+
 @dataclass(frozen=True, slots=True)
 class EstimateBlock:
     """What one estimator made of a block of samples, a row each.
@@ -192,11 +197,6 @@ class EstimateBlock:
 
     rows: Floats
     p: int
-
-    @classmethod
-    def empty(cls, n: int, p: int, *, covariance: bool = False) -> EstimateBlock:
-        """Return n rows for p parameters that somebody else will fill."""
-        return cls(np.empty((n, 2 * p + SCALARS + (p * p if covariance else 0))), p)
 
     @classmethod
     def of(

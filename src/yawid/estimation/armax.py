@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from yawid.blocks import EstimateBlock, Floats, Status
+from yawid.blocks import EstimateBlock, Floats, Status, estimate_width
 from yawid.config.estimator import EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.checks import checked_samples, checked_u
@@ -82,9 +82,10 @@ class Estimate:
 
 def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
     """Return one row of what came of the last sample."""
-    block = EstimateBlock.empty(1, int(slots.named(state).n), covariance=covariance)
-    entry.read(state, block.rows[0])
-    return block
+    n = int(slots.named(state).n)
+    row = np.empty(estimate_width(n, covariance))
+    entry.read(state, row)
+    return EstimateBlock(row[np.newaxis], n)
 
 
 def _covariance(block: EstimateBlock) -> Floats:
@@ -153,9 +154,8 @@ class RecursiveArmax:
         if keep not in ("all", "last"):
             raise ConfigError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self._inputs)
-        count = len(y) if keep == "all" else 1
-        block = EstimateBlock.empty(count, self._n, covariance=covariance)
-        rows = block.rows
+        n = self._n
+        rows = np.empty((len(y) if keep == "all" else 1, estimate_width(n, covariance)))
         done = entry.run(self._state, u, y, rows, 0)
         if done < 0:
             raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
@@ -164,7 +164,7 @@ class RecursiveArmax:
             if keep == "all":
                 entry.read(self._state, rows[done])
             entry.run(self._state, u, y, rows, done + 1)
-        return block
+        return EstimateBlock(rows, n)
 
     def _start(self) -> None:
         window, parts = int(self._header.window), self._parts
