@@ -31,15 +31,15 @@ from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 KNOWN_CODES = {0, 3, 4, 5, 6}
 
 
 def told(records: bytes, key: bytes | None) -> dict[str, Any]:
-    reading = Reading(key=None if key is None else SigningKey(key))
-    return finished(records, RunConfig(rate=10.0), options=reading)[0].to_json()
+    read_options = ReadOptions(key=None if key is None else SigningKey(key))
+    return finished(records, RunConfig(rate=10.0), options=read_options)[0].to_json()
 
 
 def over_udp(datagrams: list[bytes]) -> bytes:

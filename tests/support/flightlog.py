@@ -23,7 +23,7 @@ from yawid.runs.run_log import open_log, run_log
 from yawid.sinks.base import Sink
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.open_log import Log, TlogBytes
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 START_US = 1_700_000_000_000_000
 
@@ -120,7 +120,7 @@ def finished(
     config: RunConfig | None = None,
     *,
     size: int = 0,
-    options: Reading | None = None,
+    options: ReadOptions | None = None,
     sinks: Sequence[Sink] = (),
 ) -> tuple[RunSummary, Verdict]:
     """Replay a log in pieces of ``size`` bytes (0: one); return its summary and verdict."""

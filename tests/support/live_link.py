@@ -21,7 +21,7 @@ from yawid.runs.live import Console, Ended, LiveOptions, live
 from yawid.runs.live.warm_up import warm_up
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
@@ -110,7 +110,7 @@ def listening(
     config: RunConfig = CONFIG,
     outputs: Outputs | None = None,
     line_s: float = 0.2,
-    reading: Reading | None = None,
+    read_options: ReadOptions | None = None,
     **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
@@ -122,7 +122,7 @@ def listening(
     outputs = outputs or Outputs(folder, "live")
 
     def listen() -> None:
-        ended.extend(live(asked, config, outputs, stop, Console(screen, line_s), reading))
+        ended.extend(live(asked, config, outputs, stop, Console(screen, line_s), read_options))
 
     thread = threading.Thread(target=listen)
     thread.start()

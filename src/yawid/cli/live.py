@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from yawid.cli.options import add_outputs, config_of, outputs_of, reading_of
+from yawid.cli.options import add_outputs, config_of, outputs_of, read_options_of
 
 ASKED_HZ = 50.0
 _ENDPOINT = (
@@ -54,7 +54,9 @@ def _live(arguments: argparse.Namespace) -> int:
         every_vehicle=every_vehicle,
     )
     with StopFlag().installed() as stop:
-        ended = live(options, config, outputs, stop, Console(sys.stderr), reading_of(arguments))
+        ended = live(
+            options, config, outputs, stop, Console(sys.stderr), read_options_of(arguments)
+        )
     for session in ended:
         if arguments.json:
             print(json.dumps(session.summary.to_json()), flush=True)

@@ -28,7 +28,7 @@ from yawid.cli.options import (
     auto_orders,
     config_of,
     outputs_of,
-    reading_of,
+    read_options_of,
     settings_of,
 )
 from yawid.cli.paper import add_commands
@@ -100,7 +100,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     automatic, config = auto_orders(arguments), config_of(arguments)
     _warn_of_compiling()
-    reading = reading_of(arguments)
+    read_options = read_options_of(arguments)
     codes: list[int] = []
     unreached: list[Path] = []
     with StopFlag().installed() as stop:
@@ -109,7 +109,7 @@ def _replay(arguments: argparse.Namespace) -> int:
                 unreached.append(log)
                 continue
             outputs = outputs_of(arguments, name)
-            run = partial(replay, log, config, outputs, stop, reading)
+            run = partial(replay, log, config, outputs, stop, read_options)
             if is_mcap(log):
                 run = partial(replay_run, log, settings_of(arguments), outputs, stop)
             try:
@@ -143,7 +143,7 @@ def _orders(arguments: argparse.Namespace) -> int:
 
     if arguments.orders is not None:
         raise ConfigError("--orders: yawid orders compares them all; leave it out")
-    report = orders_report(arguments.log, config_of(arguments), reading_of(arguments))
+    report = orders_report(arguments.log, config_of(arguments), read_options_of(arguments))
     if arguments.json:
         print(json.dumps(report), flush=True)
     else:
@@ -155,7 +155,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.runs.inspect_log import inspect
     from yawid.sinks.terminal.inspection import print_inspection
 
-    run = partial(inspect, arguments.log, config_of(arguments), reading_of(arguments))
+    run = partial(inspect, arguments.log, config_of(arguments), read_options_of(arguments))
     return _told(run, arguments.json, print_inspection)
 
 

@@ -13,7 +13,7 @@ from yawid.errors import ConfigError
 if TYPE_CHECKING:
     from yawid.config.run import RunConfig
     from yawid.runs.outputs import Outputs
-    from yawid.sources.read_options import Reading
+    from yawid.sources.read_options import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
 FORGETTING = frozenset({"memory", "forgetting"})
@@ -166,14 +166,14 @@ def outputs_of(arguments: argparse.Namespace, name: str) -> Outputs:
     return Outputs(arguments.out, name, rerun, arguments.force, record)
 
 
-def reading_of(arguments: argparse.Namespace) -> Reading:
+def read_options_of(arguments: argparse.Namespace) -> ReadOptions:
     """Return how the bytes are read: their form, and the key that signs them."""
     from yawid.sources.logs.tlog import FORMS
     from yawid.sources.mavlink.signing import SigningKey
-    from yawid.sources.read_options import Reading
+    from yawid.sources.read_options import ReadOptions
 
     form = getattr(arguments, "format", "auto")
     if form not in FORMS:
         raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
     path = arguments.signing_key_file
-    return Reading(form, None if path is None else SigningKey.from_file(path), path)
+    return ReadOptions(form, None if path is None else SigningKey.from_file(path), path)

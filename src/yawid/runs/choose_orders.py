@@ -15,7 +15,7 @@ from yawid.physics.modes import finite
 from yawid.results.summary import summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.sources.open_log import Log, Source
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 
 def try_orders(
@@ -55,7 +55,9 @@ def with_orders(source: Source, config: RunConfig) -> RunConfig:
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
 
 
-def orders_report(log: Path, config: RunConfig, reading: Reading | None = None) -> dict[str, Any]:
+def orders_report(
+    log: Path, config: RunConfig, read_options: ReadOptions | None = None
+) -> dict[str, Any]:
     """Return what ``yawid orders --json`` prints.
 
     Raises:
@@ -64,7 +66,7 @@ def orders_report(log: Path, config: RunConfig, reading: Reading | None = None) 
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    source, pipeline = open_log(log, reading), KeepingPipeline(config)
+    source, pipeline = open_log(log, read_options), KeepingPipeline(config)
     run_log(source, pipeline)
     if not pipeline.kept:
         raise _why_nothing(source, pipeline)

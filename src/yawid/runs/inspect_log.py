@@ -37,7 +37,7 @@ from yawid.sources.mavlink.enums import FIXED_WING, GENERIC
 from yawid.sources.mavlink.flight_modes import mode_name
 from yawid.sources.mavlink.sequence import SenderStats
 from yawid.sources.open_log import Log
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 BRIDGE_S = 20.0
 """Excited stretches this near to each other are one."""
@@ -130,7 +130,7 @@ class Trials:
 
 
 def inspect(
-    log: Path, config: RunConfig, reading: Reading | None = None
+    log: Path, config: RunConfig, read_options: ReadOptions | None = None
 ) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
@@ -140,7 +140,7 @@ def inspect(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    with closing(open_log(log, reading, again=True)) as source:
+    with closing(open_log(log, read_options, again=True)) as source:
         return _inspected(source, config)
 
 
@@ -199,15 +199,15 @@ def said_options(config: RunConfig) -> dict[str, Any]:
     return found
 
 
-def command_line(log: Path, config: RunConfig, reading: Reading) -> str:
+def command_line(log: Path, config: RunConfig, read_options: ReadOptions) -> str:
     """Return the command that replays a log so, to be copied into a shell."""
     words = ["yawid", "replay", str(log)]
     for name, value in said_options(config).items():
         words += [f"--{name}", str(value)]
-    if reading.form != "auto":
-        words += ["--format", reading.form]
-    if reading.key_file is not None:
-        words += ["--signing-key-file", str(reading.key_file)]
+    if read_options.form != "auto":
+        words += ["--format", read_options.form]
+    if read_options.key_file is not None:
+        words += ["--signing-key-file", str(read_options.key_file)]
     return shlex.join(words)
 
 

@@ -29,7 +29,7 @@ from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python fi
 from yawid.sinks.mcap.reader import LogLine
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import Log, Source
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 
 class Origin(Protocol):
@@ -87,7 +87,7 @@ def replay(
     config: RunConfig,
     outputs: Outputs,
     stop: StopFlag,
-    reading: Reading | None = None,
+    read_options: ReadOptions | None = None,
     *,
     automatic: bool = False,
 ) -> tuple[RunSummary, Verdict]:
@@ -102,7 +102,7 @@ def replay(
         ConfigError: what is asked for does not fit the log.
     """
     with stop.raising():
-        source = open_log(log, reading, again=automatic)
+        source = open_log(log, read_options, again=automatic)
     with closing(source):
         if automatic:
             with stop.raising():

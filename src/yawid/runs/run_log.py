@@ -11,10 +11,10 @@ from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.runs.stop import StopFlag
 from yawid.sources.open_log import Log, Source
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 
-def open_log(log: Path, options: Reading | None = None, *, again: bool = False) -> Log:
+def open_log(log: Path, options: ReadOptions | None = None, *, again: bool = False) -> Log:
     """Open a log for the messages that the channels read; ``again``: it will be read repeatedly.
 
     Raises:

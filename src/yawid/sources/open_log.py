@@ -20,7 +20,7 @@ from yawid.sources.logs.ulog import MAGIC as ULOG
 from yawid.sources.logs.ulog import UlogReader
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.link_stats import LinkStats
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 SUFFIXES = (".tlog", ".bin", ".ulg")
 """What logs are called, by their kind: telemetry, dataflash, ULog."""
@@ -89,11 +89,11 @@ class Log:
         self,
         path: Path,
         wanted: Iterable[str],
-        options: Reading | None = None,
+        options: ReadOptions | None = None,
         *,
         again: bool = False,
     ) -> None:
-        self.options = options or Reading()
+        self.options = options or ReadOptions()
         self._reader = self._open(path, wanted)
         self.path, self.size = path, path.stat().st_size
         self._digest = hashlib.sha256()
@@ -144,10 +144,10 @@ class TlogBytes:
     """The bytes of a telemetry log in memory, in pieces cut anywhere, as a source."""
 
     def __init__(
-        self, pieces: Iterable[bytes], wanted: Iterable[str], options: Reading | None = None
+        self, pieces: Iterable[bytes], wanted: Iterable[str], options: ReadOptions | None = None
     ) -> None:
         self._pieces = list(pieces)
-        self._decoder = (options or Reading()).decoder(wanted)
+        self._decoder = (options or ReadOptions()).decoder(wanted)
         self.size = sum(map(len, self._pieces))
 
     @property

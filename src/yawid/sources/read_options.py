@@ -13,7 +13,7 @@ from yawid.sources.mavlink.signing import Signing, SigningKey
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadOptions:
     """The form of a log, and the key that frames must be signed with (None: any frame will do).
 
     ``key_file`` is where the key came from, to be named in a command line.

@@ -15,7 +15,7 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:
@@ -153,7 +153,9 @@ def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path):
     key, stranger = bytes(range(32)), frames(4.0, sysid=2)
     own = signed_again(frames(20.0), key)
     forged = signed_again(frames(4.0), bytes(32))  # by another key
-    with listening(tmp_path, reading=Reading(key=SigningKey(key)), every_vehicle=True) as session:
+    with listening(
+        tmp_path, read_options=ReadOptions(key=SigningKey(key)), every_vehicle=True
+    ) as session:
         send([*forged, *stranger, *own, *stranger], session.port)
         wait_for_size(
             session.part("tlog", "live-1"), tlog_size([*forged, *stranger, *own, *stranger])
@@ -170,7 +172,9 @@ def test_with_a_key_rates_are_asked_for_in_signed_frames(tmp_path: Path):
     key = bytes(range(32))
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        listening(tmp_path, reading=Reading(key=SigningKey(key)), request_hz=50.0) as session,
+        listening(
+            tmp_path, read_options=ReadOptions(key=SigningKey(key)), request_hz=50.0
+        ) as session,
     ):
         vehicle.settimeout(30.0)
         send(signed_again(frames(1.0), key), session.port, vehicle)

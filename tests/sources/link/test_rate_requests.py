@@ -14,7 +14,7 @@ from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.rate_requests import RateRequests
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.signing import SigningKey
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 VEHICLE = (3, 1)
 
@@ -38,7 +38,7 @@ KEY = bytes(range(32))
 @pytest.fixture
 def signed_link(link: SimpleNamespace) -> SimpleNamespace:
     """Requests that have the key, and a vehicle that does not sign yet."""
-    link.requests = RateRequests(link.tap, 50.0, Reading(key=SigningKey(KEY)))
+    link.requests = RateRequests(link.tap, 50.0, ReadOptions(key=SigningKey(KEY)))
     return link
 
 

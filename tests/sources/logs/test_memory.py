@@ -15,11 +15,11 @@ SIZE = 12 << 20
 READ = """
 from pathlib import Path
 from yawid.sources.open_log import Log
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
-reading = Reading(sys.argv[2])
+read_options = ReadOptions(sys.argv[2])
 wanted = {"ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}
-log = Log(Path(sys.argv[1]), wanted, reading)
+log = Log(Path(sys.argv[1]), wanted, read_options)
 for _ in log.read():
     pass
 print(log.link.frames, log.link.skipped_bytes)

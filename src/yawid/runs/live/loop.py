@@ -23,7 +23,7 @@ from yawid.sources.link.rate_requests import RateRequests
 from yawid.sources.link.tap import Tap
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 READ_S = 0.2
 SILENT_US = 5_000_000
@@ -69,7 +69,7 @@ def live(
     outputs: Outputs,
     stop: StopFlag,
     console: Console,
-    reading: Reading | None = None,
+    read_options: ReadOptions | None = None,
 ) -> list[Ended]:
     """Tap a link until asked to stop; return what each vehicle's session came to.
 
@@ -81,13 +81,13 @@ def live(
     endpoint, stamps = parse_endpoint(options.endpoint), Stamps()
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
-    reading = reading or Reading()
+    read_options = read_options or ReadOptions()
     try:
         # The tap comes first: it queues what is sent while a compiler or a viewer takes its time.
         with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
             warming = Warming(config)
             setting = Setting(
-                options.endpoint, config, outputs, reading, options.state, console.say,
+                options.endpoint, config, outputs, read_options, options.state, console.say,
                 stamps.now, warming,
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
@@ -101,7 +101,7 @@ def _attend(
     """Read the tap until asked to stop, close it and finish; what is cut short is left readable."""
     sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
-        loop = _Loop(tap, sessions, setting.warming, options, setting.reading, console)
+        loop = _Loop(tap, sessions, setting.warming, options, setting.read_options, console)
         loop.run(stop)
         tap.close()
         return loop.finish()
@@ -139,7 +139,7 @@ class _Loop:
         sessions: Single | Fleet,
         warming: Warming,
         options: LiveOptions,
-        reading: Reading,
+        read_options: ReadOptions,
         console: Console,
     ) -> None:
         self._tap = tap
@@ -154,7 +154,7 @@ class _Loop:
         seconds = options.seconds
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
-        self._rates = None if hz is None else RateRequests(tap, hz, reading)
+        self._rates = None if hz is None else RateRequests(tap, hz, read_options)
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until asked to stop, the time is up, or the endpoint fails."""

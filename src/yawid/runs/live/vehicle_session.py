@@ -29,7 +29,7 @@ from yawid.runs.live.warm_up import MOST_HELD, Warming
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 INPUT_OR_OUTPUT_FAILED = 6
 MOST_EVENTS = 100
@@ -50,7 +50,7 @@ class Setting(NamedTuple):
     endpoint: str
     config: RunConfig
     outputs: Outputs
-    reading: Reading
+    read_options: ReadOptions
     state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
@@ -76,7 +76,7 @@ class LiveSession:
             self._state = StateFile(setting.state, setting.config, self.tell)
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
-        self.decoder = setting.reading.decoder(WANTED)
+        self.decoder = setting.read_options.decoder(WANTED)
         self.pipeline = Pipeline(setting.config, self._sinks, self._make_bank)
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
@@ -85,7 +85,7 @@ class LiveSession:
         self._waiting = bytearray()
         self._seen = 0
         self._others: set[int] = set()
-        self._signing_said = setting.reading.key is not None
+        self._signing_said = setting.read_options.key is not None
         self._standing = Standing()
 
     @property
@@ -235,7 +235,7 @@ class LiveSession:
 
     def _look_for_signatures(self) -> None:
         """Say, one time, that frames are signed and nobody checks them."""
-        said = self._setting.reading.unchecked(self.decoder.link)
+        said = self._setting.read_options.unchecked(self.decoder.link)
         if said is not None:
             self._signing_said = True
             self.tell(said)

@@ -109,7 +109,7 @@ class Fleet:
     def _is_vehicle(self, frame: bytes) -> bool:
         if not is_vehicle(frame):
             return False
-        key = self._setting.reading.key
+        key = self._setting.read_options.key
         if key is None or key.has_signed(frame):
             return True
         sysid = sysid_of(frame)

@@ -14,7 +14,7 @@ from typing import Any
 from yawid.blocks import MessageBlock
 from yawid.sources.link.tap import Tap
 from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S
-from yawid.sources.read_options import Reading
+from yawid.sources.read_options import ReadOptions
 
 ASKED_HZ = 50.0
 AGAIN_S = 10.0
@@ -54,13 +54,15 @@ class RateRequests:
     With a key what is sent is signed, and only signed answers and messages count.
     """
 
-    def __init__(self, tap: Tap, hz: float = ASKED_HZ, reading: Reading | None = None) -> None:
-        reading = reading or Reading()
+    def __init__(
+        self, tap: Tap, hz: float = ASKED_HZ, read_options: ReadOptions | None = None
+    ) -> None:
+        read_options = read_options or ReadOptions()
         self.hz = hz
         self.wishes = {name: Wish(number) for name, number in MESSAGES.items()}
         self._tap = tap
-        self._decoder = reading.decoder({*MESSAGES, "COMMAND_ACK"})
-        self._key = reading.key
+        self._decoder = read_options.decoder({*MESSAGES, "COMMAND_ACK"})
+        self._key = read_options.key
         self._mavlink = _writer(signs=self._key is not None)
         self._news: list[str] = []
         self._window_s: float | None = None
