@@ -40,6 +40,6 @@ def test_aircraft_nobody_here_wrote_are_found_as_their_own_linearisation_says():
 
     for flight in (("J3Cub", 60.0, 2000.0), ("t6texan2", 150.0, 5000.0)):
         true, estimates = bench_aircraft.fly(*flight)
-        found = estimates["rml"]["dutch_roll"]
-        assert found["wn_rad_s"] == pytest.approx(true["wn_rad_s"], rel=0.025)
-        assert found["zeta"] == pytest.approx(true["zeta"], abs=0.02)
+        found = estimates["rml"].dutch_roll
+        assert found.wn_rad_s == pytest.approx(true["wn_rad_s"], rel=0.025)
+        assert found.zeta == pytest.approx(true["zeta"], abs=0.02)
