@@ -46,10 +46,10 @@ MAY_IMPORT: dict[str, set[str]] = {
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""
 MOST_FLOORS = 10
 MOST_LINES, MOST_IN_FUNCTION = 450, 60
-MOST_FILES = {"channels": 26}
+MOST_FILES = {"channels": 18}
 """A room holds about ten files; channels has more, and may."""
 ONLY_IN = {
-    "pyulog": {"sources/logs/ulog_file.py"},
+    "pyulog": {"sources/logs/ulog.py"},
     "pymavlink": {"sources"},
     "mcap": {
         "sinks/mcap/chunks.py",
@@ -58,7 +58,7 @@ ONLY_IN = {
         "sinks/mcap/recover.py",
     },
     "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},
-    "filterpy": {"estimation/reference", "channels/heading_filter.py"},
+    "filterpy": {"estimation/reference", "channels/yaw_reader.py"},
     "numba": {"estimation/kernel/linear_algebra.py"},
 }
 MODULES = sorted(SRC.rglob("*.py"))

@@ -31,7 +31,7 @@ from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 KNOWN_CODES = {0, 3, 4, 5, 6}

@@ -16,8 +16,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Held, SampleBlock
 from yawid.channels.align import Aligner
-from yawid.channels.conditioning import Conditioner
-from yawid.channels.decimate import finer_by
+from yawid.channels.conditioning import Conditioner, finer_by
 from yawid.channels.series import Piece, Readings, Series
 from yawid.channels.yaw_reader import COLUMNS, RATE
 from yawid.config.run import RunConfig

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
 from yawid.blocks import Held, SampleBlock
-from yawid.channels.decimate import Decimator, finer_by
+from yawid.channels.conditioning import Decimator, finer_by
 from yawid.config.run import RunConfig
 
 BAND = RunConfig(rate=10.0, band=(0.02, 2.5))

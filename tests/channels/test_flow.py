@@ -8,7 +8,7 @@ from flightlog import FlightLog, fly, reason_ids, samples_of, summary_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yawid.channels.flow import Flow
+from yawid.channels.grid_rate import Flow
 
 
 def log_of(attitude_s: list[float], servo_s: list[float]) -> bytes:

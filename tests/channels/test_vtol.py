@@ -13,7 +13,7 @@ from yawid.blocks import Held
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.runs.run_log import open_log
-from yawid.sources.mavlink.flight_modes import ARDUPLANE_HOVER
+from yawid.sources.mavlink.enums import ARDUPLANE_HOVER
 
 FORWARD, HALFWAY_S, SECONDS = 5, 20.0, 40.0
 ARDUPILOT, PX4, PLANE, TILT_ROTOR = 3, 12, 1, 21

@@ -22,8 +22,7 @@ from yawid.results.summary import summarise
 from yawid.runs.run_log import open_log, run_log
 from yawid.sinks.base import Sink
 from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.open_log import Log, TlogBytes
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import Log, ReadOptions, TlogBytes
 
 START_US = 1_700_000_000_000_000
 

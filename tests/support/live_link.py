@@ -21,7 +21,7 @@ from yawid.runs.live import Console, Ended, LiveOptions, live
 from yawid.runs.live.warm_up import warm_up
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}

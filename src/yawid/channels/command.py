@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.latest import Latest
-from yawid.channels.series import Piece
+from yawid.channels.series import Latest, Piece
 from yawid.channels.surface import raw_outputs
 from yawid.channels.vehicle import Vehicle
 from yawid.channels.yaw_reader import ON_GROUND

@@ -1,4 +1,10 @@
-"""Context of the samples: airspeed, altitude, whether the aircraft flies at all, and its mode."""
+"""Context of the samples: airspeed, altitude, whether the aircraft flies at all, and its mode.
+
+A VTOL is no aeroplane while it hovers, or motors that only lift are driven. ArduPlane names its
+hover modes, and by SERVOn_FUNCTION its lift motors; of a tilt-rotor or a tail-sitter those that
+pull in forward flight too are named by masks. PX4 says in EXTENDED_SYS_STATE which of the two a
+VTOL is just now.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +15,95 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Ints, MessageBlock
-from yawid.channels.latest import Latest
-from yawid.channels.vehicle import Vehicle
-from yawid.channels.vtol import Wings
-from yawid.sources.mavlink.enums import ARDUPILOT, ARMED, LANDED
+from yawid.blocks import Floats, Held, Ints, MessageBlock
+from yawid.channels.parameters import ParameterTable
+from yawid.channels.series import Latest
+from yawid.channels.surface import raw_output
+from yawid.channels.vehicle import Vehicle, has_wings
+from yawid.sources.mavlink.enums import ARDUPILOT, ARDUPLANE_HOVER, ARMED, LANDED, VTOL_TYPES, WINGS
 
 LEAST_AIRSPEED = 5.0
 """Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
+AP_MOTORS = range(33, 41)
+"""SERVOn_FUNCTION of motors 1 to 8."""
+DRIVEN = 0.05
+"""A motor above this part of its range is driven: ArduPilot's motors that are armed and idle stand
+at their minimum in forward flight."""
+MOTOR_TRAVEL_US = 1000.0, 2000.0
+OUTPUTS_PER_PORT = 16
+
+
+@dataclass(frozen=True, slots=True)
+class LiftMotor:
+    """An output (from 1) that drives a lift motor wherever it exceeds ``driven_us``."""
+
+    number: int
+    driven_us: float
+
+
+def lift_motors(vehicle: Vehicle, table: ParameterTable) -> tuple[LiftMotor, ...]:
+    """Return the motors that ArduPlane uses for lift alone; other vehicles have none to name."""
+    if vehicle.autopilot != ARDUPILOT or not has_wings(vehicle):
+        return ()
+    forward = int(table.get("Q_TILT_MASK", 0.0)) | int(table.get("Q_TAILSIT_MOTMX", 0.0))
+    found = []
+    for number, function in table.functions().items():
+        if function in AP_MOTORS and not forward >> (function - AP_MOTORS.start) & 1:
+            low, high = _range_us(number, table)
+            found.append(LiftMotor(number, low + DRIVEN * (high - low)))
+    return tuple(found)
+
+
+def _range_us(number: int, table: ParameterTable) -> tuple[float, float]:
+    """Return the motor's range: Q_M_PWM_MIN and _MAX, before 4.0 Q_THR_MIN_PWM and _MAX_PWM."""
+    low, high = (
+        table.get(f"Q_M_PWM_{end}", 0.0) or table.get(f"Q_THR_{end}_PWM", 0.0) or stock
+        for end, stock in zip(("MIN", "MAX"), MOTOR_TRAVEL_US, strict=True)
+    )
+    return (low, high) if 0.0 < low < high else MOTOR_TRAVEL_US
+
+
+@dataclass(slots=True)
+class Wings:
+    """Says for any place of the stream whether the vehicle flies on its wings alone."""
+
+    lift: tuple[LiftMotor, ...] = ()
+    _state: Latest = field(default_factory=lambda: Latest(1))
+    _driven: tuple[Latest, Latest] = field(default_factory=lambda: (Latest(1), Latest(1)))
+
+    def observe(self, messages: Mapping[str, MessageBlock]) -> None:
+        """Take in what reports it in a block."""
+        self._state.observe(messages.get("EXTENDED_SYS_STATE"), lambda f: f["vtol_state"][:, None])
+        servos = messages.get("SERVO_OUTPUT_RAW")
+        if not self.lift or servos is None:
+            return
+        for port, driven in enumerate(self._driven):
+            own = servos.select(servos.fields["port"] == port)
+            driven.add(own.order, self._is_driven(own, port))
+
+    def _is_driven(self, block: MessageBlock, port: int) -> Floats:
+        """Return 1 where any lift motor of this port is driven, (n, 1)."""
+        is_driven = np.zeros((len(block), 1))
+        for motor in self.lift:
+            if (motor.number - 1) // OUTPUTS_PER_PORT == port:
+                pwm = raw_output(block, motor.number)
+                is_driven[(pwm > motor.driven_us) & (pwm < 65535.0)] = 1.0
+        return is_driven
+
+    def held(self, order: Ints, mode: Floats, vehicle: Vehicle | None) -> Ints:
+        """Return the bits of :class:`Held` at places (n,), ``mode`` (n,) being the flight mode."""
+        state = self._state.at(order)[:, 0]
+        hovers = (state > 0.0) & (state < WINGS)
+        if vehicle is not None and has_wings(vehicle):
+            if vehicle.autopilot == ARDUPILOT:
+                hovers |= (mode >= ARDUPLANE_HOVER.start) & (mode < ARDUPLANE_HOVER.stop)
+            elif vehicle.type in VTOL_TYPES:
+                # Its rudder is one in forward flight alone: what does not say so is none.
+                hovers |= state != WINGS
+        driven = [port.at(order)[:, 0] == 1.0 for port in self._driven]
+        lifts = np.any(driven, axis=0) & bool(self.lift)
+        found: Ints = int(Held.HOVER) * hovers + int(Held.LIFT_MOTORS) * lifts
+        return found
 
 
 @dataclass(slots=True)

@@ -1,15 +1,18 @@
 """The first five seconds: how fast the channels flow, and hence the rate of the grid.
 
 Nothing is aligned before the rate is known, so the pieces received until then are kept and aligned
-after. Live and replay take the same decision from the same messages.
+after. Live and replay take the same decision from the same messages. How fast each channel flowed
+in all is counted beside it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from yawid.blocks import Ints
 from yawid.channels.series import Piece, Series, flow_together
 from yawid.config.run import DEFAULT_RATE_HZ
 from yawid.errors import ConfigError
@@ -22,6 +25,8 @@ MOST_SEGMENTS = 1000
 not take memory without end."""
 RATE_TOLERANCE = 1.05
 """An explicit rate may exceed the measured one by this factor: message intervals jitter."""
+LONGEST_STEP_US = 2_000_000
+"""Over a longer step nothing flowed: a gap, or a clock that leapt."""
 
 
 @dataclass(slots=True)
@@ -133,3 +138,31 @@ def bridged_gaps_us(sample_time_s: float, intervals_us: tuple[float, float]) -> 
         BRIDGED * max(1e6 * sample_time_s, interval) + JITTER_US for interval in intervals_us
     )
     return yaw_us, surface_us
+
+
+@dataclass(slots=True)
+class Flow:
+    """Counts one channel's steps from message to message on the vehicle's clock.
+
+    A message that came twice, or late, is no step of its own.
+    """
+
+    steps: int = 0
+    flowed_us: int = 0
+    _newest_us: int | None = None
+
+    def observe(self, t_us: Ints) -> None:
+        """Take in the times (n,) of its rows."""
+        if len(t_us) == 0:
+            return
+        before = np.append(t_us[:1] if self._newest_us is None else self._newest_us, t_us)
+        steps = np.diff(before)
+        flowing = (steps > 0) & (steps <= LONGEST_STEP_US)
+        self.steps += int(flowing.sum())
+        self.flowed_us += int(steps[flowing].sum())
+        self._newest_us = int(t_us[-1])
+
+    @property
+    def rate_hz(self) -> float:
+        """The mean rate while it flowed, NaN before there are two steps."""
+        return 1e6 * self.steps / self.flowed_us if self.steps >= 2 else math.nan

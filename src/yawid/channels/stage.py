@@ -12,23 +12,18 @@ import numpy as np
 
 from yawid.blocks import FrameBlock, Held, MessageBlock, SampleBlock
 from yawid.channels.align import Aligner
-from yawid.channels.boots import Boots
 from yawid.channels.command import Command
-from yawid.channels.conditioning import Conditioner
-from yawid.channels.decimate import finer_by
+from yawid.channels.conditioning import Conditioner, finer_by
 from yawid.channels.find_surface import find_surface
-from yawid.channels.flight_state import FlightState
-from yawid.channels.flow import Flow
-from yawid.channels.grid_rate import StartUp, bridged_gaps_us, sample_rate
+from yawid.channels.flight_state import FlightState, LiftMotor, lift_motors
+from yawid.channels.grid_rate import Flow, StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.redundant_outputs import Twins
-from yawid.channels.segments import Segmenter
+from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import Piece, Series
 from yawid.channels.stick_fallback import OUTPUTS, ReceivedMessages
 from yawid.channels.surface import STICKS, Surface
-from yawid.channels.surface_reader import SurfaceReader
+from yawid.channels.surface_reader import SurfaceReader, Twins
 from yawid.channels.vehicle import VehicleLock
-from yawid.channels.vtol import LiftMotor, lift_motors
 from yawid.channels.yaw_reader import SOURCES, UNTIMED, YawReader
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError

@@ -1,4 +1,8 @@
-"""The servo message to rows of deflections on the vehicle's clock."""
+"""The servo message to rows of deflections on the vehicle's clock.
+
+Of several outputs of one function, such as twin fins, the first is the surface; the others are only
+compared with it.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,48 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.clock import NEWEST, UNIX_US, OwnClock, boot_us, unwrap_uint32_us
-from yawid.channels.latest import Latest
-from yawid.channels.redundant_outputs import Twins
-from yawid.channels.series import Readings, Series
-from yawid.channels.surface import Surface
+from yawid.channels.series import Latest, Readings, Series
+from yawid.channels.surface import Part, Surface
 
 APART_US = 10_000_000
+TOLERANCE = 0.05
+"""Outputs differ where they are this part of half the travel apart: rounding to 1 us and trims set
+by hand stay well below."""
+LEAST_SHARE = 0.01
+"""... and do so all in all if more than this share of the messages shows it."""
+
+
+@dataclass(slots=True)
+class Twins:
+    """Counts by message and the numbers of both outputs: messages compared, and those apart."""
+
+    _counts: dict[tuple[str, int, int], tuple[int, int]] = field(default_factory=dict)
+
+    def observe(self, block: MessageBlock, surface: Surface) -> None:
+        """Compare the surface's twins with its first output in rows that carry both."""
+        for twin in surface.twins:
+            first, other = (surface.normalised(part, block) for part in (surface.parts[0], twin))
+            both = np.isfinite(first) & np.isfinite(other)
+            apart = np.abs(first[both] - other[both]) > TOLERANCE
+            key = surface.message, surface.parts[0].number, twin.number
+            compared, differed = self._counts.get(key, (0, 0))
+            self._counts[key] = compared + len(apart), differed + int(apart.sum())
+
+    def share_apart(self, surface: Surface, twin: Part) -> float:
+        """Return the share of messages in which the twin stood apart, NaN where none reports."""
+        key = surface.message, surface.parts[0].number, twin.number
+        compared, apart = self._counts.get(key, (0, 0))
+        return apart / compared if compared else float("nan")
+
+    def how(self, surface: Surface) -> str:
+        """Return how the surface was found and whether its twins move with it."""
+        how = surface.how
+        for twin in surface.twins:
+            share = self.share_apart(surface, twin)
+            if np.isfinite(share):
+                alike = "moves otherwise" if share > LEAST_SHARE else "moves alike"
+                how += f"; {surface.name_of(twin)} {alike}"
+        return how
 
 
 def _no_values(_: NDArray[Any]) -> Floats:

@@ -1,4 +1,8 @@
-"""The yaw channel: from the best message that reports it to rows of rate, yaw, roll and more."""
+"""The yaw channel: from the best message that reports it to rows of rate, yaw, roll and more.
+
+A rate from headings alone, coarse and slow, is a constant-velocity Kalman filter's: its state is
+(yaw, yaw rate), driven by white angular acceleration; the filter is filterpy's.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,6 @@ from numpy.typing import NDArray
 from yawid.blocks import Floats, Held, Ints, MessageBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
-from yawid.channels.heading_filter import FINE_STD, WHOLE_DEGREES_STD, HeadingRate
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
 
@@ -29,6 +32,15 @@ RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, BARRED = range(9)
 """The columns of a yaw row; those from AIRSPEED on are held from message to message.
 BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be learned from."""
 COLUMNS = BARRED + 1
+
+FINE_STD = float(np.deg2rad(0.3))
+"""Headings rounded to 0.01 degrees come of a filter that is itself good to a fraction of one."""
+WHOLE_DEGREES_STD = float(np.hypot(FINE_STD, np.deg2rad(1.0) / np.sqrt(12.0)))
+"""Rounding to whole degrees adds the sigma of a uniform error."""
+ACCELERATION_PSD = 1.0
+"""Spectral density of the angular acceleration, rad^2/s^3: a small aircraft in manoeuvres."""
+LONGEST_S = 2.0
+"""A longer silence starts the filter again."""
 
 Fields = NDArray[Any]
 
@@ -185,3 +197,45 @@ class YawReader:
         unwrapped = yaw.copy()
         unwrapped[rows] = known + 2.0 * np.pi * turns
         return unwrapped
+
+
+@dataclass(slots=True)
+class HeadingRate:
+    """Carries the filter from block to block; ``heading_std`` in rad is that of a heading."""
+
+    heading_std: float = FINE_STD
+    _filter: Any = None
+    _last_us: int = 0
+
+    def of(self, t_us: Ints, yaw: Floats) -> Floats:
+        """Return the yaw rate (n,) in rad/s at times (n,) from the unwrapped yaw (n,), NaN kept."""
+        rate = np.full(len(yaw), np.nan)
+        for i, (t, angle) in enumerate(zip(t_us.tolist(), yaw.tolist(), strict=True)):
+            if not np.isfinite(angle):
+                continue
+            dt = (t - self._last_us) / 1e6
+            if self._filter is None or not 0.0 < dt < LONGEST_S:
+                self._filter = _new_filter(angle, self.heading_std)
+            else:
+                self._step(dt, angle)
+                rate[i] = self._filter.x[1, 0]
+            self._last_us = t
+        return rate
+
+    def _step(self, dt: float, angle: float) -> None:
+        kalman = self._filter
+        kalman.F = np.array([[1.0, dt], [0.0, 1.0]])
+        kalman.Q = ACCELERATION_PSD * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        kalman.predict()
+        kalman.update(angle)
+
+
+def _new_filter(angle: float, heading_std: float) -> Any:
+    from filterpy.kalman import KalmanFilter
+
+    kalman = KalmanFilter(dim_x=2, dim_z=1)
+    kalman.x = np.array([[angle], [0.0]])
+    kalman.P = np.diag([heading_std**2, 1.0])
+    kalman.H = np.array([[1.0, 0.0]])
+    kalman.R = np.array([[heading_std**2]])
+    return kalman

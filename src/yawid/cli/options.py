@@ -13,7 +13,7 @@ from yawid.errors import ConfigError
 if TYPE_CHECKING:
     from yawid.config.run import RunConfig
     from yawid.runs.outputs import Outputs
-    from yawid.sources.read_options import ReadOptions
+    from yawid.sources.open_log import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
 FORGETTING = frozenset({"memory", "forgetting"})
@@ -170,7 +170,7 @@ def read_options_of(arguments: argparse.Namespace) -> ReadOptions:
     """Return how the bytes are read: their form, and the key that signs them."""
     from yawid.sources.logs.tlog import FORMS
     from yawid.sources.mavlink.signing import SigningKey
-    from yawid.sources.read_options import ReadOptions
+    from yawid.sources.open_log import ReadOptions
 
     form = getattr(arguments, "format", "auto")
     if form not in FORMS:

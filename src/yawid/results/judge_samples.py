@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.channels.decimate import RATE_SLACK
+from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
 from yawid.estimation.history import History
 from yawid.results.collinearity import closeness, condition_number

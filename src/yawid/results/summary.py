@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US
-from yawid.channels.redundant_outputs import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.stage import Channels
 from yawid.channels.surface import STICKS, Surface
+from yawid.channels.surface_reader import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.yaw_reader import COARSE, SOURCES
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank

@@ -14,8 +14,7 @@ from yawid.offline.orders import Candidate, candidates, compare_orders, recommen
 from yawid.physics.modes import finite
 from yawid.results.summary import summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
-from yawid.sources.open_log import Log, Source
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import Log, ReadOptions, Source
 
 
 def try_orders(

@@ -17,9 +17,8 @@ import numpy as np
 from msgspec import convert
 
 from yawid.blocks import Floats, Ints, SampleBlock
-from yawid.channels.boots import Boots
-from yawid.channels.decimate import RATE_SLACK
-from yawid.channels.segments import REBOOT_US
+from yawid.channels.conditioning import RATE_SLACK
+from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
@@ -33,11 +32,9 @@ from yawid.results.reasons import KINDS, Verdict
 from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
-from yawid.sources.mavlink.enums import FIXED_WING, GENERIC
-from yawid.sources.mavlink.flight_modes import mode_name
+from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
 from yawid.sources.mavlink.sequence import SenderStats
-from yawid.sources.open_log import Log
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import Log, ReadOptions
 
 BRIDGE_S = 20.0
 """Excited stretches this near to each other are one."""

@@ -28,8 +28,7 @@ from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
 from yawid.sinks.mcap.reader import LogLine
 from yawid.sinks.terminal.progress import progress
-from yawid.sources.open_log import Log, Source
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import Log, ReadOptions, Source
 
 
 class Origin(Protocol):

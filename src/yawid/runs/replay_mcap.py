@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import SampleBlock
-from yawid.channels.boots import outside
+from yawid.channels.segments import outside
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.pipeline import Pipeline

@@ -10,8 +10,7 @@ from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.runs.stop import StopFlag
-from yawid.sources.open_log import Log, Source
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import Log, ReadOptions, Source
 
 
 def open_log(log: Path, options: ReadOptions | None = None, *, again: bool = False) -> Log:

@@ -10,7 +10,7 @@ from typing import Final, Literal, Protocol
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.results.run_summary import RunSummary
-from yawid.sources.mavlink.flight_modes import mode_name
+from yawid.sources.mavlink.enums import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 HALF_TRAVEL: Final = "half travel"

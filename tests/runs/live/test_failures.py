@@ -15,7 +15,7 @@ from sinks.rerun.rerun_reading import VIEWER
 from sinks.rerun.test_viewer import viewer
 
 from yawid.runs.live import Console
-from yawid.runs.live.tlog_recorder import TlogRecorder
+from yawid.runs.live.guarded_sink import TlogRecorder
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.link.inbox import Stamps

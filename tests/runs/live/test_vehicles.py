@@ -15,7 +15,7 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:

@@ -14,7 +14,7 @@ from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.rate_requests import RateRequests
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.signing import SigningKey
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 VEHICLE = (3, 1)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 
-from yawid.sources.link.sender_addresses import Addresses
+from yawid.sources.link.inbox import Addresses
 
 
 def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:

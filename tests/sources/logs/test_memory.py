@@ -15,7 +15,7 @@ SIZE = 12 << 20
 READ = """
 from pathlib import Path
 from yawid.sources.open_log import Log
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 read_options = ReadOptions(sys.argv[2])
 wanted = {"ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE", "VFR_HUD"}

@@ -40,8 +40,7 @@ from yawid.runs.replay import StopFlag, replay
 from yawid.runs.run_log import open_log
 from yawid.sources.logs.as_mavlink import table
 from yawid.sources.logs.ulog import UlogReader
-from yawid.sources.mavlink.enums import PX4
-from yawid.sources.mavlink.flight_modes import mode_name, px4_custom_modes
+from yawid.sources.mavlink.enums import PX4, mode_name, px4_custom_modes
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
-"""A file or sink that fails is one line, and the session goes on without it."""
+"""A tlog or sink that fails is one line, and the session goes on without it."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
-from yawid.sinks.part_file import os_errors_as_sink_error
+from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LOOK_S = 1.0
 
@@ -87,3 +88,47 @@ class Guarded(Guard):
     def _flush(self) -> None:
         self._check_present()
         self._sink.flush()
+
+
+class TlogRecorder(Guard):
+    """Writes ``<path>.part`` and gives it the name ``path`` at the end.
+
+    What the operating system has been handed kill -9 cannot take back; a power cut can.
+
+    Raises:
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+    """
+
+    what = "its tlog"
+
+    def __init__(self, path: Path, tell: Callable[[str], None], *, force: bool) -> None:
+        part, self._stream = open_part(path, force=force)
+        super().__init__(part, tell)
+        self._path = path
+
+    def write(self, data: bytes) -> None:
+        """Add whole records and hand them to the operating system, before they are estimated."""
+        self._attempt(lambda: self._write(data))
+
+    def look(self) -> None:
+        """See that the file is still there, every ``LOOK_S``."""
+        self._attempt(self._check_present)
+
+    def finish(self) -> Path | None:
+        """Close and rename; return the file, None where there is none to be had."""
+        self._attempt(self._finish)
+        return None if self.failure else self._path
+
+    def abort(self) -> None:
+        """Close under the unfinished name: what was recorded stays."""
+        with contextlib.suppress(OSError):  # what it could not write has been said already
+            self._stream.close()
+
+    def _write(self, data: bytes) -> None:
+        self._stream.write(data)
+        self._stream.flush()
+
+    def _finish(self) -> None:
+        sync(self._stream)
+        self._stream.close()
+        self._part.replace(self._path)

@@ -23,7 +23,7 @@ from yawid.sources.link.rate_requests import RateRequests
 from yawid.sources.link.tap import Tap
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 READ_S = 0.2
 SILENT_US = 5_000_000

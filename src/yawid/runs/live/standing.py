@@ -1,11 +1,13 @@
-"""Where a session stands, in one line."""
+"""Where a session stands, in one line, and how long its samples wait."""
 
 from __future__ import annotations
 
 import math
 import time
 
-from yawid.blocks import EstimateBlock, Floats, Status
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, Ints, Status
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
@@ -15,6 +17,8 @@ SOUND = (Status.TRACKING, Status.HELD)
 """An estimator that says this of itself may answer."""
 QUIET_S = 1.5
 """So long without anything, and what was last estimated is no longer how things stand."""
+_STEP_US = 250
+_BINS = 4000  # to 1 s; what takes longer counts as that
 
 
 class Standing:
@@ -96,3 +100,28 @@ def _idle_s(pipeline: Pipeline, now_us: int) -> float:
         return 0.0
     idle_s = (now_us - int(pipeline.newest.received_us[-1])) / 1e6
     return idle_s if idle_s > QUIET_S + 2.0 * pipeline.bank.sample_time_s else 0.0
+
+
+class Latency:
+    """Counts waiting times in bins of a quarter of a millisecond: any number in the same memory."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, np.int64)
+
+    @property
+    def count(self) -> int:
+        """How many samples were counted."""
+        return int(self._counts.sum())
+
+    def add(self, waited_us: Ints) -> None:
+        """Count waiting times (n,) in microseconds."""
+        np.add.at(self._counts, np.clip(waited_us // _STEP_US, 0, _BINS - 1), 1)
+
+    def summary(self) -> dict[str, float]:
+        """Return p50, p99 and the longest in milliseconds, each the upper edge of its bin."""
+        summed = np.cumsum(self._counts)
+        ranks = {"p50": 0.5, "p99": 0.99, "max": 1.0}
+        return {
+            name: (int(np.searchsorted(summed, share * summed[-1])) + 1) * _STEP_US / 1000.0
+            for name, share in ranks.items()
+        }

@@ -19,17 +19,15 @@ from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import LiveFacts, RunSummary
 from yawid.results.summary import summarise
-from yawid.runs.live.guarded_sink import Guarded
-from yawid.runs.live.latency import Latency
+from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
-from yawid.runs.live.standing import Standing
-from yawid.runs.live.tlog_recorder import TlogRecorder
+from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.warm_up import MOST_HELD, Warming
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 INPUT_OR_OUTPUT_FAILED = 6
 MOST_EVENTS = 100

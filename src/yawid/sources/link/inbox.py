@@ -1,4 +1,4 @@
-"""Between the thread that receives and the one that computes: stamps, and a queue with an end."""
+"""Between the thread that receives and the one that computes: stamps, a queue, and who sends."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import chain
 
+from yawid.sources.link.endpoints import written
+
 Address = tuple[str, int]
 """Host and port; an IPv6 host that is one only on its link says on which: ``fe80::1%2``."""
 Batch = tuple[list[int], list[bytes], list[Address]]
@@ -15,6 +17,8 @@ Batch = tuple[list[int], list[bytes], list[Address]]
 QUEUE = 200_000  # datagrams: a minute and more of a busy link
 JUMP_S = 1.0
 MOST_AT_ONCE = 2048  # so that a backlog neither keeps the files from growing nor fills the memory
+TOGETHER_US = 5_000_000
+"""Two addresses received within this time of one another are two senders, not one that moved."""
 
 
 def _steady_ns() -> int:
@@ -111,3 +115,37 @@ class Inbox:
         if self._queue:
             self._arrived.set()
         return chain.from_iterable(zip(*received, strict=True) for received in taken)
+
+
+class Addresses:
+    """Remembers the addresses of every system id; ``latest`` has the one received last."""
+
+    def __init__(self) -> None:
+        self.latest: dict[int, Address] = {}
+        self._received_us: dict[int, dict[Address, int]] = {}
+        self._reported: set[int] = set()
+
+    def observe(self, pairs: set[tuple[int, Address]], now_us: int) -> list[str]:
+        """Take the (system id, address) pairs received since the last call; return new anomalies.
+
+        A system id from two addresses at once is said one time; an address that takes over from a
+        silent one is a restarted sender and not worth a line.
+        """
+        news = []
+        for sysid, address in sorted(pairs):
+            self.latest[sysid] = address
+            if sysid in self._reported:
+                continue
+            known = self._received_us.setdefault(sysid, {})
+            known[address] = now_us
+            for old in [a for a, us in known.items() if now_us - us > TOGETHER_US]:
+                del known[old]
+            if len(known) > 1:
+                self._reported.add(sysid)
+                del self._received_us[sysid]
+                places = " and ".join(written(*place) for place in known)
+                news.append(
+                    f"system {sysid} is sent from two addresses, {places}: a forged or doubled "
+                    "stream, or two vehicles with one id; both are recorded and estimated"
+                )
+        return news

@@ -14,7 +14,7 @@ from typing import Any
 from yawid.blocks import MessageBlock
 from yawid.sources.link.tap import Tap
 from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S
-from yawid.sources.read_options import ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 ASKED_HZ = 50.0
 AGAIN_S = 10.0

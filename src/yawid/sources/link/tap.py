@@ -14,8 +14,7 @@ from typing import Self
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
-from yawid.sources.link.inbox import MOST_AT_ONCE, QUEUE, Address, Inbox, Stamps
-from yawid.sources.link.sender_addresses import Addresses
+from yawid.sources.link.inbox import MOST_AT_ONCE, QUEUE, Address, Addresses, Inbox, Stamps
 from yawid.sources.mavlink.framing import MAGIC_V1, frame_size
 
 BATCH_S = 0.035  # reads are this far apart: a call of the decoder costs as much as 200 frames in it

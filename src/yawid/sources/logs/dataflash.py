@@ -21,30 +21,35 @@ from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
 from yawid.sources.logs.as_mavlink import (
     COMPID,
     DTYPES,
+    PlacedFields,
     angles_at,
     frame_block,
+    hold_last,
+    merged,
     message,
     table,
     within,
 )
 from yawid.sources.logs.dataflash_index import DataflashIndex
-from yawid.sources.logs.dataflash_vehicle import (
-    NAMES,
-    TIMED_NAMES,
-    heartbeats,
-    hud,
-    parameters,
-    system_id,
-    system_state,
-    unix_minus_boot_us,
-)
 from yawid.sources.logs.tlog import CHUNK, Digest
+from yawid.sources.mavlink.enums import ARDUPILOT, ARMED, IN_AIR, LANDED
 from yawid.sources.mavlink.link_stats import LinkStats
 
 _RATES = {"RATE": ("R", "P", "Y"), "IMU": ("GyrX", "GyrY", "GyrZ")}
-_TIMED = ("ATT", "RCOU", "RCIN", *_RATES, *TIMED_NAMES)
+_TIMED = ("ATT", "RCOU", "RCIN", *_RATES, "GPS", "CTUN", "ARSP", "NTUN", "POS", "STAT")
 _ENOUGH = 0.9
 """RATE is read where it covers this share of the seconds that IMU covers."""
+_UNTIMED = ("PARM", "MODE", "ARM", "EV", "MSG", "VER", "DSF")
+"""Messages read whose time does not count."""
+_TYPE_OF_BUILD = {1: 10, 2: 2, 3: 1, 4: 5, 7: 12, 12: 7, 13: 4}  # VER.BU -> MAV_TYPE
+_TYPE_OF_NAME = {b"Plane": 1, b"Copter": 2, b"Rover": 10, b"Sub": 12, b"Tracker": 5, b"Blimp": 7}
+_AIRSPEED = (("CTUN", "As"), ("ARSP", "Airspeed"), ("NTUN", "Arspd"))  # best first
+_ALTITUDE = (("POS", "Alt"), ("GPS", "Alt"))
+_SYSID = (b"MAV_SYSID", b"SYSID_THISMAV")
+_EV_ARMED, _EV_DISARMED = 10, 11
+_GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
+_LEAP_S = 18  # GPS minus UTC since 2017
+_FIX_3D = 3
 _NONE = np.zeros(0, np.int64)
 
 
@@ -61,21 +66,21 @@ class DataflashReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._index = index = DataflashIndex(path, (*_TIMED, *NAMES, "DSF"))
+        self._index = index = DataflashIndex(path, (*_TIMED, *_UNTIMED))
         index.keep_timed(_TIMED)
         for name in ("IMU", "GPS", "ARSP"):
             self._keep_one_instance(name)
-        self._unix_us = unix_minus_boot_us(index)
+        self._unix_us = _unix_minus_boot_us(index)
         self._rates = self._rate_source()
-        (_, first), (changed, values) = parameters(index)
-        self._sysid = system_id(first)
+        (_, first), (changed, values) = _parameters(index)
+        self._sysid = _system_id(first)
         self._shift = len(first) + 1
         order = np.arange(1, self._shift)
         self._first = self._untimed("PARAM_VALUE", order - self._shift, first)
         self._context = [
-            self._untimed("HEARTBEAT", *_from_start(heartbeats(index), self._shift)),
-            self._untimed("VFR_HUD", *hud(index)),
-            self._untimed("EXTENDED_SYS_STATE", *system_state(index)),
+            self._untimed("HEARTBEAT", *_from_start(_heartbeats(index), self._shift)),
+            self._untimed("VFR_HUD", *_hud(index)),
+            self._untimed("EXTENDED_SYS_STATE", *_system_state(index)),
             self._untimed("PARAM_VALUE", changed, values),
         ]
 
@@ -193,3 +198,117 @@ def _from_start(reported: tuple[Ints, NDArray[Any]], shift: int) -> tuple[Ints, 
     """Move what is reported before the log's first byte to where order becomes 0."""
     offsets, fields = reported
     return np.where(offsets < 0, -shift, offsets), fields
+
+
+def _unix_minus_boot_us(index: DataflashIndex) -> int:
+    """Return Unix minus boot time in microseconds by GPS, 0 without a 3D fix."""
+    if not index.has("GPS", "Status", "GWk", "GMS"):
+        return 0
+    offsets = index.offsets["GPS"]
+    rows = index.rows("GPS", offsets)
+    fixed = (rows["Status"] >= _FIX_3D) & (rows["GWk"] > 0)
+    if not fixed.any():
+        return 0
+    ms = rows["GWk"].astype(np.int64) * 604_800_000 + rows["GMS"]
+    unix_us = 1000 * ms + 1_000_000 * (_GPS_EPOCH_S - _LEAP_S)
+    return int(np.median((unix_us - index.times("GPS", offsets))[fixed]))
+
+
+def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
+    """Return the first value of every parameter, and all values reported after those.
+
+    A log writes its parameters down within the first seconds; they held from its beginning.
+    """
+    if not index.has("PARM", "Name", "Value"):
+        nothing = _NONE, table("PARAM_VALUE", 0)
+        return nothing, nothing
+    offsets = index.offsets["PARM"]
+    rows = index.rows("PARM", offsets)
+    fields = table("PARAM_VALUE", len(rows), param_id=rows["Name"], param_value=rows["Value"])
+    first = np.zeros(len(rows), bool)
+    first[np.unique(rows["Name"], return_index=True)[1]] = True
+    return (offsets[first], fields[first]), (offsets[~first], fields[~first])
+
+
+def _system_id(first: NDArray[Any]) -> int:
+    """Return the system id by the PARAM_VALUE rows ``first`` (n,), 1 unless it is there."""
+    for name in _SYSID:
+        reported = first["param_value"][first["param_id"] == name]
+        if len(reported) and 1 <= reported[0] <= 255:
+            return int(reported[0])
+    return 1
+
+
+def _heartbeats(index: DataflashIndex) -> PlacedFields:
+    """Return a HEARTBEAT for what held at the start, at byte -1, then one for every change."""
+    modes, mode = _NONE, np.zeros(0)
+    column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
+    if index.has("MODE", column):
+        modes = index.offsets["MODE"]
+        mode = np.asarray(index.rows("MODE", modes)[column], float)
+    arms, armed = _arming(index)
+    # Unless it says otherwise a log begins with arming (LOG_DISARMED is 0).
+    opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)
+    offsets, (mode, armed) = hold_last(opening, (modes, mode), (arms, armed))
+    base_mode = np.where(armed > 0.0, ARMED, 0)
+    named = {"type": _vehicle_type(index), "autopilot": ARDUPILOT}
+    fields = table("HEARTBEAT", len(offsets), base_mode=base_mode, custom_mode=mode, **named)
+    return offsets, fields
+
+
+def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
+    """Return where the vehicle was armed (1) or disarmed (0)."""
+    if index.has("ARM", "ArmState"):
+        offsets = index.offsets["ARM"]
+        return offsets, np.asarray(index.rows("ARM", offsets)["ArmState"] != 0, float)
+    if index.has("EV", "Id"):
+        offsets = index.offsets["EV"]
+        events = index.rows("EV", offsets)["Id"]
+        reported = np.isin(events, (_EV_ARMED, _EV_DISARMED))
+        return offsets[reported], np.asarray(events[reported] == _EV_ARMED, float)
+    return _NONE, np.zeros(0)
+
+
+def _hud(index: DataflashIndex) -> PlacedFields:
+    """Return a VFR_HUD wherever one of its columns is reported, the others held."""
+    air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
+    ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
+    if index.has("GPS", "Spd", "Status"):
+        offsets = index.offsets["GPS"]
+        rows = index.rows("GPS", offsets)
+        is_fixed = rows["Status"] >= _FIX_3D
+        ground = offsets, np.where(is_fixed, index.si("GPS", rows, "Spd"), np.nan)
+    return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
+
+
+def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:
+    """Return the first of these columns that the log has, and where it is reported."""
+    for name, column in wanted:
+        if index.has(name, column):
+            offsets = index.offsets[name]
+            return offsets, index.si(name, index.rows(name, offsets), column)
+    return _NONE, np.zeros(0)
+
+
+def _system_state(index: DataflashIndex) -> PlacedFields:
+    """Return an EXTENDED_SYS_STATE for each time that ArduPlane says whether it believes to fly."""
+    if not index.has("STAT", "isFlying"):
+        return _NONE, table("EXTENDED_SYS_STATE", 0)
+    offsets = index.offsets["STAT"]
+    flies = index.rows("STAT", offsets)["isFlying"] != 0
+    landed = np.where(flies, IN_AIR, LANDED)
+    return offsets, table("EXTENDED_SYS_STATE", len(offsets), landed_state=landed)
+
+
+def _vehicle_type(index: DataflashIndex) -> int:
+    """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) where both lack."""
+    if index.has("VER", "BU"):
+        build = int(index.rows("VER", index.offsets["VER"])["BU"][0])
+        if build in _TYPE_OF_BUILD:
+            return _TYPE_OF_BUILD[build]
+    if index.has("MSG", "Message"):
+        for text in index.rows("MSG", index.offsets["MSG"])["Message"].tolist():
+            for name, kind in _TYPE_OF_NAME.items():
+                if name in text:
+                    return kind
+    return 0

@@ -1,6 +1,6 @@
 """Reading a telemetry log: in chunks, hashed as it is read, refused in one line if it is none.
 
-A log without stamps (.rlog, .raw) is read as the tlog that ``raw`` makes of it.
+A log without stamps (.rlog, .raw) is read as the tlog that ``bare_frames`` makes of it.
 """
 
 from __future__ import annotations

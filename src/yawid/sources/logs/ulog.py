@@ -14,14 +14,18 @@ reads the latter.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock, euler
+from yawid.errors import SourceError
 from yawid.sources.logs.as_mavlink import (
     COMPID,
     PlacedFields,
@@ -30,22 +34,25 @@ from yawid.sources.logs.as_mavlink import (
     in_order,
     merged,
     message,
+    quiet,
+    steady,
     table,
     within,
 )
 from yawid.sources.logs.tlog import CHUNK, Digest
-from yawid.sources.logs.ulog_file import (
-    UlogTopic,
-    array,
-    parsed,
-    published,
-    sampled,
-    topics_of,
+from yawid.sources.mavlink.enums import (
+    ARMED,
+    FIXED_WING,
+    IN_AIR,
+    LANDED,
+    PX4,
+    ROTORS,
+    TO_ROTORS,
+    TO_WINGS,
+    VTOL_TYPES,
+    WINGS,
+    px4_custom_modes,
 )
-from yawid.sources.logs.ulog_vehicle import TOPICS as STATE_TOPICS
-from yawid.sources.logs.ulog_vehicle import system_state
-from yawid.sources.mavlink.enums import ARMED, FIXED_WING, PX4, VTOL_TYPES
-from yawid.sources.mavlink.flight_modes import px4_custom_modes
 from yawid.sources.mavlink.link_stats import LinkStats
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -56,14 +63,17 @@ _TOPICS = (
     *("actuator_outputs", "actuator_outputs_sim", "actuator_controls_0", "actuator_controls_1"),
     *("vehicle_torque_setpoint", "input_rc", "airspeed_validated", "airspeed"),
     *("vehicle_local_position", "vehicle_global_position", "vehicle_air_data", *_GPS),
-    *STATE_TOPICS,
+    *("vehicle_land_detected", "vtol_vehicle_status"),
 )
-_ARMED_STATE, _FIXED_WING_STATE = 2, 2
+_ARMED_STATE = 2
+_ROTARY_WING, _FIXED_WING = 1, 2  # vehicle_status.vehicle_type
 _FIX_3D = 3
 _UNIX_US = 10**15  # no boot time is as late, no flight as early
 _NONE = np.zeros(0, np.int64)
-
+_NOTHING = _NONE, np.zeros(0)
+UlogTopic = Mapping[str, NDArray[Any]]
 _NO_ROWS: UlogTopic = {"timestamp": _NONE}
+_OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 
 
 class UlogReader:
@@ -153,7 +163,7 @@ class UlogReader:
     def _vehicle_type(self) -> int:
         kind = self._first("system_type", "MAV_TYPE")
         flies_as = self._status.get("vehicle_type", _NONE)
-        return kind or (FIXED_WING if (flies_as == _FIXED_WING_STATE).any() else 0)
+        return kind or (FIXED_WING if (flies_as == _FIXED_WING).any() else 0)
 
     def _heartbeats(self) -> PlacedFields:
         """Return a HEARTBEAT for what held at the start, then one for each vehicle_status."""
@@ -202,7 +212,7 @@ class UlogReader:
             column = next((column for column in columns if column in topic), None)
             if column is not None and np.isfinite(topic[column]).any():
                 return published(topic), topic[column].astype(float)
-        return _NONE, np.zeros(0)
+        return _NOTHING
 
     def _over_ground(self) -> tuple[Ints, Floats]:
         """Return the speed over ground in m/s where it is known: the estimator's, else GPS's."""
@@ -217,7 +227,7 @@ class UlogReader:
             if {"vel_m_s", "fix_type"} <= topic.keys():
                 fixed = topic["fix_type"] >= _FIX_3D
                 return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
-        return _NONE, np.zeros(0)
+        return _NOTHING
 
     def _attitude(self) -> PlacedFields:
         attitude = self._topics.get(("vehicle_attitude", 0), _NO_ROWS)
@@ -277,3 +287,87 @@ class UlogReader:
 def _timed(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
     t_us = published(topic)
     return t_us, table(name, len(t_us), time_usec=t_us, **columns)
+
+
+def parsed(path: Path, topics: Iterable[str]) -> Any:
+    """Return pyulog's ULog of these topics.
+
+    Raises:
+        SourceError: pyulog is missing, or can read none of them.
+    """
+    try:
+        from pyulog import ULog
+    except ImportError as error:
+        raise SourceError(
+            f"{path} is a PX4 ULog: reading it needs pyulog (pip install 'yawid[ulog]')"
+        ) from error
+    said = io.StringIO()
+    try:
+        # pyulog reports of damage by printing to stdout, where our results go.
+        with path.open("rb") as file, contextlib.redirect_stdout(said):
+            log = ULog(file, list(topics))
+    except Exception as error:  # whatever pyulog raises at a damaged byte
+        raise SourceError(f"{path} cannot be read as a ULog ({error}): copy it again") from error
+    if not log.data_list:
+        raise SourceError(f"{path} is a ULog without any of the topics needed: nothing to read")
+    return log
+
+
+def topics_of(log: Any) -> dict[tuple[str, int], UlogTopic]:
+    """Return the topics by name and instance, each column (n,) by its name."""
+    found: dict[tuple[str, int], UlogTopic] = {}
+    for topic in log.data_list:
+        if "timestamp" not in topic.data:
+            continue
+        rows = steady(topic.data["timestamp"].astype(np.int64))
+        columns = {name: column[rows] for name, column in topic.data.items()}
+        found[topic.name, topic.multi_id] = columns
+    return found
+
+
+def published(topic: UlogTopic) -> Ints:
+    """Return when the rows (n,) were published, in microseconds since boot."""
+    return topic["timestamp"].astype(np.int64)
+
+
+def sampled(topic: UlogTopic) -> Ints:
+    """Return when the values (n,) were sampled, or where that is not reported published."""
+    t_us = published(topic)
+    sampled = topic.get("timestamp_sample", np.zeros(len(t_us))).astype(np.int64)
+    return np.where((sampled > 0) & (np.abs(t_us - sampled) < _OLDEST_SAMPLE_US), sampled, t_us)
+
+
+def array(topic: UlogTopic, name: str, size: int) -> Floats:
+    """Return the columns name[0], name[1], ... as (n, size), NaN where the log has fewer."""
+    values = np.full((len(topic["timestamp"]), size), np.nan)
+    with quiet():
+        for i in range(size):
+            if f"{name}[{i}]" in topic:
+                values[:, i] = topic[f"{name}[{i}]"]
+    return values
+
+
+def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
+    """Return an EXTENDED_SYS_STATE wherever one of its columns is reported, the others one held."""
+    land = topics.get(("vehicle_land_detected", 0), {})
+    landed = _NOTHING
+    if "landed" in land:
+        landed = published(land), np.where(land["landed"] != 0, LANDED, IN_AIR).astype(float)
+    return merged("EXTENDED_SYS_STATE", 0.0, landed_state=landed, vtol_state=_vtol(topics))
+
+
+def _vtol(topics: Mapping[tuple[str, int], UlogTopic]) -> tuple[Ints, Floats]:
+    """Return the state of a VTOL as its own status says it, else as the vehicle's type then."""
+    own = topics.get(("vtol_vehicle_status", 0), {})
+    if "vehicle_vtol_state" in own:
+        return published(own), own["vehicle_vtol_state"].astype(float)
+    if {"vtol_in_rw_mode", "vtol_in_trans_mode", "in_transition_to_fw"} <= own.keys():
+        settled = np.where(own["vtol_in_rw_mode"] != 0, ROTORS, WINGS)
+        turning = np.where(own["in_transition_to_fw"] != 0, TO_WINGS, TO_ROTORS)
+        state = np.where(own["vtol_in_trans_mode"] != 0, turning, settled)
+        return published(own), state.astype(float)
+    status = topics.get(("vehicle_status", 0), {})
+    if {"is_vtol", "vehicle_type"} <= status.keys() and status["is_vtol"].any():
+        on_rotors = status["vehicle_type"] == _ROTARY_WING
+        return published(status), np.where(on_rotors, ROTORS, WINGS).astype(float)
+    return _NOTHING

@@ -14,10 +14,9 @@ from yawid.sources.mavlink.definitions import definitions, dtype_of
 from yawid.sources.mavlink.fast_path import STAMP, PlainReader, PlainRecord, plain_messages
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, Frames, find_frames
 from yawid.sources.mavlink.link_stats import LinkStats, Tally
-from yawid.sources.mavlink.resync import Chain, Stretch, stamps_of
+from yawid.sources.mavlink.resync import Chain, StampFilter, Stretch, stamps_of
 from yawid.sources.mavlink.sequence import Records
 from yawid.sources.mavlink.signing import Signing
-from yawid.sources.mavlink.stamp_filter import StampFilter
 
 _SLICE = 1 << 20  # bytes worked on at once: what is hostile takes thirty times as much
 FEW = 1 << 13
@@ -31,7 +30,7 @@ class Decoder:
 
     A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record
     whose stamp and frame are intact is found, whatever stands around it, and none is invented: see
-    ``chain`` and ``belief`` for the rules. What cannot be seen: a damaged stamp that stays within 3
+    ``resync`` for the rules. What cannot be seen: a damaged stamp that stays within 3
     days of its neighbours, and damage that meets the 16 bits of CRC by chance. The first record of
     all comes out with the second, which confirms its stamp. With ``signing`` only frames it accepts
     come out; of frames that two links carried, the first.
