@@ -54,6 +54,12 @@ class Columns:
 
     def select(self, rows: NDArray[Any] | slice) -> Self:
         """Return the rows chosen by a mask (n,), an index array (m,) or a slice."""
+        if (
+            isinstance(rows, np.ndarray)
+            and rows.dtype == bool
+            and np.count_nonzero(rows) == len(rows)
+        ):
+            return self  # the usual case of a live block, which is too short to pay for copies
         values = [getattr(self, name) for name in self.__slots__]
         return type(self)(
             *[v[rows] if isinstance(v, np.ndarray) else _select(v, rows) for v in values]

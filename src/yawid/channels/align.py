@@ -16,18 +16,7 @@ import numpy as np
 
 from yawid.blocks import Bools, Columns, Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.series import Piece, Readings, Series, flow_together
-from yawid.channels.yaw_reader import (
-    AIRSPEED,
-    ALTITUDE,
-    BARRED,
-    COLUMNS,
-    MODE,
-    ON_GROUND,
-    RATE,
-    ROLL,
-    TURN,
-    YAW,
-)
+from yawid.channels.yaw_reader import AIRSPEED, COLUMNS
 
 MOST_INSTANTS = 2**16
 """Aligned at once: a clock that leaps from message to message must not take the memory."""
@@ -102,16 +91,9 @@ class Aligner:
             return []
         received = self._yaw if self._yaw.order[0] == both else self._surface
         hole = np.full((1, COLUMNS), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
-        return [
-            AlignedRows(
-                np.array([self._next_k - 1]),
-                np.array([both]),
-                received.received_us[:1],
-                self._offset.at(np.array([both])),
-                *hole,
-                np.array([int(self._why)]),
-            )
-        ]
+        k, order, why = np.array([[self._next_k - 1], [both], [int(self._why)]])
+        offset_us = self._offset.at(order)
+        return [AlignedRows(k, order, received.received_us[:1], offset_us, *hole, why)]
 
     def _emit(self, first_k: int) -> list[AlignedRows]:
         """Align the grid instants that both channels have passed, so many of them at a time."""
@@ -131,16 +113,15 @@ class Aligner:
         self.gaps += int(first_of_gap.sum())
         yaw[gap], surface[gap] = np.nan, np.nan
         later = self._yaw.order[yaw_row] >= self._surface.order[surface_row]
-        order = np.where(later, self._yaw.order[yaw_row], self._surface.order[surface_row])
-        rows = AlignedRows(
-            k,
-            order,
-            np.where(later, self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]),
-            self._offset.at(order),
-            yaw,
-            surface,
-            np.where(gap, int(Held.GAP), 0),
+        order, received_us = (
+            np.where(later, of_yaw[yaw_row], of_surface[surface_row])
+            for of_yaw, of_surface in (
+                (self._yaw.order, self._surface.order),
+                (self._yaw.received_us, self._surface.received_us),
+            )
         )
+        held = np.where(gap, int(Held.GAP), 0)
+        rows = AlignedRows(k, order, received_us, self._offset.at(order), yaw, surface, held)
         keep = ~gap | first_of_gap
         return [rows.select(keep)] if keep.any() else []
 
@@ -185,36 +166,22 @@ class Aligner:
 
     def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
         rows = AlignedRows.joined(blocks)
-        k, yaw, u, aileron = rows.k, rows.yaw, rows.surface[:, :-1], rows.surface[:, -1]
+        k, u, aileron = rows.k, rows.surface[:, :-1], rows.surface[:, -1]
+        rate, yaw, roll, turn, airspeed, on_ground, mode, altitude, bars = rows.yaw.T
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.append(self._last_unix_ns, (boot_us + rows.offset_us) * 1000)
         unix = np.maximum.accumulate(unix)[1:]
         self._last_unix_ns = int(unix[-1])
-        barred = np.nan_to_num(yaw[:, BARRED]).astype(np.int64)
+        barred = np.nan_to_num(bars).astype(np.int64)
         barred += int(Held.RUDDER_INVALID) * np.isnan(u).any(axis=1)
-        barred += int(Held.YAW_INVALID) * np.isnan(yaw[:, RATE])
-        barred += int(Held.ON_GROUND) * (yaw[:, ON_GROUND] == 1.0)
+        barred += int(Held.YAW_INVALID) * np.isnan(rate)
+        barred += int(Held.ON_GROUND) * (on_ground == 1.0)
         held = np.where(rows.held != 0, rows.held, barred)
-        return SampleBlock(
-            self.sample_time_s,
-            k,
-            boot_us,
-            unix,
-            rows.received_us,
-            np.where(held[:, None] != 0, np.nan, u),
-            np.where(held != 0, np.nan, yaw[:, RATE]),
-            yaw[:, YAW],
-            yaw[:, ROLL],
-            yaw[:, TURN],
-            yaw[:, AIRSPEED],
-            self._noted(yaw[:, MODE]),
-            held,
-            np.full(len(k), self._epoch, np.int64),
-            aileron,
-            yaw[:, MODE],
-            yaw[:, ON_GROUND],
-            yaw[:, ALTITUDE],
-        )
+        times = self.sample_time_s, k, boot_us, unix, rows.received_us
+        u, y = np.where(held[:, None] != 0, np.nan, u), np.where(held != 0, np.nan, rate)
+        bits = self._noted(mode), held, np.full(len(k), self._epoch, np.int64)
+        motion, state = (yaw, roll, turn, airspeed), (mode, on_ground, altitude)
+        return SampleBlock(*times, u, y, *motion, *bits, aileron, *state)
 
     def _noted(self, mode: Floats) -> Ints:
         """Mark the samples at which the flight mode is another than before."""

@@ -57,7 +57,6 @@ class OwnClock:
     def observe(self, block: MessageBlock | None) -> None:
         """Take a block in; of what came before only the newest reading is still needed."""
         if block is None or len(block) == 0:
-            self.readings = self.readings.select(NEWEST)
             return
         raw = boot_us(block.fields)
         if self._shift is None:

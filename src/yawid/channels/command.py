@@ -40,10 +40,8 @@ class Output:
     def observe(self, values: Floats) -> None:
         """Take in its raw values (n,), n >= 1."""
         self.rows += len(values)
-        self.low, self.high = (
-            min(self.low, float(values.min())),
-            max(self.high, float(values.max())),
-        )
+        self.low = min(self.low, float(values.min()))
+        self.high = max(self.high, float(values.max()))
 
     @property
     def moved(self) -> bool:

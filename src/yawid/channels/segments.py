@@ -56,11 +56,9 @@ class Segmenter:
 
     def feed(self, yaw: Series, surface: Series) -> Iterator[Piece]:
         """Yield the pieces of this stretch of the stream, in order."""
-        kind = np.repeat([0, 1], [len(yaw), len(surface)])
-        merged = Series.concatenate(
-            Series(yaw.order, yaw.received_us, yaw.t_us, np.zeros((len(yaw), 0))),
-            Series(surface.order, surface.received_us, surface.t_us, np.zeros((len(surface), 0))),
-        )
+        kind, both = np.repeat([0, 1], [len(yaw), len(surface)]), (yaw, surface)
+        bare = [Series(s.order, s.received_us, s.t_us, s.values[:, :0]) for s in both]
+        merged = Series.joined(bare)
         by_order = np.argsort(merged.order, kind="stable")
         merged, kind = merged.select(by_order), kind[by_order]
         row = np.where(by_order < len(yaw), by_order, by_order - len(yaw))
@@ -70,15 +68,10 @@ class Segmenter:
             near = slice(start, start + window)
             stop, good = self._until_break(merged.t_us[near], kind[near])
             rows, kinds = row[start : start + stop], kind[start : start + stop]
-            yield Piece(
-                opens,
-                self._why if opens else Held.NONE,
-                self.epoch,
-                yaw.select(rows[good & (kinds == 0)]),
-                surface.select(rows[good & (kinds == 1)]),
-                self._offsets(merged.select(slice(start, start + stop))),
-                self.reboots + 1,
-            )
+            why = self._why if opens else Held.NONE
+            yaws, surfaces = (s.select(rows[good & (kinds == k)]) for k, s in enumerate(both))
+            offsets = self._offsets(merged.select(slice(start, start + stop)))
+            yield Piece(opens, why, self.epoch, yaws, surfaces, offsets, self.reboots + 1)
             received = merged.received_us[start : start + stop]
             for k in (0, 1):
                 if len(own := received[kinds == k]):

@@ -96,13 +96,11 @@ class Latest:
         self.values = np.full((1, self.columns), np.nan)
 
     def observe(self, block: MessageBlock | None, read: Callable[[NDArray[Any]], Floats]) -> None:
-        """Take a block in; of what came before only the newest row is still needed.
+        """Take a block in, if there is one: ``read`` makes values (n, columns) of its fields (n,).
 
-        ``read`` makes values (n, columns) of its fields (n,).
+        Of what came before only the newest row is still needed.
         """
-        if block is None:
-            self.add(self.order[:0], np.zeros((0, self.columns)))
-        else:
+        if block is not None:
             self.add(block.order, read(block.fields))
 
     def add(self, order: Ints, values: Floats) -> None:

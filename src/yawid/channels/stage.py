@@ -71,13 +71,10 @@ class Channels:
         """How outputs of one function compare so far."""
         return self._surface.twins
 
+    # Any bits may stand in a float of the log: what is not sound becomes NaN, and held.
+    @np.errstate(over="ignore", invalid="ignore")
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
         """Take a block of messages in; return the samples it completes, in order."""
-        # Any bits may stand in a float of the log: what is not sound becomes NaN, and held.
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self._taken(frames)
-
-    def _taken(self, frames: FrameBlock) -> list[SampleBlock]:
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
             return []

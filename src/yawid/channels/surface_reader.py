@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Ints, MessageBlock
+from yawid.blocks import Ints, MessageBlock
 from yawid.channels.clock import NEWEST, UNIX_US, OwnClock, boot_us, unwrap_uint32_us
 from yawid.channels.series import Latest, Readings, Series
 from yawid.channels.surface import Part, Surface
@@ -59,10 +57,6 @@ class Twins:
         return how
 
 
-def _no_values(_: NDArray[Any]) -> Floats:
-    return np.zeros((0, 1))
-
-
 @dataclass(slots=True)
 class SurfaceReader:
     """The servo message to rows of deflections, its time unwrapped beside the last boot time.
@@ -80,10 +74,9 @@ class SurfaceReader:
 
     def observe_clock(self, clock: MessageBlock | None) -> None:
         """Remember the full boot times of a block of the yaw source and the newest before it."""
-        self._boot = self._boot.select(NEWEST)
         if clock is not None:
             fresh = Readings(clock.order, boot_us(clock.fields))
-            self._boot = Readings.joined([self._boot, fresh])
+            self._boot = Readings.joined([self._boot.select(NEWEST), fresh])
 
     def observe_own_clock(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
@@ -123,12 +116,9 @@ class SurfaceReader:
         self, messages: Mapping[str, MessageBlock], surface: Surface | None
     ) -> None:
         """Take in the aileron's own message, which need not be that of the inputs."""
-        block = None if surface is None else messages.get(surface.message)
-        if surface is None or block is None:
-            self._aileron.observe(None, _no_values)
-            return
-        block = block.select(surface.rows(block))
-        self._aileron.observe(block, lambda _: surface.deflection(block)[:, None])
+        if surface is not None and (block := messages.get(surface.message)) is not None:
+            block = block.select(surface.rows(block))
+            self._aileron.add(block.order, surface.deflection(block)[:, None])
 
     def _times(self, block: MessageBlock) -> Ints:
         if block.name == "SERVO_OUTPUT_RAW":

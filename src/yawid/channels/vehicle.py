@@ -101,18 +101,18 @@ class VehicleLock:
             return {}, []
         mine = {}
         for name, block in frames.messages.items():
-            own = self._own(block)
-            own = own.select(own.order >= self.vehicle.order)
+            own = self._own(block, self.vehicle.order)
             if name != "PARAM_VALUE" and len(own):
                 mine[name] = own
         parameters = [own for block in self._parameters if len(own := self._own(block))]
         self._parameters.clear()
         return mine, parameters
 
-    def _own(self, block: MessageBlock) -> MessageBlock:
+    def _own(self, block: MessageBlock, first: int = 0) -> MessageBlock:
+        """Return the vehicle's rows from the place ``first`` of the stream on."""
         assert self.vehicle is not None
         rows = (block.sysid == self.vehicle.sysid) & (block.compid == self.vehicle.compid)
-        return block.select(rows)
+        return block.select(rows & (block.order >= first))
 
     def _observe_heartbeats(self, block: MessageBlock) -> None:
         kinds, autopilots = block.fields["type"], block.fields["autopilot"]
@@ -125,14 +125,8 @@ class VehicleLock:
         if self.sysid is not None:
             flies &= block.sysid == self.sysid
         if flies.any():
-            i = int(np.argmax(flies))
-            self.vehicle = Vehicle(
-                sysid=int(block.sysid[i]),
-                compid=int(block.compid[i]),
-                type=int(kinds[i]),
-                autopilot=int(autopilots[i]),
-                order=int(block.order[i]),
-            )
+            columns = block.sysid, block.compid, kinds, autopilots, block.order
+            self.vehicle = Vehicle(*(int(column[np.argmax(flies)]) for column in columns))
 
     @property
     def vehicles(self) -> list[dict[str, int]]:

@@ -40,17 +40,6 @@ class Source(Protocol):
         """Yield (bytes read, what they hold) from the start, what was held back at the end too."""
 
 
-class LogReader(Protocol):
-    """What reads one kind of log."""
-
-    @property
-    def link(self) -> LinkStats:
-        """Counts of what the log holds; of a telemetry log, of what has been read so far."""
-
-    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they hold), continuing ``digest`` by the bytes."""
-
-
 class TlogReader:
     """A telemetry log, read through a decoder.
 
@@ -101,7 +90,7 @@ class Log:
         self._kept = SpooledTemporaryFile(IN_MEMORY) if again else None  # noqa: SIM115 until the end
         self._is_decoded = False
 
-    def _open(self, path: Path, wanted: Iterable[str]) -> LogReader:
+    def _open(self, path: Path, wanted: Iterable[str]) -> TlogReader | DataflashReader | UlogReader:
         head = _head(path) if self.options.form == "auto" else b""
         if head.startswith(DATAFLASH):
             return DataflashReader(path)

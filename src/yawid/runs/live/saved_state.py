@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import tempfile
 import time
@@ -15,12 +14,12 @@ import numpy as np
 
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, SinkError
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.sinks.base import Pace
-from yawid.sinks.part_file import os_errors_as_sink_error, sync
+from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0
@@ -95,13 +94,15 @@ class StateFile:
             "saved_s": time.time(),
             "sizes": {method: len(data) for method, data in saved.items()},
         }
+        data = json.dumps(head).encode() + b"\n" + b"".join(saved.values())
         try:
-            if self._keep_old:
-                self._keep_old = False
-                self._path.replace(self._path.with_name(self._path.name + ".old"))
-            _replace(self._path, json.dumps(head).encode() + b"\n" + b"".join(saved.values()))
-        except OSError as error:
-            self.failure = f"cannot write {self._path}: {error.strerror or error}"
+            with os_errors_as_sink_error(self._path):
+                if self._keep_old:
+                    self._keep_old = False
+                    self._path.replace(self._path.with_name(self._path.name + ".old"))
+                write_whole({self._path: data}, force=True)
+        except SinkError as error:
+            self.failure = str(error)
             self._tell(f"{self.failure}: the state is not kept")
 
 
@@ -161,19 +162,6 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]
             raise ConfigError(f"the {method} in {path} is unusable ({error}): {_REMEDY}") from error
         at += size
     return head, saved
-
-
-def _replace(path: Path, data: bytes) -> None:
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("wb") as stream:
-            stream.write(data)
-            sync(stream)
-        part.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise
 
 
 def _key(bank: Bank, channels: Channels) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import mmap
 import os
 import socket
 import sys
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,18 +44,6 @@ class Arrivals(NamedTuple):
 NOTHING: Final = Arrivals([], [], [])
 
 
-class Receiver(Protocol):
-    """Takes datagrams; ``can_gather``: those there are can be taken without waiting for one."""
-
-    can_gather: bool
-
-    def wait(self) -> Arrivals:
-        """Return the next datagram, and others if they are there; none after the time-out."""
-
-    def get(self) -> Arrivals:
-        """Return what is there, ``MOST`` at most."""
-
-
 def make_receiver(udp: socket.socket) -> Receiver:
     """Return what takes datagrams off a bound socket with the fewest calls."""
     if sys.platform == "linux":
@@ -68,14 +56,17 @@ def make_receiver(udp: socket.socket) -> Receiver:
 
 
 class OneByOne:
-    """A call for each datagram, as every system has it."""
+    """A call for each datagram, as every system has it.
+
+    ``can_gather``: those there are can be taken without waiting for one.
+    """
 
     def __init__(self, udp: socket.socket) -> None:
         self.can_gather = _DONT_WAIT != 0  # not on Windows
         self._socket = udp
 
     def wait(self) -> Arrivals:
-        """See :class:`Receiver`."""
+        """Return the next datagram, and others if they are there; none after the time-out."""
         # Silence, or the other end of udpout is not there yet.
         with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
             data, sender = self._socket.recvfrom(_LONGEST)
@@ -83,7 +74,7 @@ class OneByOne:
         return NOTHING
 
     def get(self) -> Arrivals:
-        """See :class:`Receiver`."""
+        """Return what is there, ``MOST`` at most."""
         received: list[tuple[bytes, Address]] = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             while len(received) < MOST:
@@ -177,21 +168,18 @@ class ManyAtOnce:
         self._view, self._sizes = data.data.cast("B"), messages["size"]
         is_ipv6 = udp.family == socket.AF_INET6
         self._names = names.view(f"V{_NAME_SIZE}")[:, 0] if is_ipv6 else names[:, 0]
-        self._seconds, self._us, self._control_sizes = (
-            reported["seconds"],
-            reported["us"],
-            headers["control_size"],
-        )
+        self._seconds, self._us = reported["seconds"], reported["us"]
+        self._control_sizes = headers["control_size"]
         self._starts = [_LONGEST * i for i in range(MOST)]
         self._senders = _Senders()
         self._ask(0, _DONT_WAIT)  # for none: what has come already stays
 
     def wait(self) -> Arrivals:
-        """See :class:`Receiver`."""
+        """See :meth:`OneByOne.wait`."""
         return self._receive(_WAIT_FOR_ONE)
 
     def get(self) -> Arrivals:
-        """See :class:`Receiver`."""
+        """See :meth:`OneByOne.get`."""
         return self._receive(_DONT_WAIT)
 
     def _receive(self, flags: int) -> Arrivals:
@@ -214,6 +202,9 @@ class ManyAtOnce:
             if code not in _NO_DATAGRAM:
                 raise OSError(code, os.strerror(code))
         return max(count, 0)
+
+
+Receiver = OneByOne | ManyAtOnce
 
 
 def _places(rows: NDArray[np.generic]) -> Ints:

@@ -51,12 +51,12 @@ def quiet() -> np.errstate:
     return np.errstate(invalid="ignore", over="ignore")
 
 
+@quiet()
 def table(name: str, rows: int, **columns: Any) -> NDArray[Any]:
     """Return the fields of a message (rows,), those not given being zero."""
     fields = np.zeros(rows, DTYPES[name])
-    with quiet():
-        for column, values in columns.items():
-            fields[column] = values
+    for column, values in columns.items():
+        fields[column] = values
     return fields
 
 
@@ -64,14 +64,8 @@ def message(
     name: str, order: Ints, received_us: Ints, fields: NDArray[Any], sysid: int
 ) -> MessageBlock:
     """Return rows (n,) of one message from the vehicle ``sysid``; stamps in us of Unix time."""
-    return MessageBlock(
-        name,
-        order,
-        received_us,
-        np.full(len(order), sysid, np.uint8),
-        np.full(len(order), COMPID, np.uint8),
-        fields,
-    )
+    sysids, compids = (np.full(len(order), number, np.uint8) for number in (sysid, COMPID))
+    return MessageBlock(name, order, received_us, sysids, compids, fields)
 
 
 def within(block: MessageBlock, low: int, high: int) -> MessageBlock:

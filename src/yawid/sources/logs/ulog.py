@@ -88,14 +88,11 @@ class UlogReader:
         SourceError: pyulog is missing, or can read nothing of the file.
     """
 
+    @quiet()
     def __init__(self, path: Path) -> None:
         self._path, self._size = path, path.stat().st_size
         self._log = parsed(path, _TOPICS)
         self._topics = topics_of(self._log)
-        with np.errstate(over="ignore", invalid="ignore"):  # any bits may stand in a damaged log
-            self._build()
-
-    def _build(self) -> None:
         self._unix_us = self._unix_minus_boot_us()
         self._status = self._topics.get(("vehicle_status", 0), _NO_ROWS)
         self._sysid = self._first("system_id", "MAV_SYS_ID") or 1

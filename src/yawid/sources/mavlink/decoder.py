@@ -129,13 +129,9 @@ class Decoder:
         sizes = records.end - records.begin + STAMP_SIZE
         place = STAMP_SIZE + np.cumsum(sizes) - sizes
         moves = place - (records.begin - STAMP_SIZE)
-        self._held_frames = Frames(
-            records.begin + moves,
-            records.end + moves,
-            records.payload + moves,
-            records.length,
-            records.row,
-        )
+        places = (records.begin, records.end, records.payload)
+        begin, end, payload = (column + moves for column in places)
+        self._held_frames = Frames(begin, end, payload, records.length, records.row)
         self._held_order = order
 
     def _columns(

@@ -172,14 +172,10 @@ class Tally:
         by_sender = {}
         for key, sender in sorted(self._senders.items()):
             is_ground = key >> 8 == GCS_SYSID or key in self._ground
-            by_sender[divmod(key, 256)] = SenderStats(
-                sender.frames + sender.rejected,
-                0 if is_ground else max(sender.lost, 0),
-                sender.duplicates,
-                sender.rejected,
-                bad_crc.get(key, 0),
-                unknown.get(key, 0),
-            )
+            frames, lost = sender.frames + sender.rejected, 0 if is_ground else max(sender.lost, 0)
+            passed = bad_crc.get(key, 0), unknown.get(key, 0)
+            counted = SenderStats(frames, lost, sender.duplicates, sender.rejected, *passed)
+            by_sender[divmod(key, 256)] = counted
         counts = by_sender.values()
         return LinkStats(
             frames=sum(count.frames for count in counts),
