@@ -93,7 +93,13 @@ def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
     """Return whether the parameters name any surface at all."""
     if vehicle.autopilot == ARDUPILOT:
         return bool(_Outputs.of(vehicle, table).functions)
-    return any(f"CA_SV_CS{i}_TYPE" in table.values for i in range(8))
+    return bool(_px4_types(table))
+
+
+def _px4_types(table: ParameterTable) -> dict[int, int]:
+    """Return CA_SV_CSi_TYPE of each control surface i that was reported."""
+    names = {i: f"CA_SV_CS{i}_TYPE" for i in range(8)}
+    return {i: int(table.get(name, 0.0)) for i, name in names.items() if name in table.values}
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,11 +178,7 @@ def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[P
 
 
 def _px4(what: str, table: ParameterTable, received: frozenset[str]) -> Surface | None:
-    types = {
-        i: int(table.get(f"CA_SV_CS{i}_TYPE", 0.0))
-        for i in range(8)
-        if f"CA_SV_CS{i}_TYPE" in table.values
-    }
+    types = _px4_types(table)
     left, right, left_weight, right_weight = PX4_PAIR[what]
     single = [i for i, kind in types.items() if kind in PX4_SINGLE[what]]
     pair = [i for kind in (left, right) for i, found in types.items() if found == kind]

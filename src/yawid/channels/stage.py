@@ -20,8 +20,8 @@ from yawid.channels.grid_rate import Flow, StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import Piece, Series
-from yawid.channels.stick_fallback import OUTPUTS, ReceivedMessages
-from yawid.channels.surface import STICKS, Surface
+from yawid.channels.stick_fallback import ReceivedMessages
+from yawid.channels.surface import OUTPUTS, STICKS, Surface
 from yawid.channels.surface_reader import SurfaceReader, Twins
 from yawid.channels.vehicle import VehicleLock
 from yawid.channels.yaw_reader import SOURCES, UNTIMED, YawReader

@@ -15,19 +15,11 @@ import numpy as np
 from yawid.blocks import Ints, MessageBlock
 from yawid.channels.clock import boot_us
 from yawid.channels.parameters import PX4_TRAVEL_US, STOCK_TRAVEL_US, ParameterTable
-from yawid.channels.surface import STICKS, Part, Surface
+from yawid.channels.surface import OUTPUTS, STICKS, Part, Surface
 from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 WAIT_US = 5_000_000
 """How long what is stood in for has to show up, on the vehicle's clock."""
-OUTPUTS = frozenset(
-    {
-        "SERVO_OUTPUT_RAW",
-        "ACTUATOR_OUTPUT_STATUS",
-        "ACTUATOR_CONTROL_TARGET",
-        "HIL_ACTUATOR_CONTROLS",
-    }
-)
 _MAPS = {
     ARDUPILOT: {"rudder": ("RCMAP_YAW", 4), "aileron": ("RCMAP_ROLL", 1)},
     PX4: {"rudder": ("RC_MAP_YAW", 0), "aileron": ("RC_MAP_ROLL", 0)},

@@ -101,39 +101,43 @@ class Surface:
 
     def rows(self, block: MessageBlock) -> Bools:
         """Return which rows of the message carry this surface at all (port, group)."""
-        if self.message == "SERVO_OUTPUT_RAW":
-            return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 16)
-        if self.message == "RC_CHANNELS_RAW":
-            return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // 8)
+        if "port" in (block.fields.dtype.names or ()):
+            _, count = NUMBERED[self.message]
+            return np.asarray(block.fields["port"] == (self.parts[0].number - 1) // count)
         if self.message == "ACTUATOR_CONTROL_TARGET":
             return np.asarray(block.fields["group_mlx"] == 0)
         return np.ones(len(block), bool)
 
 
-_ARRAYS = {
+ARRAYS = {
     "ACTUATOR_CONTROL_TARGET": ("controls", 0),
     "HIL_ACTUATOR_CONTROLS": ("controls", 1),
     "ACTUATOR_OUTPUT_STATUS": ("actuator", 1),
 }
 """Messages whose outputs stand in an array: its field, and the number of the first."""
+NUMBERED = {
+    "SERVO_OUTPUT_RAW": ("servo", 16),
+    "RC_CHANNELS": ("chan", 18),
+    "RC_CHANNELS_RAW": ("chan", 8),
+}
+"""Those with a field for each: its prefix, and how many a message (one port) has."""
+OUTPUTS = frozenset({"SERVO_OUTPUT_RAW", *ARRAYS})
+"""The messages that report outputs of the vehicle."""
 
 
 def _field(message: str, number: int) -> str:
-    if message in _ARRAYS:
-        name, first = _ARRAYS[message]
+    if message in ARRAYS:
+        name, first = ARRAYS[message]
         return f"{name}[{number - first}]"
-    if message == "RC_CHANNELS":
-        return f"chan{number}_raw"
-    if message == "RC_CHANNELS_RAW":
-        return f"chan{(number - 1) % 8 + 1}_raw"
-    return f"servo{(number - 1) % 16 + 1}_raw"
+    prefix, count = NUMBERED[message]
+    return f"{prefix}{(number - 1) % count + 1}_raw"
 
 
 def raw_outputs(block: MessageBlock) -> Iterator[tuple[int, Floats]]:
     """Yield every output's number and raw values (n,), those of SERVO_OUTPUT_RAW port by port."""
     fields = block.fields
-    if block.name in _ARRAYS:
-        name, first = _ARRAYS[block.name]
+    if block.name in ARRAYS:
+        name, first = ARRAYS[block.name]
         for i in range(fields[name].shape[1]):
             yield first + i, np.asarray(fields[name][:, i], float)
         return
@@ -145,8 +149,7 @@ def raw_outputs(block: MessageBlock) -> Iterator[tuple[int, Floats]]:
 
 def raw_output(block: MessageBlock, number: int) -> Floats:
     """Return one output's raw values (n,)."""
-    message, fields = block.name, block.fields
-    if message in _ARRAYS:
-        name, first = _ARRAYS[message]
-        return np.asarray(fields[name][:, number - first], float)
-    return np.asarray(fields[_field(message, number)], float)
+    if block.name in ARRAYS:
+        name, first = ARRAYS[block.name]
+        return np.asarray(block.fields[name][:, number - first], float)
+    return np.asarray(block.fields[_field(block.name, number)], float)

@@ -42,6 +42,14 @@ _LISTS: dict[str, tuple[type, str]] = {
     "inputs": (str, "rudder or rudder,aileron"),
     "band": (float, "LO,HI in Hz"),
 }
+_CHOICES: dict[str, tuple[str, ...]] = {
+    "method": METHODS,
+    "also": (*METHODS, "none"),
+    "engine": ENGINES,
+    "output": OUTPUTS,
+    "turn": ("keep", "remove"),
+    "rudder_sign": ("nose-right", "nose-left"),
+}
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
 _FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
 
@@ -103,9 +111,10 @@ class RunConfig:
         if self.orders[3] == 0:
             text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
             raise ConfigError(f"--orders: {text}")
-        _check_choice("method", self.method, METHODS)
-        _check_choice("also", self.also, (*METHODS, "none"))
-        _check_choice("engine", self.engine, ENGINES)
+        for name, choices in _CHOICES.items():
+            if (value := getattr(self, name)) not in choices:
+                option = name.replace("_", "-")
+                raise ConfigError(f"--{option} must be one of {', '.join(choices)}, got {value!r}")
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting say the same thing: give one of them")
 
@@ -114,9 +123,6 @@ class RunConfig:
             given = ",".join(self.inputs)
             raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
         self.armax_orders()
-        _check_choice("output", self.output, OUTPUTS)
-        _check_choice("turn", self.turn, ("keep", "remove"))
-        _check_choice("rudder-sign", self.rudder_sign, ("nose-right", "nose-left"))
         for name, allowed in SELECTORS.items():
             selector = getattr(self, name)
             if allowed.fullmatch(selector) is None:
@@ -238,11 +244,6 @@ def _typed(name: str, value: Any, where: str) -> Any:
     if not isinstance(value, wanted) or isinstance(value, bool):
         raise ConfigError(f"{where}: {name} must be {_KINDS[wanted[-1]]}, got {value!r}")
     return value
-
-
-def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ConfigError(f"--{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
 def _toml(value: Any) -> str:

@@ -85,10 +85,9 @@ def live(
     try:
         # The tap comes first: it queues what is sent while a compiler or a viewer takes its time.
         with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
-            warming = Warming(config)
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, warming,
+                stamps.now, Warming(config),
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
     finally:
@@ -101,7 +100,7 @@ def _attend(
     """Read the tap until asked to stop, close it and finish; what is cut short is left readable."""
     sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
-        loop = _Loop(tap, sessions, setting.warming, options, setting.read_options, console)
+        loop = _Loop(tap, sessions, setting, options, console)
         loop.run(stop)
         tap.close()
         return loop.finish()
@@ -137,13 +136,12 @@ class _Loop:
         self,
         tap: Tap,
         sessions: Single | Fleet,
-        warming: Warming,
+        setting: Setting,
         options: LiveOptions,
-        read_options: ReadOptions,
         console: Console,
     ) -> None:
         self._tap = tap
-        self._warming: Warming | None = warming
+        self._warming: Warming | None = setting.warming
         self._warming_said = False
         self._sessions = sessions
         self._console = console
@@ -154,7 +152,7 @@ class _Loop:
         seconds = options.seconds
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
-        self._rates = None if hz is None else RateRequests(tap, hz, read_options)
+        self._rates = None if hz is None else RateRequests(tap, hz, setting.read_options)
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until asked to stop, the time is up, or the endpoint fails."""

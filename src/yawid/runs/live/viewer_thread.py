@@ -77,7 +77,10 @@ class Viewer:
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :meth:`yawid.sinks.base.Sink.finish`; a viewer that does not take it is left."""
-        self._end(lambda sink: sink.finish(summary, attachments))
+        with contextlib.suppress(queue.Full):
+            self._calls.put(lambda sink: sink.finish(summary, attachments), timeout=CLOSE_S)
+            self._calls.put(None, timeout=CLOSE_S)
+            self._thread.join(CLOSE_S)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`; what ends at once waits for no viewer."""
@@ -91,14 +94,6 @@ class Viewer:
         except queue.Full:
             return False
         return True
-
-    def _end(self, call: Call) -> None:
-        try:
-            self._calls.put(call, timeout=CLOSE_S)
-            self._calls.put(None, timeout=CLOSE_S)
-        except queue.Full:
-            return
-        self._thread.join(CLOSE_S)
 
     def _run(self) -> None:
         while (call := self._calls.get()) is not None:

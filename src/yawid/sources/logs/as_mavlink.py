@@ -6,7 +6,7 @@ report, no others. Time is 64 bits of microseconds in all of them: the logs know
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -147,20 +147,3 @@ def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floa
     values = [np.interp(t_us, known_us, a) for a in (roll[forward], pitch[forward], turned)]
     values[2] = (values[2] + np.pi) % (2.0 * np.pi) - np.pi
     return np.where(inside, np.stack(values), np.nan)
-
-
-def in_order(parts: Mapping[str, tuple[Ints, NDArray[Any]]]) -> Iterator[tuple[str, Ints, Ints]]:
-    """Yield (name, order, rows): the place of each row among all messages, sorted by time.
-
-    ``parts`` maps a name to the times (n,) its rows were logged at; of equal times the name that
-    stands first comes first.
-    """
-    times = np.concatenate([t for t, _ in parts.values()])
-    place = np.empty(len(times), np.int64)
-    place[np.argsort(times, kind="stable")] = np.arange(len(times))
-    start = 0
-    for name, (t, _) in parts.items():
-        own = place[start : start + len(t)]
-        rows = np.argsort(own)
-        yield name, own[rows], rows
-        start += len(t)

@@ -77,8 +77,10 @@ class DataflashReader:
         self._shift = len(first) + 1
         order = np.arange(1, self._shift)
         self._first = self._untimed("PARAM_VALUE", order - self._shift, first)
+        beats, states = _heartbeats(index)
         self._context = [
-            self._untimed("HEARTBEAT", *_from_start(_heartbeats(index), self._shift)),
+            # What held before the log's first byte moves to where order becomes 0.
+            self._untimed("HEARTBEAT", np.where(beats < 0, -self._shift, beats), states),
             self._untimed("VFR_HUD", *_hud(index)),
             self._untimed("EXTENDED_SYS_STATE", *_system_state(index)),
             self._untimed("PARAM_VALUE", changed, values),
@@ -89,7 +91,7 @@ class DataflashReader:
         """Counts of the whole log: messages believed, bytes in none, messages it dropped itself."""
         index, lost = self._index, 0
         if index.has("DSF", "Dp"):
-            lost = int(index.rows("DSF", index.offsets["DSF"])["Dp"].max())
+            lost = int(index.reported("DSF")[1]["Dp"].max())
         ends = [index.times(n, index.offsets[n][[0, -1]]) for n in _TIMED if index.has(n)]
         known = np.concatenate(ends) + self._unix_us if ends else None
         return LinkStats(
@@ -101,15 +103,14 @@ class DataflashReader:
             senders={(self._sysid, COMPID): index.messages},
         )
 
-    def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
+    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
         """Yield (bytes read, the messages they hold) from the start, continuing ``digest``."""
         data = self._index.data
         opening = [within(block, 0, self._shift) for block in self._context]
         yield 0, frame_block([opening[0], self._first])
         for low in range(0, len(data), CHUNK):
             chunk = data[low : low + CHUNK]
-            if digest is not None:
-                digest.update(chunk)
+            digest.update(chunk)
             high = low + len(chunk)
             edges = low + self._shift, high + self._shift
             context = [within(block, *edges) for block in self._context]
@@ -188,24 +189,16 @@ class DataflashReader:
         """Of several sensors keep the first; of airspeed sensors the one reported to be primary."""
         if not self._index.has(name, "I"):
             return
-        offsets = self._index.offsets[name]
-        rows = self._index.rows(name, offsets)
+        offsets, rows = self._index.reported(name)
         primary = rows["Pri"] if "Pri" in (rows.dtype.names or ()) else rows["I"].min()
         self._index.offsets[name] = offsets[rows["I"] == primary]
-
-
-def _from_start(reported: tuple[Ints, NDArray[Any]], shift: int) -> tuple[Ints, NDArray[Any]]:
-    """Move what is reported before the log's first byte to where order becomes 0."""
-    offsets, fields = reported
-    return np.where(offsets < 0, -shift, offsets), fields
 
 
 def _unix_minus_boot_us(index: DataflashIndex) -> int:
     """Return Unix minus boot time in microseconds by GPS, 0 without a 3D fix."""
     if not index.has("GPS", "Status", "GWk", "GMS"):
         return 0
-    offsets = index.offsets["GPS"]
-    rows = index.rows("GPS", offsets)
+    offsets, rows = index.reported("GPS")
     fixed = (rows["Status"] >= _FIX_3D) & (rows["GWk"] > 0)
     if not fixed.any():
         return 0
@@ -222,8 +215,7 @@ def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
     if not index.has("PARM", "Name", "Value"):
         nothing = _NONE, table("PARAM_VALUE", 0)
         return nothing, nothing
-    offsets = index.offsets["PARM"]
-    rows = index.rows("PARM", offsets)
+    offsets, rows = index.reported("PARM")
     fields = table("PARAM_VALUE", len(rows), param_id=rows["Name"], param_value=rows["Value"])
     first = np.zeros(len(rows), bool)
     first[np.unique(rows["Name"], return_index=True)[1]] = True
@@ -244,8 +236,8 @@ def _heartbeats(index: DataflashIndex) -> PlacedFields:
     modes, mode = _NONE, np.zeros(0)
     column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
     if index.has("MODE", column):
-        modes = index.offsets["MODE"]
-        mode = np.asarray(index.rows("MODE", modes)[column], float)
+        modes, rows = index.reported("MODE")
+        mode = np.asarray(rows[column], float)
     arms, armed = _arming(index)
     # Unless it says otherwise a log begins with arming (LOG_DISARMED is 0).
     opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)
@@ -259,13 +251,12 @@ def _heartbeats(index: DataflashIndex) -> PlacedFields:
 def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
     """Return where the vehicle was armed (1) or disarmed (0)."""
     if index.has("ARM", "ArmState"):
-        offsets = index.offsets["ARM"]
-        return offsets, np.asarray(index.rows("ARM", offsets)["ArmState"] != 0, float)
+        offsets, rows = index.reported("ARM")
+        return offsets, np.asarray(rows["ArmState"] != 0, float)
     if index.has("EV", "Id"):
-        offsets = index.offsets["EV"]
-        events = index.rows("EV", offsets)["Id"]
-        reported = np.isin(events, (_EV_ARMED, _EV_DISARMED))
-        return offsets[reported], np.asarray(events[reported] == _EV_ARMED, float)
+        offsets, rows = index.reported("EV")
+        reported = np.isin(rows["Id"], (_EV_ARMED, _EV_DISARMED))
+        return offsets[reported], np.asarray(rows["Id"][reported] == _EV_ARMED, float)
     return _NONE, np.zeros(0)
 
 
@@ -274,10 +265,9 @@ def _hud(index: DataflashIndex) -> PlacedFields:
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
     ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
     if index.has("GPS", "Spd", "Status"):
-        offsets = index.offsets["GPS"]
-        rows = index.rows("GPS", offsets)
-        is_fixed = rows["Status"] >= _FIX_3D
-        ground = offsets, np.where(is_fixed, index.si("GPS", rows, "Spd"), np.nan)
+        offsets, rows = index.reported("GPS")
+        fixed = rows["Status"] >= _FIX_3D
+        ground = offsets, np.where(fixed, index.si("GPS", rows, "Spd"), np.nan)
     return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
 
 
@@ -285,8 +275,8 @@ def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tup
     """Return the first of these columns that the log has, and where it is reported."""
     for name, column in wanted:
         if index.has(name, column):
-            offsets = index.offsets[name]
-            return offsets, index.si(name, index.rows(name, offsets), column)
+            offsets, rows = index.reported(name)
+            return offsets, index.si(name, rows, column)
     return _NONE, np.zeros(0)
 
 
@@ -294,20 +284,19 @@ def _system_state(index: DataflashIndex) -> PlacedFields:
     """Return an EXTENDED_SYS_STATE for each time that ArduPlane says whether it believes to fly."""
     if not index.has("STAT", "isFlying"):
         return _NONE, table("EXTENDED_SYS_STATE", 0)
-    offsets = index.offsets["STAT"]
-    flies = index.rows("STAT", offsets)["isFlying"] != 0
-    landed = np.where(flies, IN_AIR, LANDED)
+    offsets, rows = index.reported("STAT")
+    landed = np.where(rows["isFlying"] != 0, IN_AIR, LANDED)
     return offsets, table("EXTENDED_SYS_STATE", len(offsets), landed_state=landed)
 
 
 def _vehicle_type(index: DataflashIndex) -> int:
     """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) where both lack."""
     if index.has("VER", "BU"):
-        build = int(index.rows("VER", index.offsets["VER"])["BU"][0])
+        build = int(index.reported("VER")[1]["BU"][0])
         if build in _TYPE_OF_BUILD:
             return _TYPE_OF_BUILD[build]
     if index.has("MSG", "Message"):
-        for text in index.rows("MSG", index.offsets["MSG"])["Message"].tolist():
+        for text in index.reported("MSG")[1]["Message"].tolist():
             for name, kind in _TYPE_OF_NAME.items():
                 if name in text:
                     return kind

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
-from yawid.sources.logs.as_mavlink import quiet, steady
+from yawid.sources.logs.as_mavlink import PlacedFields, quiet, steady
 
 MAGIC = b"\xa3\x95"
 _HEADER = 3
@@ -123,6 +123,10 @@ class DataflashIndex:
             for column in columns
         )
 
+    def reported(self, name: str) -> PlacedFields:
+        """Return where all messages of a name start (n,), at least one, and their payloads (n,)."""
+        return self.offsets[name], self.rows(name, self.offsets[name])
+
     def rows(self, name: str, offsets: Ints) -> NDArray[Any]:
         """Return the payloads (n,) of the messages that start at ``offsets`` (n,)."""
         dtype = self._formats[name].dtype
@@ -164,7 +168,7 @@ class DataflashIndex:
             factors[name] = {c: np.deg2rad(v) for c, v in factors[name].items()}
         if not self.has("FMTU", "FmtType", "UnitIds", "MultIds"):
             return factors
-        for row in self.rows("FMTU", self.offsets["FMTU"]):
+        for row in self.reported("FMTU")[1]:
             reported = self._types.get(int(row["FmtType"]))
             if reported is None:
                 continue
@@ -180,7 +184,7 @@ class DataflashIndex:
         """Return UNIT or MULT: its one-character id -> value."""
         if not self.has(name, "Id", column):
             return {}
-        rows = self.rows(name, self.offsets[name])
+        _, rows = self.reported(name)
         return {chr(int(i) & 0x7F): v for i, v in zip(rows["Id"], rows[column], strict=True)}
 
 

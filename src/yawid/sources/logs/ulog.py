@@ -31,7 +31,6 @@ from yawid.sources.logs.as_mavlink import (
     PlacedFields,
     angles_at,
     frame_block,
-    in_order,
     merged,
     message,
     quiet,
@@ -111,7 +110,7 @@ class UlogReader:
             senders={(self._sysid, COMPID): found},
         )
 
-    def read(self, digest: Digest | None = None) -> Iterator[tuple[int, FrameBlock | None]]:
+    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
         """Yield (bytes, messages) from the start, continuing ``digest`` by the file's bytes."""
         total = sum(len(block) for block in self._blocks)
         pieces = max(self._size // CHUNK + 1, 1)
@@ -119,8 +118,7 @@ class UlogReader:
         with self._path.open("rb") as file:
             for low, high in itertools.pairwise(edges):
                 chunk = file.read(CHUNK)
-                if digest is not None:
-                    digest.update(chunk)
+                digest.update(chunk)
                 yield len(chunk), frame_block(within(block, low, high) for block in self._blocks)
 
     def _messages(self) -> Iterator[tuple[str, PlacedFields]]:
@@ -134,10 +132,8 @@ class UlogReader:
         yield "ACTUATOR_CONTROL_TARGET", self._controls()
         simulated = self._topics.get(("actuator_outputs_sim", 0))
         if simulated is not None:
-            yield (
-                "HIL_ACTUATOR_CONTROLS",
-                _timed("HIL_ACTUATOR_CONTROLS", simulated, controls=array(simulated, "output", 16)),
-            )
+            name, controls = "HIL_ACTUATOR_CONTROLS", array(simulated, "output", 16)
+            yield name, _timed(name, simulated, controls=controls)
         stick = self._topics.get(("input_rc", 0))
         if stick is not None:
             values = array(stick, "values", 18)
@@ -145,11 +141,20 @@ class UlogReader:
             yield "RC_CHANNELS", _timed("RC_CHANNELS", stick, **columns)
 
     def _in_order(self, parts: Mapping[str, PlacedFields]) -> Iterator[MessageBlock]:
-        """Yield the blocks, each row's order its place among all rows by time."""
-        for name, order, rows in in_order(parts):
-            t_us, fields = parts[name]
+        """Yield the blocks, each row's order its place among all rows by time.
+
+        Of equal times the name that stands first comes first.
+        """
+        times = np.concatenate([t for t, _ in parts.values()])
+        place = np.empty(len(times), np.int64)
+        place[np.argsort(times, kind="stable")] = np.arange(len(times))
+        start = 0
+        for name, (t_us, fields) in parts.items():
+            order = place[start : start + len(t_us)]
+            start += len(t_us)
+            rows = np.argsort(order)
             received = t_us[rows] + self._unix_us
-            yield message(name, order, received, fields[rows], self._sysid)
+            yield message(name, order[rows], received, fields[rows], self._sysid)
 
     def _first(self, column: str, parameter: str) -> int:
         """Return a small number as vehicle_status said first, or a parameter, 0 if neither did."""
