@@ -59,8 +59,8 @@ class Aligner:
         """Take one piece of a segment in; return the samples it completes."""
         if piece.opens:
             self._open(piece)
-        self._surface = Series.concatenate(self._surface, piece.surface)
-        self._yaw = Series.concatenate(self._yaw, piece.yaw)
+        self._surface = Series.joined([self._surface, piece.surface])
+        self._yaw = Series.joined([self._yaw, piece.yaw])
         self._offset = Readings.joined([self._offset, piece.offset])
         blocks = [] if self._next_k is not None else self._start()
         before = None
@@ -113,13 +113,9 @@ class Aligner:
         self.gaps += int(first_of_gap.sum())
         yaw[gap], surface[gap] = np.nan, np.nan
         later = self._yaw.order[yaw_row] >= self._surface.order[surface_row]
-        order, received_us = (
-            np.where(later, of_yaw[yaw_row], of_surface[surface_row])
-            for of_yaw, of_surface in (
-                (self._yaw.order, self._surface.order),
-                (self._yaw.received_us, self._surface.received_us),
-            )
-        )
+        order = np.where(later, self._yaw.order[yaw_row], self._surface.order[surface_row])
+        received = self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]
+        received_us = np.where(later, *received)
         held = np.where(gap, int(Held.GAP), 0)
         rows = AlignedRows(k, order, received_us, self._offset.at(order), yaw, surface, held)
         keep = ~gap | first_of_gap

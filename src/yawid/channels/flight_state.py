@@ -68,12 +68,10 @@ class Wings:
     """Says for any place of the stream whether the vehicle flies on its wings alone."""
 
     lift: tuple[LiftMotor, ...] = ()
-    _state: Latest = field(default_factory=lambda: Latest(1))
     _driven: tuple[Latest, Latest] = field(default_factory=lambda: (Latest(1), Latest(1)))
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
-        """Take in what reports it in a block."""
-        self._state.observe(messages.get("EXTENDED_SYS_STATE"), lambda f: f["vtol_state"][:, None])
+        """Take in what reports in a block how motors are driven."""
         servos = messages.get("SERVO_OUTPUT_RAW")
         if not self.lift or servos is None:
             return
@@ -90,9 +88,11 @@ class Wings:
                 is_driven[(pwm > motor.driven_us) & (pwm < 65535.0)] = 1.0
         return is_driven
 
-    def held(self, order: Ints, mode: Floats, vehicle: Vehicle | None) -> Ints:
-        """Return the bits of :class:`Held` at places (n,), ``mode`` (n,) being the flight mode."""
-        state = self._state.at(order)[:, 0]
+    def held(self, order: Ints, mode: Floats, state: Floats, vehicle: Vehicle | None) -> Ints:
+        """Return the bits of :class:`Held` at places (n,).
+
+        ``mode`` (n,) is the flight mode, ``state`` (n,) the MAV_VTOL_STATE, NaN before it is known.
+        """
         hovers = (state > 0.0) & (state < WINGS)
         if vehicle is not None and has_wings(vehicle):
             if vehicle.autopilot == ARDUPILOT:
@@ -114,7 +114,7 @@ class FlightState:
     wings: Wings = field(default_factory=Wings)
     _hud: Latest = field(default_factory=lambda: Latest(3))
     _state: Latest = field(default_factory=lambda: Latest(2))
-    _landed: Latest = field(default_factory=lambda: Latest(1))
+    _system: Latest = field(default_factory=lambda: Latest(2))
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the context messages of a block."""
@@ -123,7 +123,8 @@ class FlightState:
             messages.get("HEARTBEAT"),
             lambda f: np.stack([f["custom_mode"], f["base_mode"] & ARMED], axis=1).astype(float),
         )
-        self._landed.observe(messages.get("EXTENDED_SYS_STATE"), _columns("landed_state"))
+        states = _columns("landed_state", "vtol_state")
+        self._system.observe(messages.get("EXTENDED_SYS_STATE"), states)
         self.wings.observe(messages)
 
     def at(self, order: Ints) -> Floats:
@@ -133,10 +134,11 @@ class FlightState:
         (above the sea, by ArduPilot and PX4 alike), and the bits of :class:`Held` by which nobody
         flies on wings alone.
         """
-        hud, state = self._hud.at(order), self._state.at(order)
-        on_ground = self._on_ground(hud, state[:, 1], self._landed.at(order)[:, 0])
-        held = self.wings.held(order, state[:, 0], self.vehicle)
-        return np.stack([hud[:, 0], on_ground, state[:, 0], hud[:, 2], held], axis=1)
+        hud, (mode, armed) = self._hud.at(order), self._state.at(order).T
+        landed, vtol = self._system.at(order).T
+        on_ground = self._on_ground(hud, armed, landed)
+        held = self.wings.held(order, mode, vtol, self.vehicle)
+        return np.stack([hud[:, 0], on_ground, mode, hud[:, 2], held], axis=1)
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where nothing reports, (n,).

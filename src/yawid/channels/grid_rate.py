@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -89,13 +90,9 @@ class StartUp:
 
     def _segment(self) -> tuple[Series, Series]:
         """Return the rows of the segment now open."""
-        yaw, surface = self.pieces[self._first].yaw, self.pieces[self._first].surface
-        for piece in self.pieces[self._first + 1 :]:
-            if piece.opens:
-                break
-            yaw = Series.concatenate(yaw, piece.yaw)
-            surface = Series.concatenate(surface, piece.surface)
-        return yaw, surface
+        opened, *later = self.pieces[self._first :]
+        own = [opened, *takewhile(lambda piece: not piece.opens, later)]
+        return Series.joined([p.yaw for p in own]), Series.joined([p.surface for p in own])
 
 
 def _medians(yaw: Series, surface: Series, begin: int, last: int) -> tuple[float, float] | None:

@@ -25,11 +25,6 @@ class Series(Columns):
     values: Floats
 
     @staticmethod
-    def concatenate(a: Series, b: Series) -> Series:
-        """Return the rows of both, a first."""
-        return Series.joined([a, b]) if len(a) else b
-
-    @staticmethod
     def empty(columns: int) -> Series:
         """Return a series without rows."""
         none = np.zeros(0, np.int64)

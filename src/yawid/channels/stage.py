@@ -22,7 +22,7 @@ from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import Piece, Series
 from yawid.channels.stick_fallback import ReceivedMessages
 from yawid.channels.surface import OUTPUTS, STICKS, Surface
-from yawid.channels.surface_reader import SurfaceReader, Twins
+from yawid.channels.surface_reader import SurfaceReader
 from yawid.channels.vehicle import VehicleLock
 from yawid.channels.yaw_reader import SOURCES, UNTIMED, YawReader
 from yawid.config.run import RunConfig
@@ -38,7 +38,8 @@ class Channels:
     """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
 
     ``watch`` is shown the rows of yaw and surfaces in the order received, and changes nothing.
-    ``used`` counts the samples that update the estimators, ``held`` says why others did not.
+    ``used`` counts the samples that update the estimators, ``held`` says why others did not, and
+    ``twins`` how outputs of one function compare.
 
     Raises:
         ConfigError: the rate asked for is above the log's own.
@@ -65,11 +66,7 @@ class Channels:
         self.boots = Boots()
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
-
-    @property
-    def twins(self) -> Twins:
-        """How outputs of one function compare so far."""
-        return self._surface.twins
+        self.twins = self._surface.twins
 
     # Any bits may stand in a float of the log: what is not sound becomes NaN, and held.
     @np.errstate(over="ignore", invalid="ignore")

@@ -71,11 +71,10 @@ class Inbox:
     before.
     """
 
-    def __init__(self, size: int, stamps: Stamps) -> None:
+    def __init__(self, size: int) -> None:
         self.received = 0
         self.dropped = 0
         self.last_us = 0
-        self.stamps = stamps
         self._size = size
         self._taken = 0
         self._queue: deque[Batch] = deque()

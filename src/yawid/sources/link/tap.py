@@ -52,7 +52,7 @@ class Tap(ABC):
         self.stamps = stamps or Stamps()
         self.senders = Addresses()
         self.news: deque[str] = deque()
-        self.inbox = Inbox(queue_size, self.stamps)
+        self.inbox = Inbox(queue_size)
         self._next_read_s = 0.0
         self._closing = threading.Event()
         self._failure: OSError | None = None

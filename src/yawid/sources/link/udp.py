@@ -112,13 +112,9 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
         SourceError: the address cannot be listened on; the message gives the remedy.
     """
     family = socket.AF_INET6 if endpoint.is_ipv6 else socket.AF_INET
+    tap = None
     try:
         tap = socket.socket(family, socket.SOCK_DGRAM)
-    except OSError as error:
-        raise SourceError(
-            f"{endpoint} cannot be listened on: {_remedy(endpoint, error)}"
-        ) from error
-    try:
         tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         tap.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _POLL)
         if endpoint.kind == "udpout":
@@ -135,7 +131,8 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
             # No SO_REUSEADDR: with it the next program could take the port unseen.
             tap.bind((endpoint.host, endpoint.port))
     except OSError as error:
-        tap.close()
+        if tap is not None:
+            tap.close()
         text = f"{endpoint} cannot be listened on: {_remedy(endpoint, error)}"
         raise SourceError(text) from error
     return tap

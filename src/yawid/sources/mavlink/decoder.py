@@ -41,11 +41,11 @@ class Decoder:
 
     def __init__(self, wanted: Iterable[str], signing: Signing | None = None) -> None:
         self._known = definitions()
-        self._dtypes = {name: dtype_of(name) for name in sorted(wanted)}
+        dtypes = {name: dtype_of(name) for name in sorted(wanted)}
         self._chain = Chain(self._known)
         self._filter = StampFilter()
         self._tally = Tally(self._known, signing)
-        self._kinds = {self._known.names[n]: (n, dtype) for n, dtype in self._dtypes.items()}
+        self._kinds = {self._known.names[n]: (n, dtype) for n, dtype in dtypes.items()}
         self._plain = PlainReader(self._known)
         self._tail = b""
         self._decided = 0
@@ -144,8 +144,7 @@ class Decoder:
         frames = records.frames
         messages = {}
         counts = np.bincount(frames.row, minlength=len(self._known.names))
-        for name, dtype in self._dtypes.items():
-            row = self._known.names[name]
+        for row, (name, dtype) in self._kinds.items():
             if counts[row]:
                 rows = np.flatnonzero(frames.row == row)
                 fields = _payloads(buffer, frames.payload[rows], frames.length[rows], dtype)

@@ -144,8 +144,9 @@ class SenderCount:
             recent = self._recent[own.sequence[row]]
             if recent is not None and recent[0] == place[row]:
                 is_near = abs(int(own.stamps[row]) - recent[1]) <= _TWICE_WITHIN_US
+                frame = data[own.frames.begin[row] : own.frames.end[row]]
                 is_taken[row] = True
-                is_twice[row] = is_near and recent[2] == _frame(data, own.frames, row)
+                is_twice[row] = is_near and recent[2] == frame
         return is_taken, is_twice
 
     def _remember(self, data: bytes, own: Records, place: Ints, *, goes_on: bool) -> None:
@@ -180,10 +181,6 @@ def _last_rows(sequence: Bytes) -> Ints:
     if first and (last_row < 0).any():
         last_row[sequence] = np.arange(len(sequence))
     return last_row[last_row >= 0]
-
-
-def _frame(data: bytes, frames: Frames, row: int) -> bytes:
-    return data[frames.begin[row] : frames.end[row]]
 
 
 def _same_bytes(data: bytes, frames: Frames, earlier: Ints, later: Ints) -> Bools:
