@@ -12,8 +12,7 @@ from places import REPLAY_LOGS as CASES
 
 from yawid.cli.main import main
 from yawid.runs.regress.case import Case, find_cases
-from yawid.runs.regress.check import Outcome, check_case, regress
-from yawid.runs.regress.reports import write_junit
+from yawid.runs.regress.check import Outcome, check_case, regress, write_junit
 from yawid.runs.regress.table import read_csv
 
 

@@ -89,8 +89,7 @@ def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from yawid.runs.regress.case import find_cases
-    from yawid.runs.regress.check import Outcome, regress
-    from yawid.runs.regress.reports import as_json, exit_code, write_junit
+    from yawid.runs.regress.check import Outcome, as_json, exit_code, regress, write_junit
 
     cases = find_cases(arguments.folder, arguments.cases)
     outcomes: list[Outcome] = []

@@ -7,29 +7,29 @@ own.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import convert
+from msgspec import structs
 
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.segments import REBOOT_US, Boots
-from yawid.channels.survey import AIRBORNE, GROUNDED, Intervals, Phase, Survey
+from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
-from yawid.results.inspection import Inspection
+from yawid.results.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
 from yawid.results.judge_samples import LEAST_RATE_HZ, reaction_shares
 from yawid.results.reasons import KINDS, Verdict
-from yawid.results.run_summary import MethodSummary, RunSummary
+from yawid.results.run_summary import MethodSummary, Origin, RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
@@ -57,20 +57,6 @@ LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
 NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 MOST_REMEDIES = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """Where the rudder moved on its own, in seconds since boot, in the boot of that number."""
-
-    boot: int | None
-    from_s: float
-    to_s: float
-
-    @property
-    def seconds(self) -> float:
-        """How long it lasts."""
-        return self.to_s - self.from_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,39 +133,39 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
     run_log(source, pipeline)
     log, link = source.path, source.link
     whole = Trial(config, *summarise(pipeline, link, str(log.absolute()), source.sha256))
-    found: list[Stretch] = []
+    found: list[Span] = []
     if pipeline.kept and pipeline.channels.surfaces:
         found = stretches(pipeline.kept, config, pipeline.channels.boots)
-    kept = ("log", "sha256", "duration_s", "vehicle", "vehicles", "boots", "link", "channels")
-    summary = whole.summary.to_json()
-    report: dict[str, Any] = {key: summary[key] for key in kept if key in summary}
-    report["senders"] = {f"{s}/{c}": n for (s, c), n in link.senders.items()}
-    counted = {key: SenderStats(frames) for key, frames in link.senders.items()} | dict(
-        link.by_sender
-    )
-    report["by_sender"] = {f"{s}/{c}": asdict(n) for (s, c), n in counted.items()}
-    if link.signed:
-        report["link"]["signed"] = link.signed
-    if (said := source.options.unchecked(link)) is not None:
-        report["unchecked"] = said
-    report |= flown(survey, pipeline.channels.lock.vehicle)
-    report["excited"] = [
-        {"boot": each.boot, "from": each.from_s, "to": each.to_s} for each in found
-    ]
-    report["recommend"] = {}
-    chosen = whole
+    chosen, recommend, command = whole, {}, None
+    rates = _rates(survey)
     if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
-        longest = max(found, key=lambda stretch: stretch.seconds)
-        later_hz = min(each["rate_hz"] for each in report["rates"].values())
-        boot = longest.boot if len(pipeline.channels.boots.spans_us) > 1 else config.boot
-        chosen = _best(Trials(source), whole, replace(longest, boot=boot), later_hz)
-        report["recommend"] = said_options(chosen.config)
-        report["command"] = command_line(log, chosen.config, source.options)
+        longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
+        later_hz = min(each.rate_hz for each in rates.values())
+        if len(pipeline.channels.boots.spans_us) < 2:
+            longest = structs.replace(longest, boot=config.boot)
+        chosen = _best(Trials(source), whole, longest, later_hz)
+        recommend = said_options(chosen.config)
+        command = command_line(log, chosen.config, source.options)
     ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
     if record := what_to_record(ids, pipeline.channels):
-        report["recommend"]["record"] = record
-    report["verdict"] = as_summary(chosen.verdict).to_json()
-    return convert(report, Inspection), chosen.verdict
+        recommend["record"] = record
+    origin = {name: getattr(whole.summary, name) for name in Origin.__struct_fields__}
+    counted = {key: SenderStats(n) for key, n in link.senders.items()} | dict(link.by_sender)
+    vehicle = pipeline.channels.lock.vehicle
+    inspection = Inspection(
+        **origin | {"link": structs.replace(whole.summary.link, signed=link.signed or None)},
+        senders={f"{s}/{c}": n for (s, c), n in link.senders.items()},
+        by_sender={f"{s}/{c}": asdict(n) for (s, c), n in counted.items()},
+        unchecked=source.options.unchecked(link),
+        rates=rates,
+        answerable=_answerable(rates),
+        phases=None if vehicle is None else [_phase(phase, vehicle) for phase in survey.phases],
+        excited=found,
+        recommend=recommend,
+        command=command,
+        verdict=as_summary(chosen.verdict),
+    )
+    return inspection, chosen.verdict
 
 
 def said_options(config: RunConfig) -> dict[str, Any]:
@@ -208,49 +194,36 @@ def command_line(log: Path, config: RunConfig, read_options: ReadOptions) -> str
     return shlex.join(words)
 
 
-def flown(survey: Survey, vehicle: Vehicle | None) -> dict[str, Any]:
-    """Return message rates with their jitter, what they can answer, and the phases of the flight.
-
-    Intervals and rates are on the vehicle's clock; ``from`` and ``to`` in seconds since boot.
-    """
+def _rates(survey: Survey) -> dict[str, MessageRate]:
+    """Return the rates of yaw and rudder messages with their jitter, on the vehicle's clock."""
     named = zip(("yaw", "rudder"), survey.intervals(), strict=True)
-    rates = {name: _rate_and_jitter(found) for name, found in named if found is not None}
-    told: dict[str, Any] = {"rates": rates}
-    slowest_hz = min((each["rate_hz"] for each in rates.values()), default=0.0)
-    if len(rates) == 2 and slowest_hz >= LEAST_RATE_HZ * RATE_SLACK:
-        told["answerable"] = {
-            "wn_max_rad_s": 2.0 * np.pi * slowest_hz / LEAST_PER_PERIOD,
-            "wn_well_rad_s": 2.0 * np.pi * slowest_hz / GOOD_PER_PERIOD,
-        }
-    if vehicle is not None:
-        told["phases"] = [_phase(phase, vehicle) for phase in survey.phases]
-    return told
-
-
-def _rate_and_jitter(found: Intervals) -> dict[str, float]:
-    names = ("median_s", "p5_s", "p95_s")
-    intervals = {f"interval_{name}": float(getattr(found, name)) for name in names}
-    return {"messages": found.messages, "rate_hz": found.rate_hz} | intervals
-
-
-def _phase(phase: Phase, vehicle: Vehicle) -> dict[str, Any]:
-    """Describe a phase; what hovers may be slow without standing on the ground."""
-    told: dict[str, Any] = {
-        "boot": phase.boot,
-        "from": phase.from_us / 1e6,
-        "to": phase.to_us / 1e6,
+    return {
+        name: MessageRate(found.messages, found.rate_hz, found.median_s, found.p5_s, found.p95_s)
+        for name, found in named
+        if found is not None
     }
-    mode = ""
-    if phase.mode >= 0:
-        told["mode"] = mode = mode_name(vehicle.autopilot, vehicle.type, phase.mode)
+
+
+def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
+    """Return what Dutch rolls both rates can answer, None where a channel is missing or slow."""
+    slowest_hz = min((each.rate_hz for each in rates.values()), default=0.0)
+    if len(rates) < 2 or slowest_hz < LEAST_RATE_HZ * RATE_SLACK:
+        return None
+    most_rad_s = 2.0 * np.pi * slowest_hz
+    return Answerable(most_rad_s / LEAST_PER_PERIOD, most_rad_s / GOOD_PER_PERIOD)
+
+
+def _phase(phase: Phase, vehicle: Vehicle) -> FlightPhase:
+    """Describe a phase in seconds since boot; what hovers may be slow without standing."""
+    mode = mode_name(vehicle.autopilot, vehicle.type, phase.mode) if phase.mode >= 0 else None
     state = STATES.get(phase.state)
-    hovers = vehicle.type not in (GENERIC, FIXED_WING) or mode.startswith("Q")
-    if state is not None:
-        told["state"] = "slow" if hovers and phase.state == GROUNDED else state
-    return told
+    hovers = vehicle.type not in (GENERIC, FIXED_WING) or (mode or "").startswith("Q")
+    if hovers and phase.state == GROUNDED:
+        state = "slow"
+    return FlightPhase(phase.boot, phase.from_us / 1e6, phase.to_us / 1e6, mode, state)
 
 
-def stretches(blocks: list[SampleBlock], config: RunConfig, boots: Boots) -> list[Stretch]:
+def stretches(blocks: list[SampleBlock], config: RunConfig, boots: Boots) -> list[Span]:
     """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
 
     A reboot and a change of flight mode end a stretch.
@@ -291,17 +264,17 @@ def _boot_numbers(t_s: Floats, boots: Boots) -> Ints:
     return numbers
 
 
-def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Stretch]:
+def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Span]:
     """Yield the excited stretches of one boot and flight mode, bridging short rests."""
     rows = np.flatnonzero(excited)
     for run in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > BRIDGE_S) + 1):
         if len(run):
             first, last = max(float(t_s[run[0]]) - BEFORE_S, float(t_s[0])), float(t_s[run[-1]])
             if last - first >= LEAST_STRETCH_S:
-                yield Stretch(boot, round(first, 1), round(last, 1))
+                yield Span(boot, round(first, 1), round(last, 1))
 
 
-def _best(trials: Trials, whole: Trial, stretch: Stretch, later_hz: float) -> Trial:
+def _best(trials: Trials, whole: Trial, stretch: Span, later_hz: float) -> Trial:
     """Return the replay to recommend: of an excited stretch, with what mends its reasons.
 
     The rate gives about sixteen samples per Dutch-roll period, and no more than ``later_hz``, what

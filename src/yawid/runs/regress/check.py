@@ -1,21 +1,27 @@
-"""Replay cases, compare them with their references, and leave what differs to be looked at."""
+"""Replay cases, compare them with their references, and leave what differs to be looked at.
+
+What a machine reads of it: JUnit XML and JSON.
+"""
 
 from __future__ import annotations
 
 import json
 import multiprocessing
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.errors import ConfigError, YawidError
+from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.regress.case import Case, Replayed
 from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
 from yawid.runs.regress.table import csv_of, read_csv
@@ -23,6 +29,7 @@ from yawid.runs.regress.table import csv_of, read_csv
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
 PARALLEL_BYTES = 50_000_000
 """A second process costs as much as replaying some tens of megabytes: it has all to import."""
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,3 +144,63 @@ def _leave(
             files["picture"] = str(picture.absolute())
     except OSError:
         return  # a read-only folder can be checked all the same
+
+
+def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write JUnit XML: a test case per case; what differs is a failure, what cannot run an error.
+
+    Raises:
+        SinkError: the file cannot be written.
+    """
+    counts = {
+        "tests": len(outcomes),
+        "failures": sum(o.code == 1 for o in outcomes),
+        "errors": sum(o.code > 1 for o in outcomes),
+    }
+    suites = ET.Element("testsuites")
+    suite = ET.SubElement(suites, "testsuite", name="yawid regress", time=_seconds(outcomes))
+    suite.attrib |= {key: str(value) for key, value in counts.items()}
+    for outcome in outcomes:
+        named = {"classname": "yawid.runs.regress", "name": _clean(outcome.name)}
+        case = ET.SubElement(suite, "testcase", named, time=_seconds([outcome]))
+        if not outcome.ok:
+            kind = "failure" if outcome.code == 1 else "error"
+            told = ET.SubElement(case, kind, message=_clean(outcome.wrong[0]))
+            told.text = _clean("\n".join(outcome.wrong))
+    ET.indent(suites)
+    try:
+        path.write_bytes(ET.tostring(suites, encoding="utf-8", xml_declaration=True) + b"\n")
+    except OSError as error:
+        raise SinkError(f"cannot write {path}: {error.strerror}") from error
+
+
+def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return what ``--json`` prints: the same for the same logs and references."""
+    return {
+        "exit_code": exit_code(outcomes),
+        "cases": [
+            {
+                "name": o.name,
+                "folder": str(o.folder),
+                "ok": o.ok,
+                "exit_code": o.code,
+                "wrong": list(o.wrong),
+                "files": o.files,
+            }
+            for o in outcomes
+        ],
+    }
+
+
+def exit_code(outcomes: Sequence[Outcome]) -> int:
+    """Return the highest code of all cases."""
+    return max((o.code for o in outcomes), default=0)
+
+
+def _seconds(outcomes: Sequence[Outcome]) -> str:
+    return f"{sum(o.seconds for o in outcomes):.3f}"
+
+
+def _clean(text: str) -> str:
+    """Return the text without what XML cannot hold: a log may put anything into a name."""
+    return _NOT_XML.sub("\ufffd", text)

@@ -8,7 +8,7 @@ the value and the column's root mean square; NaN equals NaN.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,15 +64,10 @@ def compare_tables(
         text = f"rows: expected {len(expected)}, got {len(actual)}"
         return [Mismatch("", math.inf, text)]
     found = [
-        mismatch
+        _compare_column(column, expected[:, i], actual[:, i], tolerances, expected[:, :2])
         for i, column in enumerate(columns)
-        if (
-            mismatch := _compare_column(
-                column, expected[:, i], actual[:, i], tolerances, expected[:, :2]
-            )
-        )
     ]
-    return sorted(found, key=lambda m: -m.excess)
+    return sorted((m for m in found if m is not None), key=lambda m: -m.excess)
 
 
 def _compare_column(
@@ -112,43 +107,38 @@ def split_tolerances(
     """
     by_column = {name: value for name, value in tolerances.items() if name in columns}
     by_key = {name: value for name, value in tolerances.items() if name not in columns}
-    paths = set(_paths(reference))
-    if unused := sorted(by_key.keys() - paths):
+    leaves = [name for name, *_ in _side_by_side(reference, reference)]
+    unused = [name for name in sorted(by_key) if not any(_below(leaf, name) for leaf in leaves)]
+    if unused:
         raise ConfigError(f"tolerance for no such column or key: {', '.join(unused)}")
     return by_column, by_key
 
 
-def _paths(value: Any, where: str = "") -> Iterator[str]:
-    """Yield the dotted name of every key of a summary, inner ones too."""
-    pairs: Iterable[tuple[str, Any]] = ()
-    if isinstance(value, dict):
-        pairs = ((f"{where}.{key}" if where else key, entry) for key, entry in value.items())
-    elif isinstance(value, list):
-        pairs = ((f"{where}[{i}]", entry) for i, entry in enumerate(value))
-    for name, entry in pairs:
-        yield name
-        yield from _paths(entry, name)
+def _side_by_side(expected: Any, actual: Any, where: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield the dotted name of everything in two summaries and what each holds; None: no such key.
+
+    What the two have in common is taken apart to its last key, what only one has is not.
+    """
+    if isinstance(expected, dict) and isinstance(actual, dict):
+        for key in sorted((expected.keys() | actual.keys()) - NOT_COMPARED):
+            name = f"{where}.{key}" if where else key
+            yield from _side_by_side(expected.get(key), actual.get(key), name)
+    elif isinstance(expected, list) and isinstance(actual, list) and len(expected) == len(actual):
+        for i, (a, b) in enumerate(zip(expected, actual, strict=True)):
+            yield from _side_by_side(a, b, f"{where}[{i}]")
+    else:
+        yield where, expected, actual
 
 
 def compare_summaries(
-    expected: Any, actual: Any, tolerances: Mapping[str, float] | None = None, where: str = ""
+    expected: Any, actual: Any, tolerances: Mapping[str, float] | None = None
 ) -> Iterator[str]:
     """Yield every key of the summary that differs; a tolerance holds for all below its key."""
-    if isinstance(expected, dict) and isinstance(actual, dict):
-        for key in sorted(expected.keys() | actual.keys()):
-            name = f"{where}.{key}" if where else key
-            if key in NOT_COMPARED:
-                continue
-            if key not in expected or key not in actual:
-                there = "not there" if key in expected else "there"
-                yield f"summary.{name}: {there}, unlike the reference"
-            else:
-                yield from compare_summaries(expected[key], actual[key], tolerances, name)
-    elif isinstance(expected, list) and isinstance(actual, list) and len(expected) == len(actual):
-        for i, (a, b) in enumerate(zip(expected, actual, strict=True)):
-            yield from compare_summaries(a, b, tolerances, f"{where}[{i}]")
-    elif not _same_value(expected, actual, where, tolerances or {}):
-        yield f"summary.{where}: expected {expected!r}, got {actual!r}"
+    for name, a, b in _side_by_side(expected, actual):
+        if a is None or b is None:
+            yield f"summary.{name}: {'there' if a is None else 'not there'}, unlike the reference"
+        elif not _same_value(a, b, name, tolerances or {}):
+            yield f"summary.{name}: expected {a!r}, got {b!r}"
 
 
 def _same_value(expected: Any, actual: Any, where: str, tolerances: Mapping[str, float]) -> bool:
