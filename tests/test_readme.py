@@ -14,6 +14,7 @@ from bench import BENCHES
 from places import ROOT, SRC, TOOLS
 
 from yawid.cli import main as command_line
+from yawid.errors import YawidError
 from yawid.results.reasons import KINDS
 from yawid.runs.stop import SIGNALS
 
@@ -118,7 +119,7 @@ def test_every_command_is_named_and_every_command_and_option_named_exists():
 def test_the_exit_codes_are_those_of_the_code():
     (text,) = re.findall(r"\*\*Exit codes:\*\*(.*?)With 3", FOR_USERS, re.DOTALL)
     documented = {int(code) for code in re.findall(r"\b\d+\b", text)}
-    raised = {code for _, code in command_line._ERROR_CODES} | {0, 1}
+    raised = {kind.exit_code for kind in (YawidError, *YawidError.__subclasses__())} | {0, 1}
     raised |= {kind.exit_code for kind in KINDS.values()} | {128 + each for each in SIGNALS}
 
     assert documented == raised

@@ -48,7 +48,7 @@ class Pipeline:
         self.newest: SampleBlock | None = None
         self.samples = 0
         self._make_bank = make_bank
-        self._vehicle_known = modes_of
+        self._modes_of = modes_of
 
     def feed(self, block: FrameBlock | SampleBlock | None) -> None:
         """Take a block of messages or samples in; every sample it completes is estimated."""
@@ -84,6 +84,9 @@ class Pipeline:
             mean_output=self.config.output == "yaw",
             servo_tau_s=self.config.servo_tau,
         )
+        vehicle, modes_of = self.channels.lock.vehicle, self._modes_of
+        if vehicle is not None:
+            modes_of = vehicle.autopilot, vehicle.type
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(
             names,
@@ -91,13 +94,8 @@ class Pipeline:
             self.bank.methods,
             sample_time_s,
             rudder_unit(self.config.rudder_max_deg),
-            *self._modes_of(),
+            *modes_of,
         )
         for sink in self.sinks:
             sink.start(grid)
         return self.bank
-
-    def _modes_of(self) -> tuple[int, int]:
-        """Return the autopilot and the vehicle type whose flight modes the samples bear."""
-        vehicle = self.channels.lock.vehicle
-        return self._vehicle_known if vehicle is None else (vehicle.autopilot, vehicle.type)

@@ -14,8 +14,7 @@ from sinks.sink_blocks import SAMPLE_TIME_S, make_samples
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import MEMORIES, REMEMBERED, Bank
-from yawid.estimation.history import Ring
+from yawid.estimation.bank import MEMORIES, REMEMBERED, Bank, Ring
 
 
 @given(limit=st.integers(1, 40), cuts=st.lists(st.integers(0, 60), max_size=12))

@@ -8,20 +8,34 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from yawid.errors import ConfigError, NotIdentifiable
+from yawid.errors import ConfigError, NotIdentifiable, SourceError
 from yawid.offline.step_forms import (
     first_order_response,
     first_order_settling,
     second_order_response,
     second_order_settling,
 )
-from yawid.offline.step_record import Record, read_first_order, read_second_order
-from yawid.offline.step_response import fit_first_order, fit_second_order
+from yawid.offline.step_response import (
+    Record,
+    Value,
+    fit_first_order,
+    fit_second_order,
+    read_first_order,
+    read_second_order,
+    step_from_csv,
+)
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import simulate_plant
 
 RUNS = 200
 T = np.linspace(-2.0, 20.0, 440)
+
+
+def interval(found: Value) -> tuple[float, float]:
+    """Return the 95 % interval."""
+    return found.value - 1.959964 * found.std, found.value + 1.959964 * found.std
+
+
 gain = st.floats(0.01, 100.0).flatmap(lambda g: st.sampled_from([g, -g]))
 
 
@@ -60,7 +74,7 @@ def test_the_papers_readings_alone_are_right_to_the_sample():
 
 
 def covered(values, truths):
-    pairs = zip((value.interval for value in values), truths, strict=True)
+    pairs = zip((interval(value) for value in values), truths, strict=True)
     return [low <= truth <= high for (low, high), truth in pairs]
 
 
@@ -186,3 +200,36 @@ def test_a_record_that_is_none_is_refused(change, text):
     for fit in (fit_first_order, fit_second_order):
         with pytest.raises(ConfigError, match=text):
             fit(**record)
+
+
+def test_t_and_y_are_read_by_name(tmp_path):
+    path = tmp_path / "step.csv"
+    path.write_text("﻿ y , note, T\r\n1.5,a,0\r\n\r\n,b,0.1\r\n-2e-3,c,0.2\r\n", encoding="utf-8")
+    t, y = step_from_csv(path)
+    np.testing.assert_array_equal(t, [0.0, 0.1, 0.2])
+    np.testing.assert_array_equal(y, [1.5, np.nan, -2e-3])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "name one column t and one y"),
+        ("0,1\n0.1,2\n", "name one column t and one y"),
+        ("t,y,y\n0,1,2\n", "name one column t and one y"),
+        ("t,y\n0,1\n0.1,two\n", "line 3"),
+        ("t,y\n0,1\n,2\n", "line 3"),
+    ],
+)
+def test_a_file_that_is_no_step_response_is_refused_with_its_line(tmp_path, text, message):
+    path = tmp_path / "step.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        step_from_csv(path)
+
+
+def test_a_file_that_cannot_be_read_is_a_source_error(tmp_path):
+    with pytest.raises(SourceError, match="cannot be read"):
+        step_from_csv(tmp_path / "absent.csv")
+    (tmp_path / "log.bin").write_bytes(b"\xfe\x00\xff\xfe")
+    with pytest.raises(SourceError, match="cannot be read"):
+        step_from_csv(tmp_path / "log.bin")

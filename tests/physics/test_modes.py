@@ -138,7 +138,6 @@ def test_levels_need_all_three_limits():
     assert dutch_roll_level(2.4, 0.01) == 3
     assert dutch_roll_level(0.3, 0.5) is None
     assert dutch_roll_level(2.4, -0.1) is None
-    assert dutch_roll_level(2.4, 0.15, category="A") == 2
 
 
 def test_a_model_without_a_has_no_modes():

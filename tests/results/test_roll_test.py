@@ -10,7 +10,7 @@ import pytest
 
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.estimation.armax import RecursiveArmax
-from yawid.estimation.history import History
+from yawid.estimation.bank import History
 from yawid.plant.lateral import INPUTS, OUTPUTS, lateral_motion
 from yawid.plant.simulate import REFERENCE
 from yawid.results.roll_test import roll_p

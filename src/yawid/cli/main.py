@@ -34,14 +34,7 @@ from yawid.cli.options import (
 from yawid.cli.paper import add_commands
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready, mute, show
-from yawid.errors import (
-    ChannelError,
-    ConfigError,
-    NotIdentifiable,
-    SinkError,
-    SourceError,
-    YawidError,
-)
+from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
 
 if TYPE_CHECKING:
@@ -49,13 +42,6 @@ if TYPE_CHECKING:
 
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130
-_ERROR_CODES: tuple[tuple[type[YawidError], int], ...] = (
-    (ConfigError, 2),
-    (ChannelError, 3),
-    (NotIdentifiable, 5),
-    (SourceError, 6),
-    (SinkError, 6),
-)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -71,21 +57,18 @@ def _parser() -> argparse.ArgumentParser:
     add_outputs(replay)
     replay.set_defaults(run=_replay)
     add_live(commands)
-    inspect = commands.add_parser("inspect", help="say what a log can answer, and how to ask")
     recorded = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
-    inspect.add_argument("log", metavar="LOG", type=Path, help=recorded)
-    inspect.add_argument("--json", action="store_true", help="print one JSON object")
-    add_format(inspect)
-    add_signing(inspect)
-    add_estimator_options(inspect)
-    inspect.set_defaults(run=_inspect)
-    orders = commands.add_parser("orders", help="compare orders and delays on a log")
-    orders.add_argument("log", metavar="LOG", type=Path, help=recorded)
-    orders.add_argument("--json", action="store_true", help="print one JSON object")
-    add_format(orders)
-    add_signing(orders)
-    add_estimator_options(orders)
-    orders.set_defaults(run=_orders)
+    for name, run, what in (
+        ("inspect", _inspect, "say what a log can answer, and how to ask"),
+        ("orders", _orders, "compare orders and delays on a log"),
+    ):
+        command = commands.add_parser(name, help=what)
+        command.add_argument("log", metavar="LOG", type=Path, help=recorded)
+        command.add_argument("--json", action="store_true", help="print one JSON object")
+        add_format(command)
+        add_signing(command)
+        add_estimator_options(command)
+        command.set_defaults(run=run)
     add_commands(commands)
     add_finished_run(commands)
     add_regress(commands)
@@ -186,7 +169,7 @@ def _say(text: str) -> None:
 
 def _explained(error: YawidError) -> int:
     _say(" ".join(str(error).split()))
-    return next((code for kind, code in _ERROR_CODES if isinstance(error, kind)), 6)
+    return error.exit_code
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -53,7 +53,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _step(arguments: argparse.Namespace) -> int:
-    from yawid.offline.step_file import step_from_csv
+    from yawid.offline.step_response import step_from_csv
 
     t, y = step_from_csv(arguments.file)
     models = tuple(PARAMETERS) if arguments.model is None else (arguments.model,)

@@ -13,13 +13,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.polynomials import (
-    c_of,
-    is_stable,
-    known_regressors,
-    lag_depth,
-    reflected,
-)
+from yawid.estimation.polynomials import c_of, is_stable, known_regressors, lag_depth, reflected
 
 ITERATIONS = 30
 HALVINGS = 10
@@ -94,35 +88,35 @@ class _Fit:
 
     def gradient(self, theta: Floats, filtered: bool = True) -> tuple[Floats, Floats]:
         """Return psi (n, n_theta), or phi where not filtered, and eps (n,) at theta."""
-        orders, first = self.orders, self.orders.na + sum(self.orders.nb)
-        c = c_of(theta, orders)
-        residuals, rows = self.residuals(theta), []
-        for (_, phi), eps in zip(self.stretches, residuals, strict=True):
-            psi = phi.copy()
-            for i in range(orders.nc):
-                psi[i + 1 :, first + i] = eps[: -i - 1]
-            rows.append(all_pole(c, psi, np.zeros((orders.nc, len(theta)))) if filtered else psi)
+        residuals = self.residuals(theta)
+        rows = self.regressors(residuals)
+        if filtered:
+            c, rest = c_of(theta, self.orders), np.zeros((self.orders.nc, len(theta)))
+            rows = [all_pole(c, phi, rest) for phi in rows]
         return np.concatenate(rows), np.concatenate(residuals)
+
+    def regressors(self, residuals: list[Floats]) -> list[Floats]:
+        """Return phi (n, n_theta) of each stretch with its residuals (n,) at their lags."""
+        full = [phi.copy() for _, phi in self.stretches]
+        for phi, eps in zip(full, residuals, strict=True):
+            for i, column in enumerate(c_of(phi, self.orders).T):
+                column[i + 1 :] = eps[: -i - 1]
+        return full
 
     def first_guess(self) -> Floats:
         """Return theta by Hannan and Rissanen: a long ARX gives eps, then least squares on phi."""
-        phi = np.concatenate([phi for _, phi in self.stretches])
-        n, first = phi.shape[1], self.orders.na + sum(self.orders.nb)
         if not self.orders.nc:
+            phi = np.concatenate([phi for _, phi in self.stretches])
             return _least_squares(phi, self.y, self.prior)
         order = min(20, len(self.y) // 10)
         long = [_lagged(phi, y, order) for y, phi in self.stretches]
         wide = np.concatenate(long)
         eps = self.y - wide @ _least_squares(wide, self.y, np.eye(wide.shape[1]) * self.prior[0, 0])
-        full, start = phi.copy(), 0
-        for y, _ in self.stretches:
-            part = eps[start : start + len(y)]
-            for i in range(self.orders.nc):
-                full[start + i + 1 : start + len(y), first + i] = part[: -i - 1]
-            start += len(y)
+        ends = np.cumsum([len(y) for y, _ in self.stretches])
+        full = np.concatenate(self.regressors(np.split(eps, ends[:-1])))
         theta = _least_squares(full, self.y, self.prior)
-        theta[first : first + self.orders.nc] = reflected(c_of(theta, self.orders))
-        return theta if len(theta) == n and np.isfinite(theta).all() else np.zeros(n)
+        c_of(theta, self.orders)[:] = reflected(c_of(theta, self.orders))
+        return theta if np.isfinite(theta).all() else np.zeros_like(theta)
 
     def gauss_newton(self, theta: Floats) -> Floats:
         """Return the theta of least loss that damped Gauss-Newton steps from here lead to."""

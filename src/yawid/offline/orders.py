@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats
+from yawid.blocks import Floats
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import NotIdentifiable
 from yawid.estimation.armax import RecursiveArmax
@@ -103,6 +103,7 @@ def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOr
     loss = float(np.mean(settled**2)) if len(settled) else math.nan
     count, parameters = len(settled), config.n_theta
     misfit = count * math.log(loss) if loss > 0.0 else math.nan
+    wn, wn_std, zeta, zeta_std = modes(block, orders, sample_time_s).dutch_roll[-1].tolist()
     simulated = simulate(theta, orders, config.bias, u[split:], y[split:])
     return Candidate(
         orders,
@@ -111,15 +112,6 @@ def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOr
         misfit + parameters * math.log(max(count, 1)),
         armax.whiteness_p,
         fit_percent(y[split:], simulated),
-        _dutch_roll(block, orders, sample_time_s),
+        (wn, wn_std, zeta, zeta_std),
         1e9 * seconds / max(split, 1),
     )
-
-
-def _dutch_roll(
-    block: EstimateBlock, orders: ArmaxOrders, sample_time_s: float
-) -> tuple[float, float, float, float]:
-    wn, wn_std, zeta, zeta_std = (
-        float(value) for value in modes(block, orders, sample_time_s).dutch_roll[-1]
-    )
-    return wn, wn_std, zeta, zeta_std

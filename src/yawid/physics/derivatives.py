@@ -23,17 +23,15 @@ Otherwise it is the one whose removal costs least: without a lag at p the respon
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.modes import (
-    Complexes,
-    dutch_roll_index,
-    poles_and_residues,
-    rows_at_once,
-)
+from yawid.physics.modes import Complexes, dutch_roll_index, poles_and_residues, rows_at_once
 
 NAMES = (
     "K",
@@ -72,26 +70,15 @@ def yaw_channel(
     there is no mode or no servo of that lag or, for na < 2, no such model; the servo's lag alone is
     NaN where no pole is left.
     """
-    n = len(theta)
+    n, at_once = len(theta), rows_at_once(orders, len(_BAND))
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
         return np.full((n, len(NAMES)), np.nan), np.full(n, np.nan)
-    at_once = rows_at_once(orders, len(_BAND))
-    pieces = [
-        _yaw_channel(piece, orders, sample_time_s, mean_output, servo_tau_s)
-        for piece in np.split(theta, range(at_once, n, at_once))
-    ]
-    values, errors = zip(*pieces, strict=True)
-    return np.concatenate(values), np.concatenate(errors)
-
-
-def _yaw_channel(
-    theta: Floats,
-    orders: ArmaxOrders,
-    sample_time_s: float,
-    mean_output: bool,
-    servo_tau_s: float | None,
-) -> tuple[Floats, Floats]:
-    n = len(theta)
+    if n > at_once:
+        settings: dict[str, Any] = {"mean_output": mean_output, "servo_tau_s": servo_tau_s}
+        pieces = np.split(theta, range(at_once, n, at_once))
+        found = [yaw_channel(piece, orders, sample_time_s, **settings) for piece in pieces]
+        values, error = (np.concatenate(columns) for columns in zip(*found, strict=True))
+        return values, error
     z, p, residues = poles_and_residues(theta, orders, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
@@ -173,7 +160,7 @@ def _numerator(
     wanted = _numerator_polynomial(p, residues) * np.prod(-1.0 / lags, axis=1).real[:, None]
     w = omega[:, None] * _BAND
     # At s = iw the even powers make the real part, the odd ones w times the imaginary one.
-    even, odd = _polyval(wanted[:, ::2], -(w**2)), _polyval(wanted[:, 1::2], -(w**2))
+    even, odd = (polyval(-(w**2), wanted.T[i::2, :, None], tensor=False) for i in (0, 1))
     # Relative weights; n0 meets the real part and n1 the imaginary one, so both are apart.
     weight = 1.0 / (even**2 + (odd * w) ** 2)
     n0 = (weight * even).sum(axis=1) / weight.sum(axis=1)
@@ -195,14 +182,6 @@ def _numerator_polynomial(p: Complexes, residues: Complexes) -> Floats:
                 term = shifted - p[:, j, None] * term
         total += term
     return total.real
-
-
-def _polyval(coefficients: Floats, x: Floats) -> Floats:
-    """Return the polynomials (n, m), lowest coefficient first, at x (n, points)."""
-    value = np.zeros_like(x)
-    for i in range(coefficients.shape[1] - 1, -1, -1):
-        value = value * x + coefficients[:, i, None]
-    return value
 
 
 def with_sigma(

@@ -5,27 +5,11 @@ Each level asks for a least zeta, a least zeta*wn (rad/s) and a least wn (rad/s)
 
 from __future__ import annotations
 
-LEVEL_1 = {
-    ("A", "I"): (0.19, 0.35, 1.0),
-    ("A", "II"): (0.19, 0.35, 0.4),
-    ("A", "III"): (0.19, 0.35, 0.4),
-    ("A", "IV"): (0.19, 0.35, 1.0),
-    ("B", "I"): (0.08, 0.15, 0.4),
-    ("B", "II"): (0.08, 0.15, 0.4),
-    ("B", "III"): (0.08, 0.15, 0.4),
-    ("B", "IV"): (0.08, 0.15, 0.4),
-    ("C", "I"): (0.08, 0.15, 1.0),
-    ("C", "II"): (0.08, 0.10, 0.4),
-    ("C", "III"): (0.08, 0.10, 0.4),
-    ("C", "IV"): (0.08, 0.15, 1.0),
-}
-LEVEL_2 = (0.02, 0.05, 0.4)
-LEVEL_3 = (0.0, 0.0, 0.4)
+LEVELS = ((0.08, 0.15, 0.4), (0.02, 0.05, 0.4), (0.0, 0.0, 0.4))
+"""Levels 1 to 3 of category B (gradual manoeuvres), alike for every class of aircraft."""
 
 
-def dutch_roll_level(
-    wn_rad_s: float, zeta: float, category: str = "B", aircraft_class: str = "I"
-) -> int | None:
+def dutch_roll_level(wn_rad_s: float, zeta: float) -> int | None:
     """Return the level 1, 2 or 3 that a Dutch roll meets, or None where it meets none.
 
     >>> dutch_roll_level(2.4, 0.23)
@@ -33,9 +17,8 @@ def dutch_roll_level(
     >>> dutch_roll_level(2.4, 0.05)
     2
     """
-    for level, limits in enumerate((LEVEL_1[category, aircraft_class], LEVEL_2, LEVEL_3), start=1):
-        if all(
-            v >= limit for v, limit in zip((zeta, zeta * wn_rad_s, wn_rad_s), limits, strict=True)
-        ):
+    found = zeta, zeta * wn_rad_s, wn_rad_s
+    for level, limits in enumerate(LEVELS, start=1):
+        if all(value >= limit for value, limit in zip(found, limits, strict=True)):
             return level
     return None

@@ -14,12 +14,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
 from yawid.plant.lateral import LateralCoefficients
-from yawid.plant.rigid_body import (
-    GRAVITY_M_S2,
-    Motion,
-    RigidBody,
-    weight,
-)
+from yawid.plant.rigid_body import GRAVITY_M_S2, Motion, RigidBody, weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,11 +31,8 @@ class LinearPlant:
         ``numerator`` (m,), ``denominator`` (n + 1,) for n states. The numerator has a lower degree
         than the denominator, whose first coefficient is 1.
         """
-        n = np.size(denominator) - 1
-        A, C = np.eye(n, k=-1), np.zeros((1, n))
-        A[0] = -np.asarray(denominator)[1:]
-        C[0, n - np.size(numerator) :] = numerator
-        return cls(A, np.eye(n, 1), C, np.zeros((1, 1)), ("u",), ("y",))
+        A, B, C, D = signal.tf2ss(numerator, denominator)
+        return cls(A, B, C, D, ("u",), ("y",))
 
     def response(self, s: ArrayLike) -> NDArray[np.complex128]:
         """Return the transfer matrix (n, outputs, inputs) at the complex frequencies s (n,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Literal, get_args
@@ -113,7 +113,7 @@ def _run_rigid_body(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats,
         flown = fly(flight.body, motion, held, t)
         angles[start : stop + 1] = flown.angles
         rates[start : stop + 1] = flown.angular_rate[:, 1]
-        motion = _last(flown)
+        motion = Motion(*(each[-1] for each in astuple(flown)))
     return np.unwrap(angles[:, 0]), rates, angles[:, 2]
 
 
@@ -121,12 +121,6 @@ def _held_loads(
     flight: SteadyFlight, minus_delta_h: float, _: float, motion: Motion
 ) -> tuple[Floats, Floats]:
     return flight.loads(motion, np.array([0.0, minus_delta_h, 0.0]))
-
-
-def _last(motion: Motion) -> Motion:
-    return Motion(
-        motion.velocity[-1], motion.angular_rate[-1], motion.attitude[-1], motion.position[-1]
-    )
 
 
 _RUNS: dict[str, Run] = {"yaw": _run_yaw, "lateral": _run_lateral, "rigid-body": _run_rigid_body}

@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from yawid.channels.sample_flags import strokes, window_of
-from yawid.estimation.bank import Bank
+from yawid.estimation.bank import Bank, History, PastModels
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.history import History, PastModels
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.physics.derivatives import summary_of
 from yawid.physics.flying_qualities import dutch_roll_level

@@ -14,7 +14,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
-from yawid.estimation.history import History
+from yawid.estimation.bank import History
 from yawid.results.collinearity import closeness, condition_number
 from yawid.results.excitation import LEAST_STROKE, Excitation
 from yawid.results.reasons import Reason

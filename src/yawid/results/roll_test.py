@@ -13,7 +13,7 @@ import numpy as np
 from yawid.blocks import Floats, runs_of, shifted
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.history import History
+from yawid.estimation.bank import History
 from yawid.estimation.polynomials import known_regressors
 from yawid.estimation.whiteness import chi_square_tail
 

@@ -17,9 +17,7 @@ from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.sources.open_log import Log, ReadOptions, Source
 
 
-def try_orders(
-    pipeline: KeepingPipeline,
-) -> tuple[list[Candidate], Candidate]:
+def try_orders(pipeline: KeepingPipeline) -> tuple[list[Candidate], Candidate]:
     """Return every structure tried on a run's samples, best simulation first, and the one to use.
 
     Raises:

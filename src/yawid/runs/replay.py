@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from msgspec.structs import replace
 
@@ -26,59 +27,12 @@ from yawid.runs.outputs import (
 from yawid.runs.run_log import open_log, run_log
 from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
-from yawid.sinks.mcap.reader import LogLine
+from yawid.sinks.mcap.reader import McapRun
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import Log, ReadOptions, Source
 
-
-class Origin(Protocol):
-    """What is replayed: where its blocks come from, and what is to be said when they have."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-
-    @property
-    def source(self) -> Source:
-        """The file, opened for reading."""
-
-    @property
-    def modes_of(self) -> tuple[int, int]:
-        """Autopilot and vehicle type, where the source has no HEARTBEAT; else zeros."""
-
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict of the pipeline that has had what was read."""
-
-    def parameters(self, pipeline: Pipeline) -> bytes:
-        """Return the vehicle's parameters, as they are attached to a run's file."""
-
-    def log_lines(self) -> list[LogLine]:
-        """Return lines for people that were written when the samples were made."""
-
-
-class LogOrigin:
-    """A log, replayed for the first time."""
-
-    modes_of = (0, 0)
-
-    def __init__(self, source: Log) -> None:
-        self.source, self.path = source, source.path
-
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """See :class:`Origin`."""
-        boots, link = pipeline.channels.boots, self.source.link
-        for said in (boots.warning(pipeline.config), self.source.options.unchecked(link)):
-            if said is not None:
-                sys.stderr.write(f"yawid: {said}\n")
-        return summarise(pipeline, link, str(self.path.absolute()), self.source.sha256)
-
-    def parameters(self, pipeline: Pipeline) -> bytes:
-        """See :class:`Origin`."""
-        return parameters_of(pipeline)
-
-    def log_lines(self) -> list[LogLine]:
-        """See :class:`Origin`."""
-        return []
+Conclude = Callable[[Pipeline, bool], tuple[RunSummary, Verdict]]
+"""From a pipeline that has had what was read, and whether that is all, to its summary."""
 
 
 def replay(
@@ -106,34 +60,55 @@ def replay(
         if automatic:
             with stop.raising():
                 config = with_orders(source, config)
-        return to_files(LogOrigin(source), config, outputs, stop)
+        return to_files(source, log, config, outputs, stop, partial(_conclude, source))
+
+
+def _conclude(source: Log, pipeline: Pipeline, is_whole: bool) -> tuple[RunSummary, Verdict]:
+    """Warn of what a log leaves open, and return its summary and verdict."""
+    boots, link = pipeline.channels.boots, source.link
+    for said in (boots.warning(pipeline.config), source.options.unchecked(link)):
+        if said is not None:
+            sys.stderr.write(f"yawid: {said}\n")
+    return summarise(pipeline, link, str(source.path.absolute()), source.sha256)
 
 
 def to_files(
-    origin: Origin, config: RunConfig, outputs: Outputs, stop: StopFlag
+    source: Source,
+    path: Path,
+    config: RunConfig,
+    outputs: Outputs,
+    stop: StopFlag,
+    conclude: Conclude,
+    run: McapRun | None = None,
 ) -> tuple[RunSummary, Verdict]:
-    """Run what is replayed to its files; return the summary and the verdict.
+    """Run a source at ``path`` to its files; return the summary and the verdict.
+
+    Of a finished ``run`` the flight modes' names, the parameters and the log lines are taken over.
 
     Raises:
         Interrupted, SourceError, SinkError, ConfigError: as :func:`replay`.
     """
     sinks = open_sinks(config, outputs)
-    pipeline = Pipeline(config, sinks, modes_of=origin.modes_of)
-    total = origin.source.size
+    grid = None if run is None else run.grid
+    modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
+    pipeline = Pipeline(config, sinks, modes_of=modes_of)
     with whole_or_none(sinks):
-        with progress(sys.stderr, origin.path.name, total) as advance:
-            read, is_whole = run_log(origin.source, pipeline, stop, advance)
+        with progress(sys.stderr, path.name, source.size) as advance:
+            read, is_whole = run_log(source, pipeline, stop, advance)
         if not is_whole and read == 0:
             raise Interrupted(stop.exit_code)
-        summary, verdict = origin.conclude(pipeline, is_whole=is_whole)
+        summary, verdict = conclude(pipeline, is_whole)
         files = outputs.files()
         if not is_whole:
-            summary, verdict = _cut_short(summary, verdict, stop.name, (read, total))
+            summary, verdict = _cut_short(summary, verdict, stop.name, (read, source.size))
             files = keep_as_interrupted(sinks, outputs)
         for sink in sinks:
-            for line in origin.log_lines():
+            for line in () if run is None else run.log:
                 sink.log(line.unix_ns, line.level, line.text)
-        summary = finish(pipeline, summary, files, origin.parameters(pipeline))
+        known = parameters_of(pipeline)
+        if run is not None:
+            known = run.attachments.get("parameters.txt", b"")
+        summary = finish(pipeline, summary, files, known)
     return summary, verdict
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import to_files
 from yawid.runs.stop import StopFlag
-from yawid.sinks.mcap.reader import LogLine, McapRun, open_run
+from yawid.sinks.mcap.reader import McapRun, open_run
 
 CHANGEABLE = (
     "orders",
@@ -75,7 +76,8 @@ def replay_run(
         config = changed(run, settings)
         if automatic:
             config = with_orders(RunSource(run, config), config)
-    return to_files(RunOrigin(run, config), config, outputs, stop)
+    source = RunSource(run, config)
+    return to_files(source, mcap, config, outputs, stop, partial(_conclude, run), run)
 
 
 class RunSource:
@@ -98,33 +100,6 @@ class RunSource:
             for first, last in pairwise([0, *changes, len(samples)]):
                 if last > first:
                     yield int(each * (last - first)), samples.select(slice(first, last))
-
-
-class RunOrigin:
-    """A finished run, estimated again."""
-
-    def __init__(self, run: McapRun, config: RunConfig) -> None:
-        self._run, self.path = run, run.path
-        self.source = RunSource(run, config)
-        grid = run.grid
-        self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
-
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """See :class:`yawid.runs.replay.Origin`."""
-        run, config = self._run, pipeline.config
-        if is_whole and pipeline.bank is None and run.grid is not None:
-            if config.from_s is None and config.to_s is None:
-                raise SourceError(f"{run.path} holds no sample: replay the log itself")
-            raise outside(config, f"{run.path}, which covers {_covered(run)}")
-        return _summary(run, pipeline)
-
-    def parameters(self, pipeline: Pipeline) -> bytes:
-        """See :class:`yawid.runs.replay.Origin`."""
-        return self._run.attachments.get("parameters.txt", b"")
-
-    def log_lines(self) -> list[LogLine]:
-        """See :class:`yawid.runs.replay.Origin`."""
-        return self._run.log
 
 
 def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
@@ -163,7 +138,13 @@ def _covered(run: McapRun) -> str:
     return f"{low:.1f} to {high:.1f} s"
 
 
-def _summary(run: McapRun, pipeline: Pipeline) -> tuple[RunSummary, Verdict]:
+def _conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSummary, Verdict]:
+    """Return the summary and the verdict: what concerns the log stays as it was."""
+    config, bank = pipeline.config, pipeline.bank
+    if is_whole and bank is None and run.grid is not None:
+        if config.from_s is None and config.to_s is None:
+            raise SourceError(f"{run.path} holds no sample: replay the log itself")
+        raise outside(config, f"{run.path}, which covers {_covered(run)}")
     with run.path.open("rb") as stream:
         sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     before = run.summary
@@ -174,23 +155,20 @@ def _summary(run: McapRun, pipeline: Pipeline) -> tuple[RunSummary, Verdict]:
         raise SourceError(f"{run.path} gives reasons unknown to this version: {', '.join(unknown)}")
     reasons = [Reason(r.id, r.text) for r in said]
     of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
-    bank = pipeline.bank
     if bank is not None:
         estimates = {}
         for method in bank.methods:
             estimates[method], evidence[method] = method_summary(bank, method)
         # What was recovered knows of the grid alone, which is no faster than the messages were.
         least_hz, channels = 1.0 / bank.sample_time_s, before.channels
-        yaw, rudder = (channels.get(name) for name in ("yaw", pipeline.config.inputs[0]))
+        yaw, rudder = (channels.get(name) for name in ("yaw", config.inputs[0]))
         yaw_hz, rudder_hz = (
             (each and (each.first_rate_hz or each.rate_hz)) or least_hz for each in (yaw, rudder)
         )
-        unit = pipeline.config.half_travel
-        verdict = bank_verdict(bank, evidence, (yaw_hz, rudder_hz), unit, of_the_log)
-    elif run.grid is not None:
-        verdict = Verdict.of(of_the_log)
+        rates_hz, unit = (yaw_hz, rudder_hz), config.half_travel
+        verdict = bank_verdict(bank, evidence, rates_hz, unit, of_the_log)
     else:
-        verdict = Verdict.of(reasons)
+        verdict = Verdict.of(reasons if run.grid is None else of_the_log)
     summary = RunSummary(
         log=str(run.path.absolute()),
         sha256=sha256,

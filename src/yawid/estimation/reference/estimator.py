@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -161,16 +161,10 @@ class ReferenceArmax:
                 made.append(self.estimate())
         made = made if keep == "all" else [self.estimate()]
         n = self.config.n_theta
-        return EstimateBlock.of(
-            np.array([e.theta for e in made]).reshape(-1, n),
-            np.array([e.theta_std for e in made]).reshape(-1, n),
-            np.array([e.covariance for e in made]).reshape(-1, n, n) if covariance else None,
-            np.array([e.y_hat for e in made]),
-            np.array([e.innovation for e in made]),
-            np.array([e.residual for e in made]),
-            np.array([e.noise_std for e in made]),
-            np.array([e.status for e in made], dtype=np.uint8),
-        )
+        names = [field.name for field in fields(ReferenceEstimate)]
+        theta, std, P, *rest = (np.array([getattr(e, name) for e in made]) for name in names)
+        spread = P.reshape(-1, n, n) if covariance else None
+        return EstimateBlock.of(theta.reshape(-1, n), std.reshape(-1, n), spread, *rest)
 
     def _sample(self, u: Floats, y: float) -> None:
         if not (np.isfinite(y) and np.isfinite(u).all()):
@@ -343,9 +337,7 @@ class ReferenceArmax:
         """Return y_hat(k), as :meth:`RecursiveArmax.predict`."""
         if self._window is not None:
             return math.nan
-        scratch = copy.copy(self)
-        scratch._spread = copy.deepcopy(self._spread)
-        scratch._sums, scratch._fresh = copy.deepcopy(self._sums), self._fresh.copy()
+        scratch = copy.deepcopy(self)
         row = np.zeros(self.config.orders.n_inputs)
         if not all(self.config.orders.nk):
             row = checked_u(u, 0.0, self.config.orders.n_inputs)

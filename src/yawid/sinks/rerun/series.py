@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
-from yawid.physics.flying_qualities import LEVEL_1, LEVEL_2
+from yawid.physics.flying_qualities import LEVELS
 from yawid.results.run_summary import RunSummary
 from yawid.sinks.answers import cards
 from yawid.sinks.base import Grid
@@ -38,8 +38,7 @@ PALE_ALPHA: Final = 90
 LINE_WIDTH, BAND_WIDTH = 1.5, 0.7
 BAND: Final = "± 2 sigma"  # of one name, so that the legend has one entry for all bounds
 ZETA_LEVELS: Final = {
-    f"level {level}: {zeta:.2f}": zeta
-    for level, (zeta, *_) in enumerate((LEVEL_1["B", "I"], LEVEL_2), start=1)
+    f"level {level}: {zeta:.2f}": zeta for level, (zeta, *_) in enumerate(LEVELS[:2], start=1)
 }
 """Least damping ratios of MIL-F-8785C, category B: indicative for an unmanned aircraft."""
 
