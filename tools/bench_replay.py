@@ -1,7 +1,9 @@
 """An hour at 20 Hz to MCAP and .rrd, against bare pymavlink reading of the same log; memory too.
 
 The logs carry what real links do, see long_log.py. pymavlink reads every message and does nothing
-with it, or looks for the few that yawid needs, which its index of the file makes cheaper.
+with it, or looks for the few that yawid needs, which its index of the file makes cheaper. Then
+``yawid inspect`` of the same log, against a replay of it without outputs: ``--hours .8 --mix
+raised`` is a log of some 20 MB, of which inspect may cost three such replays.
 """
 
 from __future__ import annotations
@@ -41,15 +43,33 @@ def bare_pymavlink(path: Path, wanted: list[str] | None) -> tuple[float, float]:
     return time.process_time() - cpu, time.perf_counter() - start
 
 
+_WITHOUT_OUTPUTS = """
+import sys
+from pathlib import Path
+from yawid.config.run import RunConfig
+from yawid.pipeline import Pipeline
+from yawid.results.summary import summarise
+from yawid.runs.run_log import open_log, run_log
+source, pipeline = open_log(Path(sys.argv[1])), Pipeline(RunConfig())
+run_log(source, pipeline)
+summarise(pipeline, source.link, sys.argv[1], source.sha256)
+"""
+
+
+def timed(*arguments: str) -> tuple[float, float, float]:
+    """Return CPU and wall seconds and peak memory in MB of Python with these arguments."""
+    command = [sys.executable, "-c", _TIMED, sys.executable, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    code, cpu, wall, peak = json.loads(done.stdout)
+    if code not in (0, 5):
+        raise SystemExit(f"{' '.join(arguments)} ended with {code}: {done.stderr.strip()}")
+    return cpu, wall, peak
+
+
 def replay(path: Path, out: Path, rerun: str) -> tuple[float, float, float]:
     """Return CPU and wall seconds and peak memory in MB of a replay in its own process."""
     command = ["replay", str(path), "--out", str(out), "--force", "--json", "--rerun", rerun]
-    timed = [sys.executable, "-c", _TIMED, sys.executable, "-m", "yawid", *command]
-    done = subprocess.run(timed, capture_output=True, text=True, check=True)
-    code, cpu, wall, peak = json.loads(done.stdout)
-    if code not in (0, 5):
-        raise SystemExit(f"the replay ended with {code}: {done.stderr.strip()}")
-    return cpu, wall, peak
+    return timed("-m", "yawid", *command)
 
 
 def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
@@ -67,6 +87,18 @@ def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
         ratios = " / ".join(f"{cpu / other:.2f}" for other, _ in bare)
         name = f"{mix}, {each_s:.0f} messages a second, to {what}"
         yield f"| {name} | {cpu:.1f} | {wall:.1f} | {ratios} | {peak:.0f} |"
+    yield inspect(log, f"{mix}, {each_s:.0f} messages a second", options.repeat)
+
+
+def inspect(log: Path, name: str, repeat: int) -> str:
+    """Return the row of ``yawid inspect``, each in its own process as the replay it is held to."""
+    bare = min(timed("-c", _WITHOUT_OUTPUTS, str(log)) for _ in range(repeat))
+    runs = [timed("-m", "yawid", "inspect", str(log), "--json") for _ in range(repeat)]
+    cpu, wall, _ = min(runs)
+    peak = max(run[2] for run in runs)
+    name = f"{name}, {log.stat().st_size / 1e6:.0f} MB, inspect"
+    ratio = f"{cpu / bare[0]:.2f} (a replay without outputs: {bare[0]:.1f} s)"
+    return f"| {name} | {cpu:.1f} | {wall:.1f} | {ratio} | {peak:.0f} |"
 
 
 def main(arguments: list[str]) -> Iterator[str]:

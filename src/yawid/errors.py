@@ -1,4 +1,4 @@
-"""Every exception yawid raises on purpose, and its exit code; ``cli/`` alone makes lines of them."""
+"""Every exception yawid raises on purpose and its exit code; ``cli/`` alone makes lines of them."""
 
 
 class YawidError(Exception):

@@ -1,9 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
+from plant.oracles import attitude_from
 
 from yawid.plant.axes import frd_from_paper, paper_from_frd, rudder_from_paper, yaw_from_paper
-from yawid.plant.rigid_body import RigidBody, attitude_from, rotation, translation, weight
+from yawid.plant.rigid_body import RigidBody, rotation, translation, weight
 
 RNG = np.random.default_rng(3)
 

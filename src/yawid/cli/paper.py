@@ -53,14 +53,16 @@ def add_commands(commands: Any) -> None:
 
 
 def _step(arguments: argparse.Namespace) -> int:
-    from yawid.offline.step_response import step_from_csv
+    from yawid.offline.step_response import fit_first_order, fit_second_order, step_from_csv
 
     t, y = step_from_csv(arguments.file)
     models = tuple(PARAMETERS) if arguments.model is None else (arguments.model,)
-    fits, refusals = {}, []
+    fits: dict[str, FirstOrder | SecondOrder] = {}
+    refusals = []
     for model in models:
         try:
-            fits[model] = _fit(model, t, y, arguments)
+            fit = fit_first_order if model == "first" else fit_second_order
+            fits[model] = fit(t, y, arguments.u0, arguments.step_time)
         except NotIdentifiable as refusal:
             refusals.append(f"{model} order: {refusal}")
     if not fits:
@@ -68,14 +70,6 @@ def _step(arguments: argparse.Namespace) -> int:
     model = min(fits, key=lambda name: fits[name].noise_std)
     _print_step(model, fits[model], arguments.json)
     return 0
-
-
-def _fit(model: str, t: Any, y: Any, arguments: argparse.Namespace) -> FirstOrder | SecondOrder:
-    from yawid.offline.step_response import fit_first_order, fit_second_order
-
-    if model == "first":
-        return fit_first_order(t, y, arguments.u0, arguments.step_time)
-    return fit_second_order(t, y, arguments.u0, arguments.step_time)
 
 
 def _print_step(model: str, fit: FirstOrder | SecondOrder, as_json: bool) -> None:

@@ -89,19 +89,14 @@ def yaw_channel(
         omega = np.sqrt(mode.prod(axis=1).real)
         xi = -mode.sum(axis=1).real / (2.0 * omega)
         n1, n0, error = _numerator(p, residues, yaw, omega)
-        values = _derivatives(n0 / omega**2, n1 / n0, omega, xi)
-        values = np.column_stack([values, -1.0 / servo])
+        K, T = n0 / omega**2, n1 / n0
+        a_z = 1.0 / T
+        a_omega = 2.0 * xi * omega - a_z
+        a_beta, a_delta = omega**2 - a_omega * a_z, K * omega**2 * T
+        values = np.stack([K, T, omega, xi, a_z, a_omega, a_beta, a_delta, -1.0 / servo], axis=1)
         if servo_tau_s is not None and orders.na > 2:
             values[np.isnan(servo)] = np.nan
     return values, error
-
-
-def _derivatives(K: Floats, T: Floats, omega: Floats, xi: Floats) -> Floats:
-    a_z = 1.0 / T
-    a_omega = 2.0 * xi * omega - a_z
-    a_beta = omega**2 - a_omega * a_z
-    a_delta = K * omega**2 * T
-    return np.stack([K, T, omega, xi, a_z, a_omega, a_beta, a_delta], axis=1)
 
 
 def _without_alternating(

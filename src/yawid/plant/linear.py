@@ -1,4 +1,4 @@
-"""A linear plant in state space: its transfer function and its answer to a held input."""
+"""A linear plant in state space: from its transfer function, and its answer to a held input."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
 from yawid.blocks import Floats
@@ -33,18 +33,6 @@ class LinearPlant:
         """
         A, B, C, D = signal.tf2ss(numerator, denominator)
         return cls(A, B, C, D, ("u",), ("y",))
-
-    def response(self, s: ArrayLike) -> NDArray[np.complex128]:
-        """Return the transfer matrix (n, outputs, inputs) at the complex frequencies s (n,)."""
-        points = np.atleast_1d(np.asarray(s, dtype=np.complex128))[:, None, None]
-        inner = np.linalg.solve(points * np.eye(len(self.A)) - self.A, self.B.astype(complex))
-        return np.asarray(self.C @ inner + self.D, dtype=np.complex128)
-
-    def transfer(self, source: str, output: str) -> tuple[Floats, Floats]:
-        """Return numerator and denominator (n + 1,) between two channels, highest power first."""
-        column, row = self.inputs.index(source), self.outputs.index(output)
-        numerator, denominator = signal.ss2tf(self.A, self.B, self.C, self.D, column)
-        return numerator[row], denominator
 
     def simulate(self, u: ArrayLike, sample_time_s: float) -> Floats:
         """Return the outputs (n, outputs) at k Ts from rest.

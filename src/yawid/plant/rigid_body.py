@@ -58,7 +58,7 @@ class Motion:
     @property
     def angles(self) -> Floats:
         """Return psi, theta, gamma (..., 3) in rad."""
-        return angles_from(self.attitude)
+        return np.asarray(Rotation.from_quat(self.attitude).as_euler("YZX"))
 
 
 Loads = Callable[[float, Motion], tuple[Floats, Floats]]
@@ -99,24 +99,6 @@ def lateral(body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: 
     """Return W_z', omega_x', omega_y' (3,) of eq. 20, the lateral rows of eq. 17-18; (3,) each."""
     linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
     return np.array([linear[2], angular[0], angular[1]])
-
-
-def attitude_from(angles: Floats) -> Floats:
-    """Return the quaternion (..., 4) of psi, theta, gamma (..., 3) in rad."""
-    return np.asarray(Rotation.from_euler("YZX", angles).as_quat())
-
-
-def angles_from(attitude: Floats) -> Floats:
-    """Return psi, theta, gamma (..., 3) in rad of the quaternion (..., 4)."""
-    return np.asarray(Rotation.from_quat(attitude).as_euler("YZX"))
-
-
-def angle_rates(angles: Floats, omega: Floats) -> Floats:
-    """Return psi', theta', gamma' (3,) at the angles (3,) for the body rates omega (3,)."""
-    _, theta, gamma = angles
-    across = omega[1] * np.cos(gamma) - omega[2] * np.sin(gamma)
-    pitching = omega[1] * np.sin(gamma) + omega[2] * np.cos(gamma)
-    return np.array([across / np.cos(theta), pitching, omega[0] - np.tan(theta) * across])
 
 
 def weight(body: RigidBody, attitude: Floats) -> Floats:
