@@ -31,7 +31,13 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.modes import Complexes, dutch_roll_index, poles_and_residues, rows_at_once
+from yawid.physics.modes import (
+    Complexes,
+    dutch_roll_index,
+    numerator_terms,
+    poles_and_residues,
+    rows_at_once,
+)
 
 NAMES = (
     "K",
@@ -51,6 +57,8 @@ _BAND = np.geomspace(0.3, 3.0, 15)
 _STEP = 1e-6
 _FAR = 1e9
 """Where in rad/s a pole is put that must not be felt."""
+CANCELLED = 0.01
+"""An alternating pole at which B is no more than this share of its terms has a zero beside it."""
 _NEAR = 2.0
 """A real pole this many times off the servo's, as it was named, is not the servo's."""
 
@@ -83,7 +91,9 @@ def yaw_channel(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
         if orders.na > 2:
-            p, residues = _without_alternating(z, p, residues)
+            terms = numerator_terms(theta, orders, z)
+            cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
+            p, residues = _without_alternating(z, p, residues, cancelled)
             yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
         mode = np.take_along_axis(p, yaw, axis=1)
         omega = np.sqrt(mode.prod(axis=1).real)
@@ -100,17 +110,20 @@ def yaw_channel(
 
 
 def _without_alternating(
-    z: Complexes, p: Complexes, residues: Complexes
+    z: Complexes, p: Complexes, residues: Complexes, cancelled: NDArray[np.bool_]
 ) -> tuple[Complexes, Complexes]:
     """Move poles without a continuous counterpart (z <= 0) to z = 0, their DC gain kept.
 
     Nothing an aircraft does alternates from sample to sample: such a pole models delay or noise.
+    One that is ``cancelled`` (n, na) by a zero models nothing and is left out: what is left of its
+    zero would be a delay of up to half a sample, to which K and T are sensitive.
     """
     residues = residues.copy()
     alternating = np.isnan(p) & np.isfinite(z)
     for q in range(p.shape[1]):
         factor = (z - z[:, q, None]) / (z * (1.0 - z[:, q, None]))
-        residues = np.where(alternating[:, q, None], residues * factor, residues)
+        moved = alternating[:, q, None] & ~cancelled[:, q, None]
+        residues = np.where(moved, residues * factor, residues)
     return np.where(alternating, -_FAR, p), np.where(alternating, 0.0, residues)
 
 

@@ -125,19 +125,23 @@ def poles_and_residues(
         return z, s, residues
     na = orders.na
     z = discrete_poles(theta[:, :na])
-    nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # NaN only the pole itself: the others' slopes still need its distance.
         continuous = (z.imag != 0.0) | (z.real > 0.0)
         s = np.where(continuous, np.log(z) / sample_time_s, np.nan).astype(np.complex128)
-        lags = nk + np.arange(nb)
-        b = theta[:, None, na : na + nb]
-        numerator = (b * z[:, :, None] ** (-lags)).sum(axis=2)
-        discrete = numerator * z**na / _slopes(z)
+        discrete = numerator_terms(theta, orders, z).sum(axis=2) * z**na / _slopes(z)
         residues = discrete * s / (z - 1.0)
         if mean_output:
             residues = residues * s * sample_time_s * z / (z - 1.0)
     return z, s, residues
+
+
+def numerator_terms(theta: Floats, orders: ArmaxOrders, z: Complexes) -> Complexes:
+    """Return b_i z^-(nk+i) (n, na, nb) of the first input, whose sum is B, at z (n, na)."""
+    nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
+    b = theta[:, None, orders.na : orders.na + nb]
+    terms: Complexes = b * z[:, :, None] ** (-(nk + np.arange(nb)))
+    return terms
 
 
 def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
