@@ -114,6 +114,11 @@ class Noted(IntFlag):
     NOT_EXCITED = 8
 
 
+def words(member: IntEnum | IntFlag) -> str:
+    """Return the name of a status or of one flag as a person reads it: ``on ground``."""
+    return str(member.name).lower().replace("_", " ")
+
+
 @dataclass(frozen=True, slots=True)
 class MessageBlock(Columns):
     """Messages of one type, in the order received.
@@ -273,7 +278,7 @@ class EstimateBlock:
 
 
 @dataclass(frozen=True, slots=True)
-class ModesBlock:
+class ModesBlock(Columns):
     """The continuous poles of each estimate and the Dutch roll among them; NaN where there is none.
 
     ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``,
@@ -291,6 +296,3 @@ class ModesBlock:
     dutch_roll: Floats
     yaw: Floats
     yaw_std: Floats
-
-    def __len__(self) -> int:
-        return len(self.wn)

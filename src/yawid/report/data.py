@@ -24,6 +24,7 @@ from yawid.blocks import (
     SampleBlock,
     Status,
     runs_of,
+    words,
 )
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.bank import Bank
@@ -224,7 +225,7 @@ def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: 
 def _counts(codes: Ints, flags: type[IntFlag]) -> dict[str, int]:
     """Return how many samples bear each flag, in words, those of none left out."""
     return {
-        str(flag.name).lower().replace("_", " "): int(np.sum(codes & flag.value != 0))
+        words(flag): int(np.sum(codes & flag.value != 0))
         for flag in flags
         if np.any(codes & flag.value != 0)
     }

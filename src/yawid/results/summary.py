@@ -8,6 +8,7 @@ from typing import Protocol
 from msgspec import convert
 from msgspec.structs import replace
 
+from yawid.blocks import words
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US
@@ -155,8 +156,8 @@ def _verdict(pipeline: Finished, link: LinkStats, evidence: dict[str, Evidence])
         text = "rudder and yaw rate never flow together for as long as an answer needs"
         return Verdict.of([*found, Reason("not_excited", text)])
     if channels.used == 0:
-        names = [str(flag.name).lower().replace("_", " ") for flag in channels.held]
-        found.append(Reason("not_excited", f"every sample is held: {', '.join(names)}"))
+        why = ", ".join(words(flag) for flag in channels.held)
+        found.append(Reason("not_excited", f"every sample is held: {why}"))
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
     travel_unit = abs(channels.surfaces[0].scale)

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats, Ints, Status
+from yawid.blocks import EstimateBlock, Floats, Ints, Status, words
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
@@ -55,7 +55,7 @@ class Standing:
         else:
             parts.append("no Dutch roll yet")
         if not quiet:
-            parts.append(status.name.lower().replace("_", " "))
+            parts.append(words(status))
         return ", ".join(parts)
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:

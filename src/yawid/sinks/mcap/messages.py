@@ -14,7 +14,7 @@ from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import VerdictSummary
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.schemas import MODE_VALUES, LogLevelNumber, descriptor, message_class
+from yawid.sinks.mcap.schemas import MODE_VALUES, descriptor, message_class
 
 Rows = NDArray[Any]
 
@@ -35,13 +35,8 @@ def joined(parts: Sequence[Written]) -> Written:
     for method, first in parts[0].estimates.items():
         rows = [part.estimates[method].without_covariance for part in parts]
         estimates[method] = EstimateBlock(np.concatenate(rows), first.p)
-    modes = ModesBlock(
-        *(
-            np.concatenate([getattr(part.modes, name) for part in parts])
-            for name in ModesBlock.__slots__
-        )
-    )
-    return Written(SampleBlock.joined([part.samples for part in parts]), estimates, modes)
+    samples = SampleBlock.joined([part.samples for part in parts])
+    return Written(samples, estimates, ModesBlock.joined([part.modes for part in parts]))
 
 
 _FROM_THE_FIRST: Final = ("k", "u", "yaw", "roll", "airspeed", "aileron")
@@ -113,29 +108,25 @@ def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
 
 def log_message(unix_ns: int, level: LogLevel, text: str) -> bytes:
     """Return one ``foxglove.Log``."""
-    message: Any = message_class("foxglove.Log")()  # its fields are known at run time only
-    message.timestamp.FromNanoseconds(unix_ns)
-    message.level = LogLevelNumber[level.upper()]
-    message.message = text
-    message.name = "yawid"
-    return bytes(message.SerializeToString(deterministic=True))
+    seconds, nanos = divmod(unix_ns, 10**9)
+    stamp = {"seconds": seconds, "nanos": nanos}
+    level_name = level.upper()
+    return _packed("foxglove.Log", timestamp=stamp, level=level_name, message=text, name="yawid")
 
 
 def mode_message(boot_s: float, custom_mode: float, name: str) -> bytes:
     """Return one ``yawid.Mode``."""
-    message: Any = message_class("yawid.Mode")(  # as above
-        boot_time=boot_s, custom_mode=custom_mode, name=name
-    )
-    return bytes(message.SerializeToString(deterministic=True))
+    return _packed("yawid.Mode", boot_time=boot_s, custom_mode=custom_mode, name=name)
 
 
 def verdict_message(verdict: VerdictSummary) -> bytes:
     """Return one ``yawid.Verdict``."""
-    message: Any = message_class("yawid.Verdict")()  # as above
-    message.usable = verdict.usable
-    for reason in verdict.reasons:
-        message.reasons.add(**reason.to_json())
-    return bytes(message.SerializeToString(deterministic=True))
+    reasons = [reason.to_json() for reason in verdict.reasons]
+    return _packed("yawid.Verdict", usable=verdict.usable, reasons=reasons)
+
+
+def _packed(full_name: str, **fields: object) -> bytes:
+    return message_class(full_name)(**fields).SerializeToString(deterministic=True)
 
 
 def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, get_args
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -43,13 +43,7 @@ from yawid.sinks.mcap.schemas import (
 from yawid.sinks.mcap.trusted import DAMAGE
 
 BLOCK_ROWS: Final = 8192
-_LOG_LEVELS: Final[Mapping[int, LogLevel]] = {
-    1: "debug",
-    2: "info",
-    3: "warning",
-    4: "error",
-    5: "error",
-}
+_LOG_LEVELS: Final = dict(enumerate(get_args(LogLevel), start=1)) | {5: "error"}  # 5: fatal
 # What the libraries raise on bytes that are not what they should be.
 _DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: it seeks anywhere
 

@@ -7,25 +7,17 @@ to those who remember the schema. The numbers of ``foxglove.Log`` are its publis
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import IntEnum
 from typing import Final
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
-from yawid.blocks import Held, Noted, Status
+from yawid.blocks import Held, Noted, Status, words
 from yawid.config.estimator import METHODS
 from yawid.physics.derivatives import NAMES
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
-_SCALARS: Final = {
-    "bool": _FieldProto.TYPE_BOOL,
-    "double": _FieldProto.TYPE_DOUBLE,
-    "fixed32": _FieldProto.TYPE_FIXED32,
-    "sfixed64": _FieldProto.TYPE_SFIXED64,
-    "string": _FieldProto.TYPE_STRING,
-}
 _PACKAGE = "yawid"
 _YAW_UNITS: Final = {
     "K": "rad/s per {rudder}, of the last whole second; NaN where eq. 23 does not hold",
@@ -43,9 +35,10 @@ YAW_CHANNEL: Final = tuple(
 )
 """Value and sigma of paper eq. 22-23's numbers, in the order of the physics."""
 
-_NOTED = ", ".join(f"{flag.value} {str(flag.name).lower().replace('_', ' ')}" for flag in Noted)
+_NOTED = ", ".join(f"{flag.value} {words(flag)}" for flag in Noted)
 
-# message -> (field, type, unit); [] is repeated; a type with a dot is a message, Status the enum;
+# message -> (field, type, unit); [] is repeated; a type that begins with a dot is a message, one
+# with a dot within an enum;
 # {rudder} stands for the unit of the rudder.
 TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
     "HeldReasons": tuple((str(flag.name).lower(), "bool", "") for flag in Held),
@@ -75,7 +68,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
     ),
     "Estimate": (
         ("boot_time", "double", "s, clock of the vehicle"),
-        ("status", "Status", ""),
+        ("status", "yawid.Status", ""),
         ("held", "fixed32", "bits as in held_reasons"),
         ("held_reasons", ".yawid.HeldReasons", ""),
         ("theta", "double[]", "a, c: 1; b: rad/s per unit of its input as in u; bias: rad/s"),
@@ -146,12 +139,12 @@ def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) ->
     label = _FieldProto.LABEL_REPEATED if kind.endswith("[]") else _FieldProto.LABEL_OPTIONAL
     kind = kind.removesuffix("[]")
     field = message.field.add(name=name, number=len(message.field) + 1, label=label)
-    if kind in _SCALARS:
-        field.type = _SCALARS[kind]
-    elif kind.startswith("."):
+    if kind.startswith("."):
         field.type, field.type_name = _FieldProto.TYPE_MESSAGE, kind
+    elif "." in kind:
+        field.type, field.type_name = _FieldProto.TYPE_ENUM, f".{kind}"
     else:
-        field.type, field.type_name = _FieldProto.TYPE_ENUM, f".{_PACKAGE}.{kind}"
+        field.type = _FieldProto.Type.Value(f"TYPE_{kind.upper()}")
 
 
 def _yawid_file() -> descriptor_pb2.FileDescriptorProto:
@@ -168,17 +161,6 @@ def _yawid_file() -> descriptor_pb2.FileDescriptorProto:
     return file
 
 
-class LogLevelNumber(IntEnum):
-    """``foxglove.Log.Level``."""
-
-    UNKNOWN = 0
-    DEBUG = 1
-    INFO = 2
-    WARNING = 3
-    ERROR = 4
-    FATAL = 5
-
-
 def _foxglove_log_file() -> descriptor_pb2.FileDescriptorProto:
     file = descriptor_pb2.FileDescriptorProto(
         name="foxglove/Log.proto", package="foxglove", syntax="proto3"
@@ -186,16 +168,10 @@ def _foxglove_log_file() -> descriptor_pb2.FileDescriptorProto:
     file.dependency.append("google/protobuf/timestamp.proto")
     log = file.message_type.add(name="Log")
     level = log.enum_type.add(name="Level")
-    for member in LogLevelNumber:
-        level.value.add(name=member.name, number=member.value)
+    for number, name in enumerate(("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")):
+        level.value.add(name=name, number=number)
     _add_field(log, "timestamp", ".google.protobuf.Timestamp")
-    log.field.add(
-        name="level",
-        number=2,
-        label=_FieldProto.LABEL_OPTIONAL,
-        type=_FieldProto.TYPE_ENUM,
-        type_name=".foxglove.Log.Level",
-    )
+    _add_field(log, "level", "foxglove.Log.Level")
     for name in ("message", "name", "file"):
         _add_field(log, name, "string")
     _add_field(log, "line", "fixed32")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status, words
 from yawid.physics.modes import discrete_poles
 from yawid.sinks.base import Grid
 
@@ -22,7 +22,6 @@ WHITENESS_S = 20.0
 WINDOW_S = 60.0
 LAGS = 20
 USED = "used"
-_STATUS = {status: status.name.lower().replace("_", " ") for status in Status}
 _NOTED = {
     Noted.SATURATED: "rudder at its stop",
     Noted.AIRSPEED_CHANGED: "airspeed changed",
@@ -87,7 +86,7 @@ class Marks:
         for row in [0, *(np.flatnonzero((codes[1:] != codes[:-1]).any(axis=1)) + 1).tolist()]:
             held, status, noted = (int(code) for code in codes[row, :3])
             now = {
-                "estimator": _STATUS[Status(status)],
+                "estimator": words(Status(status)),
                 "samples": _sample_text(held, noted),
                 "flight_mode": self._mode_name(samples.mode[row]),
             }
@@ -131,6 +130,5 @@ class Marks:
 
 def _sample_text(held: int, noted: int) -> str:
     if held:
-        names = [str(flag.name).lower().replace("_", " ") for flag in Held if held & flag]
-        return f"held: {', '.join(names)}"
+        return f"held: {', '.join(words(flag) for flag in Held if held & flag)}"
     return ", ".join([USED, *(text for flag, text in _NOTED.items() if noted & flag)])
