@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
-from yawid.results.estimate_summary import method_summary
-from yawid.results.judge import judge_methods
+from yawid.results.judge_estimate import judge_methods
 from yawid.results.run_summary import RunSummary
-from yawid.results.summary import summarise
+from yawid.results.summary import method_summary, summarise
 from yawid.runs.inspect_log import inspect
 from yawid.runs.run_log import open_log, run_log
 from yawid.sources.open_log import Log

@@ -265,10 +265,11 @@ DEFECTS = (
     ),
     Defect(
         "nobody asks whether the rudder drives the mode",
-        "results/judge.py",
+        "results/judge_estimate.py",
         "*coherence_reasons(wn, found),",
         "*coherence_reasons(wn, None),",
-        RESULTS + "test_judge.py::test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit",
+        RESULTS
+        + "test_judge_estimate.py::test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit",
     ),
     Defect(
         "an interrupted replay passes for a whole one",

@@ -14,10 +14,10 @@ from places import REPLAY_LOGS
 from yawid.blocks import Status
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import History
-from yawid.results.collinearity import closeness
 from yawid.results.judge_estimate import Evidence, agreement_reasons, estimate_reasons
 from yawid.results.judge_samples import (
     changed_rates,
+    closeness,
     damper_reasons,
     feedback_reasons,
     flight_reasons,

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, shifted
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
 from yawid.estimation.bank import History
-from yawid.results.collinearity import closeness, condition_number
 from yawid.results.excitation import LEAST_STROKE, Excitation
 from yawid.results.reasons import Reason
 
@@ -36,6 +35,10 @@ ROUNDING = 1e-9
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
 """A relative sigma of wn, and a sigma of zeta, above which nobody would act on the Dutch roll."""
 SATURATED_SHARE = 0.05
+LAGS_COMPARED = 3
+"""Lags compared: the default nb, and one for a message that comes a sample later."""
+WEAKEST = 1e-3
+"""A combination of lags this weak beside the strongest is rounding of the pulses, no movement."""
 
 
 def rate_reasons(
@@ -209,3 +212,35 @@ def _explained(target: Floats, causes: Floats) -> float:
     columns = np.column_stack([causes, np.ones(len(target))])
     coefficients = np.linalg.lstsq(columns, target, rcond=None)[0]
     return 1.0 - float(np.var(target - columns @ coefficients) / np.var(target))
+
+
+def closeness(a: Floats, b: Floats) -> float:
+    """Return the largest canonical correlation of the lags of ``a`` and ``b`` (n,), 0 if unknown.
+
+    An aileron that follows the rudder a sample later is as useless beside it as its copy, though
+    the two hardly correlate. What counts is whether any combination of the lags of one equals one
+    of the other. Rows with NaN in any lag are left out.
+    """
+    lagged = [np.column_stack([shifted(x, -i) for i in range(LAGS_COMPARED)]) for x in (a, b)]
+    rows = np.isfinite(np.concatenate(lagged, axis=1)).all(axis=1)
+    if int(rows.sum()) < 10 * LAGS_COMPARED:
+        return 0.0
+    bases = [_basis(block[rows]) for block in lagged]
+    if 0 in (bases[0].shape[1], bases[1].shape[1]):
+        return 0.0
+    cosines = np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)
+    return min(float(cosines[0]), 1.0)
+
+
+def condition_number(correlation: float) -> float:
+    """Return the condition number of two sets of unit columns with that largest correlation."""
+    return math.sqrt((1.0 + correlation) / max(1.0 - correlation, 1e-12))
+
+
+def _basis(columns: Floats) -> Floats:
+    """Return an orthonormal basis of what the columns (n, lags) do besides standing still."""
+    centred = columns - columns.mean(axis=0)
+    power, directions = np.linalg.eigh(centred.T @ centred)
+    strong = power > max(WEAKEST**2 * float(power[-1]), 1e-12)
+    basis: Floats = centred @ directions[:, strong] / np.sqrt(power[strong])
+    return basis

@@ -21,12 +21,10 @@ from yawid.channels.segments import outside
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.pipeline import Pipeline
-from yawid.results.estimate_summary import method_summary
-from yawid.results.judge import bank_verdict
-from yawid.results.judge_estimate import Evidence
+from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.run_summary import MethodSummary, RunSummary
-from yawid.results.summary import as_summary
+from yawid.results.summary import as_summary, method_summary
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import to_files

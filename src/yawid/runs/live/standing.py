@@ -11,7 +11,7 @@ from yawid.blocks import EstimateBlock, Floats, Ints, Status, words
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
-from yawid.results.judge import BETTER
+from yawid.results.judge_estimate import BETTER
 
 SOUND = (Status.TRACKING, Status.HELD)
 """An estimator that says this of itself may answer."""

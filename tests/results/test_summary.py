@@ -15,8 +15,8 @@ from yawid.config.run import RunConfig
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import REMEMBERED, Bank
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.results.estimate_summary import method_summary
 from yawid.results.judge_estimate import estimate_reasons
+from yawid.results.summary import method_summary
 
 TS = 0.1
 KEEPS_ALL = RunConfig(forgetting=1.0)
