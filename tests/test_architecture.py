@@ -54,7 +54,6 @@ ONLY_IN = {
     "mcap": {
         "sinks/mcap/chunks.py",
         "sinks/mcap/reader.py",
-        "sinks/mcap/trusted.py",
         "sinks/mcap/recover.py",
     },
     "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},

@@ -142,7 +142,6 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     assert set(found.counts) == {
         "/yawid/sample", "/yawid/estimate", "/yawid/modes", "/yawid/mode", "/yawid/verdict"
     }  # fmt: skip
-    assert (found.chunks, found.channels, found.messages) == (1, 2, 80)
     assert found.left_out == (
         "1 x damaged chunk, 2 x unknown or damaged channel record, 80 x message of no known channel"
     )
@@ -224,7 +223,7 @@ def test_two_channels_that_claim_one_number_have_neither(tmp_path: Path) -> None
     found = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     assert found.counts["/yawid/sample"] == 100
     assert found.counts.keys().isdisjoint({"/yawid/estimate/rml", "/yawid/modes"})
-    assert found.messages == 200
+    assert found.left_out == "200 x message of no known channel"
 
 
 def test_what_cannot_be_read_twice_is_refused(tmp_path: Path) -> None:

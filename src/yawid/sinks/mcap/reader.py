@@ -28,7 +28,7 @@ from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.recover import is_bomb
+from yawid.sinks.mcap.recover import DAMAGE, is_bomb
 from yawid.sinks.mcap.run_facts import checked, read_config, read_grid
 from yawid.sinks.mcap.schemas import (
     LOG,
@@ -40,7 +40,6 @@ from yawid.sinks.mcap.schemas import (
     is_older,
     message_class,
 )
-from yawid.sinks.mcap.trusted import DAMAGE
 
 BLOCK_ROWS: Final = 8192
 _LOG_LEVELS: Final = dict(enumerate(get_args(LogLevel), start=1)) | {5: "error"}  # 5: fatal

@@ -1,23 +1,34 @@
-"""A proper MCAP out of one that a crash, a power cut or a bad disk left torn."""
+"""A proper MCAP out of one that a crash, a power cut or a bad disk left torn.
+
+Messages stand in chunks with a checksum, but the records that say what their numbers mean stand
+between the chunks with none: one flipped byte there would make another topic of a whole run. So
+:class:`_Known` holds the channels and schemas that can be vouched for, and only theirs is copied.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
+import os
+import struct
+import zlib
+from collections import Counter, defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from zstandard import frame_content_size
+from zstandard import ZstdError, frame_content_size
 
 from mcap.data_stream import RecordBuilder
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from yawid import __version__
 from yawid.errors import SinkError
+from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
-from yawid.sinks.mcap.schemas import LOG
-from yawid.sinks.mcap.trusted import DAMAGE, Known, known, records
+from yawid.sinks.mcap.schemas import LOG, TOPICS, schema_data
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LARGEST_CHUNK: Final = 64 << 20
@@ -26,39 +37,36 @@ LARGEST_RATIO: Final = 200
 """Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
 the library reads each nine of them as a record."""
 LIBRARY: Final = f"yawid {__version__} (recovered)"
+DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
+"""What mcap raises on damaged bytes: its own errors, short structs, bad text, absurd sizes."""
+CHUNK: Final = "damaged chunk"
+SCHEMA: Final = "schema of another version of yawid, which alone can recover it, or damaged"
+CHANNEL: Final = "unknown or damaged channel record"
+MESSAGE: Final = "message of no known channel"
+ATTACHMENT: Final = "damaged attachment"
+_FOOTER: Final = struct.Struct("<BQQQI8s")  # opcode, length, summary, its offsets, crc, magic
+_READ: Final = 1 << 20
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Recovered:
-    """Messages copied per topic, and what could not be vouched for and was left out."""
+    """Messages copied per topic; what could not be vouched for and was left out, per kind."""
 
     counts: Counter[str] = field(default_factory=Counter)
-    channels: int = 0
-    schemas: int = 0
-    messages: int = 0
-    chunks: int = 0
-    attachments: int = 0
+    missing: Counter[str] = field(default_factory=Counter)
 
     @property
     def left_out(self) -> str:
         """What was left out, in words; "" where nothing was."""
-        kinds = {
-            "damaged chunk": self.chunks,
-            "schema of another version of yawid, which alone can recover it, or damaged": (
-                self.schemas
-            ),
-            "unknown or damaged channel record": self.channels,
-            "message of no known channel": self.messages,
-            "damaged attachment": self.attachments,
-        }
-        return ", ".join(f"{count} x {kind}" for kind, count in kinds.items() if count)
+        kinds = (CHUNK, SCHEMA, CHANNEL, MESSAGE, ATTACHMENT)
+        return ", ".join(f"{self.missing[kind]} x {kind}" for kind in kinds if self.missing[kind])
 
 
 def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
     """Copy every complete chunk of ``path_in`` to ``path_out`` and return what was copied.
 
     Only what can be vouched for is copied: chunks and attachments whose checksum holds, and of
-    them the messages of channels that yawid writes (:func:`yawid.sinks.mcap.trusted.known`). What
+    them the messages of channels that yawid writes (:meth:`_Known.read`). What
     follows a damaged record length cannot be found again. Metadata have no checksum and are copied
     as found. A file without a summary, or with one that tells of more than was copied, gets one
     that says so (:mod:`yawid.sinks.mcap.remains`).
@@ -77,10 +85,10 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
         part, out = open_part(path_out, force=force, suffix=".recovered.part")
         try:
             with out, os_errors_as_sink_error(part):
-                recovered = _Copy(out, known(stream), path_in).run(stream)
+                recovered = _Copy(out, stream, path_in).run()
                 sync(out)
             # The schema of log lines is Foxglove's: they alone are not worth a file.
-            only_log = recovered.schemas > 0 and recovered.counts.keys() <= {LOG}
+            only_log = recovered.missing[SCHEMA] > 0 and recovered.counts.keys() <= {LOG}
             if only_log or not recovered.counts:
                 why = f" ({recovered.left_out})" if recovered.left_out else ""
                 raise SinkError(
@@ -116,22 +124,24 @@ def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
 class _Copy:
     """One run from a stream of records to a new file, with new numbers of schemas and channels."""
 
-    def __init__(self, out: BinaryIO, trusted: Known, path_in: Path) -> None:
+    def __init__(self, out: BinaryIO, stream: BinaryIO, path_in: Path) -> None:
         self._writer = Writer(out, compression=CompressionType.ZSTD)
-        self._known = trusted
+        self._stream = stream
+        self._result = Recovered()
+        self._known = _Known(self._result.missing)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._result = Recovered()
         self._path_in = path_in
         self._newest_ns = 0
         self._remains = Remains()
 
-    def run(self, stream: BinaryIO) -> Recovered:
+    def run(self) -> Recovered:
+        self._known.read(self._stream)
         self._writer.start(profile="", library=LIBRARY)
         for _, channel in sorted(self._known.channels.items()):
             self._channel(channel)
-        stream.seek(0)
-        for record in records(stream):
+        self._stream.seek(0)
+        for record in _records(self._stream):
             match record:
                 case Chunk():
                     self._copy_chunk(record)
@@ -139,17 +149,16 @@ class _Copy:
                     self._remains.metadata.setdefault(record.name, record.metadata)
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment():
-                    self._copy_attachment(record, stream)
+                    self._copy_attachment(record)
                 case _:  # schemas and channels are known; indexes and statistics are made again
                     pass
-        self._result.channels, self._result.schemas = self._known.refused, self._known.foreign
         self._write_attachments()
         self._writer.finish()
         return self._result
 
     def _write_attachments(self) -> None:
         """Write what the file says of itself."""
-        lost = bool(self._result.chunks or self._result.messages)
+        lost = bool(self._result.missing[CHUNK] or self._result.missing[MESSAGE])
         found = self._remains.attached(self._path_in, self._result.left_out, lost=lost)
         for name, data in found.items():
             kind = "application/json" if name == SUMMARY else "application/toml"
@@ -157,7 +166,7 @@ class _Copy:
 
     def _copy_chunk(self, chunk: Chunk) -> None:
         inside = _chunk_records(chunk)
-        self._result.chunks += inside is None
+        self._result.missing[CHUNK] += inside is None
         for record in inside or ():
             if isinstance(record, Schema | Channel):
                 self._known.add(record)
@@ -168,7 +177,7 @@ class _Copy:
     def _copy_message(self, message: Message) -> None:
         channel = self._known.channels.get(message.channel_id)
         if channel is None:
-            self._result.messages += 1
+            self._result.missing[MESSAGE] += 1
             return
         self._writer.add_message(
             self._channel(channel),
@@ -181,12 +190,12 @@ class _Copy:
         self._newest_ns = max(message.log_time, self._newest_ns)
         self._remains.add(channel.topic, message.log_time, message.data)
 
-    def _copy_attachment(self, attachment: Attachment, stream: BinaryIO) -> None:
+    def _copy_attachment(self, attachment: Attachment) -> None:
         builder = RecordBuilder()
         attachment.write(builder)
-        stream.seek(-4, 1)  # its checksum, which the library skips
-        if stream.read(4) != bytes(builder.end())[-4:]:
-            self._result.attachments += 1
+        self._stream.seek(-4, 1)  # its checksum, which the library skips
+        if self._stream.read(4) != bytes(builder.end())[-4:]:
+            self._result.missing[ATTACHMENT] += 1
             return
         if attachment.name in NAMES:
             self._remains.attachments[attachment.name] = attachment.data
@@ -214,3 +223,92 @@ class _Copy:
                 channel.metadata,
             )
         return self._channels[channel.topic]
+
+
+class _Known:
+    """The schemas and channels that can be vouched for, by their numbers in the file.
+
+    ``missing`` takes the count of the channels that cannot, and of the schemas that this version
+    does not write.
+    """
+
+    def __init__(self, missing: Counter[str]) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self._missing = missing
+
+    def read(self, stream: BinaryIO) -> None:
+        """Take what the records outside chunks say of schemas and channels and can be trusted.
+
+        A sound summary at the end of the file settles it. Without one a schema must be, byte for
+        byte, one that this version writes, and a channel one of its topics with that topic's
+        schema; where two such records claim one number, neither has it. The texts beside a channel
+        (its metadata) are then as found.
+        """
+        if _seek_summary(stream):
+            for record in _records(stream, within=True):
+                if isinstance(record, Schema | Channel):
+                    self.add(record)
+            return
+        claims: defaultdict[tuple[type, int], dict[str, Schema | Channel]] = defaultdict(dict)
+        stream.seek(0)
+        for record in _records(stream):
+            if isinstance(record, Schema) and record.data != _own_schema(record.name):
+                self._missing[SCHEMA] += 1
+            elif isinstance(record, Channel) and record.topic not in TOPICS:
+                self._missing[CHANNEL] += 1
+            elif isinstance(record, Schema | Channel):
+                name = record.name if isinstance(record, Schema) else record.topic
+                claims[type(record), record.id].setdefault(name, record)
+        for _, claimed in sorted(claims.items(), key=lambda each: each[0][0] is Channel):
+            if len(claimed) == 1:  # schemas come first: a channel is judged by its own
+                self.add(*claimed.values())
+
+    def add(self, record: Schema | Channel) -> None:
+        """Take a record in whose bytes a checksum covers."""
+        if isinstance(record, Schema):
+            self.schemas[record.id] = record
+            return
+        schema = self.schemas.get(record.schema_id)
+        if (
+            schema is not None
+            and schema.name == TOPICS.get(record.topic)
+            and schema.encoding == record.message_encoding == "protobuf"
+        ):
+            self.channels[record.id] = record
+        else:
+            self._missing[CHANNEL] += 1
+
+
+def _records(stream: BinaryIO, *, within: bool = False) -> Iterator[McapRecord]:
+    """Yield the records outside chunks and the chunks themselves, up to the first tear.
+
+    ``within`` tells that the stream stands within the file, past its head.
+    """
+    try:
+        yield from StreamReader(stream, skip_magic=within, emit_chunks=True).records
+    except DAMAGE:
+        return
+
+
+def _own_schema(name: str) -> bytes | None:
+    """Return the schema that this version writes under a name, None where it writes none."""
+    return schema_data(name) if name in TOPICS.values() else None
+
+
+def _seek_summary(stream: BinaryIO) -> bool:
+    """Go to the start of the summary section; return whether its checksum holds."""
+    size = stream.seek(0, os.SEEK_END)
+    if size < _FOOTER.size:
+        return False
+    stream.seek(size - _FOOTER.size)
+    opcode, length, start, _, crc, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
+    if (opcode, length, magic) != (Opcode.FOOTER, 20, MAGIC) or not 0 < start < size:
+        return False
+    left, actual = size - start - 4 - len(MAGIC), 0  # all but the checksum itself and the magic
+    stream.seek(start)
+    while left > 0:
+        part = stream.read(min(left, _READ))
+        actual, left = zlib.crc32(part, actual), left - len(part)
+    stream.seek(start)
+    return bool(actual == crc)
