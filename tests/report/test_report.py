@@ -17,8 +17,8 @@ from report_page import Page, first_screen
 from yawid.blocks import Noted
 from yawid.cli.main import main
 from yawid.config.estimator import ArmaxOrders
-from yawid.report.curves import frequency_band, poles_with_sigma, step_band
 from yawid.report.data import Model, gather
+from yawid.report.model_pictures import frequency_band, poles_with_sigma, step_band
 from yawid.report.write import report, write_report
 from yawid.sinks.mcap.reader import open_run
 
