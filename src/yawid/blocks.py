@@ -6,9 +6,10 @@ and no result depends on how the stream was cut into blocks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -186,6 +187,11 @@ class SampleBlock(Columns):
     mode: Floats
     on_ground: Floats
     altitude: Floats
+
+    def epochs(self) -> Iterator[SampleBlock]:
+        """Yield the stretches of one epoch each, none where there is no row."""
+        edges = [0, *(np.flatnonzero(np.diff(self.epoch)) + 1).tolist(), len(self)]
+        return (self.select(slice(a, b)) for a, b in pairwise(edges) if b > a)
 
 
 Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS = range(6)

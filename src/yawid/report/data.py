@@ -6,10 +6,8 @@ the samples gives it, and shows that the file can be replayed from itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntFlag
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -137,22 +135,16 @@ class _Gatherer:
         self._last = np.empty(0)
 
     def add(self, samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock) -> None:
-        again = [
-            self._bank.run(samples.select(rows))[self.method].rows
-            for rows in _epochs(samples.epoch)
-        ]
-        live = (estimate.status != Status.WARMING_UP)[:, None]
+        again = [self._bank.run(part)[self.method].rows for part in samples.epochs()]
         thin = slice(-self._rows % self._stride, None, self._stride)
-        columns = (
-            samples.boot_us[:, None] / 1e6,
-            np.where(live, estimate.theta, np.nan),
-            np.where(live, estimate.theta_std, np.nan),
-        )
         dutch_roll = modes.dutch_roll[thin].copy()
         if self.method != self._bank.methods[0]:  # the file's modes are those of the first
-            estimates = EstimateBlock(np.concatenate(again)[thin], estimate.p)
-            dutch_roll = self._modes(estimates)
-        self._thin.append((*(column[thin].copy() for column in columns), dutch_roll))
+            dutch_roll = self._modes(EstimateBlock(np.concatenate(again)[thin], estimate.p))
+        live = (estimate.status[thin] != Status.WARMING_UP)[:, None]
+        theta, theta_std = (
+            np.where(live, column[thin], np.nan) for column in (estimate.theta, estimate.theta_std)
+        )
+        self._thin.append((samples.boot_us[thin] / 1e6, theta, theta_std, dutch_roll))
         delay_s = (samples.received_us - samples.unix_ns / 1e3) / 1e6
         self._full.append(
             (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s)
@@ -176,33 +168,21 @@ class _Gatherer:
         config = self._bank.estimators[self.method].config
         same = bool(np.array_equal(theta, self._last))
         model = Model(theta, covariance[-1], config.orders, config.sample_time_s, same)
-        t, theta_track, theta_std, dutch_roll = _joined(self._thin)
         boot_us, held, noted, residual, delay_s = _joined(self._full)
-        boot_s = boot_us / 1e6
+        boot_s, history = boot_us / 1e6, self._bank.history()
+        n, u, y = len(history.y), history.u, history.y
+        simulated = simulate(theta, config.orders, config.bias, u, y)
+        y_hat = history.y_hat[self.method]
         return ReportData(
             model,
-            Track(t[:, 0], theta_track, theta_std, dutch_roll),
-            self._judged(model, boot_s, residual),
+            Track(*_joined(self._thin)),
+            Judged(boot_s[-n:], u, y, y_hat, simulated, residual[-n:]),
             _events(boot_s, held, noted, delay_s, model.sample_time_s),
-        )
-
-    def _judged(self, model: Model, boot_s: Floats, residual: Floats) -> Judged:
-        history = self._bank.history()
-        n = len(history.y)
-        bias = self._bank.estimators[self.method].config.bias
-        simulated = simulate(model.theta, model.orders, bias, history.u, history.y)
-        return Judged(
-            boot_s[-n:], history.u, history.y, history.y_hat[self.method], simulated, residual[-n:]
         )
 
 
 def _joined(parts: list[tuple[Any, ...]]) -> list[Any]:
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
-
-
-def _epochs(epoch: Ints) -> Iterator[slice]:
-    edges = [0, *(np.flatnonzero(np.diff(epoch)) + 1).tolist(), len(epoch)]
-    return (slice(first, last) for first, last in pairwise(edges))
 
 
 def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: float) -> Events:

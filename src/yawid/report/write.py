@@ -177,14 +177,10 @@ def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
             "bands and model pictures are of the new estimate"
         )
     yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
-    yield table("configuration", dict(_configuration(run)))
+    settings = run.metadata["configuration"].items()
+    given = {name.replace("_", " "): value for name, value in settings if value != "null"}
+    yield table("configuration", given)
     yield table("versions", run.metadata.get("versions", {}))
-
-
-def _configuration(run: McapRun) -> Iterator[tuple[str, str]]:
-    for name, value in run.metadata["configuration"].items():
-        if value != "null":
-            yield name.replace("_", " "), value
 
 
 def _folded(run: McapRun) -> str:

@@ -10,7 +10,6 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -94,10 +93,8 @@ class RunSource:
             samples = replace(block, u=np.ascontiguousarray(block.u[:, columns]))
             rows = (samples.boot_us >= low) & (samples.boot_us <= high)
             samples = samples if rows.all() else samples.select(rows)
-            changes = (np.flatnonzero(np.diff(samples.epoch)) + 1).tolist()
-            for first, last in pairwise([0, *changes, len(samples)]):
-                if last > first:
-                    yield int(each * (last - first)), samples.select(slice(first, last))
+            for part in samples.epochs():
+                yield int(each * len(part)), part
 
 
 def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:

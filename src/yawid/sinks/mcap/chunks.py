@@ -108,13 +108,7 @@ class ChunkWriter:
     ) -> int:
         """Write a channel; return its number."""
         number = len(self._summary[Opcode.CHANNEL]) + 1
-        channel = Channel(
-            id=number,
-            topic=topic,
-            message_encoding=encoding,
-            schema_id=schema,
-            metadata=dict(metadata),
-        )
+        channel = Channel(number, topic, encoding, dict(metadata), schema_id=schema)
         self._keep(Opcode.CHANNEL, channel)
         return number
 
@@ -167,15 +161,9 @@ class ChunkWriter:
     def add_attachment(self, log_ns: int, name: str, media_type: str, content: bytes) -> None:
         """Write an attachment."""
         self.end_chunk()
-        times: dict[str, Any] = {"create_time": log_ns, "log_time": log_ns}
-        named: dict[str, Any] = {"name": name, "media_type": media_type}
-        data = _bytes_of(Attachment(**times, **named, data=content))
-        place: dict[str, Any] = {
-            "offset": self._offset,
-            "length": len(data),
-            "data_size": len(content),
-        }
-        index = AttachmentIndex(**place, **times, **named)
+        data = _bytes_of(Attachment(log_ns, log_ns, name, media_type, content))
+        size = len(content)
+        index = AttachmentIndex(self._offset, len(data), log_ns, log_ns, size, name, media_type)
         self._summary[Opcode.ATTACHMENT_INDEX].append(_bytes_of(index))
         self._write(data)
 
@@ -186,14 +174,13 @@ class ChunkWriter:
         self._write(_bytes_of(DataEnd(data_section_crc=0)))
         start, crc, offsets = self._offset, 0, b""
         for opcode in _SUMMARY:
-            place: dict[str, Any] = {"group_start": self._offset}
+            group_start = self._offset
             for part in self._group(opcode):
                 crc = zlib.crc32(part, crc)
                 self._write(part)
-            length = self._offset - place["group_start"]
+            length = self._offset - group_start
             if length:
-                group = SummaryOffset(group_opcode=opcode, group_length=length, **place)
-                offsets += _bytes_of(group)
+                offsets += _bytes_of(SummaryOffset(opcode, group_start, length))
         offset_start = self._offset
         # The checksum covers the footer up to itself.
         head = _FOOTER.pack(Opcode.FOOTER, 20, start, offset_start)
@@ -212,10 +199,6 @@ class ChunkWriter:
             self._chunk_index.seek(0)
             while part := self._chunk_index.read(_SPOOL):
                 yield part
-
-    def flush(self) -> None:
-        """Bring what was written so far through the buffer of the stream."""
-        self._stream.flush()
 
     def _keep(self, opcode: Opcode, record: McapRecord) -> None:
         self.end_chunk()

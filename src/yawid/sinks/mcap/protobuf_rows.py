@@ -44,37 +44,29 @@ class RowLayout:
     """
 
     def __init__(self, descriptor: Descriptor, lengths: Mapping[str, int]) -> None:
-        self._columns: list[tuple[Any, ...]] = []
-        self._constants: dict[str, Any] = {}
+        columns: list[tuple[Any, ...]] = []
+        constants: dict[str, Any] = {}
         for field in descriptor.fields:
-            self._add(field, lengths)
-        self.dtype = np.dtype(self._columns)
-        self.size = self.dtype.itemsize
-        self.template = np.zeros((), self.dtype)
-        for name, constant in self._constants.items():
+            name, wire_type, rest = field.name, _LENGTH_DELIMITED, b""
+            if field.type == FieldDescriptor.TYPE_MESSAGE:
+                assert field.message_type is not None  # the type stubs do not tie it to the type
+                nested = RowLayout(field.message_type, {})
+                column: tuple[Any, ...] = (name, nested.dtype)
+                rest, constants[name] = _varint(nested.size), nested.template
+            elif name in lengths:
+                column = (name, _VALUES[field.type][1], (lengths[name],))
+                rest = _varint(np.dtype([column]).itemsize)
+            else:
+                wire_type, value = _VALUES[field.type]
+                column = (name, value)
+            tag = np.frombuffer(_varint(field.number << 3 | wire_type) + rest, np.uint8)
+            constants[f"tag of {name}"] = tag
+            columns += [(f"tag of {name}", "u1", tag.shape), column]
+        self.dtype: np.dtype[Any] = np.dtype(columns)
+        self.size: int = self.dtype.itemsize
+        self.template: NDArray[Any] = np.zeros((), self.dtype)
+        for name, constant in constants.items():
             self.template[name] = constant
-
-    def _add(self, field: FieldDescriptor, lengths: Mapping[str, int]) -> None:
-        if field.type == FieldDescriptor.TYPE_MESSAGE:
-            assert field.message_type is not None  # the type stubs do not tie it to TYPE_MESSAGE
-            nested = RowLayout(field.message_type, {})
-            self._add_tag(field, _LENGTH_DELIMITED, _varint(nested.size))
-            self._columns.append((field.name, nested.dtype))
-            self._constants[field.name] = nested.template
-            return
-        wire_type, value = _VALUES[field.type]
-        if field.name in lengths:
-            length = lengths[field.name]
-            self._add_tag(field, _LENGTH_DELIMITED, _varint(np.dtype(value).itemsize * length))
-            self._columns.append((field.name, value, (length,)))
-        else:
-            self._add_tag(field, wire_type, b"")
-            self._columns.append((field.name, value))
-
-    def _add_tag(self, field: FieldDescriptor, wire_type: int, rest: bytes) -> None:
-        tag = np.frombuffer(_varint(field.number << 3 | wire_type) + rest, np.uint8)
-        self._columns.append((f"tag of {field.name}", "u1", tag.shape))
-        self._constants[f"tag of {field.name}"] = tag
 
     def rows(self, n: int) -> NDArray[Any]:
         """Return ``n`` messages (n,) whose values are all zero, to be filled by column."""

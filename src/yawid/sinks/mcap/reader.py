@@ -18,7 +18,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
 from mcap.reader import McapReader, make_reader
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Chunk, Schema
 from mcap.stream_reader import StreamReader
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
@@ -117,8 +117,11 @@ class McapRun:
         waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
         log_ns: list[int] = []
         with _opened(self.path) as stream, _damage_reported(self.path):
-            for schema, channel, message in _messages(stream, topics):
+            reader = make_reader(stream, validate_crcs=True)
+            for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
                 topic = channel.topic
+                if schema is None:
+                    raise ValueError(f"{topic} has no schema")
                 if topic not in layouts:
                     layouts[topic] = _layout(schema, message.data)
                 if topic == topics[0]:
@@ -196,16 +199,6 @@ def _opened(path: Path) -> BinaryIO:
         return path.open("rb")
     except OSError as error:
         raise SourceError(f"cannot read {path}: {error.strerror}") from error
-
-
-def _messages(
-    stream: BinaryIO, topics: tuple[str, ...]
-) -> Iterator[tuple[Schema, Channel, Message]]:
-    reader = make_reader(stream, validate_crcs=True)
-    for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
-        if schema is None:
-            raise ValueError(f"{channel.topic} has no schema")
-        yield schema, channel, message
 
 
 def _layout(schema: Schema, first: bytes) -> RowLayout:
