@@ -113,21 +113,3 @@ def sensible_limits(ax: Axes, *lines: Floats) -> None:
     low, high = np.percentile(settled, [1.0, 99.0])
     room = 0.15 * max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
     ax.set_ylim(low - room, high + room)
-
-
-def thin_lines(t: Floats, *lines: Floats, most: int = 1200) -> list[tuple[Floats, Floats]]:
-    """Return each line with at most ``most`` points: of longer ones the least and the largest.
-
-    ``t`` (n,), lines (n,).
-    """
-    if len(t) <= most:
-        return [(t, line) for line in lines]
-    size = -(-2 * len(t) // most)
-    whole = len(t) // size * size
-    at = np.repeat(t[:whole:size], 2)
-    thin = []
-    for line in lines:
-        parts = line[:whole].reshape(-1, size)
-        with np.errstate(invalid="ignore"):
-            thin.append((at, np.stack([parts.min(axis=1), parts.max(axis=1)], axis=1).ravel()))
-    return thin

@@ -22,7 +22,6 @@ from yawid.report.picture import (
     drawn,
     mark_events,
     sensible_limits,
-    thin_lines,
 )
 from yawid.results.run_summary import Fit, MethodSummary
 from yawid.sinks.answers import percent
@@ -187,11 +186,11 @@ def link_picture(data: ReportData) -> Picture:
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
-        [(t, delay)] = thin_lines(events.delay_t, 1e3 * events.delay_s)
-        ax.plot(t, delay, color=BLUE, linewidth=0.9)
+        delay_ms = 1e3 * events.delay_s
+        ax.plot(events.delay_t, delay_ms, color=BLUE, linewidth=0.9)
         ax.set_ylabel("delay of a sample [ms]")
         ax.set_xlabel(TIME_LABEL)
-        ax.set_ylim(bottom=min(0.0, _least(delay)))
+        ax.set_ylim(bottom=min(0.0, float(delay_ms.min())))
         mark_events(ax, events)
 
     look = (
@@ -200,8 +199,3 @@ def link_picture(data: ReportData) -> Picture:
         "vehicle's own clock, so that delay alone does no harm. Grey: held."
     )
     return Picture("link", "Link: delay and held samples", look, drawn("link", draw, (5.6, 2.6)))
-
-
-def _least(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.min()) if len(finite) else 0.0

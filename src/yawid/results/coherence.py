@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yawid.blocks import Floats, runs_of
 
@@ -31,8 +30,6 @@ HIGHEST = 0.9
 SHORTEST = 16
 FINE_S = 25.0
 """Length of the segments by which a line is told from its surroundings."""
-
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

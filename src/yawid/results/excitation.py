@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, shifted
+from yawid.blocks import Bools, Floats, shifted
 from yawid.channels.sample_flags import WINDOW_S, strokes, window_of
 
 LEAST_STROKE = 0.1
@@ -26,8 +25,6 @@ MODE_LATE_S = 1.5
 ROWS_PER_LAG = 8
 STILL = 0.006
 """An aileron that moves by less than this is no mixer's: it reacts to what the rudder does."""
-
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,18 +122,16 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Ite
     if stops > SATURATED_SHARE:
         text = f"the rudder stood at its stops for {100 * stops:.0f} % of the time"
         yield Reason("saturated", text)
-    spread = rows.std(axis=0)
     for i in range(1, len(inputs)):
-        if spread[0] > 0.0 and spread[i] > 0.0:
-            r = float(np.corrcoef(rows[:, 0], rows[:, i])[0, 1])
-            close = closeness(u[:, 0], u[:, i])
-            if close > COLLINEAR:
-                yield Reason(
-                    "collinear_inputs",
-                    f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
-                    f"number of their lags {condition_number(close):.3g}): their effects cannot "
-                    "be told apart",
-                )
+        close = closeness(u[:, 0], u[:, i])
+        if close > COLLINEAR:
+            r = _correlation(rows[:, 0], rows[:, i])
+            yield Reason(
+                "collinear_inputs",
+                f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
+                f"number of their lags {condition_number(close):.3g}): their effects cannot "
+                "be told apart",
+            )
 
 
 def flight_reasons(history: History, turn: str) -> Iterator[Reason]:

@@ -19,15 +19,15 @@ from yawid.sinks.mcap.schemas import MODE_VALUES, descriptor, message_class
 Rows = NDArray[Any]
 
 
-class Written(NamedTuple):
-    """What a sink is given to write."""
+class RunRows(NamedTuple):
+    """Consecutive samples and all that was made of them."""
 
     samples: SampleBlock
     estimates: Mapping[str, EstimateBlock]
     modes: ModesBlock
 
 
-def joined(parts: Sequence[Written]) -> Written:
+def joined(parts: Sequence[RunRows]) -> RunRows:
     """Return several of them as one; the covariances, which are not written, are left out."""
     if len(parts) == 1:
         return parts[0]
@@ -36,7 +36,7 @@ def joined(parts: Sequence[Written]) -> Written:
         rows = [part.estimates[method].without_covariance for part in parts]
         estimates[method] = EstimateBlock(np.concatenate(rows), first.p)
     samples = SampleBlock.joined([part.samples for part in parts])
-    return Written(samples, estimates, ModesBlock.joined([part.modes for part in parts]))
+    return RunRows(samples, estimates, ModesBlock.joined([part.modes for part in parts]))
 
 
 _FROM_THE_FIRST: Final = ("k", "u", "yaw", "roll", "airspeed", "aileron")

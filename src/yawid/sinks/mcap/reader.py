@@ -20,13 +20,13 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.reader import McapReader, make_reader
 from mcap.records import Chunk, Schema
 from mcap.stream_reader import StreamReader
-from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
+from yawid.blocks import Ints, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.mcap.chunks import MAGIC
-from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
+from yawid.sinks.mcap.messages import Rows, RunRows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.recover import DAMAGE, is_bomb
 from yawid.sinks.mcap.run_facts import checked, read_config, read_grid
@@ -60,15 +60,6 @@ class LogLine:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class RunBlock:
-    """Consecutive samples and all that was made of them."""
-
-    samples: SampleBlock
-    estimates: dict[str, EstimateBlock]
-    modes: ModesBlock
-
-
 @dataclass(slots=True)
 class McapRun:
     """What a run's file says of itself; ``blocks`` and ``samples`` read its rows.
@@ -94,7 +85,7 @@ class McapRun:
         for rows, unix_ns in self._rows((SAMPLE,)):
             yield self._samples(rows[0], unix_ns)
 
-    def blocks(self) -> Iterator[RunBlock]:
+    def blocks(self) -> Iterator[RunRows]:
         """Yield samples, estimates and modes.
 
         Raises:
@@ -103,7 +94,7 @@ class McapRun:
         topics = estimate_topics(() if self.grid is None else self.grid.methods)
         for rows, unix_ns in self._rows((SAMPLE, *topics.values(), MODES)):
             estimates = {m: estimate_from(r) for m, r in zip(topics, rows[1:-1], strict=True)}
-            yield RunBlock(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
+            yield RunRows(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
 
     def _samples(self, rows: Rows, unix_ns: Ints) -> SampleBlock:
         assert self.grid is not None  # else there were no rows

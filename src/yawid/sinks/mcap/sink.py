@@ -19,7 +19,7 @@ from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
-    Written,
+    RunRows,
     estimate_rows,
     joined,
     log_message,
@@ -86,7 +86,7 @@ class McapSink:
         self._mode: float | None = None
         self._estimate_channels: dict[str, int] = {}
         self._sample_ns = self._log_ns = self._rows = 0
-        self._waiting: list[Written] = []
+        self._waiting: list[RunRows] = []
         self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
         try:
             self._open(metadata)
@@ -119,7 +119,7 @@ class McapSink:
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
         """See :meth:`yawid.sinks.base.Sink.write`; rows wait until they fill a chunk."""
-        self._waiting.append(Written(samples, estimates, modes))
+        self._waiting.append(RunRows(samples, estimates, modes))
         span_ns = self._waiting[0].samples.unix_ns[0], samples.unix_ns[-1]
         if self._writer.would_end(*span_ns) or len(self._waiting) == _MOST_WAITING:
             self._write_waiting()
