@@ -13,8 +13,9 @@ from importlib.resources import files
 from typing import Final
 
 from yawid.report.picture import Picture
+from yawid.results.reasons import KINDS
 from yawid.results.run_summary import ReasonSummary, VerdictSummary
-from yawid.sinks.answers import Card, advice
+from yawid.sinks.answers import Card
 
 STYLE: Final = files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -63,10 +64,11 @@ def _card(card: Card, kind: str) -> str:
 
 
 def _reasons(reasons: Sequence[ReasonSummary]) -> str:
+    advice = {kind.id: kind.now for kind in KINDS.values()}
     items = [
         f'<li class="{"fatal" if reason.weight == "fatal" else "warning"}">'
         f"<b>{safe(reason.id.replace('_', ' '))}</b>{safe(reason.text)}. "
-        f'<span class="advice">{safe(advice(reason))}</span></li>\n'
+        f'<span class="advice">{safe(advice.get(reason.id, ""))}</span></li>\n'
         for reason in reasons
     ]
     return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""

@@ -140,10 +140,9 @@ def _rates(channels: Channels) -> list[ChannelFound]:
     told = []
     for flow, interval_us in zip(channels.flows, channels.intervals_us, strict=True):
         first_hz, whole_hz = 1e6 / interval_us, flow.rate_hz
-        if abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz:
-            told.append(ChannelFound("", rate_hz=whole_hz, first_rate_hz=first_hz))
-        else:
-            told.append(ChannelFound("", rate_hz=first_hz))
+        changed = abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz
+        rates = (whole_hz, first_hz) if changed else (first_hz, None)
+        told.append(ChannelFound("", rate_hz=rates[0], first_rate_hz=rates[1]))
     return told
 
 

@@ -12,7 +12,6 @@ from typing import Final
 from msgspec.structs import replace
 
 from yawid.estimation.fit import WORST_PCT
-from yawid.results.reasons import KINDS
 from yawid.results.run_summary import DutchRoll, MethodSummary, ReasonSummary, RunSummary
 
 MOST_HEADLINE = 160
@@ -79,12 +78,6 @@ def _fatal(summary: RunSummary) -> list[ReasonSummary]:
 
 def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
     return tuple(reason.id.replace("_", " ") for reason in reasons)
-
-
-def advice(reason: ReasonSummary) -> str:
-    """Return what to do about a reason, or nothing."""
-    kind = KINDS.get(reason.id)
-    return "" if kind is None else kind.now
 
 
 def with_two_sigma(value: float, sigma: float | None) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from yawid.runs.live.warm_up import Warming
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sinks.part_file import os_errors_as_sink_error
-from yawid.sinks.terminal.status_line import Console
+from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.rate_requests import RateRequests

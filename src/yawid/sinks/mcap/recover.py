@@ -251,9 +251,10 @@ class _Known:
                     self.add(record)
             return
         claims: defaultdict[tuple[type, int], dict[str, Schema | Channel]] = defaultdict(dict)
+        ours = {name: schema_data(name) for name in TOPICS.values()}
         stream.seek(0)
         for record in _records(stream):
-            if isinstance(record, Schema) and record.data != _own_schema(record.name):
+            if isinstance(record, Schema) and record.data != ours.get(record.name):
                 self._missing[SCHEMA] += 1
             elif isinstance(record, Channel) and record.topic not in TOPICS:
                 self._missing[CHANNEL] += 1
@@ -289,11 +290,6 @@ def _records(stream: BinaryIO, *, within: bool = False) -> Iterator[McapRecord]:
         yield from StreamReader(stream, skip_magic=within, emit_chunks=True).records
     except DAMAGE:
         return
-
-
-def _own_schema(name: str) -> bytes | None:
-    """Return the schema that this version writes under a name, None where it writes none."""
-    return schema_data(name) if name in TOPICS.values() else None
 
 
 def _seek_summary(stream: BinaryIO) -> bool:

@@ -33,9 +33,8 @@ from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
-FLUSH_S: Final = (
-    0.5  # of wall time: with a caller that comes every half second no more than 1 s is lost
-)
+FLUSH_S: Final = 0.5
+"""Of wall time: with a caller that comes every half second no more than 1 s is lost."""
 _MOST_WAITING: Final = 64
 _MEDIA_TYPES: Final = {
     ".json": "application/json",
@@ -206,11 +205,10 @@ class McapSink:
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
         # The error that led here has been reported already.
-        with contextlib.suppress(OSError, SinkError):
-            if not self._stream.closed:
+        if not self._stream.closed:
+            with contextlib.suppress(OSError, SinkError):
                 self._write_waiting()
-        with contextlib.suppress(OSError):
-            if not self._stream.closed:
+            with contextlib.suppress(OSError):
                 self._writer.finish()
         for closed in (self._writer, self._stream):
             with contextlib.suppress(OSError):

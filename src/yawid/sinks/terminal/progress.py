@@ -1,10 +1,17 @@
-"""How far a log has been read: a bar with rate and remaining time, on a terminal only."""
+"""What a person sees while it runs: a bar for a log that is read, a line for a live session."""
 
 from __future__ import annotations
 
+import shutil
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
+
+PLAIN_LINE_S = 10.0
+TERMINAL_LINE_S = 0.5
+_CLEAR = "\r\x1b[2K"
 
 
 @contextmanager
@@ -14,7 +21,7 @@ def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Callable[[
         yield lambda count: None
         return
     from rich import progress as parts
-    from rich.console import Console
+    from rich.console import Console as RichConsole
 
     columns = (
         parts.TextColumn("{task.description}"),
@@ -23,6 +30,56 @@ def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Callable[[
         parts.TransferSpeedColumn(),
         parts.TimeRemainingColumn(),
     )
-    with parts.Progress(*columns, console=Console(file=stream), transient=True) as bar:
+    with parts.Progress(*columns, console=RichConsole(file=stream), transient=True) as bar:
         task = bar.add_task(name, total=total_bytes)
         yield lambda count: bar.update(task, advance=count)
+
+
+class Console:
+    """Writes to ``stream``; only on a terminal does a line update in place.
+
+    ``period_s`` is the time between two states of the line, by default that of the stream's kind.
+    Any thread may use it: lines come whole.
+    """
+
+    def __init__(self, stream: TextIO, period_s: float | None = None) -> None:
+        self._stream = stream
+        self._is_terminal = stream.isatty()
+        usual_s = TERMINAL_LINE_S if self._is_terminal else PLAIN_LINE_S
+        self._period_s = usual_s if period_s is None else period_s
+        self._next_s = time.monotonic() + self._period_s
+        self._shown = ""
+        self._lock = threading.Lock()
+
+    def say(self, text: str) -> None:
+        """Write a line that stays."""
+        with self._lock:
+            self._write(f"{_CLEAR if self._shown else ''}yawid: {text}\n{self._shown}")
+
+    def is_due(self) -> bool:
+        """Whether it is time for the next state of the line."""
+        return time.monotonic() >= self._next_s
+
+    def show(self, line: str) -> None:
+        """Show where the session stands: in place on a terminal, else as a line of its own."""
+        self._next_s = time.monotonic() + self._period_s
+        with self._lock:
+            if self._is_terminal:
+                self._shown = line[: shutil.get_terminal_size().columns - 1]
+                self._write(_CLEAR + self._shown)
+            else:
+                self._write(f"yawid: {line}\n")
+
+    def close(self) -> None:
+        """Leave the line that updates: what follows stands below it."""
+        with self._lock:
+            if self._shown:
+                self._shown = ""
+                self._write("\n")
+
+    def _write(self, text: str) -> None:
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except OSError:
+            pass  # the terminal has gone: the session need not
