@@ -2,11 +2,15 @@
 
 Rows are laid out by the schema in the file. A file made by an older version lacks some of today's
 fields: they are filled with what means unknown. Fields that stand otherwise than today are another
-format, which is refused instead of being misread.
+format, which is refused instead of being misread. Anybody may have written the file: what is of
+another type or size is one line here, not an error far below.
 """
 
 from __future__ import annotations
 
+import math
+import struct
+import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,20 +20,21 @@ from typing import Any, BinaryIO, Final, get_args
 import numpy as np
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
+from zstandard import ZstdError, frame_content_size
 
+from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 from mcap.records import Chunk, Schema
 from mcap.stream_reader import StreamReader
-from yawid.blocks import Ints, SampleBlock
-from yawid.config.run import RunConfig
+from yawid.blocks import Ints, SampleBlock, Status
+from yawid.config.run import RunConfig, check_settings
 from yawid.errors import SourceError
+from yawid.estimation.polynomials import parameter_names
 from yawid.results.run_summary import RunSummary
-from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.base import Grid, LogLevel, rudder_unit
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.messages import Rows, RunRows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.recover import DAMAGE, is_bomb
-from yawid.sinks.mcap.run_facts import checked, read_config, read_grid
 from yawid.sinks.mcap.schemas import (
     LOG,
     MODES,
@@ -43,6 +48,15 @@ from yawid.sinks.mcap.schemas import (
 
 BLOCK_ROWS: Final = 8192
 _LOG_LEVELS: Final = dict(enumerate(get_args(LogLevel), start=1)) | {5: "error"}  # 5: fatal
+LARGEST_CHUNK: Final = 64 << 20
+"""Unpacked; yawid writes a chunk a second."""
+LARGEST_RATIO: Final = 200
+"""Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
+the library reads each nine of them as a record."""
+LARGEST_SAMPLE: Final = 9e9
+"""Of a value in a sample; seconds of Unix time are such values, and go into integers of ns."""
+DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
+"""What mcap raises on damaged bytes: its own errors, short structs, bad text, absurd sizes."""
 # What the libraries raise on bytes that are not what they should be.
 _DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: it seeks anywhere
 
@@ -246,3 +260,80 @@ def _count(reader: McapReader) -> int:
         return 0
     counts = summary.statistics.channel_message_counts
     return sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
+
+
+def read_config(data: bytes | None) -> RunConfig:
+    """Return the configuration that a file holds as TOML.
+
+    Raises:
+        ValueError: there is none, or this version cannot use it.
+    """
+    if data is None:
+        raise ValueError("it holds no configuration")
+    try:
+        settings = tomllib.loads(data.decode())
+        return RunConfig(**check_settings(settings, "configuration.toml"))
+    except (ValueError, OverflowError, RecursionError) as error:
+        raise ValueError(f"its configuration cannot be used: {error}") from error
+
+
+def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | None:
+    """Return the grid that a file's metadata tell, None where the run never came to one.
+
+    Files of 0.1.0 do not say whose modes the flight modes are: those keep their numbers.
+
+    Raises:
+        ValueError: it makes no sense, or is not of the configuration.
+    """
+    if record is None:
+        return None
+    try:
+        parameters, inputs, methods = (
+            tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
+        )
+        autopilot, kind = (int(record.get(name, "0")) for name in ("autopilot", "vehicle_type"))
+        unit, sample_time_s = rudder_unit(config.rudder_max_deg), float(record["sample_time_s"])
+        grid = Grid(parameters, inputs, methods, sample_time_s, unit, autopilot, kind)
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"its grid cannot be read: {error!r}") from error
+    names = parameter_names(config.armax_orders(), config.inputs, bias=True)
+    if (parameters, inputs, methods) != (names, config.inputs, config.bank_methods()):
+        raise ValueError("its grid is not that of its configuration")
+    if not 1e-6 < grid.sample_time_s < math.inf:
+        raise ValueError(f"a sample time of {grid.sample_time_s!r} s makes no sense")
+    return grid
+
+
+def checked(found: list[Rows], grid: Grid) -> list[Rows]:
+    """Return rows (n,) of several topics, the samples first.
+
+    Raises:
+        ValueError: they have other columns than the grid says, or hold what no run writes.
+    """
+    p = len(grid.parameters)
+    widths = {"u": len(grid.inputs), "theta": p, "theta_std": p}
+    for rows in found:
+        names = set(rows.dtype.names or ())
+        if any(rows[name].shape[1] != widths[name] for name in widths.keys() & names):
+            raise ValueError("a message has other columns than the grid says")
+        if "status" in names and rows["status"].max() > max(Status):
+            raise ValueError("an estimator has a status that there is not")
+    samples = found[0]
+    for name in samples.dtype.names or ():
+        if samples[name].dtype.kind == "f":
+            sound = np.abs(samples[name]) < LARGEST_SAMPLE
+            if not np.all(sound if name.endswith("_time") else sound | np.isnan(samples[name])):
+                raise ValueError(f"{name} of a sample is absurd")
+    return found
+
+
+def is_bomb(chunk: Chunk) -> bool:
+    """Tell whether a chunk unpacks to so much that it is made to choke the reader.
+
+    Raises:
+        ZstdError: its content is no Zstandard frame.
+    """
+    unpacked = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        unpacked = max(unpacked, frame_content_size(chunk.data))
+    return unpacked > min(LARGEST_CHUNK, max(1 << 20, LARGEST_RATIO * len(chunk.data)))

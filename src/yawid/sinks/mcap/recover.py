@@ -16,10 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from zstandard import ZstdError, frame_content_size
-
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -27,18 +24,12 @@ from mcap.writer import CompressionType, Writer
 from yawid import __version__
 from yawid.errors import SinkError
 from yawid.sinks.mcap.chunks import MAGIC
+from yawid.sinks.mcap.reader import DAMAGE, is_bomb
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
 from yawid.sinks.mcap.schemas import LOG, TOPICS, schema_data
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
-LARGEST_CHUNK: Final = 64 << 20
-"""Unpacked; yawid writes a chunk a second."""
-LARGEST_RATIO: Final = 200
-"""Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
-the library reads each nine of them as a record."""
 LIBRARY: Final = f"yawid {__version__} (recovered)"
-DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
-"""What mcap raises on damaged bytes: its own errors, short structs, bad text, absurd sizes."""
 CHUNK: Final = "damaged chunk"
 SCHEMA: Final = "schema of another version of yawid, which alone can recover it, or damaged"
 CHANNEL: Final = "unknown or damaged channel record"
@@ -99,18 +90,6 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
         finally:
             part.unlink(missing_ok=True)
     return recovered
-
-
-def is_bomb(chunk: Chunk) -> bool:
-    """Tell whether a chunk unpacks to so much that it is made to choke the reader.
-
-    Raises:
-        ZstdError: its content is no Zstandard frame.
-    """
-    unpacked = chunk.uncompressed_size
-    if chunk.compression == "zstd":
-        unpacked = max(unpacked, frame_content_size(chunk.data))
-    return unpacked > min(LARGEST_CHUNK, max(1 << 20, LARGEST_RATIO * len(chunk.data)))
 
 
 def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:

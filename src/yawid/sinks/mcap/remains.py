@@ -30,7 +30,7 @@ from yawid.results.run_summary import (
     VerdictSummary,
 )
 from yawid.sinks.base import Grid
-from yawid.sinks.mcap.run_facts import read_grid
+from yawid.sinks.mcap.reader import read_grid
 from yawid.sinks.mcap.schemas import (
     MODE_VALUES,
     MODES,
