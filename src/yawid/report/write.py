@@ -63,10 +63,7 @@ def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]
         mode, fit = summary.dutch_roll, summary.answer.fit
         yield pictures(
             "Does the model tell what was measured?",
-            [
-                fit_picture(data, fit, run.grid),
-                residuals_picture(data.judged, fit.whiteness_p),
-            ],
+            [fit_picture(data, fit, run.grid), residuals_picture(data.judged, fit.whiteness_p)],
         )
         yield pictures(
             "What was learnt, and when",

@@ -82,7 +82,8 @@ def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float
     reach = max(1, round(REACH_S / sample_time_s))
     lags = [shifted(aileron, i) for i in range(-reach, reach + 1)]
     columns = np.column_stack([*lags, np.ones(len(rudder))])
-    changes = np.cumsum(np.concatenate([[False], _differ(mode[1:], mode[:-1])])).astype(float)
+    known = np.nan_to_num(mode, nan=-1.0)  # unknown is the same as unknown
+    changes = np.cumsum(np.diff(known, prepend=known[:1]) != 0.0).astype(float)
     late = max(reach, round(MODE_LATE_S / sample_time_s))
     same = shifted(changes, reach) == shifted(changes, -late)
     rows = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder) & same)
@@ -102,12 +103,6 @@ def _unexplained(columns: Floats, rudder: Floats) -> Floats:
     coefficients = np.linalg.lstsq(np.concatenate([columns, ridge]), known, rcond=1e-9)[0]
     rest: Floats = rudder - columns @ coefficients
     return rest
-
-
-def _differ(a: Floats, b: Floats) -> Bools:
-    """Tell where two values (n,) differ; unknown is the same as unknown."""
-    differ: Bools = ~((a == b) | (np.isnan(a) & np.isnan(b)))
-    return differ
 
 
 def _strokes(x: Floats, sample_time_s: float) -> Floats:

@@ -182,11 +182,6 @@ class Reason:
         """Its row of the table."""
         return KINDS[self.id]
 
-    @property
-    def weight(self) -> str:
-        """Whether it makes the estimate unusable: fatal or warning."""
-        return self.kind.weight
-
 
 @dataclass(frozen=True, slots=True)
 class Verdict:

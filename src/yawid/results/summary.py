@@ -97,7 +97,7 @@ def summarise(
 
 def as_summary(verdict: Verdict) -> VerdictSummary:
     """Return the verdict as ``--json`` prints it."""
-    reasons = [ReasonSummary(r.id, r.weight, r.text) for r in verdict.reasons]
+    reasons = [ReasonSummary(r.id, r.kind.weight, r.text) for r in verdict.reasons]
     return VerdictSummary(method=verdict.method, usable=verdict.usable, reasons=reasons)
 
 
