@@ -39,7 +39,7 @@ without end."""
 class Segmenter:
     """Cuts two series in stream order into pieces of segments.
 
-    ``newest`` and ``heard_us`` are each channel's newest vehicle time and receive stamp,
+    ``newest`` and ``received_us`` are each channel's newest vehicle time and receive stamp,
     ``leap_us`` the longest leap forward that the stamps did not make.
     """
 
