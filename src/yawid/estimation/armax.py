@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
-from typing import Literal
+from dataclasses import asdict
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from yawid.blocks import EstimateBlock, Floats, Status, estimate_width
-from yawid.config.estimator import EstimatorConfig
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import entry_points as entry
@@ -17,9 +19,11 @@ from yawid.estimation.kernel import linear_algebra as kernel
 from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.forgetting import noise_variance
 from yawid.estimation.kernel.new_state import new_state
-from yawid.estimation.serialise import pack, unpack
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box
+
+VERSION = "yawid-armax-2"
+"""Of a saved estimator: changes whenever the meaning or place of anything in the state does."""
 
 
 class Estimate:
@@ -194,8 +198,12 @@ class RecursiveArmax:
         return float(entry.predict(scratch))
 
     def to_bytes(self) -> bytes:
-        """Save everything; the estimator that comes back resumes bit for bit."""
-        return pack(self.config, self._state)
+        """Save everything; the estimator that comes back resumes bit for bit.
+
+        A line of JSON with version and configuration, then the packed state.
+        """
+        head = json.dumps({"version": VERSION, "config": asdict(self.config)})
+        return head.encode() + b"\n" + self._state.astype("<f8").tobytes()
 
     @classmethod
     def from_bytes(cls, saved: bytes) -> RecursiveArmax:
@@ -204,9 +212,23 @@ class RecursiveArmax:
         Raises:
             ConfigError: the bytes are not a whole save, or one of another version.
         """
-        config, state = unpack(saved)
+        head, _, body = bytes(saved).partition(b"\n")
+        try:
+            record: dict[str, Any] = json.loads(head)
+            version, values = record["version"], record["config"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError("these bytes are no saved estimator") from error
+        if version != VERSION:
+            raise ConfigError(f"saved as {version!r}, this is {VERSION!r}: it cannot be resumed")
+        drift = values["drift"]
+        values["orders"] = ArmaxOrders(**values["orders"])
+        values["drift"] = tuple(drift) if isinstance(drift, list) else drift
+        config = EstimatorConfig(**values)
+        length = 8 * len(new_state(config))
+        if len(body) != length:
+            raise ConfigError(f"the saved state has {len(body)} bytes, {length} are expected")
         estimator = cls.__new__(cls)
-        estimator._adopt(config, state)
+        estimator._adopt(config, np.frombuffer(body, "<f8").astype(np.float64))
         return estimator
 
     @property

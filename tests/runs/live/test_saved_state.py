@@ -22,8 +22,7 @@ from live_link import (
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.estimation import serialise as saving
-from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.armax import VERSION, RecursiveArmax
 from yawid.runs.live import Console, Ended, LiveOptions, live
 from yawid.runs.live import saved_state as state_file
 from yawid.runs.live.saved_state import StateFile, check_states
@@ -157,7 +156,7 @@ def state(tmp_path: Path) -> Path:
     ("old", "new"),
     [
         (state_file.VERSION, state_file.VERSION[:-1] + "0"),
-        (saving.VERSION, saving.VERSION[:-1] + "0"),
+        (VERSION, VERSION[:-1] + "0"),
         ('"config": {"orders"', '"config": {"order_"'),
     ],
 )
