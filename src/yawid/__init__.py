@@ -1,7 +1,5 @@
 """Yawid identifies how an aircraft's yaw answers its rudder, sample by sample."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

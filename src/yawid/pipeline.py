@@ -5,8 +5,6 @@
 The only module that knows all stages; where messages come from, a file or a socket, it does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock

@@ -7,8 +7,6 @@ finds. A gap is a break: of the instants it swallows only the first becomes a (h
 filled in.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

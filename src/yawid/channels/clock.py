@@ -4,8 +4,6 @@ SERVO_OUTPUT_RAW.time_usec is 32 bits wide and wraps every 71.6 minutes while AT
 goes on, so the first is unwrapped beside the second.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -5,8 +5,6 @@ whose outputs are blocked by a safety switch. Looked at is only what was reporte
 could be taken: in the boot and the stretch asked for, and not on the ground.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ pull in forward flight too are named by masks. PX4 says in EXTENDED_SYS_STATE wh
 VTOL is just now.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

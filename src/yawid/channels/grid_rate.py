@@ -5,8 +5,6 @@ after. Live and replay take the same decision from the same messages. How fast e
 in all is counted beside it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from itertools import takewhile

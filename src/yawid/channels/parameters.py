@@ -1,7 +1,5 @@
 """The parameters a vehicle has reported so far, and what they say of its outputs."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Both are causal and see only samples that are used. Held ones say why they are held instead.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from itertools import accumulate

@@ -4,8 +4,6 @@ A reboot, a step back or a long silence of either channel ends it. Each of the v
 clock of its own, which --from and --to count by.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 

@@ -3,8 +3,6 @@
 lock the vehicle -> name its surfaces -> rows on the vehicle's clock -> segments -> one grid
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ been received while the stick has flowed for five seconds of the vehicle's clock
 first output received. Live and replay take the same decision at the same message.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

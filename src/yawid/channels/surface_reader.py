@@ -4,8 +4,6 @@ Of several outputs of one function, such as twin fins, the first is the surface;
 compared with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

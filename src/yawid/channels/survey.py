@@ -3,8 +3,6 @@
 It looks on while the channels are read and changes nothing.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ own. The vehicle is the first sender whose HEARTBEAT names an autopilot and no g
 type. Numbers are those of MAV_TYPE and MAV_AUTOPILOT in MAVLink's common.xml.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command line of ``yawid view``, ``report`` and ``recover``: on the file of a run."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command line of ``yawid live``."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

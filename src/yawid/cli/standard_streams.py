@@ -1,7 +1,5 @@
 """Standard output and standard error as they may be: closed, full, of ASCII only, or a pipe."""
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import io

@@ -3,8 +3,6 @@
 A change is ``dataclasses.replace`` and a new estimator; nothing is ever reset.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Literal

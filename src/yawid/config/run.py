@@ -1,7 +1,5 @@
 """The configuration of a run, from the command line or a TOML file: complete and frozen."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

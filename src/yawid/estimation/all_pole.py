@@ -1,7 +1,5 @@
 """1/A(q) over a whole record, for every method that needs it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from yawid.blocks import Floats

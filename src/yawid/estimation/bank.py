@@ -3,8 +3,6 @@
 It keeps the newest samples of a run, and its models as they stood at times.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

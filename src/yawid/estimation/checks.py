@@ -1,7 +1,5 @@
 """Check the arrays a caller hands over, before anything is touched."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -4,8 +4,6 @@ Both are 100 * (1 - |y - y_hat| / |y - mean(y)|) in percent. The one-step figure
 model, because each prediction starts from the measured past; the simulation is the harder judge.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from yawid.blocks import Floats, runs_of

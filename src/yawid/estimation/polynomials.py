@@ -1,7 +1,5 @@
 """The polynomials A, B, C of theta: names, order, regressors, and where C is well behaved."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from yawid.blocks import Floats, shifted

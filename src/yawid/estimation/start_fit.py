@@ -3,8 +3,6 @@
 It works on the scaled samples of the window and hands theta and P to the recursion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Whether the residuals are white, from running sums of their products."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

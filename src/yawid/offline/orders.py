@@ -6,8 +6,6 @@ then run free from the inputs over the last third. Accuracy is that simulation; 
 Akaike and Schwarz and the whiteness of the residuals stand beside it, and the cost of one update.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ Printed slips: ``Phi`` is used as ``phi``; T, t and the orders of eq. 28 are nev
 (7)" in the text around the listing means eq. 30.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ Printed slips: eq. 3 has a d/dt too many, and its delta(t) = dh/dt means g(t) = 
 integral of g(t - tau) u(tau) is meant.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Printed slips: eq. 8's limit is s -> 0; eq. 15 keeps the letters of eq. 12, Delt
 Delta y/(k u0).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -11,8 +11,6 @@ likelihood has no such limit. Printed slip: the last exponent of B in eq. 29 is 
 has it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

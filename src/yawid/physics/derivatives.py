@@ -21,8 +21,6 @@ Otherwise it is the one whose removal costs least: without a lag at p the respon
 |s/p|, least for the fastest pole.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Each level asks for a least zeta, a least zeta*wn (rad/s) and a least wn (rad/s), all three at once.
 """
 
-from __future__ import annotations
-
 LEVELS = ((0.08, 0.15, 0.4), (0.02, 0.05, 0.4), (0.0, 0.0, 0.4))
 """Levels 1 to 3 of category B (gradual manoeuvres), alike for every class of aircraft."""
 

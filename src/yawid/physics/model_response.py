@@ -1,7 +1,5 @@
 """What the identified model answers to a step of the rudder."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

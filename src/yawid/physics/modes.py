@@ -7,8 +7,6 @@ delta method: with A(z) = z^na + a1 z^(na-1) + ... and its derivative A'(z) at a
     dz/da_i = -z^(na-i) / A'(z),   ds = dz / (z Ts),   dwn = Re(conj(s) ds) / |s|.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ sigma of its numbers. It is worked out at the samples whose index on the grid of
 whole number of seconds and stands until the next: a sixtieth of the memory by default.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -18,8 +18,6 @@ aileron                 -delta_b rolls right    aileron > 0 rolls right: -delta_
 So yaw rate over rudder is psi'/(-delta_H) of the paper's eq. 23, with its sign.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from yawid.blocks import Floats

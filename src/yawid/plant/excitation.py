@@ -4,8 +4,6 @@ A unit step excites order 1 only; models of order 2 to 3 need a doublet, 3-2-1-1
 multisine.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -4,8 +4,6 @@ The trim is W = (V, 0, 0), thrust equal to drag and lift to weight. Loads by an 
 dynamic pressure, loads by a rate with the airspeed; gravity acts along the true vertical.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

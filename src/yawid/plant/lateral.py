@@ -11,8 +11,6 @@ theta_G is the direction of flight, beta the sideslip in the air and beta_b the 
 wind makes. a_z_gamma is negative: psi and theta_G count to the left, gamma to the right.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, dataclass
 

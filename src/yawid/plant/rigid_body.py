@@ -8,8 +8,6 @@ Printed slips: eq. 19 permutes the indices (its first line is the x equation, it
 equation) and its moment line means J_z omega_z'; implemented as rows of eq. 17 and 18.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from typing import Any

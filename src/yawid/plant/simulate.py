@@ -1,7 +1,5 @@
 """The reference plants under a chosen input, in the project's signs, ready for a file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import astuple, dataclass

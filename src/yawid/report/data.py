@@ -4,8 +4,6 @@ The file keeps theta's sigma but not its covariance, which every band needs. Est
 the samples gives it, and shows that the file can be replayed from itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any

@@ -4,8 +4,6 @@ Every text passes through :func:`safe`: names of parameters and files come from 
 may have written.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape

@@ -6,8 +6,6 @@ the delay and X = B/A u the model's answer,
     dX/da_i = -(q^-i / A) X,    dX/db_i = (q^-(nk+i-1) / A) u.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

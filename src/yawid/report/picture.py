@@ -1,7 +1,5 @@
 """The report's pictures: matplotlib figures, as SVG to stand within a page."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable

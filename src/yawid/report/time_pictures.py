@@ -1,7 +1,5 @@
 """Pictures over time: the fit, parameters, modes, and what the link did."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

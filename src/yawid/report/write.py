@@ -1,7 +1,5 @@
 """``yawid report``: one HTML file that a flight-test engineer can read, print and pass on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

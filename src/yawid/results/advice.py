@@ -1,7 +1,5 @@
 """What to record next time, where a log cannot answer: message, rate, manoeuvre, parameter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 from yawid.channels.stage import Channels

@@ -5,8 +5,6 @@ anywhere puts one there. Where the rudder has no part in what the yaw does at th
 not the aircraft's answer to its rudder.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ rudder: what moves the yaw may as well be the roll that the aileron makes. So on
 rudder counts which no regression on the aileron explains.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What ``yawid inspect`` finds, as ``--json`` prints it: one type for each object."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from msgspec import field

@@ -1,7 +1,5 @@
 """What the estimates say for or against themselves, and the verdict of a bank of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A wrong answer that looks right is the worst that could leave this program, so w
 against the estimate is said, and what speaks loudly enough makes it unusable.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

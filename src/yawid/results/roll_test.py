@@ -6,8 +6,6 @@ follows the rudder. Poles and zeros bend to take it in, so that the residuals ma
 while wn and zeta are off by more than their sigma.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from yawid.blocks import Floats, runs_of, shifted

@@ -1,7 +1,5 @@
 """The summary of a run: everything ``--json`` prints, the verdict, and each estimator's part."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Which orders suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ The answer comes from a replay without outputs, and from looking at where the ru
 own.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress

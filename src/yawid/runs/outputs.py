@@ -1,7 +1,5 @@
 """Where a run writes, and what every output says of its own origin."""
 
-from __future__ import annotations
-
 import json
 import platform
 import sys

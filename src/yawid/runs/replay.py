@@ -1,7 +1,5 @@
 """One replay, from a log or a finished run to its files."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from contextlib import closing

@@ -4,8 +4,6 @@ What concerns the channels was decided when the samples were made and cannot be 
 concerns the estimators can, and gives what a replay of the log itself would give.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """One recorded source through one pipeline: what replay, inspect, orders and regress have alike."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

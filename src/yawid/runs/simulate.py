@@ -1,7 +1,5 @@
 """``yawid simulate``: a reference plant of the paper under a chosen input, into a file."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import replace

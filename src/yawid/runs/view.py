@@ -1,7 +1,5 @@
 """A finished run in the Rerun viewer: what the file holds, drawn as it was drawn during the run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from yawid.errors import SinkError

@@ -1,7 +1,5 @@
 """The report's first screen, in words: what is wn, what is zeta, how sure, can it be used."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What every sink offers the pipeline."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """How a file comes to bear its final name: who opens a ``.part`` owns it, names or removes it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -6,8 +6,6 @@ same bits.
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from pathlib import Path

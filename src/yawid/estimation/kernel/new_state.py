@@ -1,7 +1,5 @@
 """Build the packed state of a configuration; the slots and parts are named in ``state.py``."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from yawid.blocks import Floats

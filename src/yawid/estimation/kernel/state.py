@@ -6,8 +6,6 @@ last. One array makes a single-sample call cheap and saving exact.
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any, NamedTuple
 

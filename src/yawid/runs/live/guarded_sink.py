@@ -1,7 +1,5 @@
 """A tlog or sink that fails is one line, and the session goes on without it."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path

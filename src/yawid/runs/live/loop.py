@@ -1,7 +1,5 @@
 """The loop of ``yawid live``: read, record, estimate, and say what has happened."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime

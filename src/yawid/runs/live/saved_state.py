@@ -1,7 +1,5 @@
 """What was learnt, kept from one session to the next: ``--state FILE``."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 import time

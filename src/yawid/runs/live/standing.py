@@ -1,7 +1,5 @@
 """Where a session stands, in one line, and how long its samples wait."""
 
-from __future__ import annotations
-
 import math
 import time
 

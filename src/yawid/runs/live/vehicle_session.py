@@ -1,7 +1,5 @@
 """One vehicle's live session: the same bytes go to its tlog and to its pipeline."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace

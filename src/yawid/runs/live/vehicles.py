@@ -1,7 +1,5 @@
 """Which session gets which records: one takes everything, or each vehicle has its own."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A Rerun viewer beside a live session: it may be slow, go away and come back."""
 
-from __future__ import annotations
-
 import contextlib
 import queue
 import threading

@@ -1,7 +1,5 @@
 """What the first sample of a process would wait for, done beside a link that is recorded."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import fields
 from typing import Any

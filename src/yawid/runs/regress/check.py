@@ -3,8 +3,6 @@
 What a machine reads of it: JUnit XML and JSON.
 """
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

@@ -5,8 +5,6 @@ times and status are compared exactly, values by a tolerance per column relative
 the value and the column's root mean square; NaN equals NaN.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Before and after in one picture: what a person looks at first when a case differs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

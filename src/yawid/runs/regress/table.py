@@ -1,7 +1,5 @@
 """The table of a run, one row a second and the last one: what ``expected.csv`` holds."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The only place that writes references."""
 
-from __future__ import annotations
-
 import json
 import sys
 import tomllib

@@ -1,7 +1,5 @@
 """Blocks as protobuf messages: which column of a block is which field."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple

@@ -8,8 +8,6 @@ Measured for ``yawid.Sample``: 0.3 us of CPU per message instead of 1.2 us by pr
 messages could be written one by one only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

@@ -6,8 +6,6 @@ format, which is refused instead of being misread. Anybody may have written the 
 another type or size is one line here, not an error far below.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import tomllib

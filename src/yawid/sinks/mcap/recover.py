@@ -5,8 +5,6 @@ between the chunks with none: one flipped byte there would make another topic of
 :class:`_Known` holds the channels and schemas that can be vouched for, and only theirs is copied.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

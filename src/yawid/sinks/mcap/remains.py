@@ -5,8 +5,6 @@ had come to. What the link lost and which channels moved is written at the end a
 there is no answer, and the verdict says so.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

@@ -4,8 +4,6 @@ Field numbers are the positions in the table: append, never reorder, or old file
 to those who remember the schema. The numbers of ``foxglove.Log`` are its publisher's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Final
 

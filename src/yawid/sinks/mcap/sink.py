@@ -1,7 +1,5 @@
 """The MCAP file: every sample, estimate and mode as protobuf, in chunks of at most a second."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """The first picture of a run in Rerun: the panels, their order and what stays as it is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 from uuid import UUID

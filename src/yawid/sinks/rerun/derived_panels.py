@@ -4,8 +4,6 @@ Rows are chosen by the grid's own index, and what is carried from block to block
 block: the picture is the same however the stream was cut.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Whatever goes wrong here is raised as rerun raises it; what that means for the r
 :mod:`yawid.sinks.rerun.sink`.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import socket

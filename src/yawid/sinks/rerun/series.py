@@ -1,7 +1,5 @@
 """What the viewer draws: the lines of each entity, their names, colours and values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

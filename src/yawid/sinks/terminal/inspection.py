@@ -1,7 +1,5 @@
 """The page of ``yawid inspect``: what a log can answer, to be read in ten seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import fill
 from typing import TextIO

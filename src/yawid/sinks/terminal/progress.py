@@ -1,7 +1,5 @@
 """What a person sees while it runs: a bar for a log that is read, a line for a live session."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 import time

@@ -1,7 +1,5 @@
 """What a person reads in the terminal: the summary as a table on stdout."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TextIO
 

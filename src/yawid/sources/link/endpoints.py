@@ -1,7 +1,5 @@
 """Where to listen: pymavlink's connection strings, without what they leave open."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Literal, cast

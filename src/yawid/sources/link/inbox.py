@@ -1,7 +1,5 @@
 """Between the thread that receives and the one that computes: stamps, a queue, and who sends."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

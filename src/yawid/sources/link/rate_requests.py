@@ -5,8 +5,6 @@ and whoever else is on the link may set the rate back: what comes in is measured
 again where it falls behind.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from typing import Any

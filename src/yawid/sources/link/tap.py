@@ -1,7 +1,5 @@
 """What every tap has in common: a thread that receives, a queue, and tlog records to be read."""
 
-from __future__ import annotations
-
 import re
 import struct
 import threading

@@ -1,7 +1,5 @@
 """The live tap on a stream of bytes: TCP, and serial ports as pymavlink opens them."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import io

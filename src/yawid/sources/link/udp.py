@@ -1,7 +1,5 @@
 """The live tap on UDP: datagrams in, the bytes of a tlog out."""
 
-from __future__ import annotations
-
 import errno
 import os
 import socket

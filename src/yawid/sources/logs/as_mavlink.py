@@ -4,8 +4,6 @@ Each dtype has the fields of the MAVLink message of its name that the channels r
 report, no others. Time is 64 bits of microseconds in all of them: the logs know it that well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -8,8 +8,6 @@ is. With neither the heading of ATT stands in, coarse, as GLOBAL_POSITION_INT. R
 14; later ones are not read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

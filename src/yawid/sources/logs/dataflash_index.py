@@ -11,8 +11,6 @@ whatever follows it, and gives up the whole log for one FMT it cannot read. Meas
 102 000 messages: 0.04 s for this index, 1.4 s for pymavlink to hand out the messages one by one.
 """
 
-from __future__ import annotations
-
 import mmap
 import struct
 from array import array

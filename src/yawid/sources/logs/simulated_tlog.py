@@ -1,7 +1,5 @@
 """A simulated flight as the tlog an ArduPilot plane would have sent, in genuine frames."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 A log without stamps (.rlog, .raw) is read as the tlog that ``bare_frames`` makes of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, Protocol

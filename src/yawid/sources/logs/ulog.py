@@ -12,8 +12,6 @@ A standard log has actuator_outputs at 10 Hz, vehicle_torque_setpoint at 50: ``-
 reads the latter.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import itertools

@@ -1,7 +1,5 @@
 """The decoder: bytes of a tlog in, messages as columns and a count of everything out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """What pymavlink knows of each message, as tables that NumPy can look up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache

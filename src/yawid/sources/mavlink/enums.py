@@ -1,7 +1,5 @@
 """Numbers of MAVLink's enums (common.xml) that are known by name, and the names of flight modes."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

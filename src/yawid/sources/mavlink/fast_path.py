@@ -8,8 +8,6 @@ frame with and without it: 6.5 and 91 us in feeds of 3 frames, 3.9 and 37 us of 
 30, 1.8 and 5.6 us of 100.
 """
 
-from __future__ import annotations
-
 from binascii import crc_hqx
 from collections.abc import Mapping, Sequence
 from struct import Struct

@@ -1,7 +1,5 @@
 """Find intact MAVLink frames in raw bytes: by magic, header and CRC, wherever they stand."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

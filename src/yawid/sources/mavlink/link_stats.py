@@ -1,7 +1,5 @@
 """What a link carried, counted per sender."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType

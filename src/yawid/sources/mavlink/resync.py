@@ -15,8 +15,6 @@ before has none: it hides what is inside it and is no record. And a record is be
 stamp fits: within 3 days of its neighbours (:class:`StampFilter`).
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from collections import Counter
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """One sender of a link: its frames, what is missing among them, and what came twice."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
