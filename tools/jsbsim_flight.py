@@ -1,6 +1,6 @@
 """An aircraft nobody here wrote: JSBSim trimmed, wings held level, its rudder moved on purpose.
 
-Signs: outside :func:`_jsbsim_rudder` a positive rudder turns the nose right, as ArduPilot has it.
+Signs: outside :func:`jsbsim_rudder` a positive rudder turns the nose right, as ArduPilot has it.
 In JSBSim a positive ``fcs/rudder-cmd-norm`` turns it left. Ailerons agree: positive rolls right.
 """
 
@@ -91,7 +91,7 @@ class FlightPlan:
                 raise ValueError(f"{name} must be finite, got {getattr(self, name)!r}")
 
 
-def _jsbsim_rudder(unit: float) -> float:
+def jsbsim_rudder(unit: float) -> float:
     """Turn yawid's rudder (positive: nose right) into JSBSim's (positive: nose left), and back."""
     return -unit
 
@@ -132,7 +132,7 @@ def excitation(plan: FlightPlan) -> NDArray[np.float64]:
     if plan.manoeuvre == "sweep":
         rudder[start:] = plan.amplitude * _sweep(max(n - start, 0), plan.step_s)
         return rudder
-    for length_s, value in cycle(_pieces(plan.manoeuvre, plan.step_s)):
+    for length_s, value in cycle(manoeuvre_pieces(plan.manoeuvre, plan.step_s)):
         stop = start + round(length_s / STEP_S)
         rudder[start:stop] = value * plan.amplitude
         start = stop
@@ -152,7 +152,7 @@ def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
     return np.asarray(np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0) * np.sin(phase))
 
 
-def _pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
+def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
     """Return the pieces (seconds, -1 | 0 | 1) of one round of a manoeuvre."""
     if manoeuvre == "none":
         return []
@@ -184,7 +184,7 @@ class Flight:
         self._fdm = trimmed(plan)
         self._plan = plan
         self._aileron_trim = self._fdm["fcs/aileron-cmd-norm"]
-        rudder_trim = _jsbsim_rudder(self._fdm["fcs/rudder-cmd-norm"])
+        rudder_trim = jsbsim_rudder(self._fdm["fcs/rudder-cmd-norm"])
         self._rudder = (rudder_trim + rudder).tolist()
         self._roll_trim = self._fdm["attitude/phi-rad"]
         if max(map(abs, self._rudder)) > 1.0:
@@ -206,7 +206,7 @@ class Flight:
         hold = plan.roll_gain * roll + plan.roll_rate_gain * fdm["velocities/p-rad_sec"]
         self.aileron_us = plan.aileron.pulse(self._aileron_trim - hold)
         # What the servos are told is what is flown, quantised as it is.
-        fdm["fcs/rudder-cmd-norm"] = _jsbsim_rudder(plan.rudder.unit(self.rudder_us))
+        fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
         fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
         fdm.run()
 

@@ -52,6 +52,38 @@ def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
     }
 
 
+def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
+    """Return the yaw channel, bare (``airframe``) and closed (``with_roll_loop``), at trim.
+
+    Each has wn_rad_s, zeta, K (1/s per unit of rudder, positive nose right) and T_s of
+
+        r/u = K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2),
+
+    the Dutch roll being the linearisation's, K and T the least relative misfit to all of r/u from
+    0.3 to 3 wn (``misfit``, rms): spiral and roll mode are in r/u and not in the model.
+    """
+    A, closed, rudder = _with_roll_hold(plan, trimmed(plan))
+    return {"airframe": _yaw_channel(A, rudder), "with_roll_loop": _yaw_channel(closed, rudder)}
+
+
+def _yaw_channel(A: NDArray[np.float64], rudder: NDArray[np.float64]) -> Mode | None:
+    r = LATERAL.index("R")
+    mode = dutch_roll(A, rudder, r)
+    if mode is None:
+        return None
+    wn, zeta = mode["wn_rad_s"], mode["zeta"]
+    s = 1j * wn * np.geomspace(0.3, 3.0, 60)
+    eye = np.eye(len(A))
+    response = np.array([np.linalg.solve(at * eye - A, -rudder)[r] for at in s])
+    pair = wn**2 / (s**2 + 2.0 * zeta * wn * s + wn**2) / response
+    columns = np.stack([pair, pair * s], axis=1)
+    real = np.concatenate([columns.real, columns.imag])
+    ones = np.repeat([1.0, 0.0], len(s))
+    K, KT = np.linalg.lstsq(real, ones, rcond=None)[0].tolist()
+    misfit = float(np.sqrt(np.sum((real @ [K, KT] - ones) ** 2) / len(s)))
+    return mode | {"K": K, "T_s": KT / K, "misfit": misfit}
+
+
 def _with_roll_hold(
     plan: FlightPlan, fdm: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -155,7 +155,8 @@ class Messages:
         armed = d.MAV_MODE_FLAG_SAFETY_ARMED | d.MAV_MODE_FLAG_STABILIZE_ENABLED
         mode = armed | d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         kind, autopilot = d.MAV_TYPE_FIXED_WING, d.MAV_AUTOPILOT_ARDUPILOTMEGA
-        return d.MAVLink_heartbeat_message(kind, autopilot, mode, FBWA, d.MAV_STATE_ACTIVE, 3)
+        flown = getattr(self._flight, "custom_mode", FBWA)
+        return d.MAVLink_heartbeat_message(kind, autopilot, mode, flown, d.MAV_STATE_ACTIVE, 3)
 
     def gcs_heartbeat(self, ms: int, index: int) -> Any:
         """HEARTBEAT of the ground station: no vehicle."""
