@@ -199,16 +199,16 @@ def read_plan(name: str) -> LegPlan:
 def _at_speed(speed_kt: float, side: float) -> tuple[Leg, ...]:
     """Return five minutes at one airspeed: four manoeuvres, turns and a climb between them."""
     return (
-        Leg("speed", 35.0, speed_kt=speed_kt),
-        Leg("manoeuvre", 60.0),
-        Leg("turn", 25.0, bank_deg=20.0 * side),
-        Leg("idle", 5.0),
-        Leg("manoeuvre", 40.0, shape="doublets"),
-        Leg("climb", 25.0, climb_ft_min=400.0 * side),
-        Leg("idle", 10.0),
-        Leg("manoeuvre", 40.0, shape="prbs", amplitude=0.1),
-        Leg("turn", 20.0, bank_deg=-25.0 * side),
-        Leg("idle", 10.0),
+        Leg("speed", 40.0, speed_kt=speed_kt),
+        Leg("manoeuvre", 50.0),
+        Leg("turn", 20.0, bank_deg=20.0 * side),
+        Leg("idle", 20.0),
+        Leg("manoeuvre", 30.0, shape="doublets"),
+        Leg("climb", 20.0, climb_ft_min=400.0 * side),
+        Leg("idle", 25.0),
+        Leg("manoeuvre", 30.0, shape="prbs", amplitude=0.1),
+        Leg("turn", 15.0, bank_deg=-25.0 * side),
+        Leg("idle", 20.0),
         Leg("manoeuvre", 30.0, shape="doublets", mode="MANUAL"),
     )
 

@@ -1,9 +1,9 @@
 """JSBSim's aircraft flown leg by leg by a simple autopilot, and the truth of each manoeuvre.
 
 The throttle holds the airspeed and the nose the climb; the ailerons hold the bank, in MANUAL they
-are let alone. Nothing answers the yaw rate. In a manoeuvre throttle and pitch stay as they were, as
-a pilot would fly it: the speed then drops by the 1 to 2 % that a rudder sequence costs, which is
-why the truth is linearised at the airspeed flown.
+are let alone. Nothing answers the yaw rate. In a manoeuvre nose and throttle stay as they were: the
+speed drops by the 1 to 3 % that a rudder sequence costs, which is why the truth is linearised at
+the airspeed flown.
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ from telemetry import FOOT, KNOT, Link
 GUIDE_MS, NOTED_MS = 20, 100
 MILSPEC = 3
 """JSBSim's atmosphere/turb-type of MIL-F-8785C."""
+LOW_WIND_FPS = 8.0
+"""Per severity: below 2000 ft it is the wind near the ground that makes turbulence."""
 PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
 """Elevator units per rad and rad/s, at the airspeed of the start; less by V^2 where it is faster."""
-THROTTLE_GAIN, THROTTLE_RATE = 0.02, 0.003
-"""Throttle per kt, and per kt and second."""
+THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
+"""Throttle per kt, per kt and second, and per rad of the climb that is wanted."""
 SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
 FLARE_FT, ON_WHEELS_FT = 25.0, 5.0
 WINDOW_S = (1.0, 4.0)
@@ -56,12 +58,11 @@ class LegFlight(Flight):
         self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
         self._lift = self._nose = self._bank = self._feet = 0.0
         self._slow_aileron = self._aileron_trim
-        self._touchdown: float | None = None
+        self._runway: float | None = None
         self._drawn = np.random.default_rng([seed, 41])
         fdm["propulsion/fuel_freeze"] = 1.0  # the mass stays that of the truth
         fdm["atmosphere/randomseed"] = seed
         fdm["atmosphere/turb-type"] = MILSPEC
-        fdm["atmosphere/turbulence/milspec/severity"] = 0
         self._enter(0)
 
     @property
@@ -72,6 +73,8 @@ class LegFlight(Flight):
     def _enter(self, number: int) -> None:
         self._number, self._leg = number, self.legs[number]
         self._fdm["atmosphere/turbulence/milspec/severity"] = self._leg.severity
+        low_fps = LOW_WIND_FPS * self._leg.severity
+        self._fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = low_fps
         if self._leg.kind == "landing":
             self._fdm["gear/gear-cmd-norm"] = 1.0
         side, size, share = self._drawn.uniform(size=3)
@@ -112,9 +115,10 @@ class LegFlight(Flight):
         leg = self._leg
         bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
         self._bank += _within(bank - self._bank, BANK_STEP)
-        if leg.kind in ("manoeuvre", "aileron"):
-            return
         fdm, dt = self._fdm, GUIDE_MS / 1000
+        if leg.kind in ("manoeuvre", "aileron"):
+            self._nose += (self._lift - self._nose) * dt
+            return
         if leg.kind == "landing" and fdm["position/h-agl-ft"] < FLARE_FT:
             self._flare(dt)
             return
@@ -124,14 +128,14 @@ class LegFlight(Flight):
             self._height += climb * dt
         else:
             climb = 0.0
+        wanted = _within(climb + 0.15 * (self._height - fdm["position/h-sl-ft"]), 15.0)
         slow = self._speed - fdm["velocities/vc-kts"]
-        self._throttle += THROTTLE_RATE * slow * dt
-        self._throttle = min(max(self._throttle, 0.0), 1.0)
-        fdm["fcs/throttle-cmd-norm"] = min(max(self._throttle + THROTTLE_GAIN * slow, 0.0), 1.0)
-        wanted = climb + 0.15 * (self._height - fdm["position/h-sl-ft"])
+        self._throttle = min(max(self._throttle + THROTTLE_RATE * slow * dt, 0.0), 1.0)
+        steep = CLIMB_THROTTLE * wanted / max(fdm["velocities/vt-fps"], 50.0)
+        throttle = self._throttle + THROTTLE_GAIN * slow + steep
+        fdm["fcs/throttle-cmd-norm"] = min(max(throttle, 0.0), 1.0)
         # Out of power the nose saves the speed, and the height follows.
-        wanted = _within(wanted, 15.0) - 3.0 * max(slow - 4.0, 0.0)
-        self._climb(wanted, dt)
+        self._climb(wanted - 3.0 * max(slow - 4.0, 0.0), dt)
 
     def _climb(self, wanted_fps: float, dt: float) -> None:
         fdm = self._fdm
@@ -145,13 +149,14 @@ class LegFlight(Flight):
         over_ft = fdm["position/h-agl-ft"] - ON_WHEELS_FT
         self._throttle = max(self._throttle - 0.3 * dt, 0.0)
         fdm["fcs/throttle-cmd-norm"] = self._throttle
-        if self._touchdown is None and fdm["gear/unit[1]/WOW"] + fdm["gear/unit[2]/WOW"] == 0.0:
+        if self._runway is None and fdm["gear/unit[1]/WOW"] + fdm["gear/unit[2]/WOW"] == 0.0:
             self._climb(-1.5 - max(over_ft, 0.0) / 4.0, dt)
             return
         heading = fdm["attitude/psi-rad"]
-        self._touchdown = heading if self._touchdown is None else self._touchdown
+        if self._runway is None:
+            self._runway = heading + math.radians(self._drawn.uniform(-6.0, 6.0))
         self._nose += _within(-self._nose, 0.03 * dt)
-        off = math.remainder(heading - self._touchdown, math.tau)
+        off = math.remainder(heading - self._runway, math.tau)
         self._feet += _within(_within(-2.0 * off, 0.4) - self._feet, 1.0 * dt)
         fdm["fcs/left-brake-cmd-norm"] = fdm["fcs/right-brake-cmd-norm"] = 0.3
 
