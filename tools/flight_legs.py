@@ -10,6 +10,8 @@
     kind = "turn"
     seconds = 25.0
     bank_deg = 20.0
+
+flies a 3-2-1-1 and a turn; :class:`Leg` says what else a leg may hold.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ KINDS = ("manoeuvre", "aileron", "idle", "turn", "climb", "speed", "gust", "land
 MODES = {"MANUAL": 0, "FBWA": 5}
 """ArduPlane's custom_mode; FBWA is flown with the roll hold, MANUAL with the aileron let alone."""
 BEFORE_S, AFTER_S = 2.0, 8.0
-"""Still rudder at the ends of a manoeuvre's leg: the last 8 s hold its free decay and 5 s of rest."""
+"""Still rudder at the ends of a manoeuvre's leg; the free decay and 5 s of rest are in the last 8."""
 LONGEST_REST_S = 4.0
 """Between the moves of one manoeuvre; 5 s of rest would end it."""
 STIR_S = 0.5
@@ -228,7 +230,9 @@ PLANS = {
             Leg("gust", 15.0, mode="MANUAL", gust_m_s=5.0),
             Leg("speed", 20.0, speed_kt=70.0),
             Leg("climb", 105.0, climb_ft_min=-500.0, to_ft=150.0, severity=1),
-            Leg("go_around", 60.0, speed_kt=75.0, climb_ft_min=500.0, to_ft=600.0, rudder_hold=0.1),
+            Leg(
+                "go_around", 60.0, speed_kt=75.0, climb_ft_min=500.0, to_ft=600.0, rudder_hold=0.15
+            ),
             Leg("turn", 25.0, bank_deg=-20.0),
             Leg("speed", 15.0, speed_kt=70.0),
             Leg("landing", 130.0, speed_kt=65.0, climb_ft_min=-400.0, gust_m_s=3.0, severity=1),

@@ -1,10 +1,13 @@
 """Fly JSBSim's aircraft with a moving rudder and record what its telemetry link would deliver.
 
     python tools/fly_jsbsim.py --manoeuvre 3211 --seconds 120 --out log.tlog --truth truth.json
+    python tools/fly_jsbsim.py --plan three_speeds -o log.tlog
     python tools/fly_jsbsim.py --udp 127.0.0.1:14560
 
 writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found in it; or sends
 the same frames to a UDP endpoint at the pace of the flight. The same command gives the same bytes.
+A plan (flight_legs.py) is a whole flight; its truth, manoeuvre by manoeuvre, is written beside the
+log as log.truth.json unless --truth says where.
 """
 
 from __future__ import annotations
@@ -20,8 +23,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from flight_legs import PLANS, LegPlan, read_plan
 from jsbsim_flight import MANOEUVRES, Flight, FlightError, FlightPlan, Servo, excitation
 from jsbsim_truth import disagreement, truth
+from leg_flight import LegFlight, leg_truth
 from telemetry import Link, telemetry
 
 Stamped = tuple[int, bytes]
@@ -43,7 +48,13 @@ LINK_NUMBERS = {
     "boot_s": "vehicle time at the start",
 }
 SERVO_HELP = "MIN,TRIM,MAX[,REVERSED] in us"
-OWN = ("out", "truth", "udp", "speedup")  # options that are neither the plan's nor the link's
+OWN = (
+    "out",
+    "truth",
+    "udp",
+    "speedup",
+    "plan",
+)  # neither the flight's options nor the link's
 
 
 def fly(plan: FlightPlan, link: Link) -> Iterator[Stamped]:
@@ -102,7 +113,9 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         description=(__doc__ or "").split("\n")[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("--out", type=Path, help="tlog to write")
+    parser.add_argument("--out", "-o", type=Path, help="tlog to write")
+    plans = f"a whole flight: a .toml file or one of {', '.join(PLANS)}"
+    parser.add_argument("--plan", metavar="FILE|NAME", help=plans)
     parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
     parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
     parser.add_argument("--speedup", type=float, default=1.0, help="of --udp")
@@ -121,6 +134,15 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         parser.error("nothing to do: give --out, --truth or --udp")
     if not options.speedup > 0.0:
         parser.error("--speedup must be > 0")
+    if options.plan:
+        if not (options.out or options.udp):
+            parser.error("--plan is flown to --out or --udp")
+        own = {"aircraft", "manoeuvre", *PLAN_NUMBERS, "rudder", "aileron"}
+        changed = [name for name in own if getattr(options, name) != parser.get_default(name)]
+        # Servos come as their default's text parsed: they are equal to what a plan flies.
+        changed = [name for name in changed if getattr(options, name) != Servo()]
+        if changed:
+            parser.error(f"--plan says what is flown: leave out {', '.join(sorted(changed))}")
     return options
 
 
@@ -137,6 +159,9 @@ def main(argv: Sequence[str]) -> int:
     link_names = {*LINK_NUMBERS, "mavlink1", "seed"}
     try:
         link = Link(**{name: options.pop(name) for name in link_names})
+        if own["plan"]:
+            fly_legs(read_plan(own["plan"]), link, own, argv)
+            return 0
         plan = FlightPlan(**options)
         if own["truth"]:
             write_truth(plan, link, own["truth"], argv)
@@ -148,12 +173,26 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
+def fly_legs(plan: LegPlan, link: Link, own: dict[str, Any], argv: Sequence[str]) -> None:
+    """Fly a plan, deliver it, and write its truth, which is known when it has been flown."""
+    flight = LegFlight(plan, link.seed)
+    deliver(telemetry(plan.trim_plan(), link, flight), own)
+    path = own["truth"] or (own["out"] and own["out"].with_suffix(".truth.json"))
+    if path:
+        write_json(leg_truth(plan, link, flight) | {"plan": own["plan"]}, path, argv)
+
+
 def write_truth(plan: FlightPlan, link: Link, path: Path, argv: Sequence[str]) -> None:
     """Write the truth and how the log beside it was made."""
     found = truth(plan)
     if warning := disagreement(found):
         print(f"fly_jsbsim: {warning}", file=sys.stderr)
     found["seconds"], found["manoeuvre"], found["seed"] = plan.seconds, plan.manoeuvre, link.seed
+    write_json(found, path, argv)
+
+
+def write_json(found: dict[str, Any], path: Path, argv: Sequence[str]) -> None:
+    """Write a truth and the command that flies it again."""
     found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
     path.write_text(json.dumps(found, indent=1) + "\n")
 

@@ -27,7 +27,7 @@ MILSPEC = 3
 LOW_WIND_FPS = 8.0
 """Per severity: below 2000 ft it is the wind near the ground that makes turbulence."""
 PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
-"""Elevator units per rad and rad/s, at the airspeed of the start; less by V^2 where it is faster."""
+"""Elevator units per rad and rad/s at the airspeed of the start; they go with 1/V^2."""
 THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
 """Throttle per kt, per kt and second, and per rad of the climb that is wanted."""
 SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
@@ -80,7 +80,9 @@ class LegFlight(Flight):
         side, size, share = self._drawn.uniform(size=3)
         room_s = max(self._leg.seconds - self._leg.gust_s, 0.0)
         self._gust_ms = self.starts_ms[number] + 1000.0 * min(1.0 + share * 5.0, room_s)
-        self._gust_fps = self._leg.gust_m_s * (0.7 + 0.6 * size) / FOOT * math.copysign(1, side - 0.5)
+        self._gust_fps = (
+            self._leg.gust_m_s * (0.7 + 0.6 * size) / FOOT * math.copysign(1, side - 0.5)
+        )
 
     def _step(self) -> None:
         fdm, ms, plan = self._fdm, self._ms, self._plan
@@ -200,7 +202,8 @@ def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
     (``dutch_roll``), bare and with the roll hold; ``dutch_roll_at_trim`` is that of the airspeed at
     its beginning. ``legs`` holds every leg, so that what is found elsewhere can be judged.
     """
-    flown, found = np.array(flight.flown), []
+    flown = np.array(flight.flown)
+    found: list[dict[str, Any]] = []
     starts = flight.starts_ms
     legs = [
         {"kind": leg.kind, "mode": leg.mode, "from_s": start / 1e3, "to_s": stop / 1e3}
@@ -225,9 +228,7 @@ def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
     }
 
 
-def _manoeuvre(
-    plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int]
-) -> dict[str, Any]:
+def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int]) -> dict[str, Any]:
     first, last = (ends_ms[0] - 1e3 * WINDOW_S[0], ends_ms[1] + 1e3 * WINDOW_S[1])
     inside = flown[(flown[:, 0] >= first) & (flown[:, 0] <= last)]
     _, knots, equivalent, feet = inside.mean(axis=0).tolist()
