@@ -38,7 +38,7 @@ KINDS = ("manoeuvre", "aileron", "idle", "turn", "climb", "speed", "gust", "land
 MODES = {"MANUAL": 0, "FBWA": 5}
 """ArduPlane's custom_mode; FBWA is flown with the roll hold, MANUAL with the aileron let alone."""
 BEFORE_S, AFTER_S = 2.0, 8.0
-"""Still rudder at the ends of a manoeuvre's leg; the free decay and 5 s of rest are in the last 8."""
+"""Of still rudder at a manoeuvre leg's ends: the last 8 s hold the free decay and 5 s of rest."""
 LONGEST_REST_S = 4.0
 """Between the moves of one manoeuvre; 5 s of rest would end it."""
 STIR_S = 0.5
