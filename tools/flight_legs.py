@@ -53,6 +53,7 @@ class Leg:
     the aileron's own moves, in a manoeuvre beside the rudder's and in a leg of kind ``aileron``
     alone. ``speed_kt`` is held from this leg on (0: as before), ``climb_ft_min`` flown until
     ``to_ft`` where that is given. ``rudder_hold`` is a pilot's steady foot, to the right positive.
+    MANUAL wants the wings level and still at its beginning: an idle leg before it, not a turn.
     ``severity`` is that of the turbulence (MIL-F-8785C, 0 to 7), ``gust_m_s`` the peak of one side
     gust of ``gust_s``, (1 - cos); its side, instant and 0.7 to 1.3 of its size are the seed's.
 

@@ -22,6 +22,8 @@ from jsbsim_truth import linear_dutch_rolls, yaw_channels
 from telemetry import FOOT, KNOT, Link
 
 GUIDE_MS, NOTED_MS = 20, 100
+LEVEL = ("idle", "climb", "speed")
+"""Legs in which the aileron that keeps the wings level is learnt, which MANUAL leaves it at."""
 MILSPEC = 3
 """JSBSim's atmosphere/turb-type of MIL-F-8785C."""
 LOW_WIND_FPS = 8.0
@@ -98,7 +100,8 @@ class LegFlight(Flight):
             roll = fdm["attitude/phi-rad"] - self._roll_trim - self._bank
             hold = plan.roll_gain * roll + plan.roll_rate_gain * fdm["velocities/p-rad_sec"]
             aileron = self._aileron_trim - hold
-            self._slow_aileron += STEP_S / 3.0 * (aileron - self._slow_aileron)
+            if self._leg.kind in LEVEL and abs(roll) < 0.03:
+                self._slow_aileron += STEP_S / 3.0 * (aileron - self._slow_aileron)
         self.aileron_us = plan.aileron.pulse(aileron + self._stir[ms])
         nose = fdm["attitude/theta-rad"] - self._pitch - self._nose
         damping = PITCH_RATE_GAIN * fdm["velocities/q-rad_sec"]

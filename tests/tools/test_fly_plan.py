@@ -1,0 +1,350 @@
+"""Whole flights by plan: each manoeuvre's truth is found at the airspeed that was flown in it."""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from places import TOOLS
+from pymavlink.dialects.v20 import ardupilotmega as v2
+
+from yawid.cli.main import main
+
+if str(TOOLS) not in sys.path:
+    sys.path.insert(0, str(TOOLS))
+fly_jsbsim = importlib.import_module("fly_jsbsim")
+flight_legs = importlib.import_module("flight_legs")
+leg_flight = importlib.import_module("leg_flight")
+Leg, LegPlan, PLANS = flight_legs.Leg, flight_legs.LegPlan, flight_legs.PLANS
+
+TOML = """
+aircraft = "c172p"
+speed_kt = 95.0
+[[leg]]
+kind = "idle"
+seconds = 10.0
+[[leg]]
+kind = "manoeuvre"
+seconds = 50.0
+[[leg]]
+kind = "turn"
+seconds = 20.0
+bank_deg = 20.0
+[[leg]]
+kind = "idle"
+seconds = 20.0
+[[leg]]
+kind = "manoeuvre"
+seconds = 30.0
+shape = "doublets"
+mode = "MANUAL"
+[[leg]]
+kind = "speed"
+seconds = 30.0
+speed_kt = 110.0
+[[leg]]
+kind = "idle"
+seconds = 15.0
+[[leg]]
+kind = "manoeuvre"
+seconds = 50.0
+"""
+RUDDER, AILERON = "servo4_raw", "servo1_raw"
+SEARCHED_S = (1.0, 4.0)
+
+
+def fly(folder: Path, toml: str, *options: str) -> tuple[Path, dict[str, Any]]:
+    """Fly a plan by the command; return the log and its truth."""
+    (folder / "plan.toml").write_text(toml)
+    log = folder / "log.tlog"
+    argv = ["--plan", str(folder / "plan.toml"), "-o", str(log), *options]
+    assert fly_jsbsim.main([*argv, "--attitude-hz", "25", "--servo-hz", "25"]) == 0
+    return log, json.loads((folder / "log.truth.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    return fly(tmp_path_factory.mktemp("plan"), TOML)
+
+
+@pytest.fixture(scope="module")
+def messages(flown: tuple[Path, dict[str, Any]]) -> list[Any]:
+    return decoded(flown[0])
+
+
+def decoded(log: Path) -> list[Any]:
+    """Every vehicle's message; each gets ``at_s``, the boot second it was sent at."""
+    data, mav, found, at_s = log.read_bytes(), v2.MAVLink(None), [], 0.0
+    at = 8
+    while at < len(data):
+        length = 12 + data[at + 1]
+        message = mav.decode(bytearray(data[at : at + length]))
+        at += length + 8
+        at_s = getattr(message, "time_boot_ms", 1e3 * at_s) / 1e3
+        message.at_s = at_s
+        if message.get_srcSystem() == 1:
+            found.append(message)
+    return found
+
+
+def told(messages: list[Any], name: str, field: str, within: dict[str, float]) -> list[Any]:
+    """Return one field of one message in a leg or manoeuvre; half a second at its ends is not."""
+    first, last = within["from_s"] + 0.5, within["to_s"] - 0.5
+    return [getattr(m, field) for m in messages if m.get_type() == name and first < m.at_s < last]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_manoeuvre_is_found_at_the_airspeed_flown_in_it(
+    flown: tuple[Path, dict[str, Any]], tmp_path: Path, capfd: pytest.CaptureFixture[str], n: int
+) -> None:
+    log, truth = flown
+    told = truth["manoeuvres"][n - 1]
+    before, after = SEARCHED_S
+    window = ["--from", str(told["from_s"] - before), "--to", str(told["to_s"] + after)]
+
+    settings = ["--rate", "10", "--forgetting", "1", "--out", str(tmp_path)]
+    main(["replay", str(log), "--json", *settings, *window])
+
+    found = json.loads(capfd.readouterr().out)["estimates"]["rml"]["dutch_roll"]
+    assert told["n"] == n
+    assert found["wn_rad_s"] == pytest.approx(told["dutch_roll"]["wn_rad_s"], rel=0.02)
+    assert found["zeta"] == pytest.approx(told["dutch_roll"]["zeta"], abs=0.02)
+
+
+def test_the_truth_is_of_the_airspeed_flown_not_of_the_trim_before(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    for told_of in flown[1]["manoeuvres"]:
+        speeds = told(messages, "VFR_HUD", "airspeed", told_of)
+        ratio = told_of["dutch_roll"]["wn_rad_s"] / told_of["dutch_roll_at_trim"]["wn_rad_s"]
+        speed_ratio = told_of["calibrated_kt"] / told_of["calibrated_kt_at_trim"]
+
+        assert told_of["airspeed_m_s"] == pytest.approx(np.mean(speeds), rel=0.005)
+        assert 0.95 < speed_ratio < 0.998
+        assert ratio == pytest.approx(speed_ratio, abs=0.003)
+
+
+def test_wn_goes_with_the_airspeed_over_the_flight(flown: tuple[Path, dict[str, Any]]) -> None:
+    first, _, last = flown[1]["manoeuvres"]
+    kappa = flown[1]["kappa_rad_m"]["with_roll_loop"]
+
+    assert last["airspeed_m_s"] > 1.12 * first["airspeed_m_s"]
+    assert last["dutch_roll"]["wn_rad_s"] > 1.12 * first["dutch_roll"]["wn_rad_s"]
+    assert kappa["mean"] == pytest.approx(0.0475, rel=0.02)
+    assert kappa["std"] < 0.01 * kappa["mean"]
+
+
+def test_bare_and_closed_differ_and_the_mode_says_which_was_flown(
+    flown: tuple[Path, dict[str, Any]],
+) -> None:
+    for told_of in flown[1]["manoeuvres"]:
+        assert told_of["airframe"]["zeta"] < told_of["with_roll_loop"]["zeta"] - 0.03
+        assert told_of["dutch_roll"] == told_of[told_of["loop"]]
+        assert (told_of["loop"] == "airframe") == (told_of["mode"] == "MANUAL")
+
+
+def test_K_and_T_are_those_of_eq_23_where_nothing_rolls(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = importlib.import_module("jsbsim_truth")
+    monkeypatch.setattr(truth, "LATERAL", ("Beta", "R"))
+    A = np.array([[-0.2, -1.0], [5.0, -0.5]])  # beta, r: no roll, so that eq. 23 is exact
+    b = np.array([0.0, -3.0])
+
+    found = truth._yaw_channel(A, b)
+
+    # r' = -.5 r + 5 beta + 3 u, beta' = -r - .2 beta: K = a_delta a_z / wn^2, T = 1 / a_z.
+    assert found["wn_rad_s"] == pytest.approx(np.sqrt(5.1))
+    assert found["K"] == pytest.approx(3.0 * 0.2 / 5.1)
+    assert found["T_s"] == pytest.approx(5.0)
+    assert found["misfit"] < 1e-9
+
+
+def test_the_airspeed_is_held_within_ten_per_cent(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    wanted = {"manoeuvre": 95.0, "turn": 95.0, "idle": 95.0}
+    for leg in flown[1]["legs"]:
+        speeds = np.array(told(messages, "VFR_HUD", "airspeed", leg)) / 0.514444
+        if leg["kind"] == "speed":
+            wanted = dict.fromkeys(wanted, 110.0)
+            continue
+        assert np.all(np.abs(speeds / wanted[leg["kind"]] - 1.0) < 0.1), leg
+
+
+def test_nothing_moves_the_rudder_between_the_manoeuvres(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    for leg in flown[1]["legs"]:
+        pulses = set(told(messages, "SERVO_OUTPUT_RAW", RUDDER, leg))
+
+        assert len(pulses) == (3 if leg["kind"] == "manoeuvre" else 1), leg
+
+
+def test_from_and_to_are_the_rudder_s_first_and_last_movement(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    rudder = [m for m in messages if m.get_type() == "SERVO_OUTPUT_RAW"]
+    still = rudder[0].servo4_raw
+    moved_s = np.array([m.time_usec / 1e6 for m in rudder if m.servo4_raw != still])
+
+    for told_of in flown[1]["manoeuvres"]:
+        own = moved_s[(moved_s > told_of["from_s"] - 5) & (moved_s < told_of["to_s"] + 5)]
+        assert own[0] == pytest.approx(told_of["from_s"], abs=0.05)
+        assert own[-1] == pytest.approx(told_of["to_s"], abs=0.05)
+        assert own[0] >= told_of["from_s"]
+        assert own[-1] <= told_of["to_s"]
+        assert np.max(np.diff(own)) < 5.0  # a rest that long would end it
+
+
+def test_the_heartbeat_says_who_flies_and_in_manual_the_aileron_is_let_alone(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    modes = {"MANUAL": {0}, "FBWA": {5}}
+    for leg in flown[1]["legs"]:
+        assert set(told(messages, "HEARTBEAT", "custom_mode", leg)) == modes[leg["mode"]]
+        pulses = set(told(messages, "SERVO_OUTPUT_RAW", AILERON, leg))
+        assert (len(pulses) == 1) == (leg["mode"] == "MANUAL"), leg
+
+
+def test_a_turn_turns_and_an_idle_leg_does_not(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    turn = next(leg for leg in flown[1]["legs"] if leg["kind"] == "turn")
+    idle = flown[1]["legs"][0]
+
+    assert np.max(told(messages, "ATTITUDE", "roll", turn)) == pytest.approx(0.349, abs=0.02)
+    assert np.max(np.abs(told(messages, "ATTITUDE", "roll", idle))) < 0.02
+
+
+SHORT = LegPlan(
+    "c172p",
+    90.0,
+    (Leg("idle", 3.0), Leg("gust", 12.0, gust_m_s=6.0, severity=3)),
+    altitude_ft=1000.0,
+)
+
+
+def frames(plan: Any, seed: int = 1) -> list[tuple[int, bytes]]:
+    link = fly_jsbsim.Link(seed=seed, attitude_hz=10.0, servo_hz=5.0)
+    flight = leg_flight.LegFlight(plan, seed)
+    return list(fly_jsbsim.telemetry(plan.trim_plan(), link, flight))
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_gust() -> None:
+    assert frames(SHORT) == frames(SHORT)
+
+    first, second = (np.array(rates(SHORT, seed)) for seed in (1, 2))
+    assert np.std(first) > 0.02  # rad/s: the gust alone, the rudder is still
+    assert np.max(np.abs(first - second)) > 0.02
+
+
+def rates(plan: Any, seed: int) -> list[float]:
+    flight, found = leg_flight.LegFlight(plan, seed), []
+    for ms in range(100, 15_000, 100):
+        flight.advance_to(ms)
+        found.append(flight["velocities/r-rad_sec"])
+    return found
+
+
+def test_a_landing_ends_on_the_wheels_and_a_go_around_climbs() -> None:
+    plan = LegPlan(
+        "c172p",
+        70.0,
+        (
+            Leg("climb", 15.0, climb_ft_min=-500.0),
+            Leg("go_around", 15.0, climb_ft_min=500.0, rudder_hold=0.15, speed_kt=75.0),
+            Leg("landing", 85.0, climb_ft_min=-500.0, speed_kt=65.0),
+        ),
+        altitude_ft=300.0,
+    )
+    flight, heights, feet_us = leg_flight.LegFlight(plan, 1), [], []
+    for ms in (14_000, 22_000, 30_000):
+        flight.advance_to(ms)
+        heights.append(flight["position/h-agl-ft"])
+        feet_us.append(flight.rudder_us)
+    flight.advance_to(115_000)
+
+    assert heights[0] < 260.0
+    assert heights[2] > heights[1] > heights[0] - 30.0
+    assert feet_us[1] - feet_us[0] == pytest.approx(60, abs=1)
+    assert flight["position/h-agl-ft"] < 6.0
+    assert flight["velocities/vg-fps"] < 30.0
+    assert abs(flight["attitude/phi-rad"]) < 0.05
+
+
+def test_the_named_plans_are_what_their_names_say() -> None:
+    def seconds(name: str) -> float:
+        return float(sum(leg.seconds for leg in PLANS[name].legs))
+
+    three = [leg for leg in PLANS["three_speeds"].legs if leg.kind == "manoeuvre"]
+    assert seconds("three_speeds") == 900.0
+    assert len(three) == 12
+    assert {leg.speed_kt for leg in PLANS["three_speeds"].legs} - {0.0} == {95.0, 80.0, 110.0}
+    assert not any(leg.kind == "manoeuvre" for leg in PLANS["upset"].legs)
+    assert {"gust", "landing", "go_around"} <= {leg.kind for leg in PLANS["upset"].legs}
+    assert any(leg.aileron and leg.kind == "manoeuvre" for leg in PLANS["aileron"].legs)
+    assert any(leg.kind == "aileron" for leg in PLANS["aileron"].legs)
+
+
+def test_the_aileron_moves_on_its_own_and_leaves_no_bank() -> None:
+    leg = Leg("manoeuvre", 60.0, aileron=0.1)
+    rudder, aileron = flight_legs.rudder_moves(leg, 0.8), flight_legs.aileron_moves(leg, 0.8)
+
+    assert set(np.round(aileron, 9)) == {-0.1, 0.0, 0.1}
+    assert abs(np.mean(aileron)) < 0.002
+    assert abs(np.corrcoef(rudder, aileron)[0, 1]) < 0.3
+
+
+@pytest.mark.parametrize("shape", ["3211", "doublets", "prbs", "sweep"])
+def test_a_manoeuvre_is_still_at_the_ends_of_its_leg(shape: str) -> None:
+    moves = flight_legs.rudder_moves(Leg("manoeuvre", 40.0, shape=shape), 0.8)
+
+    assert len(moves) == 40_000
+    assert not moves[:2000].any()
+    assert not moves[-8000:].any()
+    assert {0.15, -0.15} <= set(np.round([moves.max(), moves.min()], 3))
+
+
+@pytest.mark.parametrize(
+    ("toml", "reason"),
+    [
+        ("aircraft = 'c172p'\nspeed_kt = 95.0", "a plan needs legs"),
+        ("[[leg]]\nkind = 'loop'\nseconds = 9.0", "kind must be one of"),
+        ("[[leg]]\nkind = 'manoeuvre'\nseconds = 9.0", "must last more than 10 s"),
+        ("[[leg]]\nkind = 'idle'\nseconds = 9.0\nmode = 'AUTO'", "mode must be one of"),
+        ("[[leg]]\nkind = 'turn'\nseconds = 9.0\nrudder_hold = 0.1", "rudder_hold must be 0"),
+        ("[[leg]]\nkind = 'idle'\nseconds = 9.0\nbank = 3", "unexpected keyword"),
+        ("[[leg", "plan.toml"),
+    ],
+)
+def test_a_plan_that_is_none_is_one_line_and_code_2(
+    toml: str, reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(toml)
+
+    code = fly_jsbsim.main(["--plan", str(path), "-o", str(tmp_path / "log.tlog")])
+
+    said = capfd.readouterr()
+    assert code == 2
+    assert reason in said.err
+    assert said.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--plan", "upset", "--truth", "x"], "flown to --out or --udp"),
+        (["--plan", "upset", "-o", "x", "--speed-kt", "80"], "leave out speed_kt"),
+        (["--plan", "upset", "-o", "x", "--rudder", "1000,1500,2000"], "leave out rudder"),
+    ],
+)
+def test_a_plan_and_what_it_says_are_not_given_twice(
+    options: list[str], reason: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        fly_jsbsim.main(options)
+
+    assert reason in capfd.readouterr().err
