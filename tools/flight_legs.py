@@ -259,4 +259,5 @@ PLANS = {
         ),
     ),
 }
-"""By name; all c172p. ``three_speeds`` takes 15 minutes, ``upset`` moves nothing on purpose."""
+"""By name; all c172p. ``three_speeds`` takes 15 minutes. ``upset`` moves nothing on purpose: its
+rudder moves by the foot held through the go-around and by the steering after touchdown."""
