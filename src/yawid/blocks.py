@@ -4,8 +4,6 @@ A block may have any length >= 1. A replay block holds thousands of rows, a live
 and no result depends on how the stream was cut into blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -188,7 +186,7 @@ class SampleBlock(Columns):
     on_ground: Floats
     altitude: Floats
 
-    def epochs(self) -> Iterator[SampleBlock]:
+    def epochs(self) -> "Iterator[SampleBlock]":
         """Yield the stretches of one epoch each, none where there is no row."""
         edges = [0, *(np.flatnonzero(np.diff(self.epoch)) + 1).tolist(), len(self)]
         return (self.select(slice(a, b)) for a, b in pairwise(edges) if b > a)
@@ -226,7 +224,7 @@ class EstimateBlock:
         residual: Floats,
         noise_std: Floats,
         status: NDArray[Any],
-    ) -> EstimateBlock:
+    ) -> "EstimateBlock":
         """Return the block of these fields: (n, p), (n, p), (n, p, p) or None, and five of (n,)."""
         n, p = theta.shape
         last = () if covariance is None else (covariance.reshape(n, p * p),)

@@ -9,8 +9,6 @@ messages, pass the same Butterworth low-pass there, and are thinned out: y at th
 mean over the interval, as ever. SciPy is loaded where a band asks for it: it takes half a second.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 
@@ -56,8 +54,8 @@ class Conditioner:
     config: RunConfig
     sample_time_s: float
     count: int = 1
-    _filter: GridFilter | None = field(default=None, init=False)
-    _decimator: Decimator | None = field(default=None, init=False)
+    _filter: "GridFilter | None" = field(default=None, init=False)
+    _decimator: "Decimator | None" = field(default=None, init=False)
     _last: tuple[int, float, float] | None = field(default=None, init=False)
     _notes: Notes = field(init=False)
 

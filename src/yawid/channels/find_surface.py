@@ -5,8 +5,6 @@ stick of the same number, PX4 by PWM_MAIN_FUNCn, which names a servo, and CA_SV_
 names the control surface that servo moves.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 
@@ -113,7 +111,7 @@ class _Outputs:
     is_old: bool
 
     @staticmethod
-    def of(vehicle: Vehicle, table: ParameterTable) -> _Outputs:
+    def of(vehicle: Vehicle, table: ParameterTable) -> "_Outputs":
         is_plane = vehicle.autopilot == ARDUPILOT and vehicle.type == FIXED_WING
         return _Outputs(table, is_plane and table.is_old_plane)
 

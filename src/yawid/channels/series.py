@@ -3,8 +3,6 @@
 A stretch of a segment is made of such rows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +23,7 @@ class Series(Columns):
     values: Floats
 
     @staticmethod
-    def empty(columns: int) -> Series:
+    def empty(columns: int) -> "Series":
         """Return a series without rows."""
         none = np.zeros(0, np.int64)
         return Series(none, none, none, np.zeros((0, columns)))
@@ -39,7 +37,7 @@ class Readings(Columns):
     us: Ints
 
     @staticmethod
-    def none() -> Readings:
+    def none() -> "Readings":
         """Return no readings."""
         return Readings(np.zeros(0, np.int64), np.zeros(0, np.int64))
 

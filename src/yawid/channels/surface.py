@@ -6,8 +6,6 @@ slope differs on the two sides of TRIM. PX4's ``output_limit_calc_single`` is th
 the middle, or at CENT.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -71,7 +69,7 @@ class Surface:
         """Return the message field of one output."""
         return f"{self.message}.{_field(self.message, part.number)}"
 
-    def same_meaning(self, other: Surface) -> bool:
+    def same_meaning(self, other: "Surface") -> bool:
         """Return whether one unit still means the same, but for trims and stops reported since."""
         measured = self.how == other.how == "parameter"
         mine, theirs = (

@@ -4,8 +4,6 @@ A rate from headings alone, coarse and slow, is a constant-velocity Kalman filte
 (yaw, yaw rate), driven by white angular acceleration; the filter is filterpy's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -102,7 +100,7 @@ class YawReader:
     rows: int = 0
     _turns: int = 0
     _last_yaw: float | None = None
-    _slope: HeadingRate | None = None
+    _slope: "HeadingRate | None" = None
     _wait: Wait = field(default_factory=Wait)
     _last_us: int | None = None
 

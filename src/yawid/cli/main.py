@@ -6,8 +6,6 @@ interrupted by SIGINT and SIGTERM. Results go to stdout, everything else to stde
 wait until a command needs them.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
@@ -107,7 +105,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     return max(codes, default=0)
 
 
-def _print_summary(summary: RunSummary, stream: TextIO) -> None:
+def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
     from yawid.sinks.terminal.summary_table import print_summary
 
     print_summary(summary, stream)

@@ -1,7 +1,5 @@
 """The options that several commands share, and what they become."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable
@@ -128,7 +126,7 @@ def auto_orders(arguments: argparse.Namespace) -> bool:
     return auto
 
 
-def config_of(arguments: argparse.Namespace) -> RunConfig:
+def config_of(arguments: argparse.Namespace) -> "RunConfig":
     """Return the configuration: the TOML file's settings, overruled by the options given."""
     from yawid.config.run import RunConfig
 
@@ -155,7 +153,7 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def outputs_of(arguments: argparse.Namespace, name: str) -> Outputs:
+def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
     """Return where the results go, in files of this name."""
     from yawid.runs.outputs import Outputs
 
@@ -166,7 +164,7 @@ def outputs_of(arguments: argparse.Namespace, name: str) -> Outputs:
     return Outputs(arguments.out, name, rerun, arguments.force, record)
 
 
-def read_options_of(arguments: argparse.Namespace) -> ReadOptions:
+def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
     """Return how the bytes are read: their form, and the key that signs them."""
     from yawid.sources.logs.tlog import FORMS
     from yawid.sources.mavlink.signing import SigningKey

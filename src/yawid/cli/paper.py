@@ -1,7 +1,5 @@
 """The commands that need no log: ``step`` (paper eq. 4-16) and ``simulate`` (eq. 17-23)."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path
@@ -72,7 +70,7 @@ def _step(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _print_step(model: str, fit: FirstOrder | SecondOrder, as_json: bool) -> None:
+def _print_step(model: str, fit: "FirstOrder | SecondOrder", as_json: bool) -> None:
     def told(name: str) -> dict[str, float]:
         value = getattr(fit, name)
         return {"value": float(value.value), "std": float(value.std)}

@@ -1,7 +1,5 @@
 """``yawid regress``: its options, and which of the three things it does."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
@@ -110,7 +108,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     return exit_code(outcomes)
 
 
-def _tell(outcome: Outcome) -> None:
+def _tell(outcome: "Outcome") -> None:
     _say(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
     for line in outcome.wrong[:MOST_LINES]:
         _say(f"        {line}")

@@ -1,7 +1,5 @@
 """The recursive ARMAX estimator: extended least squares and recursive maximum likelihood."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict
@@ -206,7 +204,7 @@ class RecursiveArmax:
         return head.encode() + b"\n" + self._state.astype("<f8").tobytes()
 
     @classmethod
-    def from_bytes(cls, saved: bytes) -> RecursiveArmax:
+    def from_bytes(cls, saved: bytes) -> "RecursiveArmax":
         """Return the estimator that ``to_bytes`` saved.
 
         Raises:

@@ -6,8 +6,6 @@ fit of the closed form with a free offset, which gives the estimates and their s
 of smoothing are tried, the fit with the least loss is kept.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -90,7 +88,9 @@ class Record:
     noise: float
 
     @classmethod
-    def checked(cls, times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float) -> Record:
+    def checked(
+        cls, times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float
+    ) -> "Record":
         """Return the record of y (n,) at t (n,); raises as the fits do."""
         t, y = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
         if t.ndim != 1 or t.shape != y.shape:

@@ -1,7 +1,5 @@
 """A linear plant in state space: from its transfer function, and its answer to a held input."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +23,7 @@ class LinearPlant:
     outputs: tuple[str, ...]
 
     @classmethod
-    def from_transfer(cls, numerator: ArrayLike, denominator: ArrayLike) -> LinearPlant:
+    def from_transfer(cls, numerator: ArrayLike, denominator: ArrayLike) -> "LinearPlant":
         """Return one input u and one output y with this transfer function, highest power first.
 
         ``numerator`` (m,), ``denominator`` (n + 1,) for n states. The numerator has a lower degree

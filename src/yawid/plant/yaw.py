@@ -9,8 +9,6 @@ beta' = r - a_z_beta beta, hence::
 Printed slip: eq. 23 calls both W_psi.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, dataclass
 from typing import Literal
@@ -41,7 +39,7 @@ class YawPlant:
             raise ConfigError(f"eq. 23 needs finite values and omega_beta > 0, got {self}")
 
     @classmethod
-    def from_coefficients(cls, c: LateralCoefficients) -> YawPlant:
+    def from_coefficients(cls, c: LateralCoefficients) -> "YawPlant":
         """Return the plant that the four coefficients of eq. 22 make.
 
         Raises:

@@ -4,8 +4,6 @@ The verdict takes weight, order and exit code from it, the report what to do now
 what to record next time, and a replay of a finished run's MCAP which reasons to judge again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -194,7 +192,7 @@ class Verdict:
     method: str | None = None
 
     @staticmethod
-    def of(reasons: list[Reason], method: str | None = None) -> Verdict:
+    def of(reasons: list[Reason], method: str | None = None) -> "Verdict":
         """Order the reasons; one id stands once, with the text that came first."""
         unique = {reason.id: reason for reason in reversed(reasons)}
         return Verdict(tuple(sorted(unique.values(), key=_place)), method)

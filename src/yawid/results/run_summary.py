@@ -4,8 +4,6 @@ What does not apply is None and has no key in JSON; no number there is NaN or in
 stand in the order of the keys.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence
@@ -122,7 +120,7 @@ class DutchRoll(Part, frozen=True, kw_only=True):
     level: Count | None = None
 
     @staticmethod
-    def of(row: Sequence[float], level: int | None = None) -> DutchRoll | None:
+    def of(row: Sequence[float], level: int | None = None) -> "DutchRoll | None":
         """Return it of wn, its sigma, zeta and its sigma, None where wn or zeta is unknown: NaN."""
         wn, wn_std, zeta, zeta_std = (float(x) if math.isfinite(x) else None for x in row)
         if wn is None or zeta is None or not wn > 0.0:

@@ -1,7 +1,5 @@
 """How a command is told to stop: by SIGINT or SIGTERM, heeded one time; a second one ends it."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -56,7 +54,7 @@ class StopFlag:
             self._raises = False
 
     @contextmanager
-    def installed(self) -> Iterator[StopFlag]:
+    def installed(self) -> "Iterator[StopFlag]":
         """Catch the two signals while the context lasts."""
         before = [signal.signal(number, self._set) for number in SIGNALS]
         try:

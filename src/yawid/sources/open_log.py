@@ -3,8 +3,6 @@
 A log is known by its first bytes, never by its name: dataflash, ULog, and a telemetry log else.
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 from collections.abc import Iterable, Iterator
@@ -79,7 +77,7 @@ class Log:
         self,
         path: Path,
         wanted: Iterable[str],
-        options: ReadOptions | None = None,
+        options: "ReadOptions | None" = None,
         *,
         again: bool = False,
     ) -> None:
@@ -134,7 +132,7 @@ class TlogBytes:
     """The bytes of a telemetry log in memory, in pieces cut anywhere, as a source."""
 
     def __init__(
-        self, pieces: Iterable[bytes], wanted: Iterable[str], options: ReadOptions | None = None
+        self, pieces: Iterable[bytes], wanted: Iterable[str], options: "ReadOptions | None" = None
     ) -> None:
         self._pieces = list(pieces)
         self._decoder = (options or ReadOptions()).decoder(wanted)

@@ -5,8 +5,6 @@ window, held samples, schedule, floor and sums are written here a second time, i
 the backstop on D is left out: a Kalman filter has no D.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import dataclass, fields
@@ -29,7 +27,7 @@ from yawid.estimation.whiteness import ljung_box
 
 def make_estimator(
     config: EstimatorConfig, engine: Engine = "numba"
-) -> RecursiveArmax | ReferenceArmax:
+) -> "RecursiveArmax | ReferenceArmax":
     """Return the estimator of a configuration on the engine asked for."""
     return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
 

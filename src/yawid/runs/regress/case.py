@@ -1,7 +1,5 @@
 """One case: its folder, what its case.toml says, and a replay of its log."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -51,7 +49,7 @@ class Case:
         return next((log for log in found if log.is_file()), self.folder / "log.tlog")
 
     @staticmethod
-    def read(folder: Path) -> Case:
+    def read(folder: Path) -> "Case":
         """Read a case.
 
         Raises:
@@ -74,7 +72,7 @@ class Case:
                 raise ConfigError(f"{path}: the tolerance of {name} must be >= 0, got {value!r}")
         return Case(folder, loaded["sha256"], loaded.get("floor", 1), config, tolerances)
 
-    def replay(self) -> Replayed:
+    def replay(self) -> "Replayed":
         """Replay the log.
 
         Raises:
@@ -89,7 +87,7 @@ class Case:
         kept = {key: each for key, each in summary.to_json().items() if key not in NOT_COMPARED}
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
 
-    def unsound(self, replayed: Replayed) -> list[str]:
+    def unsound(self, replayed: "Replayed") -> list[str]:
         """Return why a replay is not one of this case at all."""
         wrong = []
         if replayed.summary["sha256"] != self.sha256:

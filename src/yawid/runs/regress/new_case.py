@@ -1,7 +1,5 @@
 """A case from any telemetry log: cut to the stretch asked for and to what yawid reads, hashed."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil
@@ -132,7 +130,7 @@ class _Heard:
     is_fact: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
     @staticmethod
-    def of(blocks: list[FrameBlock]) -> _Heard:
+    def of(blocks: list[FrameBlock]) -> "_Heard":
         """Join the blocks of a decoder; a record without a time has that of the one before it."""
         order, boot, fact = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros(0, bool)]
         for name, block in ((n, b) for found in blocks for n, b in found.messages.items()):

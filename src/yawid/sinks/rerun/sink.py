@@ -1,7 +1,5 @@
 """The Rerun sink: what a failing viewer, a missing one or a full disk means for the run."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Callable, Mapping
@@ -102,7 +100,7 @@ class RerunSink:
             with contextlib.suppress(OSError):
                 self._part.unlink(missing_ok=True)
 
-    def _attempt(self, act: Callable[[RerunView], None]) -> None:
+    def _attempt(self, act: "Callable[[RerunView], None]") -> None:
         if self._view is None:
             return
         try:
@@ -122,7 +120,7 @@ class RerunSink:
         self._warn(f"no Rerun viewer: {reason}; the run goes on without it")
 
 
-def _open_view(target: str | Path, name: str) -> RerunView:
+def _open_view(target: str | Path, name: str) -> "RerunView":
     # Rerun's native part would write its own lines to stderr for what it also raises.
     os.environ.setdefault("RUST_LOG", "off")
     from yawid.sinks.rerun.recording import RerunView  # half a second: only for those who want it

@@ -5,8 +5,6 @@ us by ``recvfrom`` without. ``recvmmsg`` is not in Python's socket module; what 
 gives back is laid out as in recvmmsg(2) and cmsg(3).
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import errno
@@ -44,7 +42,7 @@ class Arrivals(NamedTuple):
 NOTHING: Final = Arrivals([], [], [])
 
 
-def make_receiver(udp: socket.socket) -> Receiver:
+def make_receiver(udp: socket.socket) -> "Receiver":
     """Return what takes datagrams off a bound socket with the fewest calls."""
     if sys.platform == "linux":
         # Without the time a stamp may be late by the gathering.

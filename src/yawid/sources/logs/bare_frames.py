@@ -6,8 +6,6 @@ never fall. Gaps and reboots show in the vehicle's clock as ever; what is lost i
 and the latency.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +61,7 @@ class Stamper:
         self._tail = joined[decided:stop]
         return _with_stamps(buffer[SLACK:decided], places - SLACK, stamps)
 
-    def _walk(self, window: _Window) -> tuple[Ints, int]:
+    def _walk(self, window: "_Window") -> tuple[Ints, int]:
         """Return where frames begin that get a stamp, and where the undecided bytes begin."""
         begin, end = window.found.begin, window.found.end
         run_ends = [*(np.flatnonzero(begin[1:] != end[:-1]) + 1).tolist(), len(begin)]
@@ -90,7 +88,7 @@ class Stamper:
                 return np.concatenate(places), max(at, window.open_from)
             at = int(begin[row])
 
-    def _end_of_damaged(self, window: _Window, at: int) -> int | None:
+    def _end_of_damaged(self, window: "_Window", at: int) -> int | None:
         """Return where the frame at ``at`` that is not intact ends, before an intact one.
 
         None if there is no such frame, -1 if the bytes that decide have not come.

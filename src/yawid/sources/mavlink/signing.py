@@ -4,8 +4,6 @@ A signature stands behind the CRC: link id (1 byte), time stamp (6, little-endia
 2015) and the first 6 bytes of sha256(key, frame, link id, time stamp).
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import re
@@ -51,7 +49,7 @@ class SigningKey:
         self._begun = hashlib.sha256(key)
 
     @staticmethod
-    def from_file(path: Path) -> SigningKey:
+    def from_file(path: Path) -> "SigningKey":
         """Read a key: 32 bytes as they are, 64 hex digits, or one line whose sha256 is the key.
 
         A passphrase counts without its line end, in UTF-8, as MAVProxy and Mission Planner hash it.
