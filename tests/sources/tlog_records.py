@@ -86,6 +86,22 @@ def run(
     return [block for block in blocks if block is not None], decoder
 
 
+def damaged(rng: np.random.Generator, whole: bytes, damage: list[tuple[float, str]]) -> bytearray:
+    """Return a log with bytes changed (x) or cut out (d), garbage (g) or magics (i) put in."""
+    data = bytearray(whole)
+    for where, kind in damage:
+        at = int(where * (len(data) - 1))
+        if kind == "x":
+            data[at] = int(rng.integers(256))
+        elif kind == "g":
+            data[at:at] = rng.bytes(int(rng.integers(1, 400)))
+        elif kind == "i":
+            data[at : at + 3] = b"\xfd\xfe\xfd"
+        else:
+            del data[at : at + int(rng.integers(1, 30))]
+    return data
+
+
 def rows(blocks: list[FrameBlock]) -> list[tuple[Any, ...]]:
     """Return all messages as rows in the order heard, fields as bytes."""
     found = [

@@ -4,8 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable, YawidError
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
@@ -21,12 +20,12 @@ def try_orders(pipeline: KeepingPipeline) -> tuple[list[Candidate], Candidate]:
     Raises:
         NotIdentifiable: there are too few samples.
     """
-    config, blocks = pipeline.config, pipeline.kept
-    if not blocks:
+    config = pipeline.config
+    if not pipeline.kept:
         raise NotIdentifiable("no sample has both rudder and yaw rate")
-    u, y = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("u", "y"))
+    samples = SampleBlock.joined(pipeline.kept)
     tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
-    found = compare_orders(u, y, blocks[0].sample_time_s, tried)
+    found = compare_orders(samples.u, samples.y, samples.sample_time_s, tried)
     return found, recommended(found)
 
 

@@ -133,7 +133,7 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
     whole = Trial(config, *summarise(pipeline, link, str(log.absolute()), source.sha256))
     found: list[Span] = []
     if pipeline.kept and pipeline.channels.surfaces:
-        found = stretches(pipeline.kept, config, pipeline.channels.boots)
+        found = stretches(SampleBlock.joined(pipeline.kept), config, pipeline.channels.boots)
     chosen, recommend, command = whole, {}, None
     rates = _rates(survey)
     if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
@@ -221,19 +221,15 @@ def _phase(phase: Phase, vehicle: Vehicle) -> FlightPhase:
     return FlightPhase(phase.boot, phase.from_us / 1e6, phase.to_us / 1e6, mode, state)
 
 
-def stretches(blocks: list[SampleBlock], config: RunConfig, boots: Boots) -> list[Span]:
+def stretches(samples: SampleBlock, config: RunConfig, boots: Boots) -> list[Span]:
     """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
 
     A reboot and a change of flight mode end a stretch.
     """
-    t_s, u, aileron, mode, y = (
-        np.concatenate(columns)
-        for columns in zip(
-            *((b.boot_us / 1e6, b.u[:, 0], b.aileron, b.mode, b.y) for b in blocks), strict=True
-        )
-    )
-    rudder = np.where(np.isfinite(y), u, np.nan)
-    moved = excitation(rudder, aileron, mode, config.half_travel, blocks[0].sample_time_s)
+    t_s, mode = samples.boot_us / 1e6, samples.mode
+    rudder = np.where(np.isfinite(samples.y), samples.u[:, 0], np.nan)
+    sample_time_s = samples.sample_time_s
+    moved = excitation(rudder, samples.aileron, mode, config.half_travel, sample_time_s)
     numbers = _boot_numbers(t_s, boots)
     known = np.where(np.isnan(mode), -1.0, mode)
     meaning = np.cumsum(

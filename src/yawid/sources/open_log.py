@@ -27,6 +27,30 @@ IN_MEMORY = 64 << 20
 """Bytes of decoded messages kept in memory; what is more goes to a file of its own."""
 
 
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """The form of a log, and the key that frames must be signed with (None: any frame will do).
+
+    ``key_file`` is where the key came from, to be named in a command line.
+
+    It stands beside ``RunConfig``, not in it: the configuration goes into files, a key must not.
+    """
+
+    form: Form = "auto"
+    key: SigningKey | None = None
+    key_file: Path | None = None
+
+    def decoder(self, wanted: Iterable[str]) -> Decoder:
+        """Return a decoder for one stream."""
+        return Decoder(wanted, None if self.key is None else Signing(self.key))
+
+    def unchecked(self, link: LinkStats) -> str | None:
+        """Return what is to be said of signed frames whose signatures nobody looked at, if any."""
+        if self.key is not None or not link.signed:
+            return None
+        return "signed frames are read without a look at their signatures: --signing-key-file FILE"
+
+
 class Source(Protocol):
     """Something recorded, opened for reading: messages of a log, or the samples of a run."""
 
@@ -77,7 +101,7 @@ class Log:
         self,
         path: Path,
         wanted: Iterable[str],
-        options: "ReadOptions | None" = None,
+        options: ReadOptions | None = None,
         *,
         again: bool = False,
     ) -> None:
@@ -132,7 +156,7 @@ class TlogBytes:
     """The bytes of a telemetry log in memory, in pieces cut anywhere, as a source."""
 
     def __init__(
-        self, pieces: Iterable[bytes], wanted: Iterable[str], options: "ReadOptions | None" = None
+        self, pieces: Iterable[bytes], wanted: Iterable[str], options: ReadOptions | None = None
     ) -> None:
         self._pieces = list(pieces)
         self._decoder = (options or ReadOptions()).decoder(wanted)
@@ -165,27 +189,3 @@ def _head(path: Path) -> bytes:
             return file.read(len(ULOG))
     except OSError:
         return b""
-
-
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """The form of a log, and the key that frames must be signed with (None: any frame will do).
-
-    ``key_file`` is where the key came from, to be named in a command line.
-
-    It stands beside ``RunConfig``, not in it: the configuration goes into files, a key must not.
-    """
-
-    form: Form = "auto"
-    key: SigningKey | None = None
-    key_file: Path | None = None
-
-    def decoder(self, wanted: Iterable[str]) -> Decoder:
-        """Return a decoder for one stream."""
-        return Decoder(wanted, None if self.key is None else Signing(self.key))
-
-    def unchecked(self, link: LinkStats) -> str | None:
-        """Return what is to be said of signed frames whose signatures nobody looked at, if any."""
-        if self.key is not None or not link.signed:
-            return None
-        return "signed frames are read without a look at their signatures: --signing-key-file FILE"

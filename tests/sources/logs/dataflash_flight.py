@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from flightlog import FlightLog
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.logs.dataflash_writer import DataflashLog
-from sources.logs.onboard_flight import TRAVEL, Flight, flown
+from sources.logs.onboard_flight import TRAVEL, Flight, flown, telemetry_of
 
 from yawid.sources.logs.dataflash import DataflashReader
 
@@ -63,18 +62,7 @@ def logged(flight: Flight, *, rates: str = "IMU", units: bool = True) -> Datafla
 
 def telemetry(flight: Flight) -> FlightLog:
     """Log the same flight as a ground station does."""
-    log = FlightLog(sysid=7)
-    log.add(flight.t[0], mavlink.MAVLink_heartbeat_message(1, 3, 128, 5, 4, 3))
-    for name, value in PARAMETERS.items():
-        log.parameter(flight.t[0], name, value)
-    for k, t in enumerate(flight.t):
-        p, q, r = (float(rate) for rate in flight.rates[k])
-        angles = flight.roll[k], flight.pitch[k], flight.yaw[k]
-        log.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), *angles, p, q, r))
-        log.servos(t + 0.004, [1500, 1500, 1500, flight.pwm[k]])
-        if k % 10 == 0:
-            log.add(t + 0.005, mavlink.MAVLink_vfr_hud_message(18.5, 17.25, 0, 0, 500.0, 0.0))
-    return log
+    return telemetry_of(flight, (3, 5), PARAMETERS, 4, 17.25)
 
 
 @cache

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from flightlog import FlightLog, Samples
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import cont2discrete
 
 STEP_S = 0.02
@@ -44,3 +46,42 @@ def flown(seconds: float = 60.0, seed: int = 3) -> Flight:
     rates = np.column_stack([p, q, r]).astype(np.float32)
     pwm = np.rint(TRAVEL[1] + 400.0 * rudder).astype(int)
     return Flight(t, roll, pitch, yaw, rates, pwm)
+
+
+def telemetry_of(
+    flight: Flight,
+    heartbeat: tuple[int, int],
+    parameters: dict[str, float],
+    rudder: int,
+    groundspeed_m_s: float,
+) -> FlightLog:
+    """Log a flight as a ground station does; ``heartbeat`` has autopilot and custom mode.
+
+    ``rudder`` is the number of its output.
+    """
+    autopilot, custom_mode = heartbeat
+    log = FlightLog(sysid=7)
+    log.add(flight.t[0], mavlink.MAVLink_heartbeat_message(1, autopilot, 128, custom_mode, 4, 3))
+    for name, value in parameters.items():
+        log.parameter(flight.t[0], name, value)
+    for k, t in enumerate(flight.t):
+        p, q, r = (float(rate) for rate in flight.rates[k])
+        angles = flight.roll[k], flight.pitch[k], flight.yaw[k]
+        log.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), *angles, p, q, r))
+        log.servos(t + 0.004, [*[1500] * (rudder - 1), flight.pwm[k]])
+        if k % 10 == 0:
+            hud = mavlink.MAVLink_vfr_hud_message(18.5, groundspeed_m_s, 0, 0, 500.0, 0.0)
+            log.add(t + 0.005, hud)
+    return log
+
+
+def assert_same_samples(mine: Samples, theirs: Samples) -> None:
+    """An on-board log has angles five rows apart: the yaw bends by the rate's change between."""
+    assert len(mine) > 1100
+    np.testing.assert_array_equal(mine.k, theirs.k)
+    np.testing.assert_array_equal(mine.u, theirs.u)
+    np.testing.assert_array_equal(mine.y, theirs.y)
+    np.testing.assert_array_equal(mine.held, theirs.held)
+    np.testing.assert_allclose(np.angle(np.exp(1j * (mine.yaw - theirs.yaw))), 0.0, atol=6e-3)
+    np.testing.assert_allclose(mine.roll, theirs.roll, atol=3e-4)
+    np.testing.assert_allclose(mine.airspeed, 18.5, rtol=1e-6)

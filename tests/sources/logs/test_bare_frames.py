@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from sources.tlog_records import (
     BY_NAME,
     START_US,
+    damaged,
     message,
     pack,
     random_records,
@@ -104,17 +105,7 @@ def test_no_cut_changes_what_is_stamped(
     seed: int, damage: list[tuple[float, str]], cuts: list[float]
 ) -> None:
     rng = np.random.default_rng(seed)
-    data = bytearray(b"".join(rec[8:] for rec in random_records(rng, 12)))
-    for where, kind in damage:
-        at = int(where * (len(data) - 1))
-        if kind == "x":
-            data[at] = int(rng.integers(256))
-        elif kind == "g":
-            data[at:at] = rng.bytes(int(rng.integers(1, 400)))
-        elif kind == "i":
-            data[at : at + 3] = b"\xfd\xfe\xfd"
-        else:
-            del data[at : at + int(rng.integers(1, 30))]
+    data = damaged(rng, b"".join(rec[8:] for rec in random_records(rng, 12)), damage)
     whole = stamped(bytes(data))
     assert stamped(bytes(data), [int(cut * len(data)) for cut in cuts]) == whole
 

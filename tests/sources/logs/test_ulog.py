@@ -15,7 +15,7 @@ from flightlog import Samples, samples_of
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from pymavlink import mavutil
-from sources.logs.onboard_flight import flown
+from sources.logs.onboard_flight import assert_same_samples, flown
 from sources.logs.ulog_flight import (
     PARAMETERS,
     UNIX_S,
@@ -56,17 +56,7 @@ def samples(path: Path, **settings: str) -> Samples:
 
 
 def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path):
-    mine, theirs = samples(ulg), samples_of(telemetry(flight()).data)
-
-    assert len(mine) > 1100
-    np.testing.assert_array_equal(mine.k, theirs.k)
-    np.testing.assert_array_equal(mine.u, theirs.u)
-    np.testing.assert_array_equal(mine.y, theirs.y)
-    np.testing.assert_array_equal(mine.held, theirs.held)
-    # Attitude comes five rows apart; the yaw bends by the rate's change between.
-    np.testing.assert_allclose(np.angle(np.exp(1j * (mine.yaw - theirs.yaw))), 0.0, atol=6e-3)
-    np.testing.assert_allclose(mine.roll, theirs.roll, atol=3e-4)
-    np.testing.assert_allclose(mine.airspeed, 18.5, rtol=1e-6)
+    assert_same_samples(samples(ulg), samples_of(telemetry(flight()).data))
 
 
 def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from sources.tlog_records import (
     BY_NAME,
     START_US,
+    damaged,
     decode,
     message,
     messages,
@@ -105,20 +106,8 @@ def test_feeding_byte_by_byte_changes_nothing(seed: int, damage: list[tuple[floa
 
 
 def damaged_log(seed: int, damage: list[tuple[float, str]]) -> bytes:
-    """Return a log with bytes changed (x) or cut out (d), garbage (g) or magics (i) put in."""
     rng = np.random.default_rng(seed)
-    data = bytearray(b"".join(random_records(rng, 12)))
-    for where, kind in damage:
-        at = int(where * (len(data) - 1))
-        if kind == "x":
-            data[at] = int(rng.integers(256))
-        elif kind == "g":
-            data[at:at] = rng.bytes(int(rng.integers(1, 400)))
-        elif kind == "i":
-            data[at : at + 3] = b"\xfd\xfe\xfd"
-        else:
-            del data[at : at + int(rng.integers(1, 30))]
-    return bytes(data)
+    return bytes(damaged(rng, b"".join(random_records(rng, 12)), damage))
 
 
 @pytest.mark.parametrize("sizes", [1 << 12, (1 << 21) + 1])
