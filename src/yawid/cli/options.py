@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
-FORGETTING = frozenset({"memory", "forgetting"})
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -57,6 +56,7 @@ ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
     ("--output", str, "yaw-rate|heading-rate|yaw", "what the model's output is (yaw-rate)"),
     ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (off)"),
     ("--turn", str, "keep|remove", "subtract the turn rate that bank and airspeed imply (keep)"),
+    ("--manoeuvres", str, "auto|off", "find manoeuvres and answer each of them (auto)"),
     ("--rudder", str, "CHANNEL", "auto, servo:N, vtail:L,R, control:K or rc:N (auto)"),
     ("--aileron", str, "CHANNEL", "the same for the aileron, without vtail (auto)"),
     (
@@ -135,13 +135,10 @@ def config_of(arguments: argparse.Namespace) -> "RunConfig":
 
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return what the TOML file and the options say, the options overruling."""
-    from yawid.config.run import check_settings, settings_from_toml
+    from yawid.config.run import check_settings, overruled, settings_from_toml
 
     settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    given = check_settings(given_options(arguments), "the command line")
-    if given.keys() & FORGETTING:  # two names of one thing: the one given overrules both
-        settings = {name: value for name, value in settings.items() if name not in FORGETTING}
-    return settings | given
+    return overruled(settings, check_settings(given_options(arguments), "the command line"))
 
 
 def given_options(arguments: argparse.Namespace) -> dict[str, Any]:

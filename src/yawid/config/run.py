@@ -3,7 +3,7 @@
 import math
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ SELECTORS = {
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 _INTEGERS = ("sysid", "boot")
+BINDING = ("orders", "inputs", "turn")
+"""What is chosen for each manoeuvre unless the user gave it."""
 _LIMITS: dict[str, tuple[Callable[[float], bool], str]] = {
     "memory": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
     "forgetting": (lambda factor: 0.0 < factor <= 1.0, "lie in (0, 1]"),
@@ -38,6 +40,7 @@ _LIMITS: dict[str, tuple[Callable[[float], bool], str]] = {
 _LISTS: dict[str, tuple[type, str]] = {
     "orders": (int, "na,nb,nc,nk, four whole numbers (replay --orders auto: by the log)"),
     "inputs": (str, "rudder or rudder,aileron"),
+    "given": (str, "names of settings"),
     "band": (float, "LO,HI in Hz"),
 }
 _CHOICES: dict[str, tuple[str, ...]] = {
@@ -46,9 +49,11 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "engine": ENGINES,
     "output": OUTPUTS,
     "turn": ("keep", "remove"),
+    "manoeuvres": ("auto", "off"),
     "rudder_sign": ("nose-right", "nose-left"),
 }
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
+FORGETTING = frozenset({"memory", "forgetting"})
 _FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
 
 
@@ -61,6 +66,8 @@ class RunConfig:
     ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
     (None: one unit is half the travel), ``servo_tau`` the servo's lag in seconds (None: unknown),
     ``boot`` the only boot of the vehicle whose samples count, from 1 (None: all of them).
+    ``manoeuvres`` says whether they are looked for. Orders, inputs and turn bind every manoeuvre
+    where they differ from their defaults, or are named in ``given``.
 
     Raises:
         ConfigError: a value outside its limits.
@@ -86,6 +93,13 @@ class RunConfig:
     to_s: float | None = None
     sysid: int | None = None
     boot: int | None = None
+    manoeuvres: str = "auto"
+    given: tuple[str, ...] = ()
+
+    def binds(self, name: str) -> bool:
+        """Whether the user gave this setting, which then holds for every manoeuvre."""
+        default = next(field.default for field in fields(self) if field.name == name)
+        return name in self.given or getattr(self, name) != default
 
     @property
     def window_us(self) -> tuple[float, float]:
@@ -97,6 +111,7 @@ class RunConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "orders", tuple(self.orders))
         object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "given", tuple(self.given))
         self._check_model()
         self._check_channels()
         self._check_numbers()
@@ -113,6 +128,8 @@ class RunConfig:
             if (value := getattr(self, name)) not in choices:
                 option = name.replace("_", "-")
                 raise ConfigError(f"--{option} must be one of {', '.join(choices)}, got {value!r}")
+        if unknown := set(self.given) - set(BINDING):
+            raise ConfigError(f"given must name some of {', '.join(BINDING)}, got {min(unknown)!r}")
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting say the same thing: give one of them")
 
@@ -208,8 +225,18 @@ def settings_from_toml(path: Path) -> dict[str, Any]:
     return check_settings(loaded, str(path))
 
 
+def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with others in their place; both have been checked."""
+    if by.keys() & FORGETTING:  # two names of one thing: the one given overrules both
+        settings = {name: value for name, value in settings.items() if name not in FORGETTING}
+    given = {*settings.get("given", ()), *by.get("given", ())}
+    return {**settings, **by, "given": tuple(sorted(given))}
+
+
 def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
     """Return settings under their field names, after checking that each is known.
+
+    ``given`` is added: those of orders, inputs and turn that are there, unless it is there itself.
 
     Raises:
         ConfigError: a setting is unknown or of the wrong type.
@@ -222,6 +249,7 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
             options = sorted(each.removesuffix("_s").replace("_", "-") for each in known)
             raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
         settings[name] = _typed(name, value, where)
+    settings.setdefault("given", tuple(name for name in BINDING if name in settings))
     return settings
 
 
@@ -234,7 +262,7 @@ def _typed(name: str, value: Any, where: str) -> Any:
         except (TypeError, ValueError):
             parts = typed = ()
         # 3.5 is no order, and 3 none to put in its place.
-        if not typed or not (isinstance(value, str) or typed == parts):
+        if not (typed or name == "given") or not (isinstance(value, str) or typed == parts):
             raise ConfigError(f"{where}: {name} must be {wanted_list}, got {value!r}")
         return typed
     numeric = name in _FLOATS

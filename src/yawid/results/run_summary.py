@@ -180,6 +180,73 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
     reasons: list[ReasonSummary]
 
 
+class Manoeuvre(Part, frozen=True, kw_only=True):
+    """One manoeuvre, in seconds since boot, the conditions it was flown in, and its answer.
+
+    ``date`` is the UTC time of its first sample (ISO 8601). ``loop`` says whose number it is:
+    ``airframe``, ``with_roll_loop`` in a flight mode that holds roll, ``unknown`` without a mode.
+    ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know.
+    """
+
+    n: Count
+    from_s: Number
+    to_s: Number
+    duration_s: Number
+    date: str
+    mode: str | None = None
+    loop: str
+    airspeed_m_s: Number | None = None
+    airspeed_std_m_s: Number | None = None
+    airspeed_source: str | None = None
+    altitude_m: Number | None = None
+    inputs: list[str]
+    orders: Orders
+    turn_removed: bool
+    estimates: dict[str, MethodSummary]
+    verdict: VerdictSummary
+
+    @property
+    def answer(self) -> MethodSummary | None:
+        """The estimate of the method that answers, None where nothing could be estimated."""
+        return self.estimates.get(self.verdict.method or "")
+
+    @property
+    def dutch_roll(self) -> DutchRoll | None:
+        """The Dutch roll of the method that answers."""
+        return None if self.answer is None else self.answer.dutch_roll
+
+
+class BetweenStd(Part, frozen=True, kw_only=True):
+    """By how much manoeuvres scatter beyond their own sigmas: the random effects' tau."""
+
+    wn_rad_s: Number | None = None
+    zeta: Number | None = None
+
+
+class Flight(Part, frozen=True, kw_only=True):
+    """What all manoeuvres of a flight say together; ``used`` and ``disagree`` are their numbers.
+
+    The Dutch roll is that at ``airspeed_m_s``, the median of those used; its sigmas are predictive.
+    ``kappa_rad_m`` is wn / V and ``K_per_V`` K / V, V the equivalent airspeed. Without a usable
+    manoeuvre there is the verdict alone, with the reasons of the best one.
+    """
+
+    method: str | None = None
+    orders: Orders | None = None
+    airspeed_m_s: Number | None = None
+    airspeed_source: str | None = None
+    altitude_m: Number | None = None
+    date: str | None = None
+    loop: str | None = None
+    dutch_roll: DutchRoll | None = None
+    kappa_rad_m: Value | None = None
+    K_per_V: Value | None = None
+    between_std: BetweenStd | None = None
+    used: list[Count]
+    disagree: list[Count]
+    verdict: VerdictSummary
+
+
 class Source(Part, frozen=True):
     """The log that the samples of a replayed MCAP are from."""
 
@@ -236,10 +303,16 @@ class Origin(Part, frozen=True, kw_only=True):
 
 
 class RunSummary(Origin, frozen=True, kw_only=True):
-    """The summary of a run; ``estimates`` by method, None where there was no bank."""
+    """The summary of a run; ``estimates`` by method, None where there was no bank.
+
+    ``estimates`` and ``verdict`` are of the stream at its end. ``manoeuvres`` is None where nobody
+    looked for them, ``flight`` where there was none.
+    """
 
     estimates: dict[str, MethodSummary] | None = None
     verdict: VerdictSummary
+    manoeuvres: list[Manoeuvre] | None = None
+    flight: Flight | None = None
     live: LiveFacts | None = None
     files: dict[str, str] | None = None
     recovered: Recovered | None = None
@@ -260,6 +333,11 @@ class RunSummary(Origin, frozen=True, kw_only=True):
         except msgspec.ValidationError as error:
             what, _, where = str(error).partition(" - at `$.")
             raise ValueError(f"{where.rstrip('`') or 'its summary'}: {what}") from error
+
+    @property
+    def deciding(self) -> VerdictSummary:
+        """The verdict that decides: the flight's where there was a manoeuvre, else the stream's."""
+        return self.verdict if self.flight is None else self.flight.verdict
 
     @property
     def answering(self) -> str | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from yawid.blocks import SampleBlock
 from yawid.channels.segments import outside
-from yawid.config.run import RunConfig
+from yawid.config.run import RunConfig, overruled
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.pipeline import Pipeline
 from yawid.results.judge_estimate import Evidence, bank_verdict
@@ -39,6 +39,8 @@ CHANGEABLE = (
     "inputs",
     "from_s",
     "to_s",
+    "manoeuvres",
+    "given",
 )
 JUDGED_AGAIN = frozenset(
     kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
@@ -112,9 +114,7 @@ def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
                 f"{run.path} holds samples made with --{option} {before[name]}: "
                 f"replay the log itself to have {value}"
             )
-    if {"memory", "forgetting"} & settings.keys():
-        before |= {"memory": None, "forgetting": None}
-    config = RunConfig(**(before | dict(settings)))
+    config = RunConfig(**overruled(before, settings))
     if not set(config.inputs) <= set(run.config.inputs):
         raise ConfigError(
             f"{run.path} holds no {' and '.join(config.inputs)}: replay the log itself"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sources.mavlink.enums import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -65,6 +65,12 @@ class Sink(Protocol):
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
         """Add one row for each sample; ``modes`` are those of the primary method, the first key."""
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """Add a manoeuvre and its answer; ``span_ns`` is Unix time of its first and last sample.
+
+        It comes some time after the last sample's row, live later than in a replay.
+        """
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """Add one line for people."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
@@ -65,6 +65,10 @@ class Guarded(Guard):
     ) -> None:
         """See :meth:`yawid.sinks.base.Sink.write`."""
         self._attempt(lambda: self._sink.write(samples, estimates, modes))
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
+        self._attempt(lambda: self._sink.manoeuvre(found, span_ns))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""

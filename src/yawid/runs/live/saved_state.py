@@ -23,7 +23,7 @@ VERSION = "yawid-state-1"
 SAVE_S = 60.0
 _REMEDY = "remove it or take another file for --state to start again"
 # Which samples and what is read off the model, not what is made of them.
-_NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau")
+_NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "given")
 
 
 class StateFile:

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Mapping
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 
 WAITING = 512
@@ -63,6 +63,10 @@ class Viewer:
 
         if self._lost or not self._hand(show):
             self._not_taken += len(samples)
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
+        self._hand(lambda sink: sink.manoeuvre(found, span_ns))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel
 
 
@@ -46,6 +46,9 @@ class TableSink:
         first = np.diff(seconds, prepend=self._second) != 0
         self.rows += table[first].tolist()
         self._second, self.newest = int(seconds[-1]), table[-1].tolist()
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """Manoeuvres stand in the summary."""
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """Lines for people are no result."""

@@ -13,7 +13,7 @@ import numpy as np
 from yawid import __version__
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
@@ -163,6 +163,10 @@ class McapSink:
             self._writer.add_message(self._mode_channel, now_ns, message)
             yield slice(row, stop)
         self._mode = float(known[-1])
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
+        self._write_waiting()
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""

@@ -18,7 +18,7 @@ import pyarrow as pa
 import rerun as rr
 from rerun.encodings import TensorDataBatch
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Whiteness
@@ -90,6 +90,9 @@ class RerunView:
         self._send_whiteness(samples, self._marks.whiteness(samples, primary))
         if self._waiting >= BATCH_ROWS:
             self._send()
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """Show a manoeuvre."""
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """Add a line to the log, on the clock of the vehicle too once that is known."""

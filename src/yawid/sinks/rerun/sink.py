@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.results.run_summary import RunSummary
+from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error
 
@@ -69,6 +69,10 @@ class RerunSink:
         """See :meth:`yawid.sinks.base.Sink.write`."""
         primary = next(iter(estimates.values()))
         self._attempt(lambda view: view.write(samples, primary, modes))
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
+        self._attempt(lambda view: view.manoeuvre(found, span_ns))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""
