@@ -26,13 +26,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "physics": {"config", "estimation"},
     "offline": {"config", "estimation", "physics"},
     "results": {*STAGES, WIRE},
+    "manoeuvres": {*STAGES, "results", WIRE},
     "sinks": {WIRE, "estimation", "results"},
     "sinks/mcap": {"config", "estimation", "physics", "results", "sinks"},
     "sinks/rerun": {"physics", "results", "sinks"},
     "sinks/terminal": {"channels", "results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "results"}
     | {"sinks", "sinks/mcap", "sinks/rerun"},
-    "pipeline": {*STAGES, "sinks"},
+    "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},
     "runs": {"config", "channels", "offline", "physics", "pipeline", "plant", "results"}
     | {"sources", WIRE, LOGS, *SINKS},
     "runs/live": {*STAGES, "pipeline", "results", "runs", "sources", WIRE, LINK}

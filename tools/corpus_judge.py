@@ -170,7 +170,7 @@ def _judged_methods(pipeline: Pipeline) -> Row:
         found = judged.coherence[method]
         margin = math.nan if found is None else found.squared - found.limit
         row[f"coherence_margin_{method}"] = margin
-        row[f"fatal_{method}"] = " ".join(r.id for r in reasons if r.kind.exit_code)
+        row[f"fatal_{method}"] = " ".join(r.id for r in reasons if r.exit_code)
     return row
 
 

@@ -111,6 +111,7 @@ class Noted(IntFlag):
     MODE_CHANGED = 2
     AIRSPEED_CHANGED = 4
     NOT_EXCITED = 8
+    GROUND_SPEED = 16
 
 
 def words(member: IntEnum | IntFlag) -> str:

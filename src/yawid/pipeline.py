@@ -1,18 +1,24 @@
-"""The whole way through, to be read from top to bottom.
+r"""The whole way through, to be read from top to bottom.
 
     source -> messages -> channels -> samples on one grid -> estimates -> physics -> sinks
+                                                         \-> manoeuvres, an answer each -/
 
 The only module that knows all stages; where messages come from, a file or a socket, it does not.
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 
 from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
+from yawid.manoeuvres.answer import Answered, Setting
+from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
+from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import Flight, Manoeuvre
 from yawid.sinks.base import Grid, Sink, rudder_unit
 
 BLOCK = 4096
@@ -23,8 +29,10 @@ class Pipeline:
     """Feed it messages, or samples that a run's file holds, then ``finish``; the sinks get rows.
 
     ``sinks`` may grow until the first sample. ``make_bank`` makes the estimators once the sample
-    time is known. ``modes_of`` names autopilot and vehicle type, by which flight modes have their
-    names, where no HEARTBEAT passes through.
+    time is known. Where no messages pass through, ``modes_of`` names autopilot and vehicle type, by
+    which flight modes have their names, and ``rates_hz`` are the rates of yaw and rudder messages.
+    With ``worker``, an executor of one thread, manoeuvres are answered there, and ``collect`` hands
+    out what is ready.
 
     Raises:
         ConfigError: what was asked for does not fit the log (its rate).
@@ -37,6 +45,8 @@ class Pipeline:
         sinks: Sequence[Sink] = (),
         make_bank: Callable[[RunConfig, float], Bank] = Bank,
         modes_of: tuple[int, int] = (0, 0),
+        rates_hz: tuple[float, float] | None = None,
+        worker: Executor | None = None,
     ) -> None:
         self.config = config
         self.sinks = sinks
@@ -47,6 +57,20 @@ class Pipeline:
         self.samples = 0
         self._make_bank = make_bank
         self._modes_of = modes_of
+        self._rates_hz = rates_hz
+        self._worker = worker
+        self._manoeuvres: Manoeuvres | None = None
+
+    @property
+    def manoeuvres(self) -> list[Manoeuvre] | None:
+        """The manoeuvres answered so far; None where nobody looks for them."""
+        if self.config.manoeuvres == "off":
+            return None
+        return [] if self._manoeuvres is None else [a.found for a in self._manoeuvres.answered]
+
+    def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
+        """Return what the manoeuvres say together and its verdict, None where there is none."""
+        return None if self._manoeuvres is None else self._manoeuvres.flight(of_the_log)
 
     def feed(self, block: FrameBlock | SampleBlock | None) -> None:
         """Take a block of messages or samples in; every sample it completes is estimated."""
@@ -60,6 +84,17 @@ class Pipeline:
         """Estimate what was held back for want of more; the sinks stay open for the summary."""
         for samples in self.channels.finish():
             self.estimate(samples)
+        if self._manoeuvres is not None:
+            self._manoeuvres.finish()
+        self.collect(wait=True)
+
+    def collect(self, *, wait: bool = False) -> list[Answered]:
+        """Hand the manoeuvres answered meanwhile to the sinks; return them."""
+        ready = [] if self._manoeuvres is None else list(self._manoeuvres.ready(wait=wait))
+        for each in ready:
+            for sink in self.sinks:
+                sink.manoeuvre(each.found, each.span_ns)
+        return ready
 
     def estimate(self, samples: SampleBlock) -> None:
         """Estimate samples of one epoch and write them."""
@@ -73,6 +108,10 @@ class Pipeline:
         self.newest, self.samples = samples, self.samples + len(samples)
         for sink in self.sinks:
             sink.write(samples, estimates, self.modes)
+        if self._manoeuvres is not None:
+            self._manoeuvres.feed(samples)
+            if self._worker is None:
+                self.collect()
 
     def _open_bank(self, sample_time_s: float) -> Bank:
         self.bank = self._make_bank(self.config, sample_time_s)
@@ -85,6 +124,13 @@ class Pipeline:
         vehicle, modes_of = self.channels.lock.vehicle, self._modes_of
         if vehicle is not None:
             modes_of = vehicle.autopilot, vehicle.type
+        if self.config.manoeuvres != "off":
+            rates_hz = self._rates_hz or (1.0 / sample_time_s,) * 2
+            if self.channels.intervals_us is not None:
+                yaw_us, rudder_us = self.channels.intervals_us
+                rates_hz = 1e6 / yaw_us, 1e6 / rudder_us
+            setting = Setting(self.config, sample_time_s, rates_hz, modes_of)
+            self._manoeuvres = Manoeuvres(setting, self._worker)
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(
             names,

@@ -161,7 +161,7 @@ class Aligner:
     def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
         rows = AlignedRows.joined(blocks)
         k, u, aileron = rows.k, rows.surface[:, :-1], rows.surface[:, -1]
-        rate, yaw, roll, turn, airspeed, on_ground, mode, altitude, bars = rows.yaw.T
+        rate, yaw, roll, turn, airspeed, on_ground, mode, altitude, by_ground, bars = rows.yaw.T
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.append(self._last_unix_ns, (boot_us + rows.offset_us) * 1000)
         unix = np.maximum.accumulate(unix)[1:]
@@ -173,7 +173,8 @@ class Aligner:
         held = np.where(rows.held != 0, rows.held, barred)
         times = self.sample_time_s, k, boot_us, unix, rows.received_us
         u, y = np.where(held[:, None] != 0, np.nan, u), np.where(held != 0, np.nan, rate)
-        bits = self._noted(mode), held, np.full(len(k), self._epoch, np.int64)
+        noted = self._noted(mode) + int(Noted.GROUND_SPEED) * ((by_ground == 1.0) & (held == 0))
+        bits = noted, held, np.full(len(k), self._epoch, np.int64)
         motion, state = (yaw, roll, turn, airspeed), (mode, on_ground, altitude)
         return SampleBlock(*times, u, y, *motion, *bits, aileron, *state)
 

@@ -126,17 +126,19 @@ class FlightState:
         self.wings.observe(messages)
 
     def at(self, order: Ints) -> Floats:
-        """Return what is known at each place, NaN where it is not, (n, 5).
+        """Return what is known at each place, NaN where it is not, (n, 6).
 
         The columns are airspeed in m/s, on ground (0, 1), mode, altitude in m as VFR_HUD has it
-        (above the sea, by ArduPilot and PX4 alike), and the bits of :class:`Held` by which nobody
-        flies on wings alone.
+        (above the sea, by ArduPilot and PX4 alike), whether the airspeed is no more than the ground
+        speed (0, 1), as an autopilot without a sensor may send it, and the bits of :class:`Held` by
+        which nobody flies on wings alone.
         """
         hud, (mode, armed) = self._hud.at(order), self._state.at(order).T
         landed, vtol = self._system.at(order).T
         on_ground = self._on_ground(hud, armed, landed)
         held = self.wings.held(order, mode, vtol, self.vehicle)
-        return np.stack([hud[:, 0], on_ground, mode, hud[:, 2], held], axis=1)
+        is_ground_speed = (hud[:, 0] == hud[:, 1]).astype(float)
+        return np.stack([hud[:, 0], on_ground, mode, hud[:, 2], is_ground_speed, held], axis=1)
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where nothing reports, (n,).

@@ -26,7 +26,7 @@ STEEPEST = np.deg2rad(80.0)
 UPRIGHT = np.deg2rad(60.0)
 """Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
 a little over it."""
-RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, BARRED = range(9)
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, GROUND_SPEED, BARRED = range(10)
 """The columns of a yaw row; those from AIRSPEED on are held from message to message.
 BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be learned from."""
 COLUMNS = BARRED + 1

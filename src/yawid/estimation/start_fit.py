@@ -19,6 +19,8 @@ RIDGE = 1e-8
 """Stands in for P0: that prior is tight where the noise is small, and would bend the fit."""
 SETTLED = 1e-8
 """The relative gain in loss below which the fit is done."""
+BALANCED = 1e-8
+"""Squared part of its own standard deviation by which theta may miss the fixed point."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
 
     None where there are too few samples, or no fit beats theta = 0.
     """
-    fit = _Fit(config, list(_stretches(config, rows)))
+    fit = RecordFit(config, list(stretches_of(config, rows)))
     if len(fit.y) <= 2 * config.n_theta:
         return None
     with np.errstate(all="ignore"):
@@ -49,7 +51,7 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
     return Start(theta, P, P @ (scores.T @ scores) @ P)
 
 
-def _stretches(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
+def stretches_of(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Yield y (n,) and the known regressors (n, n_theta), residuals left 0, between breaks."""
     orders, depth = config.orders, lag_depth(config.orders)
     first = orders.na + sum(orders.nb)
@@ -63,8 +65,8 @@ def _stretches(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, 
         yield stretch[depth:, 0].copy(), phi
 
 
-class _Fit:
-    """Loss, gradient and Gauss-Newton steps over the stretches of one window."""
+class RecordFit:
+    """Loss, gradient, Gauss-Newton steps and ELS's fixed point over the stretches of a record."""
 
     def __init__(self, config: EstimatorConfig, stretches: list[tuple[Floats, Floats]]) -> None:
         self.orders = config.orders
@@ -135,6 +137,41 @@ class _Fit:
                 break
             theta, loss = trial, better
         return theta
+
+    def fixed_point(self, theta: Floats) -> Floats | None:
+        """Return the theta where extended least squares comes to rest: phi(theta)' eps(theta) = 0.
+
+        Newton's method with psi for the slope of eps, its steps halved until C(q) is stable and the
+        imbalance is less: plain passes need not settle where C is far from 1 (Ljung 1977). None
+        where none is found.
+        """
+        imbalance, step = self._pseudo_linear_step(theta)
+        for _ in range(ITERATIONS):
+            for _ in range(HALVINGS):
+                trial = theta + step
+                if is_stable(c_of(trial, self.orders)):
+                    left, next_step = self._pseudo_linear_step(trial)
+                    if left < imbalance:
+                        break
+                step = 0.5 * step
+            else:
+                return None
+            theta, imbalance, step = trial, left, next_step
+            if imbalance < BALANCED:
+                return theta
+        return None
+
+    def _pseudo_linear_step(self, theta: Floats) -> tuple[float, Floats]:
+        """Return how far phi' eps is from 0, in squared standard deviations, and Newton's step."""
+        phi, eps = self.gradient(theta, filtered=False)
+        psi, _ = self.gradient(theta)
+        score = phi.T @ (self.weights * eps) - self.prior @ theta
+        if not (np.isfinite(psi).all() and np.isfinite(score).all()):
+            return np.inf, np.full_like(theta, np.nan)
+        weighted = phi.T * self.weights
+        noise = float(self.weights @ eps**2) / len(eps)
+        left = float(score @ np.linalg.solve(weighted @ phi + self.prior, score)) / noise
+        return left, np.asarray(np.linalg.solve(weighted @ psi + self.prior, score), np.float64)
 
 
 def _least_squares(phi: Floats, y: Floats, prior: Floats) -> Floats:

@@ -89,18 +89,20 @@ def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float
     least = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * columns.shape[1])
     for stretch in np.split(rows, np.flatnonzero(np.diff(changes[rows])) + 1):
         for chunk in np.array_split(stretch, max(1, len(stretch) // least)):
-            own[chunk] = _unexplained(columns[chunk], rudder[chunk])
+            own[chunk] = rudder[chunk] - columns[chunk] @ mix(columns[chunk], rudder[chunk])
     return own
 
 
-def _unexplained(columns: Floats, rudder: Floats) -> Floats:
-    """Return what ridge regression on columns (n, m), the last of them constant, leaves (n,)."""
+def mix(columns: Floats, rudder: Floats) -> Floats:
+    """Return the coefficients (m,) by which ridge regression makes the rudder of columns (n, m).
+
+    The columns are the aileron's lags and, the last of them, a constant.
+    """
     n, m = columns.shape
-    ridge = np.sqrt(n) * STILL * np.eye(m)[:-1]
-    known = np.concatenate([rudder, np.zeros(m - 1)])
-    coefficients = np.linalg.lstsq(np.concatenate([columns, ridge]), known, rcond=1e-9)[0]
-    rest: Floats = rudder - columns @ coefficients
-    return rest
+    ridge = np.full(m, n * STILL**2)
+    ridge[-1] = 0.0
+    information = columns.T @ columns + np.diag(ridge)
+    return np.asarray(np.linalg.solve(information, columns.T @ rudder), np.float64)
 
 
 def _strokes(x: Floats, sample_time_s: float) -> Floats:

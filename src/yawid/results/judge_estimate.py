@@ -3,11 +3,13 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
-from yawid.blocks import Floats, Status
-from yawid.estimation.bank import Bank
+from yawid.blocks import EstimateBlock, Floats, Status
+from yawid.config.run import RunConfig
+from yawid.estimation.bank import History
 from yawid.results.coherence import Coherence, coherence_at
 from yawid.results.excitation import Excitation, around, excitation
 from yawid.results.judge_samples import (
@@ -45,6 +47,33 @@ ALIKE = 1.1
 """Methods whose wn differ by less than this factor agree on it."""
 BETTER = 0.5
 """Another method answers in place of the first where its sigma of wn is below this part of it."""
+
+
+class Estimates(Protocol):
+    """Estimates to be judged: of the bank over a stream, or of the fits over a manoeuvre."""
+
+    @property
+    def config(self) -> RunConfig:
+        """What was asked for."""
+
+    @property
+    def sample_time_s(self) -> float:
+        """The grid's Ts in s."""
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods, the first before the others."""
+
+    @property
+    def estimators(self) -> Mapping[str, Any]:
+        """By method what :class:`yawid.RecursiveArmax` and the reference have alike."""
+
+    @property
+    def last(self) -> Mapping[str, EstimateBlock]:
+        """By method the newest rows, with their covariance."""
+
+    def history(self) -> History:
+        """Return the samples as the estimators saw them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +225,7 @@ def agreement_reasons(
         return
     if len(refused) == 1:
         ((method, reasons),) = refused.items()
-        why = next(reason for reason in reasons if reason.kind.exit_code)
+        why = next(reason for reason in reasons if reason.exit_code)
         text = f"{method.upper()} beside it cannot be used ({why.id}: {why.text})"
         yield Reason("els_rml_disagree", text)
         return
@@ -230,12 +259,12 @@ class Judged:
         return {
             method: reasons
             for method, reasons in self.reasons.items()
-            if any(reason.kind.exit_code for reason in reasons)
+            if any(reason.exit_code for reason in reasons)
         }
 
 
 def judge_methods(
-    bank: Bank,
+    bank: Estimates,
     evidence: Mapping[str, Evidence],
     rates_hz: tuple[float, float],
     travel_unit: float,
@@ -268,22 +297,24 @@ def judge_methods(
 
 
 def bank_verdict(
-    bank: Bank,
+    bank: Estimates,
     evidence: Mapping[str, Evidence],
     rates_hz: tuple[float, float],
     travel_unit: float,
     others: list[Reason],
+    *,
+    first_answers: bool = False,
 ) -> Verdict:
     """Return the verdict of samples and estimates, and of the ``others`` that the log gives.
 
     The first method answers, unless it may not be used and another may, or another knows wn twice
-    as well.
+    as well; with ``first_answers`` the others only check it.
     """
     config, history = bank.config, bank.history()
     judged = judge_methods(bank, evidence, rates_hz, travel_unit)
     sound = [method for method in bank.methods if method not in judged.refused]
-    answers = sound[0] if sound else config.method
-    for method in sound[1:]:
+    answers = bank.methods[0] if first_answers or not sound else sound[0]
+    for method in [] if first_answers else sound[1:]:
         if evidence[method].dutch_roll[1] < BETTER * evidence[answers].dutch_roll[1]:
             answers = method
     reasons = [
@@ -294,6 +325,7 @@ def bank_verdict(
         *feedback_reasons(config.inputs, history),
         *damper_reasons(judged.reacts, evidence[answers].early_response),
         *judged.reasons[answers],
-        *agreement_reasons(evidence, judged.refused),
     ]
+    if not (first_answers and answers in judged.refused):
+        reasons += agreement_reasons(evidence, judged.refused)
     return Verdict.of(reasons, answers)

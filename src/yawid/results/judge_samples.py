@@ -29,6 +29,10 @@ TURN_DOMINATED = 0.6
 TURN_BAND_HZ = (0.15, 3.0)
 """Band that leaves out what turns do and keeps the Dutch rolls of small aircraft."""
 CLOSED_LOOP = 0.8
+MOST_REACTION = 0.5
+"""An aileron of which yaw rate and roll explain more only holds the wings level: no input."""
+WORTH_PCT = 2.0
+"""How many points of the simulated fit a further input must bring."""
 ROUNDING = 1e-9
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
 """A relative sigma of wn, and a sigma of zeta, above which nobody would act on the Dutch roll."""
@@ -136,8 +140,7 @@ def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
     """Judge the flying: turns that hide the rudder, another airspeed."""
     y, u = history.y, history.u[:, 0]
     rows = np.isfinite(y) & np.isfinite(u)
-    turning = rows & np.isfinite(history.turn)
-    r = _correlation(y[turning], history.turn[turning])
+    r = turn_correlation(np.where(rows, y, np.nan), history.turn)
     if turn == "keep" and r > TURN_DOMINATED:
         yield Reason(
             "turn_dominated",
@@ -191,6 +194,12 @@ def reaction_shares(history: History) -> list[float]:
     before = np.concatenate([[np.nan], history.roll[:-1]])
     causes = np.column_stack([history.y, history.roll, before])
     return [_explained(u, causes) for u in history.u.T]
+
+
+def turn_correlation(y: Floats, turn: Floats) -> float:
+    """Return the correlation of output and turn rate (n,), of the samples that have both."""
+    rows = np.isfinite(y) & np.isfinite(turn)
+    return _correlation(y[rows], turn[rows])
 
 
 def _correlation(a: Floats, b: Floats) -> float:

@@ -49,10 +49,10 @@ PARAMETERS_ON: Final = {
 class ReasonKind:
     """One row of the table.
 
-    ``exit_code`` 0 is a warning, any other is fatal. ``origin`` says what judges it: "run", "log"
-    (link and channels), "samples" or "estimate". ``now`` is what to do with this record, ``record``
-    what to record next time, ``record_on`` the same for one autopilot, by MAV_AUTOPILOT; texts are
-    empty where there is nothing to do.
+    ``exit_code`` 0 is a warning, any other is fatal unless a reason says that it only warns.
+    ``origin`` says what judges it: "run", "log" (link and channels), "samples" or "estimate".
+    ``now`` is what to do with this record, ``record`` what to record next time, ``record_on`` the
+    same for one autopilot, by MAV_AUTOPILOT; texts are empty where there is nothing to do.
     """
 
     id: str
@@ -124,6 +124,11 @@ _TABLE: Final = (
         "turn_dominated", 5, "samples", "Use a stretch of straight flight: --from, --to.", _FLY
     ),
     ReasonKind(
+        "manoeuvres_disagree", 5, "estimate",
+        "See in what they were flown differently; --from and --to replay one by itself.",
+        _FLY,
+    ),
+    ReasonKind(
         "rudder_assumed", 0, "log", "Record the parameters too, or name the channel by --rudder.",
         PARAMETERS, PARAMETERS_ON,
     ),
@@ -169,16 +174,28 @@ class Reason:
     """One thing that speaks against the estimate.
 
     ``remedy`` are settings of :class:`yawid.config.run.RunConfig` that may mend it, to be tried.
+    With ``warns`` it is a warning, though its kind may be fatal.
     """
 
     id: str
     text: str
     remedy: Mapping[str, object] = field(default_factory=dict, compare=False)
+    warns: bool = False
 
     @property
     def kind(self) -> ReasonKind:
         """Its row of the table."""
         return KINDS[self.id]
+
+    @property
+    def exit_code(self) -> int:
+        """0 where it is a warning, else its kind's."""
+        return 0 if self.warns else self.kind.exit_code
+
+    @property
+    def weight(self) -> str:
+        """Whether it makes the estimate unusable: fatal or warning."""
+        return "fatal" if self.exit_code else "warning"
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,9 +222,15 @@ class Verdict:
     @property
     def exit_code(self) -> int:
         """The code of the first fatal reason, or 0."""
-        return next((r.kind.exit_code for r in self.reasons if r.kind.exit_code), 0)
+        return next((r.exit_code for r in self.reasons if r.exit_code), 0)
+
+    @property
+    def weight(self) -> tuple[int, ...]:
+        """How much speaks against it, for comparison: fewer fatal reasons are better."""
+        fatal = [_RANK[reason.id] for reason in self.reasons if reason.exit_code]
+        return (len(fatal), *(-rank for rank in fatal))
 
 
 def _place(reason: Reason) -> tuple[int, str]:
-    fatal = reason.kind.exit_code != 0
+    fatal = reason.exit_code != 0
     return (_RANK[reason.id] if fatal else len(_RANK), reason.id)

@@ -163,6 +163,13 @@ class MethodSummary(Part, frozen=True, kw_only=True):
     physics: dict[str, Value] | None = None
     fit: Fit
 
+    def without_level(self) -> Self:
+        """Return it without a level of flying qualities: that is the bare airframe's alone."""
+        if self.dutch_roll is None:
+            return self
+        bare = msgspec.structs.replace(self.dutch_roll, level=None)
+        return msgspec.structs.replace(self, dutch_roll=bare)
+
 
 class ReasonSummary(Part, frozen=True):
     """A reason of the verdict: its id, ``fatal`` or ``warning``, and in words."""

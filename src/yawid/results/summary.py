@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import convert
 from msgspec.structs import replace
 
-from yawid.blocks import words
+from yawid.blocks import Floats, words
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US
@@ -26,7 +26,7 @@ from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
 from yawid.results.excitation import LEAST_STROKE
-from yawid.results.judge_estimate import Evidence, bank_verdict
+from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
 from yawid.results.judge_samples import changed_rates
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.roll_test import roll_p
@@ -35,7 +35,9 @@ from yawid.results.run_summary import (
     ChannelFound,
     DutchRoll,
     Fit,
+    Flight,
     LinkCounts,
+    Manoeuvre,
     MethodSummary,
     Mode,
     Orders,
@@ -60,11 +62,21 @@ class Finished(Protocol):
     bank: Bank | None
     config: RunConfig
 
+    @property
+    def manoeuvres(self) -> list[Manoeuvre] | None:
+        """Those found, None where nobody looked for them."""
+
+    def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
+        """Return what the manoeuvres say together, None where there is none of them."""
+
 
 def summarise(
     pipeline: Finished, link: LinkStats, log: str, sha256: str
 ) -> tuple[RunSummary, Verdict]:
-    """Return the summary of a finished pipeline and its verdict; ``link`` counts what was read."""
+    """Return the summary of a finished pipeline and the verdict that decides: see ``deciding``.
+
+    ``link`` counts what was read.
+    """
     channels, bank = pipeline.channels, pipeline.bank
     vehicle, vehicles = channels.lock.vehicle, channels.lock.vehicles
     boots = [
@@ -78,6 +90,7 @@ def summarise(
         for method in bank.methods:
             estimates[method], evidence[method] = method_summary(bank, method)
     verdict = _verdict(pipeline, link, evidence)
+    flight = pipeline.flight([r for r in verdict.reasons if r.kind.origin in ("run", "log")])
     summary = RunSummary(
         log=log,
         sha256=sha256,
@@ -89,13 +102,15 @@ def summarise(
         channels=_channels(channels),
         estimates=estimates if has_estimates else None,
         verdict=as_summary(verdict),
+        manoeuvres=pipeline.manoeuvres,
+        flight=None if flight is None else flight[0],
     )
-    return summary, verdict
+    return summary, verdict if flight is None else flight[1]
 
 
 def as_summary(verdict: Verdict) -> VerdictSummary:
     """Return the verdict as ``--json`` prints it."""
-    reasons = [ReasonSummary(r.id, r.kind.weight, r.text) for r in verdict.reasons]
+    reasons = [ReasonSummary(r.id, r.weight, r.text) for r in verdict.reasons]
     return VerdictSummary(method=verdict.method, usable=verdict.usable, reasons=reasons)
 
 
@@ -230,7 +245,28 @@ def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[tuple[
 
 
 def method_summary(bank: Bank, method: str) -> tuple[MethodSummary, Evidence]:
-    """Return the summary of one method, and what the verdict needs of it."""
+    """Return the summary of one method of a stream, and what the verdict needs of it."""
+    history = bank.history()
+    earlier = _shortly_before(bank, history)
+    before = np.full(2, np.nan)
+    if earlier is not None:
+        before = dutch_roll_of(
+            earlier.theta[method],
+            bank.estimators[method].config.orders,
+            bank.sample_time_s,
+            mean_output=bank.config.output == "yaw",
+        )
+    return described(bank, method, history, _held_back_pct(bank, method, history), before)
+
+
+def described(
+    bank: Estimates, method: str, history: History, held_back_pct: float, before: Floats
+) -> tuple[MethodSummary, Evidence]:
+    """Return the summary of one method, and what the verdict needs of it.
+
+    ``held_back_pct`` is the fit of samples that the model had not seen, ``before`` (wn, zeta) as
+    they stood some time ago; NaN where unknown.
+    """
     estimator, last = bank.estimators[method], bank.last[method]
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
     mean_output = bank.config.output == "yaw"
@@ -241,8 +277,7 @@ def method_summary(bank: Bank, method: str) -> tuple[MethodSummary, Evidence]:
         theta, estimator.covariance, orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
     )  # fmt: skip
-    history = bank.history()
-    fit = _fit(bank, method, history)
+    fit = _fit(bank, method, history) | {"simulation_held_back_pct": held_back_pct}
     names = parameter_names(orders, bank.config.inputs, bias=estimator.config.bias)
     described = MethodSummary(
         method=method,
@@ -258,12 +293,6 @@ def method_summary(bank: Bank, method: str) -> tuple[MethodSummary, Evidence]:
         physics={name: Value(**each) for name, each in physics.items()} or None,
         fit=Fit(**finite(fit)),
     )
-    earlier = _shortly_before(bank, history)
-    before = np.full(2, np.nan)
-    if earlier is not None:
-        before = dutch_roll_of(
-            earlier.theta[method], orders, sample_time_s, mean_output=mean_output
-        )
     evidence = Evidence(
         int(last.status[-1]),
         estimator.updates,
@@ -279,7 +308,7 @@ def method_summary(bank: Bank, method: str) -> tuple[MethodSummary, Evidence]:
     return described, evidence
 
 
-def _fit(bank: Bank, method: str, history: History) -> dict[str, float]:
+def _fit(bank: Estimates, method: str, history: History) -> dict[str, float]:
     estimator = bank.estimators[method]
     theta, config = bank.last[method].theta[-1], estimator.config
     y, y_hat = history.y, history.y_hat[method]
@@ -287,7 +316,6 @@ def _fit(bank: Bank, method: str, history: History) -> dict[str, float]:
     return {
         "one_step_pct": fit_percent(y, y_hat),
         "simulation_pct": fit_percent(y, simulated),
-        "simulation_held_back_pct": _held_back_pct(bank, method, history),
         "innovation_std": estimator.innovation_std,
         "residual_std": estimator.residual_std,
         "whiteness_p": estimator.whiteness_p,

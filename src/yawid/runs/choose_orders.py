@@ -38,7 +38,7 @@ def with_orders(source: Source, config: RunConfig) -> RunConfig:
         SourceError: the source cannot be read.
         ConfigError: what is asked for does not fit the source.
     """
-    pipeline = KeepingPipeline(config)
+    pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
     run_log(source, pipeline)
     try:
         _, chosen = try_orders(pipeline)
@@ -60,7 +60,8 @@ def orders_report(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    source, pipeline = open_log(log, read_options), KeepingPipeline(config)
+    source = open_log(log, read_options)
+    pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
     run_log(source, pipeline)
     if not pipeline.kept:
         raise _why_nothing(source, pipeline)
@@ -76,7 +77,7 @@ def _why_nothing(log: Log, pipeline: KeepingPipeline) -> YawidError:
     """Return what a replay's verdict says of a log without samples."""
     _, verdict = summarise(pipeline, log.link, "", "")
     first = verdict.reasons[0]
-    kind = ChannelError if first.kind.exit_code == 3 else NotIdentifiable
+    kind = ChannelError if first.exit_code == 3 else NotIdentifiable
     return kind(f"{log.path}: {first.id}: {first.text}")
 
 

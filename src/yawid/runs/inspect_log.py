@@ -25,8 +25,13 @@ from yawid.pipeline import Pipeline
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
-from yawid.results.judge_samples import LEAST_RATE_HZ, reaction_shares
-from yawid.results.reasons import KINDS, Verdict
+from yawid.results.judge_samples import (
+    LEAST_RATE_HZ,
+    MOST_REACTION,
+    WORTH_PCT,
+    reaction_shares,
+)
+from yawid.results.reasons import Verdict
 from yawid.results.run_summary import MethodSummary, Origin, RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
@@ -40,10 +45,6 @@ BEFORE_S = 2.0
 """A stretch begins so long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
 SAMPLES_PER_PERIOD = 16.0
-MOST_REACTION = 0.5
-"""An aileron of which yaw rate and roll explain more only holds the wings level: no input."""
-WORTH_PCT = 2.0
-"""How many points of the simulated fit a further input must bring."""
 BOTH = ("rudder", "aileron")
 NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
 UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
@@ -144,7 +145,7 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
         chosen = _best(Trials(source), whole, longest, later_hz)
         recommend = said_options(chosen.config)
         command = command_line(log, chosen.config, source.options)
-    ids = [r.id for r in chosen.verdict.reasons if r.kind.exit_code or r.id in WORTH_SAYING]
+    ids = [r.id for r in chosen.verdict.reasons if r.exit_code or r.id in WORTH_SAYING]
     if record := what_to_record(ids, pipeline.channels):
         recommend["record"] = record
     origin = {name: getattr(whole.summary, name) for name in Origin.__struct_fields__}
@@ -302,7 +303,7 @@ def _mended(trials: Trials, trial: Trial) -> Trial | None:
     """Return the trial of what its reasons ask for, None where that is nothing or no better."""
     remedy: dict[str, Any] = {}
     for reason in trial.verdict.reasons:
-        if reason.kind.exit_code:
+        if reason.exit_code:
             remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
     if not remedy:
         return None
@@ -317,13 +318,7 @@ def _mended(trials: Trials, trial: Trial) -> Trial | None:
         tried = trials.of(replace(trial.config, **remedy))
     except ConfigError:
         return None
-    return tried if _weight(tried.verdict) < _weight(trial.verdict) else None
-
-
-def _weight(verdict: Verdict) -> tuple[int, ...]:
-    """Return how much speaks against a verdict, for comparison: fewer fatal reasons are better."""
-    fatal = [reason for reason in verdict.reasons if reason.kind.exit_code]
-    return (len(fatal), *(-list(KINDS).index(reason.id) for reason in fatal))
+    return tried if tried.verdict.weight < trial.verdict.weight else None
 
 
 def _rate(trial: Trial, later_hz: float) -> float:

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import RunSummary
-from yawid.results.summary import as_summary, summarise
+from yawid.results.run_summary import ReasonSummary, RunSummary, VerdictSummary
+from yawid.results.summary import summarise
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import (
     Outputs,
@@ -89,7 +89,8 @@ def to_files(
     sinks = open_sinks(config, outputs)
     grid = None if run is None else run.grid
     modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
-    pipeline = Pipeline(config, sinks, modes_of=modes_of)
+    rates_hz = None if run is None else run.rates_hz(config.inputs[0])
+    pipeline = Pipeline(config, sinks, modes_of=modes_of, rates_hz=rates_hz)
     with whole_or_none(sinks):
         with progress(sys.stderr, path.name, source.size) as advance:
             read, is_whole = run_log(source, pipeline, stop, advance)
@@ -119,6 +120,14 @@ def _cut_short(
     """
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"
-    verdict = Verdict.of([Reason("interrupted", text), *verdict.reasons], verdict.method)
-    told = replace(summary, sha256=None, bytes_read=read, verdict=as_summary(verdict))
+    reason = Reason("interrupted", text)
+    verdict = Verdict.of([reason, *verdict.reasons], verdict.method)
+    said, flight = ReasonSummary(reason.id, reason.weight, text), summary.flight
+    told = replace(summary, sha256=None, bytes_read=read, verdict=_with(said, summary.verdict))
+    if flight is not None:
+        told = replace(told, flight=replace(flight, verdict=_with(said, flight.verdict)))
     return told, verdict
+
+
+def _with(fatal: ReasonSummary, verdict: VerdictSummary) -> VerdictSummary:
+    return replace(verdict, usable=False, reasons=[fatal, *verdict.reasons])

@@ -5,6 +5,7 @@ concerns the estimators can, and gives what a replay of the log itself would giv
 """
 
 import hashlib
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import partial
@@ -42,6 +43,7 @@ CHANGEABLE = (
     "manoeuvres",
     "given",
 )
+NO_MANOEUVRES = "manoeuvres: replay the log"
 JUDGED_AGAIN = frozenset(
     kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
 )
@@ -71,6 +73,9 @@ def replay_run(
         if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
             raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
         config = changed(run, settings)
+        if config.manoeuvres != "off" and not run.has_flight_state:
+            sys.stderr.write(f"yawid: {run.path} is of an older version; {NO_MANOEUVRES}\n")
+            config = replace(config, manoeuvres="off")
         if automatic:
             config = with_orders(RunSource(run, config), config)
     source = RunSource(run, config)
@@ -152,16 +157,12 @@ def _conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSumm
         estimates = {}
         for method in bank.methods:
             estimates[method], evidence[method] = method_summary(bank, method)
-        # What was recovered knows of the grid alone, which is no faster than the messages were.
-        least_hz, channels = 1.0 / bank.sample_time_s, before.channels
-        yaw, rudder = (channels.get(name) for name in ("yaw", config.inputs[0]))
-        yaw_hz, rudder_hz = (
-            (each and (each.first_rate_hz or each.rate_hz)) or least_hz for each in (yaw, rudder)
-        )
-        rates_hz, unit = (yaw_hz, rudder_hz), config.half_travel
+        rates_hz, unit = run.rates_hz(config.inputs[0]), config.half_travel
+        assert rates_hz is not None  # there was a grid to make a bank for
         verdict = bank_verdict(bank, evidence, rates_hz, unit, of_the_log)
     else:
         verdict = Verdict.of(reasons if run.grid is None else of_the_log)
+    flight = pipeline.flight(of_the_log)
     summary = RunSummary(
         log=str(run.path.absolute()),
         sha256=sha256,
@@ -172,5 +173,7 @@ def _conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSumm
         channels=before.channels,
         estimates=estimates,
         verdict=as_summary(verdict),
+        manoeuvres=pipeline.manoeuvres,
+        flight=None if flight is None else flight[0],
     )
-    return summary, verdict
+    return summary, verdict if flight is None else flight[1]

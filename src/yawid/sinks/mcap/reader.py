@@ -87,6 +87,20 @@ class McapRun:
     grid: Grid | None
     log: list[LogLine] = field(default_factory=list)
     rows: int = 0
+    has_flight_state: bool = True
+    """Whether samples tell flight mode and altitude, which manoeuvres need: older files do not."""
+
+    def rates_hz(self, rudder: str) -> tuple[float, float] | None:
+        """Return the rates of the messages of yaw and of the input that is the rudder.
+
+        What was recovered knows of the grid alone, which is no faster than the messages were.
+        """
+        if self.grid is None:
+            return None
+        least_hz, channels = 1.0 / self.grid.sample_time_s, self.summary.channels
+        found = [channels.get("yaw"), channels.get(rudder)]
+        rates = [(each and (each.first_rate_hz or each.rate_hz)) or least_hz for each in found]
+        return rates[0], rates[1]
 
     def samples(self) -> Iterator[SampleBlock]:
         """Yield the samples alone.
@@ -166,7 +180,7 @@ def open_run(path: Path) -> McapRun:
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
             attachments = {record.name: record.data for record in reader.iter_attachments()}
             log = list(_log_lines(reader))
-            rows = _count(reader)
+            rows, has_flight_state = _count(reader), _has_flight_state(reader)
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     if "summary.json" not in attachments:
@@ -179,7 +193,7 @@ def open_run(path: Path) -> McapRun:
         grid = read_grid(metadata.get("grid"), config)
     except ValueError as error:
         raise SourceError(f"{path} is not as yawid writes it: {error}") from error
-    return McapRun(path, summary, metadata, attachments, config, grid, log, rows)
+    return McapRun(path, summary, metadata, attachments, config, grid, log, rows, has_flight_state)
 
 
 @contextmanager
@@ -258,6 +272,13 @@ def _count(reader: McapReader) -> int:
         return 0
     counts = summary.statistics.channel_message_counts
     return sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
+
+
+def _has_flight_state(reader: McapReader) -> bool:
+    summary = reader.get_summary()
+    schemas = {} if summary is None else summary.schemas
+    samples = [each for each in schemas.values() if each.name == "yawid.Sample"]
+    return all("altitude" in descriptor_in(s.name, s.data).fields_by_name for s in samples)
 
 
 def read_config(data: bytes | None) -> RunConfig:

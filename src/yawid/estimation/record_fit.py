@@ -1,0 +1,153 @@
+"""One fit over a whole record, every sample counting alike: what a short manoeuvre is answered by.
+
+One pass of a recursion over a short record starts too far off. Here RML is the Gauss-Newton
+prediction-error fit of all samples (Ljung 1999, 10.2), and ELS its own fixed point, the root of
+phi(theta)' eps(theta), which shares nothing with that fit but where both start.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Bools, EstimateBlock, Floats, Status
+from yawid.config.estimator import EstimatorConfig
+from yawid.estimation.polynomials import lag_depth
+from yawid.estimation.start_fit import RecordFit, stretches_of
+from yawid.estimation.whiteness import ljung_box
+
+
+@dataclass(frozen=True, slots=True)
+class FittedModel:
+    """What a fit found, in the user's units: as an estimator after its last sample.
+
+    ``theta`` (n,) with ``covariance`` (n, n), 0 and NaN where nothing was found; ``y_hat``
+    (samples,) is the one-step prediction, NaN where there was none; ``updates`` samples were
+    fitted, ``held`` were not.
+    """
+
+    config: EstimatorConfig
+    theta: Floats
+    covariance: Floats
+    y_hat: Floats
+    updates: int
+    held: int
+    innovation_std: float
+    whiteness_p: float
+    status: Status
+
+    @property
+    def residual_std(self) -> float:
+        """A model that does not change has the same residuals as innovations."""
+        return self.innovation_std
+
+    @property
+    def last(self) -> EstimateBlock:
+        """The estimate as a block of one row."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        one = np.full(1, np.nan)
+        noise, status = np.full(1, self.innovation_std), np.full(1, int(self.status))
+        return EstimateBlock.of(
+            self.theta[None], std[None], self.covariance[None], one, one, one, noise, status
+        )
+
+
+def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
+    """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); NaN rows are held and break it.
+
+    Of the configuration orders, method, bias and residual lags count; nothing is forgotten. Where
+    there are no two samples for each parameter, or a channel does not move, ``updates`` is 0; where
+    the fit finds nothing the status is diverged.
+    """
+    good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+    signals = np.column_stack([y, u])[good]
+    factors = _factors(signals)
+    breaks = np.diff(good.astype(int), prepend=0)[good] > 0
+    rows = np.column_stack([breaks, signals * factors])
+    fit = RecordFit(config, list(stretches_of(config, rows)))
+    n = len(fit.y)
+    if n <= 2 * config.n_theta or not signals.std(axis=0).all():
+        return _nothing(config, len(y), Status.WARMING_UP)
+    is_rml = config.method == "rml"
+    with np.errstate(all="ignore"):
+        begin = fit.first_guess()
+        theta = fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)
+        if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
+            return _nothing(config, len(y), Status.DIVERGED)
+        covariance = _covariance(fit, theta, is_rml, config.residual_lags)
+    if not np.isfinite(covariance).all():
+        return _nothing(config, len(y), Status.DIVERGED)
+    residuals, units = fit.residuals(theta), _units(config, factors)
+    eps, y_hat = np.concatenate(residuals), np.full(len(y), np.nan)
+    y_hat[np.flatnonzero(good)[_fitted(config, breaks)]] = (fit.y - eps) / factors[0]
+    return FittedModel(
+        config, theta * units, covariance * np.outer(units, units), y_hat, n, len(y) - n,
+        float(np.sqrt(np.mean(eps**2))) / factors[0], _whiteness(residuals, config.residual_lags),
+        Status.TRACKING,
+    )  # fmt: skip
+
+
+def _factors(signals: Floats) -> Floats:
+    """Return powers of two (m,) that bring signals (n, m) to a standard deviation of about 1."""
+    spread = signals.std(axis=0) if len(signals) else np.ones(signals.shape[1])
+    spread = np.where(spread > 0.0, spread, 1.0)
+    factors: Floats = 2.0 ** -np.floor(np.log2(spread) + 0.5)
+    return factors
+
+
+def _units(config: EstimatorConfig, factors: Floats) -> Floats:
+    """Return what turns theta (n,) of the scaled signals into that of the user's units."""
+    orders = config.orders
+    b = np.repeat(factors[1:] / factors[0], orders.nb)
+    bias = np.full(int(config.bias), 1.0 / factors[0])
+    return np.concatenate([np.ones(orders.na), b, np.ones(orders.nc), bias])
+
+
+def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
+    """Return which usable samples (n,) were fitted, in their order: those with all their lags."""
+    depth, nc = lag_depth(config.orders), config.orders.nc
+    starts = np.append(np.flatnonzero(breaks), len(breaks))
+    since = np.arange(len(breaks)) - np.repeat(starts[:-1], np.diff(starts))
+    lengths = np.repeat(np.diff(starts), np.diff(starts))
+    fitted: Bools = (since >= depth) & (lengths - depth > nc)
+    return fitted
+
+
+def _covariance(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> Floats:
+    """Return theta's covariance (n, n): (Z' psi)^-1 S (psi' Z)^-1, Z the instruments of the fit.
+
+    Z is psi for RML and phi for ELS. S sums the products of the scores Z eps over as many lags
+    either way, under Bartlett's weights (Newey and West 1987): residuals that are not white make
+    sigma larger instead of wrong.
+    """
+    psi, eps = fit.gradient(theta)
+    z = psi if is_rml else fit.gradient(theta, filtered=False)[0]
+    scores = z * eps[:, None]
+    meat = scores.T @ scores
+    for lag in range(1, min(lags, len(scores) - 1) + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    try:
+        bread = np.linalg.inv(z.T @ psi + fit.prior)
+    except np.linalg.LinAlgError:
+        return np.full((len(theta), len(theta)), np.nan)
+    covariance: Floats = bread @ meat @ bread.T * (len(eps) / max(len(eps) - len(theta), 1))
+    return covariance
+
+
+def _whiteness(residuals: list[Floats], lags: int) -> float:
+    """Return the Ljung-Box p-value over all stretches."""
+    products = np.zeros(lags + 1)
+    for eps in residuals:
+        for lag in range(min(lags, len(eps) - 1) + 1):
+            products[lag] += eps[lag:] @ eps[: len(eps) - lag]
+    count = float(sum(len(eps) for eps in residuals))
+    return ljung_box(products, count, count)
+
+
+def _nothing(config: EstimatorConfig, samples: int, status: Status) -> FittedModel:
+    n, updates = config.n_theta, 0 if status == Status.WARMING_UP else 1
+    theta, covariance = np.zeros(n), np.full((n, n), np.nan)
+    y_hat = np.full(samples, np.nan)
+    return FittedModel(
+        config, theta, covariance, y_hat, updates, samples - updates, np.nan, np.nan, status
+    )

@@ -1,0 +1,1 @@
+"""Samples -> manoeuvres -> an answer each, and the flight's."""

@@ -1,0 +1,239 @@
+"""The answer of one manoeuvre: a fit over all of it, by what inputs, and whether it may be used.
+
+RML's Gauss-Newton fit answers, ELS's own fixed point checks it. It is made when the manoeuvre ends,
+of its samples alone, and never changed afterwards.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats, SampleBlock
+from yawid.config.estimator import EstimatorConfig
+from yawid.config.run import RunConfig
+from yawid.estimation.bank import History
+from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.record_fit import FittedModel, fit_record
+from yawid.manoeuvres.conditions import conditions
+from yawid.physics.derivatives import summary_of
+from yawid.physics.modes import modes
+from yawid.results.excitation import LEAST_STROKE, excitation
+from yawid.results.judge_estimate import bank_verdict
+from yawid.results.judge_samples import (
+    COLLINEAR,
+    MOST_REACTION,
+    TURN_DOMINATED,
+    WORTH_PCT,
+    closeness,
+    reaction_shares,
+    turn_correlation,
+)
+from yawid.results.reasons import Verdict
+from yawid.results.run_summary import Manoeuvre, Orders, Value
+from yawid.results.summary import as_summary, described
+
+OTHER_ORDERS = (4, 4, 3, 1)
+"""Beside those of the manoeuvre: which of the two a flight is told by is for all of it to say."""
+HELD_BACK_SHARE = 1.0 / 3.0
+LEAST_PER_PARAMETER = 10
+"""Samples that must be left to fit by, where some are held back."""
+BOTH = ("rudder", "aileron")
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What all manoeuvres of a run have in common.
+
+    ``rates_hz`` are those of yaw and rudder messages, ``modes_of`` autopilot and vehicle type.
+    """
+
+    config: RunConfig
+    sample_time_s: float
+    rates_hz: tuple[float, float]
+    modes_of: tuple[int, int]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The method that answers, and the one that checks it: ELS alone where that is asked."""
+        alone = self.config.bank_methods() == ("els",)
+        return ("els",) if alone else ("rml", "els")
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """A manoeuvre told by some orders: Dutch roll (4,), K with its sigma, held-back fit in %."""
+
+    dutch_roll: Floats
+    gain: tuple[float, float]
+    held_back_pct: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """A manoeuvre with its answer.
+
+    ``span_ns`` is the Unix time of its first and last sample; ``structures`` are by orders.
+    """
+
+    found: Manoeuvre
+    verdict: Verdict
+    span_ns: tuple[int, int]
+    structures: Mapping[tuple[int, ...], Structure]
+
+
+class Fits:
+    """The fits of all methods over one manoeuvre, to be judged as a bank of estimators is.
+
+    ``y`` (n,) is the output, with the turn rate taken off where ``config`` says so.
+    """
+
+    def __init__(self, setting: Setting, config: RunConfig, samples: SampleBlock) -> None:
+        self.config = config
+        self.sample_time_s = setting.sample_time_s
+        self.methods = setting.methods
+        removed = config.turn == "remove" and setting.config.turn == "keep"
+        y = samples.y - samples.turn if removed else samples.y
+        u = samples.u[:, : len(config.inputs)]
+        if len(config.inputs) > samples.u.shape[1]:
+            u = np.column_stack([samples.u, samples.aileron])
+        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+        self._samples = samples
+        self.u, self.y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+        self.estimators: dict[str, FittedModel] = {
+            method: fit_record(self.estimator(method), self.u, self.y) for method in self.methods
+        }
+
+    def estimator(self, method: str) -> EstimatorConfig:
+        """Return the configuration of a fit that forgets nothing."""
+        config = replace(self.config, memory=None, forgetting=1.0)
+        return config.estimator(method, self.sample_time_s)
+
+    @property
+    def last(self) -> dict[str, EstimateBlock]:
+        """The estimates, a block of one row each."""
+        return {method: model.last for method, model in self.estimators.items()}
+
+    def history(self) -> History:
+        """Return the samples as they were fitted."""
+        held = ~np.isfinite(self.y)
+        names = ("roll", "turn", "airspeed", "aileron", "mode")
+        context = {n: np.where(held, np.nan, getattr(self._samples, n)) for n in names}
+        y_hat = {method: model.y_hat for method, model in self.estimators.items()}
+        return History(u=self.u, y=self.y, y_hat=y_hat, **context)
+
+    def held_back_pct(self, config: EstimatorConfig) -> float:
+        """Return the fit over the last third of the rudder's energy of a model fitted without it.
+
+        NaN where that leaves fewer than ten samples a parameter, or the model was not found.
+        """
+        used = np.flatnonzero(np.isfinite(self.y))
+        if len(used) == 0:
+            return math.nan
+        rudder = self.u[used, 0]
+        energy = np.cumsum((rudder - np.median(rudder)) ** 2)
+        first = int(np.searchsorted(energy, (1.0 - HELD_BACK_SHARE) * energy[-1]))
+        if first < LEAST_PER_PARAMETER * config.n_theta:
+            return math.nan
+        row = int(used[first])
+        model = fit_record(config, self.u[:row], self.y[:row])
+        if not model.theta.any():
+            return math.nan
+        u, y = self.u[row:], self.y[row:]
+        return fit_percent(y, simulate(model.theta, config.orders, config.bias, u, y))
+
+    def simulation_pct(self) -> float:
+        """Return the free-running fit of the method that answers."""
+        model = self.estimators[self.methods[0]]
+        orders, bias = model.config.orders, model.config.bias
+        return fit_percent(self.y, simulate(model.theta, orders, bias, self.u, self.y))
+
+
+def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
+    """Return the answer of the ``n``-th manoeuvre, whose samples these are."""
+    found = conditions(samples, setting.modes_of)
+    config = _with_turn(samples, setting)
+    fits = Fits(setting, config, samples)
+    if found.loop != "with_roll_loop" and _may_have_aileron(samples, fits):
+        both = Fits(setting, replace(config, inputs=BOTH), samples)
+        if both.simulation_pct() > fits.simulation_pct() + WORTH_PCT:
+            fits = both
+    first, history = fits.methods[0], fits.history()
+    pct = {first: fits.held_back_pct(fits.estimator(first))}
+    estimates, evidence = {}, {}
+    for method in fits.methods:
+        estimates[method], evidence[method] = described(
+            fits, method, history, pct.get(method, math.nan), np.full(2, np.nan)
+        )
+    if found.loop != "airframe":
+        estimates = {method: each.without_level() for method, each in estimates.items()}
+    verdict = bank_verdict(
+        fits, evidence, setting.rates_hz, setting.config.half_travel, [], first_answers=True
+    )
+    config = fits.config
+    gain = _gain(estimates[first].physics)
+    structures: dict[tuple[int, ...], Structure] = {
+        config.orders: Structure(evidence[first].dutch_roll, gain, pct[first])
+    }
+    if not config.binds("orders") and verdict.usable:
+        structures[OTHER_ORDERS] = _told_by(OTHER_ORDERS, fits, setting)
+    told = Manoeuvre(
+        n=n,
+        **asdict(found),
+        inputs=list(config.inputs),
+        orders=Orders(*config.orders),
+        turn_removed=config.turn == "remove",
+        estimates=estimates,
+        verdict=as_summary(verdict),
+    )
+    span_ns = int(samples.unix_ns[0]), int(samples.unix_ns[-1])
+    return Answered(told, verdict, span_ns, structures)
+
+
+def _with_turn(samples: SampleBlock, setting: Setting) -> RunConfig:
+    """Return the configuration, with the turn removed where the bank would drown the rudder."""
+    config = setting.config
+    if config.binds("turn") or config.band is not None or config.output == "yaw":
+        return config
+    dominated = turn_correlation(samples.y, samples.turn) > TURN_DOMINATED
+    return replace(config, turn="remove") if dominated else config
+
+
+def _may_have_aileron(samples: SampleBlock, fits: Fits) -> bool:
+    """Tell whether the aileron moved on its own: a further input, by which less is left over."""
+    config, history = fits.config, fits.history()
+    if config.binds("inputs") or config.inputs == BOTH or not np.isfinite(history.aileron).any():
+        return False
+    rudder = history.u[:, 0] / config.half_travel
+    moved = excitation(history.aileron, rudder, history.mode, 1.0, fits.sample_time_s)
+    both = replace(history, u=np.column_stack([history.u, history.aileron]))
+    return (
+        moved.most_own >= LEAST_STROKE
+        and closeness(history.u[:, 0], history.aileron) <= COLLINEAR
+        and reaction_shares(both)[1] < MOST_REACTION
+    )
+
+
+def _told_by(orders: tuple[int, int, int, int], fits: Fits, setting: Setting) -> Structure:
+    """Return the manoeuvre told by other orders, by the method that answers."""
+    config, method = replace(fits.config, orders=orders), fits.methods[0]
+    estimator = config.estimator(method, setting.sample_time_s)
+    model = fit_record(estimator, fits.u, fits.y)
+    mean_output = config.output == "yaw"
+    found = modes(model.last, estimator.orders, setting.sample_time_s, mean_output=mean_output)
+    physics = summary_of(
+        model.theta, model.covariance, estimator.orders, setting.sample_time_s,
+        mean_output=mean_output, servo_tau_s=config.servo_tau,
+    )  # fmt: skip
+    gain = physics.get("K", {"value": math.nan, "std": math.nan})
+    held_back_pct = fits.held_back_pct(estimator)
+    return Structure(found.dutch_roll[-1], (gain["value"], gain["std"]), held_back_pct)
+
+
+def _gain(physics: Mapping[str, Value] | None) -> tuple[float, float]:
+    """Return K and its sigma, NaN where eq. 23 does not hold."""
+    gain = (physics or {}).get("K")
+    if gain is None or gain.value is None or gain.std is None:
+        return math.nan, math.nan
+    return gain.value, gain.std

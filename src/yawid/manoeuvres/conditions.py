@@ -1,0 +1,84 @@
+"""In which conditions a manoeuvre was flown, and whose answer it therefore is."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from yawid.blocks import Floats, Noted, SampleBlock
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4, mode_name
+
+AIRFRAME, WITH_ROLL_LOOP, UNKNOWN = "airframe", "with_roll_loop", "unknown"
+BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
+"""Modes in which the sticks move the surfaces and nothing else does, by autopilot."""
+LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
+"""... and those in which that depends on the bank."""
+MOSTLY = 0.5
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """When, how fast, how high, in which mode: the first fields of a manoeuvre, under their names.
+
+    Times in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
+    """
+
+    from_s: float
+    to_s: float
+    duration_s: float
+    date: str
+    mode: str | None
+    loop: str
+    airspeed_m_s: float | None
+    airspeed_std_m_s: float | None
+    airspeed_source: str | None
+    altitude_m: float | None
+
+
+def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
+    """Return the conditions of the samples of a manoeuvre; ``modes_of`` autopilot and type."""
+    used = samples.held == 0
+    from_s, to_s = (samples.boot_us[[0, -1]] / 1e6).tolist()
+    known = np.unique(samples.mode[np.isfinite(samples.mode)])
+    names = [mode_name(*modes_of, int(mode)) for mode in known]
+    loops = {loop_of(modes_of[0], name) for name in names} or {UNKNOWN}
+    speed, height = samples.airspeed[used], samples.altitude[used]
+    by_ground = np.mean(samples.noted[used] & Noted.GROUND_SPEED.value != 0) if used.any() else 0.0
+    airspeed = _mean(speed)
+    source = "ground speed" if by_ground > MOSTLY else "airspeed"
+    return Conditions(
+        from_s=from_s,
+        to_s=to_s,
+        duration_s=to_s - from_s,
+        date=_date(int(samples.unix_ns[0])),
+        mode=" and ".join(names) or None,
+        loop=loops.pop() if len(loops) == 1 else UNKNOWN,
+        airspeed_m_s=airspeed,
+        airspeed_std_m_s=None if airspeed is None else float(np.nanstd(speed)),
+        airspeed_source=None if airspeed is None else source,
+        altitude_m=_mean(height),
+    )
+
+
+def loop_of(autopilot: int, mode: str) -> str:
+    """Return whose answer is learned in a flight mode of this name.
+
+    An autopilot that holds roll, or a roll rate, makes another aircraft of it: the Dutch roll is
+    damped two times as much, or more.
+    """
+    if autopilot not in BARE or mode.startswith("mode "):
+        return UNKNOWN
+    if mode in LIMITED[autopilot]:
+        return UNKNOWN
+    return AIRFRAME if mode in BARE[autopilot] else WITH_ROLL_LOOP
+
+
+def _mean(x: Floats) -> float | None:
+    return float(np.nanmean(x)) if np.isfinite(x).any() else None
+
+
+def _date(unix_ns: int) -> str:
+    """Return the UTC time in ISO 8601, to the millisecond."""
+    when = EPOCH + timedelta(microseconds=unix_ns // 1000)
+    return when.isoformat(timespec="milliseconds").replace("+00:00", "Z")

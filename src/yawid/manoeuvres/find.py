@@ -1,0 +1,276 @@
+"""Where the manoeuvres of a flight are: samples in, the samples of each manoeuvre out as it ends.
+
+A manoeuvre begins 1 s before the rudder's own part first leaves where it stood, and ends when that
+has rested for 5 s; the free decay is in it. Decisions are made second by second of the grid, from
+what came until then: where a stream is cut into blocks changes nothing.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats, SampleBlock, shifted
+from yawid.channels.sample_flags import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes
+from yawid.results.excitation import CHUNK_S, LEAST_STROKE, REACH_S, ROWS_PER_LAG, mix
+
+LEAD_S = 1.0
+"""What comes before the first movement, in s."""
+STRIDE_S = 1.0
+LONGEST_S = 120.0
+LONGEST_GAP_S = 2.0
+LONGEST_STATED_S = 600.0
+"""A stretch named by --from and --to is one manoeuvre up to this length."""
+MOVES = 2.0 * LEAST_TRAVEL
+"""A rudder that covers more than this of half its travel within 5 s has left where it stood."""
+
+
+class Stated:
+    """One stretch that was named: all its samples are one manoeuvre, however it was flown."""
+
+    def __init__(self) -> None:
+        self._kept: list[SampleBlock] = []
+
+    def feed(self, samples: SampleBlock) -> list[SampleBlock]:
+        """Keep the samples."""
+        self._kept.append(samples)
+        return []
+
+    def finish(self) -> list[SampleBlock]:
+        """Return the manoeuvre, if there is one sample of it."""
+        kept, self._kept = self._kept, []
+        return [SampleBlock.joined(kept)] if kept else []
+
+
+class Finder:
+    """Finds manoeuvres; ``travel_unit`` is half the rudder's travel in the unit of ``u``.
+
+    What is kept is bounded: 120 s of a manoeuvre and 26 s to compare with.
+    """
+
+    def __init__(self, sample_time_s: float, travel_unit: float) -> None:
+        self._section = _Section(sample_time_s, travel_unit)
+        self._longest = round(LONGEST_GAP_S / sample_time_s)
+        self._last: SampleBlock | None = None
+        self._used_k = 0
+        self._lost = False
+
+    def feed(self, samples: SampleBlock) -> list[SampleBlock]:
+        """Take samples in; return the manoeuvres that they end, each as a block of its own."""
+        found: list[SampleBlock] = []
+        edges = [0, *np.flatnonzero(self._breaks(samples)).tolist(), len(samples)]
+        for i, (first, stop) in enumerate(pairwise(edges)):
+            if i > 0:
+                found += self._section.finish()
+            if stop > first:
+                found += self._section.feed(samples.select(slice(first, stop)))
+        return found
+
+    def finish(self) -> list[SampleBlock]:
+        """Return the manoeuvre that the end of the samples ends, if there is one."""
+        return self._section.finish()
+
+    def _breaks(self, samples: SampleBlock) -> Bools:
+        """Return at which rows (n,) something ends that a manoeuvre must not reach across.
+
+        That is 2 s without a sample that can be used, another boot, another meaning of the
+        channels, another flight mode.
+        """
+        last = self._last or samples.select(slice(0, 1))
+        known, before = np.nan_to_num(samples.mode, nan=-1.0), np.nan_to_num(last.mode, nan=-1.0)
+        broken: Bools = np.diff(known, prepend=before) != 0.0
+        broken |= np.diff(samples.epoch, prepend=last.epoch) != 0
+        rebooted = np.diff(samples.k, prepend=last.k) < 0
+        used = samples.held == 0
+        # Of a boot that begins, what came before it is no gap: its k counts anew.
+        anchors = np.where(used | rebooted, np.arange(len(used)), -1)
+        newest = np.maximum.accumulate(np.concatenate([[-1], anchors[:-1]]))
+        carried = last.k[0] if self._last is None else self._used_k
+        since = samples.k - np.where(newest >= 0, samples.k[newest], carried)
+        lost = ~rebooted & (since > self._longest)
+        broken |= rebooted | lost & (used | ~np.concatenate([[self._lost], lost[:-1]]))
+        self._last, self._lost = samples.select(slice(-1, None)), bool(lost[-1])
+        final = int(np.maximum.accumulate(anchors)[-1])
+        self._used_k = int(samples.k[final]) if final >= 0 else int(carried)
+        return broken
+
+
+class _Section:
+    """Samples of one boot, meaning and flight mode without a long gap between them."""
+
+    def __init__(self, sample_time_s: float, travel_unit: float) -> None:
+        self._ts_s = sample_time_s
+        self._unit = travel_unit
+        self._stride = max(1, round(STRIDE_S / sample_time_s))
+        self._reach = max(1, round(REACH_S / sample_time_s))
+        self._window = max(2, round(WINDOW_S / sample_time_s))
+        self._chunk = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * (2 * self._reach + 2))
+        self._lead = round(LEAD_S / sample_time_s)
+        self._start()
+
+    def _start(self) -> None:
+        self._undecided: list[SampleBlock] = []
+        self._before: SampleBlock | None = None
+        self._past = np.empty((0, 3))
+        self._next_stride: int | None = None
+        self._decided_k: int | None = None
+        self._open: _Candidate | None = None
+
+    def feed(self, samples: SampleBlock) -> list[SampleBlock]:
+        """Take samples of the section in; return the manoeuvres that they end."""
+        if self._next_stride is None:
+            self._decided_k = int(samples.k[0]) - 1
+            self._next_stride = (int(samples.k[0]) // self._stride + 1) * self._stride
+        self._undecided.append(samples)
+        found: list[SampleBlock] = []
+        while self._next_stride + self._reach <= samples.k[-1]:
+            found += self._step(self._next_stride - 1)
+            # Over a gap there may be strides without a sample.
+            self._next_stride += self._stride
+        return found
+
+    def finish(self) -> list[SampleBlock]:
+        """Return what the section's end ends; the next sample opens another one."""
+        found: list[SampleBlock] = []
+        if self._undecided:
+            found = self._step(int(self._undecided[-1].k[-1]), is_last=True)
+        if self._open is not None and self._open.is_excited:
+            found.append(self._open.samples())
+        self._start()
+        return found
+
+    def _step(self, last_k: int, *, is_last: bool = False) -> list[SampleBlock]:
+        """Decide on the samples up to ``last_k``; those after it are only looked ahead to."""
+        rows = SampleBlock.joined(self._undecided)
+        stroke = self._strokes(rows, last_k)
+        if stroke is None and not is_last:
+            return []
+        count = int(np.searchsorted(rows.k, last_k, side="right"))
+        decided, rest = rows.select(slice(0, count)), rows.select(slice(count, None))
+        self._undecided = [rest] if len(rest) else []
+        self._past = np.concatenate([self._past, _measured(decided, self._unit)])
+        oldest = last_k - self._chunk - self._window
+        self._past = self._past[np.searchsorted(self._past[:, 0], oldest) :]
+        self._decided_k = last_k
+        if not count:
+            return []
+        return self._follow(decided, np.zeros(count) if stroke is None else stroke[:count])
+
+    def _strokes(self, rows: SampleBlock, last_k: int) -> Floats | None:
+        """Return the stroke of the own part within 5 s at each row up to ``last_k``, (n,).
+
+        In parts of half the travel. None while too little is known of how the rudder follows the
+        aileron; where the aileron is not known the whole rudder is its own.
+        """
+        seen = np.concatenate([self._past, _measured(rows, self._unit)])
+        first_k = int(max(seen[0, 0], last_k - self._chunk - self._window))
+        table = np.full((last_k + self._reach - first_k + 1, 2), np.nan)
+        inside = (seen[:, 0] >= first_k) & (seen[:, 0] <= last_k + self._reach)
+        table[seen[inside, 0].astype(np.int64) - first_k] = seen[inside, 1:]
+        rudder, aileron = table.T
+        places = rows.k[rows.k <= last_k] - first_k
+        if not len(places):
+            return np.empty(0)
+        oldest = max(int(places[0]) - self._window + 1, 0)
+        end = last_k - first_k + 1
+        whole = _stroke(rudder[oldest:end], self._window)[places - oldest]
+        known = aileron[np.isfinite(aileron)]
+        if whole.max() <= MOVES or not len(known) or float(np.ptp(known)) == 0.0:
+            return whole
+        lags = [shifted(aileron, i) for i in range(-self._reach, self._reach + 1)]
+        columns = np.column_stack([*lags, np.ones(len(rudder))])
+        good = np.isfinite(columns).all(axis=1) & np.isfinite(rudder)
+        used = np.flatnonzero(good[:end])[-self._chunk :]
+        if len(used) < ROWS_PER_LAG * columns.shape[1]:
+            return None
+        # The constant stays in: it drifts as the window slides, and that is no movement.
+        coefficients = mix(columns[used], rudder[used])[:-1]
+        own = rudder[oldest:end] - columns[oldest:end, :-1] @ coefficients
+        return np.minimum(_stroke(own, self._window)[places - oldest], whole)
+
+    def _follow(self, rows: SampleBlock, stroke: Floats) -> list[SampleBlock]:
+        """Open, continue and end manoeuvres by the strokes (n,) of decided rows."""
+        found: list[SampleBlock] = []
+        at = 0
+        while at < len(rows):
+            if self._open is None:
+                moves = np.flatnonzero(stroke[at:] > MOVES)
+                first = at + int(moves[0]) if len(moves) else len(rows)
+                self._remember(rows.select(slice(at, first)))
+                at = first
+                if first < len(rows):
+                    self._open = _Candidate(self._ts_s, self._before)
+                continue
+            taken, is_over = self._open.feed(rows.select(slice(at, None)), stroke[at:])
+            at += taken
+            if is_over:
+                found += [self._open.samples()] if self._open.is_excited else []
+                self._open, self._before = None, None
+        return found
+
+    def _remember(self, rows: SampleBlock) -> None:
+        """Keep the newest second, with which a manoeuvre begins."""
+        if len(rows):
+            both = rows if self._before is None else SampleBlock.joined([self._before, rows])
+            self._before = both.select(both.k > both.k[-1] - self._lead)
+
+
+class _Candidate:
+    """What may become a manoeuvre: it begins with ``before``, the second before it moved."""
+
+    def __init__(self, sample_time_s: float, before: SampleBlock | None) -> None:
+        self.is_excited = False
+        self._kept = [] if before is None else [before]
+        self._longest = round(LONGEST_S / sample_time_s)
+        self._window = max(2, round(WINDOW_S / sample_time_s))
+        self._speeds = np.empty(0) if before is None else before.airspeed
+
+    def feed(self, rows: SampleBlock, stroke: Floats) -> tuple[int, bool]:
+        """Take rows up to where it ends; return how many belong to it and whether it has ended."""
+        first_k = self._kept[0].k[0] if self._kept else rows.k[0]
+        resting = np.flatnonzero(stroke <= MOVES)
+        stop = int(resting[0]) + 1 if len(resting) else len(rows)
+        ends = [stop, *self._other_airspeed(rows)]
+        ends.append(int(np.searchsorted(rows.k, first_k + self._longest)))
+        count = min(ends)
+        is_over = count < len(rows) or bool(len(resting) and count == stop)
+        if count:
+            self._kept.append(rows.select(slice(0, count)))
+            self._speeds = np.concatenate([self._speeds, rows.airspeed[:count]])
+            self.is_excited |= bool((stroke[:count] >= LEAST_STROKE).any())
+        return count, is_over
+
+    def _other_airspeed(self, rows: SampleBlock) -> list[int]:
+        """Return the first row at which the newest 5 s differ by 10 % from all of it until then."""
+        speeds = np.concatenate([self._speeds, rows.airspeed])
+        known = np.isfinite(speeds)
+        total, count = np.cumsum(np.where(known, speeds, 0.0)), np.cumsum(known)
+        before = np.arange(len(speeds)) - self._window
+        old = np.where(before >= 0, before, 0)
+        newest_total = total - np.where(before >= 0, total[old], 0.0)
+        newest_count = count - np.where(before >= 0, count[old], 0)
+        sound = (newest_count > 0) & (before >= 0)
+        mean, newest = total / np.maximum(count, 1), newest_total / np.maximum(newest_count, 1)
+        other = sound & (np.abs(newest - mean) > AIRSPEED_SHARE * mean)
+        rest = np.flatnonzero(other[len(self._speeds) :])
+        return [int(rest[0])] if len(rest) else []
+
+    def samples(self) -> SampleBlock:
+        """Return all of it."""
+        return SampleBlock.joined(self._kept)
+
+
+def _measured(rows: SampleBlock, unit: float) -> Floats:
+    """Return k, the rudder in half travels and the aileron, (n, 3), NaN where it is held."""
+    rudder = np.where(rows.held == 0, rows.u[:, 0] / unit, np.nan)
+    return np.column_stack([rows.k, rudder, rows.aileron])
+
+
+def _stroke(x: Floats, window: int) -> Floats:
+    """Return how far x (n,) moved within the last ``window`` rows; what is unknown did not."""
+    known = np.isfinite(x)
+    if not known.any():
+        return np.zeros(len(x))
+    # The value before stands for what is unknown, the first known one for what came before it.
+    newest = np.maximum.accumulate(np.where(known, np.arange(len(x)), -1))
+    filled = x[np.where(newest >= 0, newest, int(np.argmax(known)))]
+    return strokes(filled, window)

@@ -1,0 +1,192 @@
+"""What the manoeuvres of a flight say together: random effects over all that may be used.
+
+Over conditions wn = kappa V, zeta is constant and K is proportional to V (V the equivalent
+airspeed). Manoeuvres scatter more than one fit's sigma tells, so the flight's sigma is that of the
+next manoeuvre: sqrt(tau^2 + se^2), tau the scatter between them (DerSimonian and Laird 1986).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats
+from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
+from yawid.manoeuvres.conditions import AIRFRAME
+from yawid.physics.flying_qualities import dutch_roll_level
+from yawid.results.judge_estimate import DISAGREE_SIGMAS
+from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import BetweenStd, DutchRoll, Flight, Orders, Value
+from yawid.results.summary import as_summary
+
+FEW = 4
+"""Fewer manoeuvres do not tell how much they scatter: tau has a floor then."""
+TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
+DISAGREE_WN = 0.1
+LEAST_AGREEING = 2.0 / 3.0
+BETTER_PCT = 1.0
+"""Points of the held-back fit, on the mean, for which a flight is told by more parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pooled:
+    """A mean over manoeuvres: its standard error, and tau, the scatter between them."""
+
+    mean: float
+    error: float
+    tau: float
+
+    @property
+    def std(self) -> float:
+        """The sigma of what the next manoeuvre will say."""
+        return math.hypot(self.error, self.tau)
+
+
+def pooled(x: Floats, std: Floats, floor: float) -> Pooled:
+    """Return the random-effects mean of x (n,) with their own sigmas (n,), n >= 1.
+
+    ``floor`` is what tau is at least while n is below four.
+    """
+    weights = std**-2.0
+    n, total = len(x), weights.sum()
+    fixed = float(weights @ x / total)
+    spread = float(weights @ (x - fixed) ** 2)
+    surplus = total - (weights**2).sum() / total
+    tau2 = max(0.0, (spread - (n - 1)) / surplus) if n > 1 else 0.0
+    tau = max(math.sqrt(tau2), floor if n < FEW else 0.0)
+    weights = 1.0 / (std**2 + tau**2)
+    mean = float(weights @ x / weights.sum())
+    return Pooled(mean, float(weights.sum() ** -0.5), tau)
+
+
+def flight_of(
+    answered: Sequence[Answered], of_the_log: list[Reason]
+) -> tuple[Flight, Verdict] | None:
+    """Return what manoeuvres say together, and the verdict, in which ``of_the_log`` counts too.
+
+    None where there is no manoeuvre. Of several roll loops the one with the most manoeuvres is
+    told: the others are of another aircraft.
+    """
+    if not answered:
+        return None
+    usable = [each for each in answered if each.verdict.usable]
+    if not usable:
+        return _refused(answered, of_the_log)
+    loops = [each.found.loop for each in usable]
+    loop = max(dict.fromkeys(loops), key=lambda name: (loops.count(name), name == AIRFRAME))
+    alike = [each for each in usable if each.found.loop == loop]
+    orders = _orders(alike)
+    told = [each.structures.get(orders) or next(iter(each.structures.values())) for each in alike]
+    return _together(alike, told, orders, of_the_log)
+
+
+def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
+    """Return a flight without a usable manoeuvre: its reasons are those of the best one."""
+    best = min(answered, key=lambda each: each.verdict.weight)
+    where = f"manoeuvre {best.found.n}, {best.found.from_s:.0f} to {best.found.to_s:.0f} s: "
+    said = [replace(reason, text=where + reason.text) for reason in best.verdict.reasons]
+    verdict = Verdict.of([*of_the_log, *said], best.verdict.method)
+    return Flight(used=[], disagree=[], verdict=as_summary(verdict)), verdict
+
+
+def _orders(alike: Sequence[Answered]) -> tuple[int, ...]:
+    """Return the orders that tell best what was held back, the manoeuvres' own unless by 1 %."""
+    own = next(iter(alike[0].structures))
+    gains = []
+    for each in alike:
+        first, other = next(iter(each.structures.values())), each.structures.get(OTHER_ORDERS)
+        if other is None or not np.isfinite(other.dutch_roll).all():
+            return own
+        gains.append(other.held_back_pct - first.held_back_pct)
+    known = [gain for gain in gains if math.isfinite(gain)]
+    return OTHER_ORDERS if known and np.mean(known) > BETTER_PCT else own
+
+
+def _together(
+    alike: Sequence[Answered],
+    told: Sequence[Structure],
+    orders: tuple[int, ...],
+    of_the_log: list[Reason],
+) -> tuple[Flight, Verdict]:
+    """Return the answer of manoeuvres of one aircraft, (n,) of them told by one structure."""
+    speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
+    sources = {each.found.airspeed_source for each in alike}
+    scaled = sources == {"airspeed"}
+    by = speeds if scaled else np.ones(len(alike))
+    rolls = np.array([each.dutch_roll for each in told])
+    x, std = rolls[:, 0] / by, rolls[:, 1] / by
+    agree, share = _agreement(x, std)
+    used = [each for each, is_in in zip(alike, agree, strict=True) if is_in]
+    apart = [each for each, is_in in zip(alike, agree, strict=True) if not is_in]
+    speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
+    unit = speed if scaled and speed is not None else 1.0
+    wn = pooled(x[agree], std[agree], TAU_WN_SHARE * float(np.median(x[agree])))
+    zeta = pooled(rolls[agree, 2], rolls[agree, 3], TAU_ZETA)
+    heights = [h for each in used if (h := each.found.altitude_m) is not None]
+    reasons = list(of_the_log)
+    if apart:
+        text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
+        reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
+    verdict = Verdict.of(reasons, used[0].verdict.method)
+    loop = used[0].found.loop
+    level = dutch_roll_level(wn.mean * unit, zeta.mean) if loop == AIRFRAME else None
+    flight = Flight(
+        method=verdict.method,
+        orders=Orders(*orders),
+        airspeed_m_s=speed,
+        airspeed_source=sources.pop() if len(sources) == 1 else None,
+        altitude_m=float(np.median(heights)) if heights else None,
+        date=used[0].found.date,
+        loop=loop,
+        dutch_roll=DutchRoll.of((wn.mean * unit, wn.std * unit, zeta.mean, zeta.std), level),
+        kappa_rad_m=Value(wn.mean, wn.std) if scaled else None,
+        K_per_V=_gain(np.array([each.gain for each in told])[agree], by[agree]) if scaled else None,
+        between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
+        used=[each.found.n for each in used],
+        disagree=[each.found.n for each in apart],
+        verdict=as_summary(verdict),
+    )
+    return flight, verdict
+
+
+def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:
+    """Return which of wn or wn / V (n,) agree with the weighted median, and their share of weight.
+
+    Those disagree that are apart from it by more than 10 %, and by more than three sigmas of the
+    difference. No manoeuvre is believed to better than the least scatter.
+    """
+    total = np.hypot(std, TAU_WN_SHARE * x)
+    weights = total**-2.0
+    order = np.argsort(x)
+    summed = np.cumsum(weights[order])
+    middle = order[int(np.searchsorted(summed, 0.5 * summed[-1]))]
+    apart = np.abs(x - x[middle])
+    sigma = np.hypot(total, total[middle])
+    agree = (apart <= DISAGREE_WN * x[middle]) | (apart <= DISAGREE_SIGMAS * sigma)
+    return agree, float(weights[agree].sum() / weights.sum())
+
+
+def _disagreement(
+    apart: Sequence[Answered], wn: float, std: float, speed: float | None, count: int
+) -> str:
+    """Say which manoeuvres tell something else than the others."""
+    said = []
+    for each in apart:
+        roll, v = each.found.dutch_roll, each.found.airspeed_m_s
+        at = "" if v is None else f" at {v:.1f} m/s"
+        assert roll is not None  # it may be used
+        said.append(f"manoeuvre {each.found.n} says wn {roll.wn_rad_s:.3g} rad/s{at}")
+    others = f"the other {count}" if count > 1 else "the other one"
+    at = "" if speed is None else f" at {speed:.1f} m/s"
+    return f"{', '.join(said)}; {others} {wn:.3g} ± {std:.2g}{at}: left out of the answer"
+
+
+def _gain(gains: Floats, speeds: Floats) -> Value | None:
+    """Return K / V of gains K with their sigmas (n, 2) at airspeeds (n,); None where unknown."""
+    known = np.isfinite(gains).all(axis=1) & (gains[:, 1] > 0.0)
+    if not known.any():
+        return None
+    x, std = (gains[known] / speeds[known, None]).T
+    found = pooled(x, std, TAU_WN_SHARE * abs(float(np.median(x))))
+    return Value(found.mean, found.std)

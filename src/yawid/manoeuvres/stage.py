@@ -1,0 +1,67 @@
+"""The stage as a whole: samples in; each manoeuvre out with its answer, at last the flight's."""
+
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future
+
+from yawid.blocks import SampleBlock
+from yawid.config.run import RunConfig
+from yawid.manoeuvres.answer import Answered, Setting, answer
+from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
+from yawid.manoeuvres.flight import flight_of
+from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import Flight
+
+
+class Manoeuvres:
+    """Feed it samples; it finds manoeuvres and has them answered, one after the other.
+
+    With ``worker``, an executor of one thread, ``feed`` does not wait for the fits; without one
+    they are made at once. Either way the answers are the same and come in the order flown.
+    """
+
+    def __init__(self, setting: Setting, worker: Executor | None = None) -> None:
+        self.answered: list[Answered] = []
+        self._setting = setting
+        self._worker = worker
+        self._waiting: deque[Future[Answered]] = deque()
+        self._count = 0
+        self._finder = _finder(setting.config, setting.sample_time_s)
+
+    def feed(self, samples: SampleBlock) -> None:
+        """Take samples in."""
+        for found in self._finder.feed(samples):
+            self._answer(found)
+
+    def finish(self) -> None:
+        """Take the end of the samples for the end of the manoeuvre that goes on."""
+        for found in self._finder.finish():
+            self._answer(found)
+
+    def ready(self, *, wait: bool = False) -> Iterator[Answered]:
+        """Yield, once each, the manoeuvres answered by now, all of them where it is to ``wait``."""
+        while self._waiting and (wait or self._waiting[0].done()):
+            answered = self._waiting.popleft().result()
+            self.answered.append(answered)
+            yield answered
+
+    def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
+        """Return what those answered say together; see :func:`flight_of`."""
+        return flight_of(self.answered, of_the_log)
+
+    def _answer(self, found: SampleBlock) -> None:
+        self._count += 1
+        if self._worker is not None:
+            self._waiting.append(self._worker.submit(answer, found, self._count, self._setting))
+            return
+        future: Future[Answered] = Future()
+        future.set_result(answer(found, self._count, self._setting))
+        self._waiting.append(future)
+
+
+def _finder(config: RunConfig, sample_time_s: float) -> Finder | Stated:
+    """Return what finds manoeuvres; a stretch of at most 600 s that was named is one."""
+    low_us, high_us = config.window_us
+    if high_us - low_us <= 1e6 * LONGEST_STATED_S:
+        return Stated()
+    return Finder(sample_time_s, config.half_travel)
