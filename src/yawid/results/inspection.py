@@ -4,7 +4,7 @@ from typing import Any
 
 from msgspec import field
 
-from yawid.results.run_summary import Origin, Part, VerdictSummary
+from yawid.results.run_summary import Flight, Manoeuvre, Origin, Part, VerdictSummary
 
 
 class MessageRate(Part, frozen=True):
@@ -43,7 +43,8 @@ class Inspection(Origin, frozen=True, kw_only=True):
     """What a log can answer; frames of each sender (``sysid/compid``), and what came of them.
 
     ``unchecked`` says that frames are signed and nobody checks them, ``excited`` where the rudder
-    moved on its own, ``recommend`` the options of a replay and what to ``record`` next time.
+    moved on its own, ``manoeuvres`` and ``flight`` what a replay as asked for says, ``recommend``
+    the options of a replay and what to ``record`` next time.
     """
 
     senders: dict[str, int]
@@ -53,6 +54,8 @@ class Inspection(Origin, frozen=True, kw_only=True):
     answerable: Answerable | None = None
     phases: list[FlightPhase] | None = None
     excited: list[Span]
+    manoeuvres: list[Manoeuvre] | None = None
+    flight: Flight | None = None
     recommend: dict[str, Any]
     command: str | None = None
     verdict: VerdictSummary

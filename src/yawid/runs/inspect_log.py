@@ -5,7 +5,7 @@ own.
 """
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -60,7 +60,7 @@ MOST_REMEDIES = 2
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A replay without outputs: its configuration, what came of it, and whether it may be used.
+    """A replay without outputs: its configuration, what came of it, and the verdict that decides.
 
     ``aileron_reacts`` is the part of an aileron among the inputs that yaw rate and roll explain.
     """
@@ -72,19 +72,23 @@ class Trial:
 
     @property
     def wn_rad_s(self) -> float:
-        """The natural frequency of the method that answers, NaN where there is none."""
-        roll = None if self._answer is None else self._answer.dutch_roll
+        """The natural frequency of what answers, NaN where there is none."""
+        roll = None if self.answer is None else self.answer.dutch_roll
         return np.nan if roll is None else roll.wn_rad_s
 
     @property
     def simulation_pct(self) -> float:
-        """The free-running fit of the method that answers."""
-        fit_pct = None if self._answer is None else self._answer.fit.simulation_pct
+        """The free-running fit of what answers."""
+        fit_pct = None if self.answer is None else self.answer.fit.simulation_pct
         return -np.inf if fit_pct is None else fit_pct
 
     @property
-    def _answer(self) -> MethodSummary | None:
-        return (self.summary.estimates or {}).get(self.verdict.method or "")
+    def answer(self) -> MethodSummary | None:
+        """The estimate that answers: a manoeuvre's, or the stream's where there is none."""
+        manoeuvres, flight = self.summary.manoeuvres, self.summary.flight
+        if not manoeuvres or flight is None:
+            return (self.summary.estimates or {}).get(self.verdict.method or "")
+        return next((m.answer for m in manoeuvres if m.n in flight.used), manoeuvres[0].answer)
 
 
 class Trials:
@@ -116,7 +120,8 @@ def inspect(
 ) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
-    The verdict is that of the stretch recommended where that is usable, else of the whole log.
+    Where its manoeuvres answer, the whole log as asked for is recommended, else an excited stretch.
+    The verdict is that of what is recommended, else of the whole log.
 
     Raises:
         SourceError: the log cannot be read.
@@ -137,7 +142,10 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
         found = stretches(SampleBlock.joined(pipeline.kept), config, pipeline.channels.boots)
     chosen, recommend, command = whole, {}, None
     rates = _rates(survey)
-    if found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
+    if whole.summary.flight is not None and whole.verdict.usable:
+        recommend = said_options(config)
+        command = command_line(log, config, source.options)
+    elif found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
         later_hz = min(each.rate_hz for each in rates.values())
         if len(pipeline.channels.boots.spans_us) < 2:
@@ -160,6 +168,8 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
         answerable=_answerable(rates),
         phases=None if vehicle is None else [_phase(phase, vehicle) for phase in survey.phases],
         excited=found,
+        manoeuvres=whole.summary.manoeuvres,
+        flight=whole.summary.flight,
         recommend=recommend,
         command=command,
         verdict=as_summary(chosen.verdict),
@@ -168,13 +178,19 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
 
 
 def said_options(config: RunConfig) -> dict[str, Any]:
-    """Return the options of a replay that differ from their defaults, by name, as JSON has them."""
+    """Return rate, orders, inputs and what else differs from its default, as JSON has them."""
+    return _options(config, {"rate", "orders", "inputs"})
+
+
+def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
+    """Return the options that differ from their defaults, and those that are ``always`` told."""
     named = {"from_s": "from", "to_s": "to"}
-    always = {"rate", "orders", "inputs"}
     found = {}
     for option in fields(config):
         value = getattr(config, option.name)
-        if value is None or (value == option.default and option.name not in always):
+        if value is None or option.name == "given":
+            continue
+        if value == option.default and option.name not in always:
             continue
         text = ",".join(str(each) for each in value) if isinstance(value, tuple) else value
         found[named.get(option.name, option.name.replace("_", "-"))] = text
@@ -182,9 +198,12 @@ def said_options(config: RunConfig) -> dict[str, Any]:
 
 
 def command_line(log: Path, config: RunConfig, read_options: ReadOptions) -> str:
-    """Return the command that replays a log so, to be copied into a shell."""
+    """Return the command that replays a log so, to be copied into a shell.
+
+    It gives no option at its default that was not given: what is given binds every manoeuvre.
+    """
     words = ["yawid", "replay", str(log)]
-    for name, value in said_options(config).items():
+    for name, value in _options(config, config.given).items():
         words += [f"--{name}", str(value)]
     if read_options.form != "auto":
         words += ["--format", read_options.form]
@@ -307,8 +326,8 @@ def _mended(trials: Trials, trial: Trial) -> Trial | None:
             remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
     if not remedy:
         return None
-    assert trial._answer is not None  # a fatal reason with a remedy comes of an estimate
-    own_hz = 1.0 / trial._answer.sample_time_s
+    assert trial.answer is not None  # a fatal reason with a remedy comes of an estimate
+    own_hz = 1.0 / trial.answer.sample_time_s
     if "rate" in remedy:
         remedy["rate"] = max(NICE_RATES_HZ[0], min(remedy["rate"], own_hz))
     if "band" in remedy:

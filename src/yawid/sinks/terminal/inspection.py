@@ -10,8 +10,8 @@ from rich.text import Text
 
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
-from yawid.results.run_summary import VehicleSeen
-from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict
+from yawid.results.run_summary import DutchRoll, Manoeuvre, VehicleSeen
+from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict, with_sigma
 
 _NAME = 9
 """Width of the column of names."""
@@ -19,6 +19,7 @@ MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
 MOST_WINDOWS = 6
 MOST_SENDERS = 8
+MOST_MANOEUVRES = 8
 
 
 def print_inspection(report: Inspection, stream: TextIO) -> None:
@@ -50,6 +51,13 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         yield "phases", _phases(report.phases)
     windows = [_window(each) for each in report.excited]
     yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
+    manoeuvres = report.manoeuvres or []
+    if report.flight is not None and report.flight.dutch_roll is not None:
+        yield "flight", f"{_roll(report.flight.dutch_roll)} by {_count(report.flight.used)}"
+    for each in manoeuvres[:MOST_MANOEUVRES]:
+        yield f"#{each.n}", _manoeuvre(each)
+    if len(manoeuvres) > MOST_MANOEUVRES:
+        yield "", f"and {len(manoeuvres) - MOST_MANOEUVRES} manoeuvres more"
     if report.answerable is not None:
         most, well = report.answerable.wn_max_rad_s, report.answerable.wn_well_rad_s
         yield "answers", f"Dutch rolls of wn up to {most:.3g} rad/s, well up to {well:.3g}"
@@ -98,6 +106,24 @@ def _phase(phase: FlightPhase) -> str:
 
 def _window(stretch: Span) -> str:
     return f"{_boot(stretch)}{stretch.from_s:g} to {stretch.to_s:g} s"
+
+
+def _roll(roll: DutchRoll) -> str:
+    wn, zeta = with_sigma(roll.wn_rad_s, roll.wn_std), with_sigma(roll.zeta, roll.zeta_std)
+    return f"wn {wn} rad/s, zeta {zeta}"
+
+
+def _count(used: Sequence[int]) -> str:
+    return "one manoeuvre" if len(used) == 1 else f"{len(used)} manoeuvres"
+
+
+def _manoeuvre(each: Manoeuvre) -> str:
+    """Describe a manoeuvre: when, how it was flown, what it says."""
+    speed = "" if each.airspeed_m_s is None else f" at {each.airspeed_m_s:.1f} m/s"
+    flown = f"{each.from_s:.0f} to {each.to_s:.0f} s {each.mode or 'in no known mode'}{speed}"
+    fatal = next((r.id for r in each.verdict.reasons if r.weight == "fatal"), None)
+    roll = each.dutch_roll
+    return f"{flown}: " + (fatal or ("usable" if roll is None else _roll(roll)))
 
 
 def _boot(span: Span) -> str:
