@@ -67,15 +67,10 @@ def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
     n = len(fit.y)
     if n <= 2 * config.n_theta or not signals.std(axis=0).all():
         return _nothing(config, len(y), Status.WARMING_UP)
-    is_rml = config.method == "rml"
-    with np.errstate(all="ignore"):
-        begin = fit.first_guess()
-        theta = fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)
-        if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
-            return _nothing(config, len(y), Status.DIVERGED)
-        covariance = _covariance(fit, theta, is_rml, config.residual_lags)
-    if not np.isfinite(covariance).all():
+    found = _solved(config, fit)
+    if found is None:
         return _nothing(config, len(y), Status.DIVERGED)
+    theta, covariance = found
     residuals, units = fit.residuals(theta), _units(config, factors)
     eps, y_hat = np.concatenate(residuals), np.full(len(y), np.nan)
     y_hat[np.flatnonzero(good)[_fitted(config, breaks)]] = (fit.y - eps) / factors[0]
@@ -84,6 +79,21 @@ def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
         float(np.sqrt(np.mean(eps**2))) / factors[0], _whiteness(residuals, config.residual_lags),
         Status.TRACKING,
     )  # fmt: skip
+
+
+def _solved(config: EstimatorConfig, fit: RecordFit) -> tuple[Floats, Floats] | None:
+    """Return theta (n,) and its covariance (n, n), None where no fit beats theta = 0."""
+    is_rml = config.method == "rml"
+    try:
+        with np.errstate(all="ignore"):
+            begin = fit.first_guess()
+            theta = fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)
+            if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
+                return None
+            covariance = _covariance(fit, theta, is_rml, config.residual_lags)
+    except np.linalg.LinAlgError:  # channels that tell nothing apart
+        return None
+    return (theta, covariance) if np.isfinite(covariance).all() else None
 
 
 def _factors(signals: Floats) -> Floats:
@@ -126,10 +136,7 @@ def _covariance(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> Float
     for lag in range(1, min(lags, len(scores) - 1) + 1):
         product = scores[lag:].T @ scores[:-lag]
         meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    try:
-        bread = np.linalg.inv(z.T @ psi + fit.prior)
-    except np.linalg.LinAlgError:
-        return np.full((len(theta), len(theta)), np.nan)
+    bread = np.linalg.inv(z.T @ psi + fit.prior)
     covariance: Floats = bread @ meat @ bread.T * (len(eps) / max(len(eps) - len(theta), 1))
     return covariance
 

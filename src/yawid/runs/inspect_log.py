@@ -143,7 +143,8 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
     chosen, recommend, command = whole, {}, None
     rates = _rates(survey)
     if whole.summary.flight is not None and whole.verdict.usable:
-        recommend = said_options(config)
+        assert pipeline.bank is not None  # there is an answer
+        recommend = said_options(config) | {"rate": round(1.0 / pipeline.bank.sample_time_s, 6)}
         command = command_line(log, config, source.options)
     elif found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
