@@ -6,10 +6,13 @@ from pathlib import Path
 
 import pytest
 from finished_runs import replayed
+from forged_runs import forge
 from places import C172P
 from sinks.rerun.rerun_reading import recorded, statics
+from sinks.sink_blocks import FLIGHT, make_manoeuvre
 
 from yawid.cli.main import main
+from yawid.sinks.mcap.reader import open_run
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +38,53 @@ def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
         [text] = statics(path, "/verdict", "TextDocument:text")[-1]
         assert text.startswith("# Usable")
         assert "Natural frequency ωn: **2.4" in text
+
+
+def with_manoeuvres(run: Path, out: Path, date: str | None = None) -> Path:
+    """The run with two manoeuvres and a flight's answer in its summary."""
+    samples = next(open_run(run).samples())
+    rows = [(100, 150), (200, 300)]
+    found = [make_manoeuvre(samples, *row, n)[0].to_json() for n, row in enumerate(rows, start=1)]
+    if date is not None:
+        found[0]["date"] = date
+    told = {"manoeuvres": found, "flight": FLIGHT.to_json()}
+    return forge(run, out, summary=lambda summary: summary | told)
+
+
+def test_manoeuvres_are_shown_at_the_very_samples_though_their_dates_are_rounded(
+    run: Path, tmp_path: Path
+) -> None:
+    flown = with_manoeuvres(run, tmp_path / "flown.mcap")
+    assert main(["view", str(flown), "--save", str(tmp_path / "view.rrd")]) == 0
+
+    samples = next(open_run(run).samples())
+    lane = recorded(tmp_path / "view.rrd")["/state/manoeuvre"]
+    assert lane["StateChange:state"] == [["1"], [""], ["2"], [""]]
+    assert [t // 1000 for t in lane["boot_time"]] == samples.boot_us[[100, 150, 200, 300]].tolist()
+    assert lane["unix_time"] == samples.unix_ns[[100, 150, 200, 300]].tolist()
+    [table] = statics(tmp_path / "view.rrd", "/manoeuvres", "TextDocument:text")[-1]
+    assert table.startswith("The flight: **ωn 10.10 ± 0.30")
+    assert table.count("| FBWA |") == 2
+
+
+def test_a_manoeuvre_whose_samples_are_lost_is_shown_where_its_date_says(
+    run: Path, tmp_path: Path
+) -> None:
+    lost = with_manoeuvres(run, tmp_path / "lost.mcap", date="2001-09-09T01:46:40Z")
+    assert main(["view", str(lost), "--save", str(tmp_path / "view.rrd")]) == 0
+    lane = recorded(tmp_path / "view.rrd")["/state/manoeuvre"]
+    assert lane["unix_time"][:2] == [10**18, 10**18 + 5 * 10**9]
+
+
+def test_a_manoeuvre_with_a_date_that_is_none_is_one_line(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = with_manoeuvres(run, tmp_path / "bad.mcap", date="yesterday")
+    assert main(["view", str(bad), "--save", str(tmp_path / "view.rrd")]) == 6
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "is not as yawid writes it: the times of manoeuvre 1" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.mcap"]
 
 
 def test_without_a_screen_it_is_one_line_and_exit_code_6(

@@ -7,18 +7,27 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import (
     ChannelFound,
+    DutchRoll,
+    Fit,
+    Flight,
     LinkCounts,
+    Manoeuvre,
+    MethodSummary,
+    Orders,
     ReasonSummary,
     RunSummary,
+    Value,
     VehicleSeen,
     VerdictSummary,
 )
@@ -43,6 +52,15 @@ SUMMARY = RunSummary(
     link=LinkCounts(),
     channels={"rudder": ChannelFound("servo 4", reversed=True, rate_hz=50.0)},
     verdict=VERDICT,
+)
+FLIGHT = Flight(
+    method="rml",
+    airspeed_m_s=20.5,
+    loop="airframe",
+    dutch_roll=DutchRoll(wn_rad_s=10.1, wn_std=0.15, zeta=0.63, zeta_std=0.02),
+    used=[1, 3],
+    disagree=[2],
+    verdict=VerdictSummary(method="rml", usable=True, reasons=[]),
 )
 GRID = Grid(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S, autopilot=3, vehicle_type=1)
 Blocks = tuple[SampleBlock, dict[str, EstimateBlock], ModesBlock]
@@ -105,6 +123,53 @@ def make_modes(n: int, na: int, rng: np.random.Generator) -> ModesBlock:
         yaw=rng.normal(size=(n, len(NAMES))),
         yaw_std=rng.random((n, len(NAMES))),
     )
+
+
+def make_manoeuvre(
+    samples: SampleBlock, first: int, last: int, n: int = 1
+) -> tuple[Manoeuvre, tuple[int, int]]:
+    """A usable manoeuvre answered by RML, of rows from one to the other; and its Unix times."""
+    from_s, to_s = (float(samples.boot_us[row]) / 1e6 for row in (first, last))
+    span_ns = int(samples.unix_ns[first]), int(samples.unix_ns[last])
+    date = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=span_ns[0] // 1000)
+    rml = MethodSummary(
+        method="rml",
+        orders=Orders(3, 3, 2, 1),
+        sample_time_s=SAMPLE_TIME_S,
+        updates=last + 1 - first,
+        held=0,
+        theta={},
+        theta_std={},
+        dutch_roll=DutchRoll(wn_rad_s=10.2, wn_std=0.2, zeta=0.62, zeta_std=0.03),
+        physics={"K": Value(-1.5, 0.1)},
+        fit=Fit(simulation_pct=87.0, simulation_held_back_pct=81.5),
+    )
+    return Manoeuvre(
+        n=n,
+        from_s=from_s,
+        to_s=to_s,
+        duration_s=to_s - from_s,
+        date=date.isoformat(timespec="seconds"),
+        mode="FBWA",
+        loop="with_roll_loop",
+        airspeed_m_s=21.5,
+        airspeed_std_m_s=0.5,
+        airspeed_source="airspeed",
+        altitude_m=120.0,
+        inputs=["rudder", "aileron"],
+        orders=Orders(3, 3, 2, 1),
+        turn_removed=True,
+        estimates={"rml": rml},
+        verdict=VerdictSummary(method="rml", usable=True, reasons=VERDICT.reasons[1:]),
+    ), span_ns
+
+
+def unanswered(found: Manoeuvre) -> Manoeuvre:
+    """The same where nothing could be estimated, in a log that knows of no airspeed."""
+    verdict = VerdictSummary(usable=False, reasons=VERDICT.reasons)
+    nothing = {"mode": None, "airspeed_m_s": None, "airspeed_source": None, "altitude_m": None}
+    nothing |= {"airspeed_std_m_s": None}
+    return msgspec.structs.replace(found, estimates={}, verdict=verdict, **nothing)
 
 
 def make_blocks(n: int = 100, n_inputs: int = 1, p: int = len(PARAMETERS), na: int = 2) -> Blocks:

@@ -29,7 +29,7 @@ from yawid.results.run_summary import (
 )
 from yawid.sinks.answers import cards, headline, percent, use
 from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.sinks.rerun.series import verdict_markdown
+from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.terminal.summary_table import print_summary
 
 LONG = (

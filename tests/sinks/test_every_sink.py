@@ -12,7 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sinks.mcap.mcap_reading import raw
 from sinks.rerun.rerun_reading import fail, recorded
-from sinks.sink_blocks import GRID, START_NS, SUMMARY, Blocks, cut, make_blocks
+from sinks.sink_blocks import (
+    GRID,
+    START_NS,
+    SUMMARY,
+    Blocks,
+    cut,
+    make_blocks,
+    make_manoeuvre,
+)
 
 from yawid.runs.live.guarded_sink import Guarded
 from yawid.runs.regress.table import TableSink
@@ -74,6 +82,8 @@ def run(sink: Sink, blocks: Blocks, edges: list[int]) -> None:
     for block in cut(blocks, edges):
         sink.write(*block)
         sink.flush()
+    for n, rows in enumerate([(10, 30), (31, 55)], start=1):
+        sink.manoeuvre(*make_manoeuvre(blocks[0], *rows, n))
     sink.log(int(blocks[0].unix_ns[-1]), "warning", "the last line")
 
 
@@ -111,6 +121,22 @@ def test_the_contents_do_not_depend_on_how_the_stream_was_cut(
         found.append(kind.contents(sink, folder / name))
     assert found[0] == found[1]
     assert len(found[0])
+
+
+@every_sink
+def test_a_manoeuvre_is_the_same_however_late_it_is_told(kind: Kind, tmp_path: Path) -> None:
+    blocks, found = make_blocks(n=ROWS), []
+    for name, told in (("replay", 32), ("live", 57)):
+        sink = kind.open(tmp_path / name)
+        sink.start(GRID)
+        for n, block in enumerate(cut(blocks, [told])):
+            sink.write(*block)
+            if n == 0:
+                sink.manoeuvre(*make_manoeuvre(blocks[0], 10, 30))
+        sink.finish(SUMMARY, {})
+        contents = kind.contents(sink, tmp_path / name)
+        found.append(sorted(contents.items() if isinstance(contents, dict) else contents))
+    assert found[0] == found[1]
 
 
 @every_sink

@@ -18,7 +18,9 @@ from sinks.sink_blocks import (
     START_NS,
     SUMMARY,
     make_blocks,
+    make_manoeuvre,
     rows_of,
+    unanswered,
 )
 
 from yawid import __version__
@@ -156,6 +158,48 @@ def test_the_verdict_stands_at_the_end_with_its_reasons(tmp_path: Path) -> None:
     assert reasons == [each.to_json() for each in SUMMARY.verdict.reasons]
 
 
+def test_every_field_of_a_manoeuvre_reads_back_by_the_schema_in_the_file(tmp_path: Path) -> None:
+    blocks = make_blocks()
+    found, span_ns = make_manoeuvre(blocks[0], 10, 60)
+    sink = open_sink(tmp_path / "a.mcap")
+    sink.write(*blocks)
+    sink.manoeuvre(found, span_ns)
+    sink.finish(SUMMARY, {})
+    [(message, told)] = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
+    assert (message.log_time, message.publish_time) == (span_ns[1], span_ns[1])
+    assert len(UnknownFieldSet(told)) == 0
+    plain = [f.name for f in told.DESCRIPTOR.fields if not f.is_repeated]
+    direct = [name for name in plain if hasattr(found, name)]
+    assert len(direct) == 12
+    assert [getattr(told, name) for name in direct] == [getattr(found, name) for name in direct]
+    assert list(told.inputs) == ["rudder", "aileron"]
+    assert (told.na, told.nb, told.nc, told.nk) == (3, 3, 2, 1)
+    assert (told.method, told.usable) == ("rml", True)
+    assert (told.wn_rad_s, told.wn_std, told.zeta, told.zeta_std) == (10.2, 0.2, 0.62, 0.03)
+    assert (told.K, told.K_std) == (-1.5, 0.1)
+    assert (told.simulation_pct, told.simulation_held_back_pct) == (87.0, 81.5)
+    reasons = [{"id": r.id, "weight": r.weight, "text": r.text} for r in told.reasons]
+    assert reasons == [each.to_json() for each in found.verdict.reasons]
+
+
+def test_what_is_not_known_of_a_manoeuvre_is_nan_and_its_texts_are_empty(tmp_path: Path) -> None:
+    found, span_ns = make_manoeuvre(make_blocks()[0], 10, 60)
+    sink = open_sink(tmp_path / "a.mcap")
+    sink.manoeuvre(unanswered(found), span_ns)
+    sink.finish(SUMMARY, {})
+    [(_, told)] = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
+    unknown = {
+        f.name for f in told.DESCRIPTOR.fields
+        if f.type == f.TYPE_DOUBLE and np.isnan(getattr(told, f.name))
+    }  # fmt: skip
+    assert unknown == {
+        "airspeed_m_s", "airspeed_std_m_s", "altitude_m", "wn_rad_s", "wn_std", "zeta", "zeta_std",
+        "K", "K_std", "simulation_pct", "simulation_held_back_pct",
+    }  # fmt: skip
+    assert (told.mode, told.airspeed_source, told.method, told.usable) == ("", "", "", False)
+    assert [reason.id for reason in told.reasons] == ["not_excited", "rudder_assumed"]
+
+
 def test_header_metadata_and_attachments_say_where_the_numbers_come_from(tmp_path: Path) -> None:
     sink = open_sink(tmp_path / "a.mcap", n_inputs=2)
     attachments = {"summary.json": b"{}", "configuration.toml": b"rate = 20\n", "parameters": b"\0"}
@@ -195,7 +239,12 @@ def test_metadata_given_at_the_start_is_not_written_twice(tmp_path: Path) -> Non
 
 
 def test_metadata_names_every_unit_of_a_field_that_exists(tmp_path: Path) -> None:
-    topics = decoded(write_file(tmp_path / "a.mcap", make_blocks(n=2)))
+    blocks = make_blocks(n=2)
+    sink = open_sink(tmp_path / "a.mcap")
+    sink.write(*blocks)
+    sink.manoeuvre(*make_manoeuvre(blocks[0], 0, 1))
+    sink.finish(SUMMARY, {})
+    topics = decoded(tmp_path / "a.mcap")
     known = {
         f"{messages[0][1].DESCRIPTOR.name}.{field.name}"
         for messages in topics.values()
@@ -237,6 +286,7 @@ def test_rerun_converts_the_file_and_finds_every_message(tmp_path: Path) -> None
     samples, estimates, modes = make_blocks(n=100)
     sink.write(samples, estimates, modes)
     sink.log(START_NS, "info", "hello")
+    sink.manoeuvre(*make_manoeuvre(samples, 10, 60))
     sink.finish(SUMMARY, {})
     command = [rerun_executable(), "mcap", "convert", "a.mcap", "-o", "a.rrd"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
@@ -249,6 +299,7 @@ def test_rerun_converts_the_file_and_finds_every_message(tmp_path: Path) -> None
             columns.setdefault(chunk.entity_path, set()).update(names)
     topics = ("/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes")
     assert [rows[topic] for topic in topics] == [100] * 4
+    assert rows["/yawid/manoeuvre"] == 1
     assert "yawid.Sample:message" in columns["/yawid/sample"]
     assert "TextLog:text" in columns["/yawid/log"]
 

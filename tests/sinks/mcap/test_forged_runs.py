@@ -93,6 +93,9 @@ def without(name: str) -> Callable[[Any], Any]:
         with_("estimates.els.theta", {"a1": "x"}),
         with_("estimates.els.dutch_roll", {"wn_rad_s": 0.0, "zeta": 0.1}),
         with_("estimates.els.modes", [{"kind": 1}]),
+        with_("manoeuvres", {}),
+        with_("manoeuvres", [{"n": 1}]),
+        with_("flight", {"used": [1]}),
     ],
 )
 def test_a_summary_of_other_types_is_refused(

@@ -32,6 +32,7 @@ def test_its_samples_are_there_and_what_it_lacks_is_unknown():
         assert all(np.isnan(getattr(block, name)).all() for block in samples)
     assert all(np.isfinite(block.y[block.held == 0]).all() for block in samples)
     assert run.grid is not None
+    assert run.summary.manoeuvres is run.summary.flight is None
     assert (run.grid.rudder_unit, run.grid.autopilot, run.grid.vehicle_type) == (
         "half travel",
         0,

@@ -18,7 +18,9 @@ from sinks.mcap.mcap_reading import decoded, raw
 from sinks.sink_blocks import (
     GRID,
     SUMMARY,
+    cut,
     make_blocks,
+    make_manoeuvre,
     script_environment,
 )
 
@@ -48,6 +50,14 @@ def chunk_places(path: Path) -> list[tuple[int, int]]:
     return [
         (c.chunk_start_offset, c.chunk_start_offset + c.chunk_length) for c in summary.chunk_indexes
     ]
+
+
+def chunk_topics(path: Path) -> list[set[str]]:
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    names = {number: channel.topic for number, channel in summary.channels.items()}
+    return [{names[n] for n in chunk.message_index_offsets} for chunk in summary.chunk_indexes]
 
 
 WRITER = """
@@ -112,6 +122,35 @@ def test_a_file_cut_anywhere_gives_all_its_complete_chunks(
     found = raw(folder / "out.mcap")
     assert len(found) >= expected - (complete == 5)  # the verdict is in the last chunk
     assert found == rows[: len(found)]
+
+
+def test_the_manoeuvres_of_a_torn_file_are_kept_and_a_damaged_one_is_left_out(
+    tmp_path: Path,
+) -> None:
+    blocks = make_blocks(n=100)
+    sink = McapSink(tmp_path / "whole.mcap", {"configuration": {"rate": 20.0}})
+    sink.start(GRID)
+    for i, block in enumerate(cut(blocks, [50])):
+        sink.write(*block)
+        sink.manoeuvre(*make_manoeuvre(blocks[0], 40 * i, 40 * i + 35, n=i + 1))
+    sink.finish(SUMMARY, {"summary.json": b"{}"})
+    data = bytearray((tmp_path / "whole.mcap").read_bytes())
+    first, second = (i for i, each in enumerate(chunk_topics(tmp_path / "whole.mcap"))
+                     if each == {"/yawid/manoeuvre"})  # fmt: skip
+    places = chunk_places(tmp_path / "whole.mcap")
+    (tmp_path / "torn.mcap").write_bytes(data[: places[second][1]])
+    recovered = recover(tmp_path / "torn.mcap", tmp_path / "out.mcap")
+    assert recovered.counts["/yawid/manoeuvre"] == 2
+    assert not recovered.left_out
+    assert raw(tmp_path / "out.mcap") == raw(tmp_path / "whole.mcap")[:-1]  # without the verdict
+
+    data[sum(places[first]) // 2] ^= 0xFF
+    (tmp_path / "bad.mcap").write_bytes(data)
+    recovered = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap", force=True)
+    assert recovered.counts["/yawid/sample"] == 100
+    assert recovered.left_out == "1 x damaged chunk"
+    [(_, kept)] = decoded(tmp_path / "out.mcap")["/yawid/manoeuvre"]
+    assert kept.n == 2
 
 
 def test_a_damaged_chunk_is_left_out_and_the_others_stay(tmp_path: Path) -> None:

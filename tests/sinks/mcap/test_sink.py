@@ -16,6 +16,7 @@ from sinks.sink_blocks import (
     SUMMARY,
     cut,
     make_blocks,
+    make_manoeuvre,
     run_script,
 )
 
@@ -77,6 +78,65 @@ def test_no_chunk_is_longer_than_a_second_and_none_is_one_sample(tmp_path: Path)
     assert all(c.message_end_time - c.message_start_time < 1_000_000_000 for c in chunks)
     assert len(chunks) == -(-n // 20)
     assert {c.compression for c in chunks} == {"zstd"}
+
+
+def written_with_manoeuvres(path: Path) -> Path:
+    """A hundred samples; the first of two manoeuvres is told 2 s late, as in a live session."""
+    blocks = make_blocks(n=100)
+    sink = open_sink(path)
+    for i, block in enumerate(cut(blocks, [70])):
+        sink.write(*block)
+        rows = (30, 50) if i else (5, 30)
+        sink.manoeuvre(*make_manoeuvre(blocks[0], *rows, n=i + 1))
+    sink.finish(SUMMARY, {})
+    return path
+
+
+def test_a_manoeuvre_told_late_stands_behind_newer_samples_and_is_read_at_its_own_time(
+    tmp_path: Path,
+) -> None:
+    path = written_with_manoeuvres(tmp_path / "a.mcap")
+    ends_ns = make_blocks(n=100)[0].unix_ns[[30, 50]].tolist()
+    rows = raw(path)
+    assert [time for topic, time, *_ in rows if topic == "/yawid/manoeuvre"] == ends_ns
+    assert [topic for topic, *_ in rows].index("/yawid/manoeuvre") == 1 + 4 * 70
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        times = [m.log_time for _, _, m in reader.iter_messages()]
+        assert times == sorted(times)
+        assert len(times) == len(rows)
+        at_its_time = reader.iter_messages(starting_at=ends_ns[0], ending_before=ends_ns[0] + 1)
+        assert sorted(channel.topic for _, channel, _ in at_its_time) == [
+            "/yawid/estimate", "/yawid/estimate/rml", "/yawid/manoeuvre", "/yawid/modes",
+            "/yawid/sample",
+        ]  # fmt: skip
+        summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
+    assert max(spans) < 1_000_000_000
+    assert spans.count(0) == 2  # a chunk of its own for each manoeuvre
+    sample_ns = make_blocks(n=100)[0].unix_ns
+    found = summary.statistics.message_start_time, summary.statistics.message_end_time
+    assert found == (sample_ns[0], sample_ns[-1])
+
+
+def test_manoeuvres_never_go_back_in_time_though_the_clock_may(tmp_path: Path) -> None:
+    samples, *_ = make_blocks()
+    sink = open_sink(tmp_path / "a.mcap")
+    for n, (first, last) in enumerate([(20, 60), (10, 40), (50, 90)], start=1):
+        sink.manoeuvre(*make_manoeuvre(samples, first, last, n))
+    sink.finish(SUMMARY, {})
+    found = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
+    assert [m.log_time for m, _ in found] == samples.unix_ns[[60, 60, 90]].tolist()
+    assert [each.n for _, each in found] == [1, 2, 3]
+
+
+def test_a_run_without_manoeuvres_has_no_topic_of_them(tmp_path: Path) -> None:
+    with write_file(tmp_path / "a.mcap", make_blocks(n=5)).open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert "/yawid/manoeuvre" not in {channel.topic for channel in summary.channels.values()}
 
 
 def test_a_run_without_a_grid_still_leaves_its_verdict(tmp_path: Path) -> None:

@@ -5,17 +5,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, save, statics, values
 from sinks.sink_blocks import (
+    FLIGHT,
     GRID,
     PARAMETERS,
     SAMPLE_TIME_S,
     SUMMARY,
     make_blocks,
+    make_manoeuvre,
     run_script,
+    unanswered,
 )
 
 from yawid.blocks import Held, Noted, Status
@@ -147,6 +151,76 @@ def test_log_and_verdict_are_there_to_be_read(tmp_path: Path) -> None:
         assert reason.text in verdict
 
 
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two manoeuvres, the second without an answer, told when all samples were there."""
+    blocks = make_blocks(n=200)
+    path = tmp_path_factory.mktemp("flown") / "a.rrd"
+    sink = RerunSink("save", name="flight", warn=fail, path=path)
+    sink.start(GRID)
+    sink.write(*blocks)
+    first, second = make_manoeuvre(blocks[0], 20, 60), make_manoeuvre(blocks[0], 80, 130, n=2)
+    sink.manoeuvre(*first)
+    sink.manoeuvre(unanswered(second[0]), second[1])
+    found = [first[0], unanswered(second[0])]
+    sink.finish(msgspec.structs.replace(SUMMARY, manoeuvres=found, flight=FLIGHT), {})
+    return path
+
+
+def test_a_manoeuvre_is_a_state_of_its_lane_from_its_first_sample_to_its_last(flown: Path) -> None:
+    samples, *_ = make_blocks(n=200)
+    lane = recorded(flown)["/state/manoeuvre"]
+    assert lane["StateChange:state"] == [["1"], [""], ["2 not usable"], [""]]
+    rows = [20, 60, 80, 130]
+    assert [t // 1000 for t in lane["boot_time"]] == samples.boot_us[rows].tolist()
+    assert lane["unix_time"] == samples.unix_ns[rows].tolist()
+
+
+def test_the_dutch_roll_of_a_manoeuvre_is_a_bar_with_its_band_and_ends_with_it(
+    flown: Path,
+) -> None:
+    samples, *_ = make_blocks(n=200)
+    entities = recorded(flown)
+    wn, zeta = (entities[f"/dutch_roll/{name}/manoeuvre"] for name in ("wn", "zeta"))
+    for found, bar in ((wn, [10.2, 9.8, 10.6]), (zeta, [0.62, 0.56, 0.68])):
+        np.testing.assert_allclose(found["Scalars:scalars"], [bar, bar, [np.nan] * 3])
+        assert [t // 1000 for t in found["boot_time"][:2]] == samples.boot_us[[20, 60]].tolist()
+        assert samples.unix_ns[60] < found["unix_time"][2] < samples.unix_ns[61]
+
+
+def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
+    first, *_, [last] = statics(flown, "/manoeuvres", "TextDocument:text")
+    assert first == ["No manoeuvre.\n"]
+    flight = (
+        "The flight: **ωn 10.10 ± 0.30 rad/s, ζ 0.630 ± 0.040** (2σ) at 20.5 m/s, airframe, "
+        "of manoeuvre 1, 3; 2 disagree: usable."
+    )
+    assert last.splitlines() == [
+        flight,
+        "",
+        "| | mode | loop | V m/s | ωn rad/s | ζ | usable |",
+        "|-:|-|-|-:|-:|-:|-|",
+        "| 1 | FBWA | with roll loop | 21.5 | 10.20 ± 0.40 | 0.620 ± 0.060 | usable |",
+        "| 2 |  | with roll loop |  | none | none | not usable, not excited |",
+        "",
+        "± is two sigma.",
+    ]
+    [verdict] = statics(flown, "/verdict", "TextDocument:text")[-1]
+    assert verdict == f"# Usable\n{flight}\n"
+
+
+def test_the_table_grows_with_each_manoeuvre_and_an_aborted_recording_keeps_it(
+    tmp_path: Path,
+) -> None:
+    samples, *_ = make_blocks(n=200)
+    sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    for n in (1, 2):
+        sink.manoeuvre(*make_manoeuvre(samples, 50 * n, 50 * n + 20, n))
+    sink.abort()
+    tables = statics(tmp_path / "a.rrd.part", "/manoeuvres", "TextDocument:text")
+    assert [table.count("| usable |\n") for [table] in tables] == [0, 2, 3]  # the head has one
+
+
 def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: Path) -> None:
     path = save(tmp_path / "a.rrd", make_blocks(n=30))
     reader = RrdReader(path)
@@ -159,7 +233,7 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
         for [origin] in batch.column("ViewBlueprint:space_origin").to_pylist()
     }
     flight = {"/input", "/yaw_rate", "/innovation", "/state", "/parameters"}
-    worth = {"/verdict", "/log", "/z_plane", "/whiteness"}
+    worth = {"/verdict", "/manoeuvres", "/log", "/z_plane", "/whiteness"}
     hidden = {"/none"}  # holds the time range that all time axes share
     assert origins == flight | worth | hidden | {"/dutch_roll/wn", "/dutch_roll/zeta"}
     subprocess.run([VIEWER, "rrd", "verify", str(path)], check=True, capture_output=True)

@@ -1,5 +1,6 @@
 """Blocks as protobuf messages: which column of a block is which field."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -9,10 +10,10 @@ from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.physics.derivatives import NAMES
-from yawid.results.run_summary import VerdictSummary
+from yawid.results.run_summary import Manoeuvre, Value, VerdictSummary
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.schemas import MODE_VALUES, descriptor, message_class
+from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE, descriptor, message_class
 
 Rows = NDArray[Any]
 
@@ -121,6 +122,25 @@ def verdict_message(verdict: VerdictSummary) -> bytes:
     """Return one ``yawid.Verdict``."""
     reasons = [reason.to_json() for reason in verdict.reasons]
     return _packed("yawid.Verdict", usable=verdict.usable, reasons=reasons)
+
+
+def manoeuvre_message(found: Manoeuvre) -> bytes:
+    """Return one ``yawid.Manoeuvre``, its numbers those of the method that answers."""
+    answer, roll, verdict = found.answer, found.dutch_roll, found.verdict
+    known = found.to_json() | found.orders.to_json()
+    if answer is not None:
+        gain = (answer.physics or {}).get("K", Value())
+        known |= {"method": answer.method, "K": gain.value, "K_std": gain.std}
+        known |= answer.fit.to_json()
+    if roll is not None:
+        known |= roll.to_json()
+    known |= {"usable": verdict.usable, "reasons": [each.to_json() for each in verdict.reasons]}
+    missing = {"double": math.nan, "string": ""}
+    fields = {}
+    for name, kind, _ in TABLE["Manoeuvre"]:
+        value = known.get(name)
+        fields[name] = missing[kind] if value is None else value
+    return _packed("yawid.Manoeuvre", **fields)
 
 
 def _packed(full_name: str, **fields: object) -> bytes:

@@ -101,6 +101,33 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("custom_mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
         ("name", "string", "as the autopilot calls it"),
     ),
+    "Manoeuvre": (
+        ("n", "fixed32", "number, from 1"),
+        ("from_s", "double", "s, clock of the vehicle, of its first sample"),
+        ("to_s", "double", "s, clock of the vehicle, of its last sample"),
+        ("duration_s", "double", "s"),
+        ("date", "string", "UTC of its first sample, ISO 8601"),
+        ("mode", "string", "as the autopilot calls it; empty where unknown"),
+        ("loop", "string", "airframe, with_roll_loop or unknown"),
+        ("airspeed_m_s", "double", "m/s, mean; NaN where unknown, and so of every number below"),
+        ("airspeed_std_m_s", "double", "m/s"),
+        ("airspeed_source", "string", "airspeed or ground speed; empty where unknown"),
+        ("altitude_m", "double", "m, above the sea"),
+        ("inputs", "string[]", ""),
+        *((name, "fixed32", "order of the model") for name in ("na", "nb", "nc", "nk")),
+        ("turn_removed", "bool", ""),
+        ("method", "string", "whose answer the numbers below are; empty where there is none"),
+        ("wn_rad_s", "double", "rad/s"),
+        ("wn_std", "double", "rad/s"),
+        ("zeta", "double", "1"),
+        ("zeta_std", "double", "1"),
+        ("K", "double", "rad/s per {rudder}"),
+        ("K_std", "double", "rad/s per {rudder}"),
+        ("simulation_pct", "double", "percent"),
+        ("simulation_held_back_pct", "double", "percent"),
+        ("usable", "bool", ""),
+        ("reasons", ".yawid.Reason[]", ""),
+    ),
 }
 
 TOPICS: Final[Mapping[str, str]] = {
@@ -109,11 +136,13 @@ TOPICS: Final[Mapping[str, str]] = {
     **{f"/yawid/estimate/{method}": "yawid.Estimate" for method in METHODS},
     "/yawid/modes": "yawid.Modes",
     "/yawid/mode": "yawid.Mode",
+    "/yawid/manoeuvre": "yawid.Manoeuvre",
     "/yawid/verdict": "yawid.Verdict",
     "/yawid/log": "foxglove.Log",
 }
 """Every topic of our files and the message on it."""
 SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
+MANOEUVRE: Final = "/yawid/manoeuvre"
 MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
 """Of a mode: fields of ``yawid.Modes`` by themselves and after ``dutch_roll_``."""
 

@@ -21,12 +21,22 @@ from yawid.sinks.mcap.messages import (
     estimate_rows,
     joined,
     log_message,
+    manoeuvre_message,
     mode_message,
     modes_rows,
     sample_rows,
     verdict_message,
 )
-from yawid.sinks.mcap.schemas import LOG, MODES, SAMPLE, TOPICS, estimate_topics, schema_data, units
+from yawid.sinks.mcap.schemas import (
+    LOG,
+    MANOEUVRE,
+    MODES,
+    SAMPLE,
+    TOPICS,
+    estimate_topics,
+    schema_data,
+    units,
+)
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LIBRARY: Final = f"yawid {__version__}"
@@ -62,7 +72,8 @@ class McapSink:
     ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text is held
     under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
     topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
-    estimates, modes; before it the flight mode where it is another.
+    estimates, modes; before it the flight mode where it is another. A manoeuvre stands where it was
+    told, behind samples that are newer.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -82,7 +93,8 @@ class McapSink:
         self._records: set[str] = set()
         self._mode: float | None = None
         self._estimate_channels: dict[str, int] = {}
-        self._sample_ns = self._log_ns = self._rows = 0
+        self._manoeuvre_channel: int | None = None
+        self._sample_ns = self._log_ns = self._manoeuvre_ns = self._rows = 0
         self._waiting: list[RunRows] = []
         self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
         try:
@@ -165,8 +177,20 @@ class McapSink:
         self._mode = float(known[-1])
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
+        """See :meth:`yawid.sinks.base.Sink.manoeuvre`; ``log_time`` is that of its last sample.
+
+        Its channel comes with the first: a file without manoeuvres has none, as of older versions.
+        """
         self._write_waiting()
+        self._manoeuvre_ns = max(span_ns[1], self._manoeuvre_ns)
+        with os_errors_as_sink_error(self._part):
+            if self._manoeuvre_channel is None:
+                self._manoeuvre_channel = self._channel(MANOEUVRE)
+            # A chunk of its own: one with samples would reach back by seconds.
+            self._writer.end_chunk()
+            message = manoeuvre_message(found)
+            self._writer.add_message(self._manoeuvre_channel, self._manoeuvre_ns, message)
+            self._writer.end_chunk()
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :meth:`yawid.sinks.base.Sink.log`."""

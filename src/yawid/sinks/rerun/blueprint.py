@@ -35,7 +35,7 @@ def blueprint() -> rrb.Blueprint:
         _lines("Yaw rate [rad/s]: measured, predicted", "/yaw_rate"),
         _lines("Innovation [rad/s]", "/innovation"),
         rrb.StateTimelineView(
-            name="Held stretches, status, flight mode",
+            name="Held stretches, status, flight mode, manoeuvres",
             origin="/state",
             time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         ),
@@ -61,6 +61,7 @@ def _worth() -> rrb.Vertical:
     return rrb.Vertical(
         rrb.Tabs(
             rrb.TextDocumentView(name="Verdict", origin="/verdict"),
+            rrb.TextDocumentView(name="Manoeuvres", origin="/manoeuvres"),
             rrb.TextLogView(name="Log", origin="/log"),
         ),
         rrb.Spatial2DView(

@@ -22,13 +22,15 @@ from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Whiteness
+from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
 from yawid.sinks.rerun.series import (
     MEASURED,
     NEUTRAL,
     PREDICTED,
     group_rows,
+    manoeuvre_rows,
+    manoeuvre_styles,
     series_styles,
-    verdict_markdown,
 )
 
 APPLICATION: Final = "yawid"
@@ -53,6 +55,7 @@ class RerunView:
         self._waiting = 0
         self._bound = 0.0
         self._boot_offset_us: int | None = None  # boot time minus Unix time
+        self._manoeuvres: list[Manoeuvre] = []
         # Building it also warms up what else makes the first rows of a live run wait for 0.2 s.
         first = blueprint()
         self._recording = rr.RecordingStream(APPLICATION)
@@ -66,7 +69,8 @@ class RerunView:
             self._recording.connect_grpc(address, default_blueprint=first)
         self._recording.send_recording_name(name)
         log_furniture(self._recording)
-        self._show_verdict("No verdict yet: the run goes on.\n")
+        self._show("verdict", "No verdict yet: the run goes on.\n")
+        self._show("manoeuvres", manoeuvres_markdown([]))
 
     def start(self, grid: Grid) -> None:
         """Name and colour the lines."""
@@ -92,7 +96,24 @@ class RerunView:
             self._send()
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """Show a manoeuvre."""
+        """Show a manoeuvre: a state of its lane, its Dutch roll as bars, a row of the table."""
+        if not self._manoeuvres:
+            for entity, style in manoeuvre_styles().items():
+                self._recording.log(entity, rr.SeriesLines(**style), static=True)
+        self._manoeuvres.append(found)
+        self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
+        boot_us = np.rint(np.array([found.from_s, found.to_s]) * 1e6).astype(np.int64)
+        unix_ns = np.array(span_ns, np.int64)
+        state = f"{found.n}" if found.verdict.usable else f"{found.n} not usable"
+        lane = rr.StateChange.columns(state=[state, ""])  # an empty state leaves a gap
+        times = [_boot_times(boot_us), _unix_times(unix_ns)]
+        self._recording.send_columns("state/manoeuvre", times, lane)
+        if found.dutch_roll is None:
+            return
+        after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
+        after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
+        for entity, rows in manoeuvre_rows(found.dutch_roll).items():
+            self._recording.send_columns(entity, after, rr.Scalars.columns(scalars=rows))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """Add a line to the log, on the clock of the vehicle too once that is known."""
@@ -118,7 +139,9 @@ class RerunView:
         Raises:
             RuntimeError: not all of it could be written.
         """
-        self._show_verdict(verdict_markdown(summary))
+        self._show("verdict", verdict_markdown(summary))
+        found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
+        self._show("manoeuvres", manoeuvres_markdown(found, summary.flight))
         self.close()
 
     def close(self) -> None:
@@ -127,9 +150,9 @@ class RerunView:
         self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
         self._recording.disconnect()
 
-    def _show_verdict(self, markdown: str) -> None:
+    def _show(self, entity: str, markdown: str) -> None:
         document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
-        self._recording.log("verdict", document, static=True)
+        self._recording.log(entity, document, static=True)
 
     def _send_change(self, samples: SampleBlock, change: Change) -> None:
         state = rr.StateChange.columns(state=[change.state])

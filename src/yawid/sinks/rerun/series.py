@@ -7,8 +7,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.physics.flying_qualities import LEVELS
-from yawid.results.run_summary import RunSummary
-from yawid.sinks.answers import cards
+from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
 
 Rgba = tuple[int, int, int, int]
@@ -33,7 +32,7 @@ PALETTE: Final[tuple[Rgba, ...]] = (
     (0, 172, 193, 255),
 )
 PALE_ALPHA: Final = 90
-LINE_WIDTH, BAND_WIDTH = 1.5, 0.7
+LINE_WIDTH, BAND_WIDTH, BAR_WIDTH = 1.5, 0.7, 4.0
 BAND: Final = "± 2 sigma"  # of one name, so that the legend has one entry for all bounds
 ZETA_LEVELS: Final = {
     f"level {level}: {zeta:.2f}": zeta for level, (zeta, *_) in enumerate(LEVELS[:2], start=1)
@@ -49,12 +48,12 @@ def _style(names: list[str], colours: list[Rgba], widths: list[float]) -> dict[s
     return {"names": names, "colors": colours, "widths": widths}
 
 
-def _banded(name: str, colour: Rgba) -> dict[str, Any]:
+def _banded(name: str, colour: Rgba, width: float = LINE_WIDTH) -> dict[str, Any]:
     """Style of a line with its lower and upper 2 sigma bound."""
     return _style(
         [name, BAND, BAND],
         [colour, _pale(colour), _pale(colour)],
-        [LINE_WIDTH, BAND_WIDTH, BAND_WIDTH],
+        [width, BAND_WIDTH, BAND_WIDTH],
     )
 
 
@@ -80,6 +79,25 @@ def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
         "dutch_roll/zeta": _banded("zeta", PREDICTED),
         "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [NEUTRAL] * 2, [BAND_WIDTH] * 2),
     }
+
+
+def manoeuvre_styles() -> dict[str, dict[str, Any]]:
+    """Return the style of what :func:`manoeuvre_rows` draws over the lines of the stream."""
+    return {
+        "dutch_roll/wn/manoeuvre": _banded("wn of a manoeuvre [rad/s]", GREEN, BAR_WIDTH),
+        "dutch_roll/zeta/manoeuvre": _banded("zeta of a manoeuvre", GREEN, BAR_WIDTH),
+    }
+
+
+def manoeuvre_rows(roll: DutchRoll) -> dict[str, Floats]:
+    """Return the values (3, 3) of every entity: at a manoeuvre's begin, at its end, none after."""
+    pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
+    rows = {}
+    for entity, (value, std) in zip(manoeuvre_styles(), pairs, strict=True):
+        bar = np.array([value, np.nan if std is None else std])
+        rows[entity] = np.full((3, 3), np.nan)
+        rows[entity][:2] = _with_band(bar[:1], 2.0 * bar[1:])
+    return rows
 
 
 def _two_sigma(std: Floats, limit: Floats | float) -> Floats:
@@ -111,19 +129,3 @@ def group_rows(
         "dutch_roll/zeta": _with_band(zeta, _two_sigma(zeta_std, 0.5)),
         "dutch_roll/zeta/level": np.tile(list(ZETA_LEVELS.values()), (len(samples), 1)),
     }
-
-
-def verdict_markdown(summary: RunSummary) -> str:
-    """Return the verdict for the text panel: the answer, then the reasons."""
-    lines = ["# Usable" if summary.verdict.usable else "# Not usable"]
-    method, first = summary.answering, next(iter(summary.estimates or {}), "")
-    if method is not None and method != first:
-        lines.append(f"Answered by {method.upper()}; the lines drawn are those of {first.upper()}.")
-    lines += [
-        f"- {card.question.rstrip('?')}: **{card.answer}** {card.spread}".rstrip()
-        for card in cards(summary)[:3]
-    ]
-    lines += [
-        f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in summary.verdict.reasons
-    ]
-    return "\n".join(lines) + "\n"
