@@ -24,6 +24,7 @@ from sinks.sink_blocks import (
 
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
+from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.rerun.sink import RerunSink
 
 
@@ -189,13 +190,12 @@ def test_the_dutch_roll_of_a_manoeuvre_is_a_bar_with_its_band_and_ends_with_it(
 
 
 def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
-    first, *_, [last] = statics(flown, "/manoeuvres", "TextDocument:text")
-    assert first == ["No manoeuvre.\n"]
+    [table] = statics(flown, "/manoeuvres", "TextDocument:text")[-1]
     flight = (
         "The flight: **ωn 10.10 ± 0.30 rad/s, ζ 0.630 ± 0.040** (2σ) at 20.5 m/s, airframe, "
         "of manoeuvre 1, 3; 2 disagree: usable."
     )
-    assert last.splitlines() == [
+    assert table.splitlines() == [
         flight,
         "",
         "| | mode | loop | V m/s | ωn rad/s | ζ | usable |",
@@ -209,16 +209,32 @@ def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     assert verdict == f"# Usable\n{flight}\n"
 
 
-def test_the_table_grows_with_each_manoeuvre_and_an_aborted_recording_keeps_it(
-    tmp_path: Path,
-) -> None:
+def test_a_flight_that_says_nothing_says_why() -> None:
+    verdict = SUMMARY.verdict
+    mute = msgspec.structs.replace(
+        FLIGHT, dutch_roll=None, airspeed_m_s=None, loop=None, used=[], disagree=[], verdict=verdict
+    )
+    text = verdict_markdown(msgspec.structs.replace(SUMMARY, flight=mute))
+    heading, said, *reasons = text.splitlines()
+    assert heading == "# Not usable"
+    assert said == "The flight: no answer: not usable, not excited."
+    assert len(reasons) == len(verdict.reasons)
+
+
+def test_a_run_without_manoeuvres_has_no_table(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.rrd", make_blocks(n=30))
+    assert statics(path, "/manoeuvres", "TextDocument:text")[-1] == ["No manoeuvre.\n"]
+    assert not any("manoeuvre" in entity for entity in recorded(path))
+
+
+def test_an_aborted_recording_keeps_the_table_of_what_was_found(tmp_path: Path) -> None:
     samples, *_ = make_blocks(n=200)
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
     for n in (1, 2):
         sink.manoeuvre(*make_manoeuvre(samples, 50 * n, 50 * n + 20, n))
     sink.abort()
-    tables = statics(tmp_path / "a.rrd.part", "/manoeuvres", "TextDocument:text")
-    assert [table.count("| usable |\n") for [table] in tables] == [0, 2, 3]  # the head has one
+    [table] = statics(tmp_path / "a.rrd.part", "/manoeuvres", "TextDocument:text")[-1]
+    assert table.count("| FBWA |") == 2
 
 
 def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: Path) -> None:
