@@ -29,6 +29,7 @@ def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
     saved, viewed = recorded(run.with_suffix(".rrd")), recorded(tmp_path / "view.rrd")
     assert saved.keys() == viewed.keys()
     assert len(saved) > 10
+    assert saved["/state/manoeuvre"]["StateChange:state"] == [["1"], [""]]
     for entity, columns in saved.items():
         names = [name for name in columns if ":" in name or name in ("boot_time", "unix_time")]
         for name in names:
@@ -37,7 +38,7 @@ def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
     for path in (run.with_suffix(".rrd"), tmp_path / "view.rrd"):
         [text] = statics(path, "/verdict", "TextDocument:text")[-1]
         assert text.startswith("# Usable")
-        assert "Natural frequency ωn: **2.4" in text
+        assert "The flight: **ωn 2.4" in text
 
 
 def with_manoeuvres(run: Path, out: Path, date: str | None = None) -> Path:

@@ -73,7 +73,7 @@ class McapSink:
     under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
     topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
     estimates, modes; before it the flight mode where it is another. A manoeuvre stands where it was
-    told, behind samples that are newer.
+    reported, behind samples that are newer.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -179,7 +179,7 @@ class McapSink:
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """See :meth:`yawid.sinks.base.Sink.manoeuvre`; ``log_time`` is that of its last sample.
 
-        Its channel comes with the first: a file without manoeuvres has none, as of older versions.
+        Its channel comes with the first: a file without manoeuvres has no such channel, as before.
         """
         self._write_waiting()
         self._manoeuvre_ns = max(span_ns[1], self._manoeuvre_ns)
