@@ -11,6 +11,15 @@ import msgspec
 import numpy as np
 import pytest
 from finished_runs import replayed
+from hand_flights import (
+    flight,
+    four_of_a_flight,
+    manoeuvre,
+    mixed_loops,
+    none_usable,
+    without_airspeed,
+)
+from hand_flights import summary as flight_summary
 from places import C172P
 from report_page import Page, first_screen
 
@@ -180,3 +189,74 @@ def test_what_was_held_is_said_once(tmp_path: Path) -> None:
     assert f"others: held, or too few before them {counts[0]} {counts[1]}" in text
     assert "samples held, by reason any no sample" in text
     assert "none held" not in text
+
+
+def test_the_cards_are_those_of_the_flight_where_there_is_one() -> None:
+    frequency, damping, sure, can_use = cards(four_of_a_flight())
+
+    assert (frequency.answer, frequency.spread) == ("10.21 rad/s", "± 0.32 (2σ)")
+    assert frequency.notes[1:] == (
+        "at 22.0 m/s (airspeed) and 102 m altitude",
+        "ωn = 0.463 ± 0.015 · V (2σ)",
+        "the aircraft with its roll loop",
+    )
+    assert damping.answer == "0.624"
+    assert sure.answer == "Very"
+    assert sure.notes == (
+        "from 2 of 4 manoeuvres",
+        "left out, as they disagree: 3",
+        "the models alone tell 91 % of the yaw rate",
+        "learnt from 65 s of flight",
+    )
+    assert can_use.answer == "Yes"  # the stream of this run is not usable
+    assert "beside it" not in str([frequency, damping])
+
+
+def test_the_headline_says_whose_number_it_is_and_where() -> None:
+    said = headline(four_of_a_flight())
+
+    assert said.startswith("The yaw answers the rudder with a Dutch roll of 10.2 rad/s (1.6 Hz)")
+    assert said.endswith(
+        "It is that of the aircraft with its roll loop, at 22.0 m/s (airspeed) and 102 m altitude, "
+        "from 2 of 4 manoeuvres."
+    )
+    assert "under different loops, at 22.0 m/s" in headline(mixed_loops())
+    assert "roll loop, from 2 of 2 manoeuvres." in headline(without_airspeed())
+
+
+def test_a_flight_without_a_usable_manoeuvre_is_refused_whatever_the_stream_says() -> None:
+    yes = VerdictSummary(method="rml", usable=True, reasons=[])
+    refused = msgspec.structs.replace(none_usable(), verdict=yes)
+
+    assert headline(refused).startswith("This log cannot say how the yaw answers the rudder: the n")
+    assert [card.answer for card in cards(refused)] == [
+        "none found",
+        "none found",
+        "Not usable",
+        "No",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("loop", "words", "levelled"),
+    [
+        ("airframe", "the airframe", True),
+        ("with_roll_loop", "the aircraft with its roll loop", False),
+        ("unknown", "the aircraft as flown (the flight mode is not known)", False),
+    ],
+)
+def test_only_the_airframe_has_a_level(loop: str, words: str, levelled: bool) -> None:
+    level_1 = msgspec.structs.replace(flight().dutch_roll, level=1)
+    run = flight_summary([manoeuvre(1, loop=loop)], flight(used=[1], loop=loop, dutch_roll=level_1))
+    frequency, damping = cards(run)[:2]
+
+    assert frequency.notes[-1] == words
+    assert ("MIL-F-8785C level 1" in damping.notes[0]) == levelled
+
+
+def test_a_bare_and_a_closed_airframe_together_have_no_level() -> None:
+    level_1 = msgspec.structs.replace(flight().dutch_roll, level=1)
+    both = [manoeuvre(1, loop="airframe"), manoeuvre(2)]
+    run = flight_summary(both, flight(loop="airframe", dutch_roll=level_1))
+
+    assert "level" not in cards(run)[1].notes[0]

@@ -1,8 +1,12 @@
-"""The report's first screen, in words: what is wn, what is zeta, how sure, can it be used."""
+"""The report's first screen, in words: what is wn, what is zeta, how sure, can it be used.
 
+Where manoeuvres were found the answer is the flight's, else that of the stream at its end.
+"""
+
+import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Final
@@ -10,11 +14,25 @@ from typing import Final
 from msgspec.structs import replace
 
 from yawid.estimation.fit import WORST_PCT
-from yawid.results.run_summary import DutchRoll, MethodSummary, ReasonSummary, RunSummary
+from yawid.results.run_summary import (
+    DutchRoll,
+    Flight,
+    Manoeuvre,
+    MethodSummary,
+    ReasonSummary,
+    RunSummary,
+)
 
 MOST_HEADLINE = 160
 """Characters of a reason that the headline repeats; it stands whole below."""
+LARGEST_IN_FULL: Final = 1e6
+"""A larger number, of an estimate that diverged, is not written digit by digit."""
 _NONE: Final = ("none found", "")
+_WHOSE: Final = {
+    "airframe": "the airframe",
+    "with_roll_loop": "the aircraft with its roll loop",
+    "unknown": "the aircraft as flown (the flight mode is not known)",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +51,27 @@ def percent(value: float, spec: str = ".1f") -> str:
 
 
 def cards(summary: RunSummary) -> list[Card]:
-    """Return the answers to the four questions; numbers are those of the method that answers."""
-    mode, others = summary.dutch_roll, summary.others
-    if mode is not None and not summary.verdict.usable:
+    """Return the answers to the four questions, of the flight or of the method that answers."""
+    mode, flight = _dutch_roll(summary), summary.flight
+    others = summary.others if flight is None else {}
+    loop = "airframe" if flight is None else loop_of(flight, summary.manoeuvres or ())
+    levelled = summary.deciding.usable and loop == "airframe"
+    if mode is not None and not levelled:
         mode = replace(mode, level=None)
-    return [_frequency(mode, others), _damping(mode, others), _sure(summary), use(summary)]
+    frequency, damping = _frequency(mode, others), _damping(mode, others)
+    if flight is None:
+        return [frequency, damping, _sure(summary), use(summary)]
+    if mode is not None:
+        slope = kappa(flight, 2.0) and f"ωn = {kappa(flight, 2.0)} (2σ)"
+        frequency = _noting(frequency, conditions(flight), slope, whose(loop))
+    return [frequency, damping, _sure_of_flight(summary, flight), use(summary)]
 
 
 def use(summary: RunSummary) -> Card:
-    """Return whether the estimate can be used."""
-    reasons = summary.verdict.reasons
-    if not summary.verdict.usable:
-        shown = summary.dutch_roll is not None
+    """Return whether the answer can be used."""
+    reasons = summary.deciding.reasons
+    if not summary.deciding.usable:
+        shown = _dutch_roll(summary) is not None
         spread = "the numbers are shown for study only" if shown else "there is no answer"
         return Card("Can I use it?", "No", spread, _names(_fatal(summary)))
     if not reasons:
@@ -55,23 +82,95 @@ def use(summary: RunSummary) -> Card:
 
 
 def headline(summary: RunSummary) -> str:
-    """Return the whole answer as one sentence."""
-    mode = summary.dutch_roll
-    if not summary.verdict.usable:
+    """Return the whole answer as one sentence, or two where it is a flight's."""
+    mode, flight = _dutch_roll(summary), summary.flight
+    if not summary.deciding.usable:
         # The first fatal reason is the one that decides.
         why = next((reason.text for reason in _fatal(summary)), "the reasons stand below")
         return f"This log cannot say how the yaw answers the rudder: {_first_sentences(why)}"
     if mode is None:
         return "No Dutch roll was identified from this log."
     wn, zeta = mode.wn_rad_s, mode.zeta
-    return (
+    said = (
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
         f"({wn / (2.0 * math.pi):.2g} Hz) and a damping ratio of {zeta:.2g}: {_damped(zeta)}."
     )
+    if flight is None:
+        return said
+    manoeuvres = summary.manoeuvres or ()
+    whose_it_is = whose(loop_of(flight, manoeuvres))
+    facts = (whose_it_is, conditions(flight), counted(flight, manoeuvres))
+    return f"{said} It is that of {', '.join(fact for fact in facts if fact)}."
+
+
+def loop_of(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str | None:
+    """Return the loop that the flight's answer belongs to, None where it rests on several."""
+    loops = {each.loop for each in manoeuvres if each.n in flight.used}
+    if not loops:
+        return flight.loop
+    return loops.pop() if len(loops) == 1 else None
+
+
+def whose(loop: str | None) -> str:
+    """Say what it is that was identified, by :func:`loop_of` or a manoeuvre's loop."""
+    return _WHOSE.get(loop or "", "the aircraft as flown, under different loops")
+
+
+def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
+    """Say in a word or two what came of a manoeuvre: the first fatal reason's id where refused."""
+    if not manoeuvre.verdict.usable:
+        fatal = (r.id for r in manoeuvre.verdict.reasons if r.weight == "fatal")
+        return next(fatal, "not usable")
+    if flight is not None and manoeuvre.n in flight.disagree:
+        return "disagrees"
+    return "used" if flight is not None and manoeuvre.n in flight.used else "usable, not used"
+
+
+def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:
+    """Return how many of the manoeuvres the flight's answer rests on."""
+    total = len(manoeuvres)
+    return f"from {len(flight.used) or 'none'} of {total} manoeuvre{'s' if total > 1 else ''}"
+
+
+def conditions(flight: Flight) -> str:
+    """Return the airspeed and altitude that the flight's answer is told at, empty if unknown."""
+    speed, altitude = flight.airspeed_m_s, flight.altitude_m
+    source = "" if flight.airspeed_source is None else f" ({flight.airspeed_source})"
+    known = [] if speed is None else [f"{speed:.1f} m/s{source}"]
+    known += [] if altitude is None else [f"{altitude:.0f} m altitude"]
+    return f"at {' and '.join(known)}" if known else ""
+
+
+def kappa(flight: Flight, sigmas: float = 1.0) -> str:
+    """Return wn as it goes with the airspeed V, and so many sigma; empty where not known."""
+    if flight.kappa_rad_m is None or flight.kappa_rad_m.value is None:
+        return ""
+    value, spread = with_sigma(flight.kappa_rad_m.value, flight.kappa_rad_m.std, sigmas)
+    return " ".join(filter(None, (value, spread, "· V")))
+
+
+def utc(date: str) -> str:
+    """Return an ISO 8601 time in UTC as people read it, to the second."""
+    return f"{date[:19].replace('T', ' ')} UTC"
+
+
+def no_manoeuvre(summary: RunSummary) -> str:
+    """Say that manoeuvres were looked for in vain, and why that may be."""
+    if summary.estimates is None:
+        return "no manoeuvre found: rudder and yaw rate were never there together"
+    return (
+        "no manoeuvre found: the rudder never moved on its own for long enough, in the air and at "
+        "a steady airspeed"
+    )
+
+
+def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
+    """Return the answer: the flight's where there is a flight."""
+    return summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
 
 
 def _fatal(summary: RunSummary) -> list[ReasonSummary]:
-    return [r for r in summary.verdict.reasons if r.weight == "fatal"]
+    return [r for r in summary.deciding.reasons if r.weight == "fatal"]
 
 
 def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
@@ -80,9 +179,17 @@ def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
 
 def with_two_sigma(value: float, sigma: float | None) -> tuple[str, str]:
     """Return a value and its 2 sigma, rounded to where the sigma has two digits."""
+    said, spread = with_sigma(value, sigma, 2.0)
+    return said, spread or "sigma not known"
+
+
+def with_sigma(value: float, sigma: float | None, times: float = 1.0) -> tuple[str, str]:
+    """Return a value and so many sigma, rounded to where that has two digits; empty if unknown."""
     if sigma is None or not sigma > 0.0:
-        return f"{value:.4g}", "sigma not known"
-    spread = 2.0 * sigma
+        return f"{value:.4g}", ""
+    spread = times * sigma
+    if max(abs(value), spread) >= LARGEST_IN_FULL:
+        return f"{value:.4g}", f"± {spread:.2g}"
     digits = min(max(1 - math.floor(math.log10(spread)), 0), 6)
     return f"{value:.{digits}f}", f"± {spread:.{digits}f}"
 
@@ -107,6 +214,11 @@ def _damping(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Car
     return _card("Damping ratio ζ", value, spread, notes)
 
 
+def _noting(card: Card, *notes: str) -> Card:
+    """Return the card with further notes, those that are not empty."""
+    return dataclasses.replace(card, notes=(*card.notes, *filter(None, notes)))
+
+
 def _card(question: str, value: str, spread: str, notes: list[str]) -> Card:
     shown = f"{spread} (2σ)" if spread else ""
     return Card(question, value, shown, tuple(note.rstrip() for note in notes))
@@ -127,7 +239,31 @@ def _sure(summary: RunSummary) -> Card:
             explained_pct = max(answer.fit.simulation_pct, 0.0)
             notes.append(f"the model alone tells {explained_pct:.0f} % of the yaw rate")
         notes.append(f"learnt from {_duration(answer.updates * answer.sample_time_s)} of flight")
-    if not summary.verdict.usable:
+    return _how_sure(summary, mode, notes)
+
+
+def _sure_of_flight(summary: RunSummary, flight: Flight) -> Card:
+    manoeuvres = summary.manoeuvres or []
+    used = [each for each in manoeuvres if each.n in flight.used]
+    notes = [counted(flight, manoeuvres)]
+    if flight.disagree:
+        notes.append(f"left out, as they disagree: {', '.join(map(str, flight.disagree))}")
+    fits = [each.answer.fit.simulation_pct for each in used if each.answer is not None]
+    known = [max(fit, 0.0) for fit in fits if fit is not None]
+    if known:
+        notes.append(f"the models alone tell {_range(known)} % of the yaw rate")
+    if used:
+        notes.append(f"learnt from {_duration(sum(each.duration_s for each in used))} of flight")
+    return _how_sure(summary, flight.dutch_roll, notes)
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.0f}", f"{max(values):.0f}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> Card:
+    if not summary.deciding.usable:
         return Card("How sure?", "Not usable", "whatever the sigma says", tuple(notes))
     if mode is None or mode.wn_std is None or mode.zeta_std is None:
         return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
@@ -135,7 +271,7 @@ def _sure(summary: RunSummary) -> Card:
     zeta_pct = 200.0 * mode.zeta_std / abs(mode.zeta) if mode.zeta else math.inf
     spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} % (2σ)"
     word = "Very" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
-    if word == "Very" and any(r.id == "coloured_residuals" for r in summary.verdict.reasons):
+    if word == "Very" and any(r.id == "coloured_residuals" for r in summary.deciding.reasons):
         word = "Fairly"
         notes.append("σ may be too small: the residuals are not white")
     word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word

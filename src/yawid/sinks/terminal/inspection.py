@@ -1,7 +1,6 @@
 """The page of ``yawid inspect``: what a log can answer, to be read in ten seconds."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from textwrap import fill
 from typing import TextIO
 
 import numpy as np
@@ -11,10 +10,15 @@ from rich.text import Text
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.results.run_summary import DutchRoll, Manoeuvre, VehicleSeen
-from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict, with_sigma
+from yawid.sinks.terminal.summary_table import (
+    NAME_WIDTH,
+    WIDTH,
+    hanging,
+    origin,
+    print_verdict,
+    with_sigma,
+)
 
-_NAME = 9
-"""Width of the column of names."""
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
 MOST_WINDOWS = 6
@@ -30,11 +34,11 @@ def print_inspection(report: Inspection, stream: TextIO) -> None:
     for line in origin(report):
         console.print(Text(line))
     for name, text in _rows(report):
-        console.print(Text(_hanging(name, text, console.width)))
+        console.print(Text(hanging(name, text, console.width)))
     if report.command is not None:
         # What was tried, for copying: it must not be wrapped.
         word = "try" if report.verdict.usable else "tried"
-        console.print(Text(f"{word:>{_NAME - 1}}  {report.command}"), soft_wrap=True)
+        console.print(Text(f"{word:>{NAME_WIDTH - 1}}  {report.command}"), soft_wrap=True)
 
 
 def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
@@ -63,12 +67,6 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         yield "answers", f"Dutch rolls of wn up to {most:.3g} rad/s, well up to {well:.3g}"
     for line in report.recommend.get("record", ()):
         yield "record", line
-
-
-def _hanging(name: str, text: str, width: int) -> str:
-    """Return one row: its name, and its text beside that however many lines it has."""
-    begin, indent = f"{name:>{_NAME - 1}}  ", " " * (_NAME + 1)
-    return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def _vehicle(vehicle: VehicleSeen, seconds: float) -> str:

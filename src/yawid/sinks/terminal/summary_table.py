@@ -1,6 +1,7 @@
 """What a person reads in the terminal: the summary as a table on stdout."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import fill
 from typing import Any, TextIO
 
 from msgspec.structs import replace
@@ -19,18 +20,32 @@ from yawid.results.run_summary import (
     VerdictSummary,
 )
 from yawid.sinks.answers import percent
+from yawid.sinks.terminal.flight_table import flight_rows, manoeuvres_table, table_notes
 
 WIDTH = 80
+NAME_WIDTH = 9
+"""Width of the column of names."""
 MOST_BOOTS = 4
 """Further boots are left to --json."""
 
 
 def print_summary(summary: RunSummary, stream: TextIO) -> None:
-    """Print the summary of one run: the verdict first, then how sure, then where it comes from."""
+    """Print the summary of one run: the verdict first, then how sure, then where it comes from.
+
+    Where there were manoeuvres the verdict is the flight's, and the stream's stands below it.
+    """
     console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
     console.print(Text(summary.log, style="bold"))
-    print_verdict(console, summary.verdict)
+    print_verdict(console, summary.deciding)
+    for name, text in flight_rows(summary):
+        console.print(Text(hanging(name, text, console.width)))
+    if summary.manoeuvres:
+        console.print(manoeuvres_table(summary.manoeuvres, summary.flight))
+        notes = fill(table_notes(summary.manoeuvres), console.width, break_on_hyphens=False)
+        console.print(Text(notes, "dim"))
     if summary.estimates:
+        if summary.flight is not None:
+            console.print(Text(_stream(summary.verdict), "bold"))
         console.print(_estimates_table(summary, summary.estimates))
     for line in origin(summary):
         console.print(Text(line))
@@ -49,8 +64,21 @@ def print_verdict(console: Console, verdict: VerdictSummary) -> None:
         console.print(Padding(line, (0, 0, 0, 2), expand=False))
 
 
+def hanging(name: str, text: str, width: int) -> str:
+    """Return one row: its name, and its text beside that however many lines it has."""
+    begin, indent = f"{name:>{NAME_WIDTH - 1}}  ", " " * (NAME_WIDTH + 1)
+    return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
+
+
+def _stream(verdict: VerdictSummary) -> str:
+    """Return the heading of the stream's own estimates, beside which a flight's answer stands."""
+    word = "usable" if verdict.usable else "not usable"
+    ids = [reason.id for reason in verdict.reasons]
+    return f"the stream at its end (not the flight): {', '.join([word, *ids])}"
+
+
 def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]) -> Table:
-    answers = summary.answering if summary.verdict.usable else None
+    answers = summary.answering if summary.verdict.usable and summary.flight is None else None
     table = Table(box=None, pad_edge=False)
     table.add_column("± is one sigma")
     for method in estimates:

@@ -1,0 +1,173 @@
+"""Summaries of whole flights, built by hand after the recorded one (sitl_fbwa_50hz)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from msgspec.structs import replace
+
+from yawid.results.run_summary import (
+    BetweenStd,
+    DutchRoll,
+    Fit,
+    Flight,
+    LinkCounts,
+    Manoeuvre,
+    MethodSummary,
+    Mode,
+    Orders,
+    ReasonSummary,
+    RunSummary,
+    Value,
+    VehicleSeen,
+    VerdictSummary,
+)
+
+ORDERS = Orders(3, 3, 2, 1)
+BOOT = "2026-03-05T12:14:02"
+NOT_CONVERGED = ReasonSummary(
+    "not_converged",
+    "fatal",
+    "the natural frequency went from 9.1 to 12.4 rad/s between the two halves of the manoeuvre",
+)
+
+
+def estimate(method: str, roll: DutchRoll | None, fit_pct: float | None = 91.3) -> MethodSummary:
+    return MethodSummary(
+        method=method,
+        orders=ORDERS,
+        sample_time_s=0.04,
+        updates=575,
+        held=4,
+        theta={"a1": -1.9},
+        theta_std={"a1": 0.01},
+        modes=[Mode(kind="dutch_roll", wn_rad_s=10.2, zeta=0.62)],
+        dutch_roll=roll,
+        physics={"K": Value(0.308, 0.006), "T_theta_s": Value(0.85, 0.04)},
+        fit=Fit(one_step_pct=98.1, simulation_pct=fit_pct, simulation_held_back_pct=88.2),
+    )
+
+
+def roll_of(wn: float, zeta: float, wn_std: float = 0.11, zeta_std: float = 0.012) -> DutchRoll:
+    return DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=zeta, zeta_std=zeta_std)
+
+
+def manoeuvre(
+    n: int,
+    wn: float | None = 10.2,
+    zeta: float = 0.62,
+    *,
+    speed: float | None = 22.0,
+    reason: ReasonSummary | None = None,
+    **more: Any,
+) -> Manoeuvre:
+    """Return a manoeuvre of half a minute, a minute after the one before; refused by a reason."""
+    from_s = 60.0 * n - 25.0
+    minutes, seconds = divmod(2 + round(from_s), 60)
+    roll = None if wn is None else roll_of(wn, zeta)
+    given: dict[str, Any] = {
+        "n": n,
+        "from_s": from_s,
+        "to_s": from_s + 32.4,
+        "duration_s": 32.4,
+        "date": f"2026-03-05T12:{14 + minutes}:{seconds:02d}.040Z",
+        "mode": "FBWA",
+        "loop": "with_roll_loop",
+        "airspeed_m_s": speed,
+        "airspeed_std_m_s": None if speed is None else 0.3,
+        "airspeed_source": None if speed is None else "airspeed",
+        "altitude_m": 102.4,
+        "inputs": ["rudder"],
+        "orders": ORDERS,
+        "turn_removed": False,
+        "estimates": {"els": estimate("els", roll), "rml": estimate("rml", roll)},
+        "verdict": VerdictSummary(
+            method="rml", usable=reason is None, reasons=[] if reason is None else [reason]
+        ),
+    }
+    return Manoeuvre(**(given | more))
+
+
+def flight(**more: Any) -> Flight:
+    given: dict[str, Any] = {
+        "method": "rml",
+        "orders": ORDERS,
+        "airspeed_m_s": 22.0,
+        "airspeed_source": "airspeed",
+        "altitude_m": 102.0,
+        "date": "2026-03-05T12:14:37.040Z",
+        "loop": "with_roll_loop",
+        "dutch_roll": roll_of(10.21, 0.624, 0.16, 0.021),
+        "kappa_rad_m": Value(0.4634, 0.0077),
+        "K_per_V": Value(0.014, 0.0004),
+        "between_std": BetweenStd(wn_rad_s=0.15, zeta=0.02),
+        "used": [1, 2],
+        "disagree": [3],
+        "verdict": VerdictSummary(method="rml", usable=True, reasons=[]),
+    }
+    return Flight(**(given | more))
+
+
+def summary(
+    manoeuvres: list[Manoeuvre] | None, of: Flight | None, stream: DutchRoll | None = None
+) -> RunSummary:
+    """Return the summary of a run whose stream ended at 13.5 rad/s and was not usable."""
+    roll = stream or roll_of(13.5, 0.71, 0.09, 0.01)
+    return RunSummary(
+        log="flights/2026-03-05 12-14-02.tlog",
+        duration_s=268.0,
+        vehicle=VehicleSeen(1, 1, 1, 3),
+        link=LinkCounts(frames=40_212),
+        channels={},
+        estimates={"els": estimate("els", roll, 31.0), "rml": estimate("rml", roll, 33.0)},
+        verdict=VerdictSummary(method="rml", usable=False, reasons=[NOT_CONVERGED]),
+        manoeuvres=manoeuvres,
+        flight=of,
+    )
+
+
+def four() -> list[Manoeuvre]:
+    """Four manoeuvres: two that are used, one that disagrees, one that was refused."""
+    return [
+        manoeuvre(1, 10.27, 0.624),
+        manoeuvre(2, 10.07, 0.617, speed=21.6),
+        manoeuvre(3, 11.92, 0.41, speed=22.3, turn_removed=True),
+        manoeuvre(4, 12.4, 0.33, speed=22.9, mode="STABILIZE", reason=NOT_CONVERGED),
+    ]
+
+
+def four_of_a_flight() -> RunSummary:
+    return summary(four(), flight())
+
+
+def none_usable() -> RunSummary:
+    refused = [manoeuvre(n, wn, reason=NOT_CONVERGED) for n, wn in ((1, 12.4), (2, None))]
+    verdict = VerdictSummary(method="rml", usable=False, reasons=[NOT_CONVERGED])
+    return summary(refused, Flight(used=[], disagree=[], verdict=verdict))
+
+
+def without_airspeed() -> RunSummary:
+    every = [replace(manoeuvre(n, speed=None), altitude_m=None) for n in (1, 2)]
+    of = flight(airspeed_m_s=None, airspeed_source=None, altitude_m=None, kappa_rad_m=None,
+                K_per_V=None, disagree=[])  # fmt: skip
+    return summary(every, of)
+
+
+def forty() -> RunSummary:
+    every = [manoeuvre(n, 8.0 + 0.07 * n, speed=17.5 + 0.15 * n) for n in range(1, 41)]
+    return summary(every, flight(used=list(range(1, 41)), disagree=[]))
+
+
+def mixed_loops() -> RunSummary:
+    every = [
+        manoeuvre(1, 10.4, 0.61, mode="MANUAL", loop="airframe", inputs=["rudder", "aileron"]),
+        manoeuvre(2, 10.2, 0.63, airspeed_source="ground speed"),
+        manoeuvre(3, 10.3, 0.62, mode=None, loop="unknown"),
+    ]
+    return summary(every, flight(used=[1, 2, 3], disagree=[], loop=None))
+
+
+EVERY = {
+    make.__name__: make
+    for make in (four_of_a_flight, none_usable, without_airspeed, forty, mixed_loops)
+}
