@@ -4,7 +4,7 @@ The file keeps theta's sigma but not its covariance, which every band needs. Est
 the samples gives it, and shows that the file can be replayed from itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any
 
@@ -80,6 +80,16 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True)
+class Stretch:
+    """Where a manoeuvre stands on the axis of time, in s since boot."""
+
+    n: int
+    from_s: float
+    to_s: float
+    usable: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Events:
     """What happened to the samples: spans (n, 2) and instants (n,) in s since boot.
 
@@ -92,6 +102,7 @@ class Events:
     notes: dict[str, int]
     delay_t: Floats
     delay_s: Floats
+    manoeuvres: tuple[Stretch, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +128,13 @@ def gather(run: McapRun, method: str | None = None) -> ReportData | None:
     if method not in run.grid.methods:
         method = run.grid.methods[0]
     gatherer = _Gatherer(run, method, run.grid.sample_time_s)
+    stretches = tuple(
+        Stretch(each.n, each.from_s, each.to_s, each.verdict.usable)
+        for each in run.summary.manoeuvres or ()
+    )
     for block in run.blocks():
         gatherer.add(block.samples, block.estimates[gatherer.method], block.modes)
-    return gatherer.result()
+    return gatherer.result(stretches)
 
 
 class _Gatherer:
@@ -158,7 +173,7 @@ class _Gatherer:
             estimates, config.orders, config.sample_time_s, mean_output=mean_output
         ).dutch_roll
 
-    def result(self) -> ReportData | None:
+    def result(self, stretches: tuple[Stretch, ...]) -> ReportData | None:
         block = self._bank.last[self.method]
         theta, covariance = block.theta[-1], block.covariance
         if covariance is None or not np.isfinite(covariance[-1]).all():
@@ -175,7 +190,9 @@ class _Gatherer:
             model,
             Track(*_joined(self._thin)),
             Judged(boot_s[-n:], u, y, y_hat, simulated, residual[-n:]),
-            _events(boot_s, held, noted, delay_s, model.sample_time_s),
+            replace(
+                _events(boot_s, held, noted, delay_s, model.sample_time_s), manoeuvres=stretches
+            ),
         )
 
 

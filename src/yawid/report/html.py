@@ -17,6 +17,9 @@ from yawid.sinks.answers import Card
 
 STYLE: Final = files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+Cell = tuple[str, str]
+"""Of a wide table: its text, and what stands small below it."""
+_PALE: Final = ' class="pale"'
 _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 
@@ -74,18 +77,51 @@ def _reasons(reasons: Sequence[ReasonSummary]) -> str:
 
 def pictures(title: str, shown: Sequence[Picture]) -> str:
     """Return a section of pictures, each with what to look for."""
-    figures = [
-        f'<figure id="{p.key}"><h3>{safe(p.title)}</h3>\n{p.svg}\n'
-        f"<figcaption>{safe(p.look)}</figcaption></figure>\n"
-        for p in shown
-    ]
-    return f'<h2>{safe(title)}</h2>\n<div class="pictures">\n{"".join(figures)}</div>'
+    figures = "".join(f"{figure(picture)}\n" for picture in shown)
+    return f'{_heading(title)}<div class="pictures">\n{figures}</div>'
+
+
+def figure(shown: Picture) -> str:
+    """Return one picture with what to look for."""
+    return (
+        f'<figure id="{shown.key}"><h3>{safe(shown.title)}</h3>\n{shown.svg}\n'
+        f"<figcaption>{safe(shown.look)}</figcaption></figure>"
+    )
 
 
 def tables(title: str, shown: Iterable[str]) -> str:
     """Return a section of tables side by side."""
     cells = "".join(f"<div>{table}</div>\n" for table in shown if table)
-    return f'<h2>{safe(title)}</h2>\n<div class="tables">\n{cells}</div>'
+    return f'{_heading(title)}<div class="tables">\n{cells}</div>'
+
+
+def note(title: str, text: str) -> str:
+    """Return a paragraph for a section, or below one where it has no title."""
+    return f'{_heading(title)}<p class="remark">{safe(text)}</p>'
+
+
+def _heading(title: str) -> str:
+    return f"<h2>{safe(title)}</h2>\n" if title else ""
+
+
+def sheet(title: str, heading: Sequence[str], rows: Iterable[tuple[Iterable[Cell], bool]]) -> str:
+    """Return a section of one wide table, each row its cells and whether it is pale.
+
+    It scrolls by itself where the page is narrow, by the keyboard too.
+    """
+    head = "".join(f'<th scope="col">{safe(text)}</th>' for text in heading)
+    lines = "".join(
+        f"<tr{_PALE if pale else ''}>{''.join(map(_cell, cells))}</tr>\n" for cells, pale in rows
+    )
+    return (
+        f'{_heading(title)}<div class="sheet" role="region" tabindex="0" '
+        f'aria-label="{safe(title)}"><table>\n<tr>{head}</tr>\n{lines}</table></div>'
+    )
+
+
+def _cell(cell: Cell) -> str:
+    text, below = cell
+    return f"<td>{safe(text)}{f'<small>{safe(below)}</small>' if below else ''}</td>"
 
 
 def table(title: str, rows: Mapping[str, object], *, folded: bool = False) -> str:

@@ -17,6 +17,8 @@ from yawid.report.data import Events
 from yawid.sinks.rerun.series import INPUTS, MEASURED, NEUTRAL, PREDICTED, Rgba
 
 SIZE_IN: Final = (5.6, 3.5)
+LEAST_BETWEEN: Final = 0.07
+"""Of the axis, between two numbers of manoeuvres: the panels of parameters are narrow."""
 _STYLE: Any = {  # matplotlib's own type of it is a list of every key
     "svg.fonttype": "none",  # text stays text: it can be searched and is drawn sharp
     "svg.hashsalt": "yawid",  # the same picture is the same bytes
@@ -91,8 +93,9 @@ def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str) -> None:
 
 
 def mark_events(ax: Axes, events: Events) -> None:
-    """Shade what was held and mark where the mode changed, within the axis as it is."""
+    """Shade manoeuvres and what was held, mark changes of mode, within the axis as it is."""
     low, high = ax.get_xlim()
+    _mark_manoeuvres(ax, events, low, high)
     for first, last in events.held[:200]:
         if last > low and first < high:
             ax.axvspan(first, last, color=GREY, alpha=0.25, linewidth=0.0)
@@ -100,6 +103,29 @@ def mark_events(ax: Axes, events: Events) -> None:
         if low < instant < high:
             ax.axvline(instant, color="#6a1b9a", linewidth=0.8, linestyle=":")
     ax.set_xlim(low, high)
+
+
+def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float) -> None:
+    """Shade each manoeuvre and number it at the top, hatched where it cannot be used."""
+    numbered = -np.inf
+    for each in events.manoeuvres[:200]:
+        first, last = max(each.from_s, low), min(each.to_s, high)
+        if first >= last:
+            continue
+        if each.usable:
+            ax.axvspan(first, last, color=GREEN, alpha=0.13, linewidth=0.0)
+        else:
+            ax.axvspan(first, last, facecolor="none", edgecolor="#cfcfcf", hatch="////", lw=0.0)
+        middle = (first + last) / 2.0
+        if abs(middle - numbered) > LEAST_BETWEEN * (high - low):  # else one hides the other
+            ax.annotate(str(each.n), (middle, 0.99), xycoords=("data", "axes fraction"),
+                        ha="center", va="top", fontsize=7.5, color="#555555")  # fmt: skip
+            numbered = middle
+
+
+def manoeuvres_note(events: Events) -> str:
+    """Return what the shading means, empty where there is none."""
+    return " Green: manoeuvres by number; hatched: those not usable." if events.manoeuvres else ""
 
 
 def sensible_limits(ax: Axes, *lines: Floats) -> None:

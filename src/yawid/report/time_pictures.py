@@ -18,6 +18,7 @@ from yawid.report.picture import (
     band,
     colour,
     drawn,
+    manoeuvres_note,
     mark_events,
     sensible_limits,
 )
@@ -69,7 +70,7 @@ def fit_picture(data: ReportData, fit: Fit, grid: Grid) -> Picture:
         "Does the red line, the model run free from the rudder alone, follow the blue one in size "
         "and time? One step ahead flatters every model. "
         f"Fit over all that is judged: {', '.join(numbers) or 'not known'}. "
-        "Shown: the 30 s in which the rudder moved most."
+        "Shown: the 30 s in which the rudder moved most." + manoeuvres_note(data.events)
     )
     return Picture("fit", "Fit: measured, predicted, simulated", look, drawn("fit", draw))
 
@@ -116,8 +117,9 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
                 lines += [theta]
             sensible_limits(ax, *lines)
             mark_events(ax, data.events)
-            ax.set_title(title)
-            ax.legend(loc="best", ncols=min(len(columns), 3))
+            # Above the lines: within so small a panel it would lie on them.
+            ax.legend(title=title, loc="lower left", bbox_to_anchor=(0.0, 1.0), alignment="left",
+                      ncols=min(len(columns), 3), borderaxespad=0.0)  # fmt: skip
         for ax in list(grid.flat)[len(panels) :]:
             ax.set_axis_off()
         for ax in grid[-1]:
@@ -126,7 +128,7 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
     look = (
         "Do the lines settle and stay within their own bands (2 sigma)? A line that still drifts "
         "says that the aircraft, its speed or the noise changed. Grey: samples held; dotted: the "
-        "flight mode changed."
+        "flight mode changed." + manoeuvres_note(data.events)
     )
     svg = drawn("parameters", draw, (5.6, 4.2))
     return Picture("parameters", "Parameters over time", look, svg)
@@ -160,7 +162,7 @@ def modes_picture(data: ReportData, others: Mapping[str, MethodSummary]) -> Pict
     look = (
         "Has each line settled long before the end, with a band (2 sigma) narrow enough for your "
         "purpose? The band must keep the true value inside: a line that leaves its earlier band "
-        "has a sigma that is too small."
+        "has a sigma that is too small." + manoeuvres_note(data.events)
     )
     return Picture("modes", "Dutch roll over time", look, drawn("modes", draw))
 
@@ -195,5 +197,6 @@ def link_picture(data: ReportData) -> Picture:
         "From the instant a sample belongs to until it was complete at the receiver. Flat is a "
         "good link; spikes are stalls, a slope is a drifting clock. The estimates use the "
         "vehicle's own clock, so that delay alone does no harm. Grey: held."
+        + manoeuvres_note(data.events)
     )
     return Picture("link", "Link: delay and held samples", look, drawn("link", draw, (5.6, 2.6)))

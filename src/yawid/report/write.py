@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from yawid.report.data import ReportData, gather
-from yawid.report.html import first_screen, grid, page, pictures, table, tables
+from yawid.report.html import first_screen, grid, note, page, pictures, table, tables
+from yawid.report.manoeuvres import flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
 from yawid.report.time_pictures import fit_picture, link_picture, modes_picture, parameters_picture
 from yawid.results.run_summary import Fit, MethodSummary, RunSummary
-from yawid.sinks.answers import cards, headline, percent
-from yawid.sinks.base import Grid
+from yawid.sinks.answers import cards, headline, percent, utc
+from yawid.sinks.base import HALF_TRAVEL, Grid
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, write_whole
 
@@ -56,7 +57,10 @@ def report(run: McapRun) -> str:
 
 def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]:
     summary = run.summary
-    yield first_screen(name, _origin(run), headline(summary), cards(summary), summary.verdict)
+    yield first_screen(name, _origin(run), headline(summary), cards(summary), summary.deciding)
+    yield from flight_section(summary, HALF_TRAVEL if run.grid is None else run.grid.rudder_unit)
+    if summary.flight is not None:
+        yield _stream(summary)
     if data is not None and run.grid is not None and summary.answer is not None:
         mode, fit = summary.dutch_roll, summary.answer.fit
         yield pictures(
@@ -78,25 +82,42 @@ def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]
         yield tables("Numbers", _numbers(summary, summary.answer, run.grid))
     yield tables("Channels and link", _link(summary, data))
     if data is not None:
-        yield pictures("", [link_picture(data)]).replace("<h2></h2>\n", "")
+        yield pictures("", [link_picture(data)])
     yield tables("Configuration and provenance", _provenance(run, data))
     yield _folded(run)
 
 
 def _origin(run: McapRun) -> str:
-    vehicle, answer = run.summary.vehicle, run.summary.answer
+    vehicle, answer, flight = run.summary.vehicle, run.summary.answer, run.summary.flight
     parts = [f"{run.summary.duration_s:.0f} s of log"]
     if vehicle is not None:
         parts.append(f"vehicle {vehicle.sysid}/{vehicle.compid}")
+    if flight is not None and flight.date is not None:
+        parts.append(utc(flight.date))
     if answer is not None:
         rate = f"{1.0 / answer.sample_time_s:.3g} Hz"
-        parts.append(f"{answer.method.upper()}, orders na,nb,nc,nk = {answer.orders} at {rate}")
+        method, orders = answer.method, answer.orders
+        if flight is not None:
+            method, orders = flight.method or method, flight.orders or orders
+        parts.append(f"{method.upper()}, orders na,nb,nc,nk = {orders} at {rate}")
     return " · ".join(parts)
+
+
+def _stream(summary: RunSummary) -> str:
+    """Return what stands between the flight's answer and the stream's."""
+    word = "usable" if summary.verdict.usable else "not usable"
+    ids = ", ".join(reason.id.replace("_", " ") for reason in summary.verdict.reasons)
+    return note(
+        "The stream, sample by sample",
+        "From here on everything is of the estimates as they ran through the log, and of where "
+        "they stood at its end: not of the flight's answer above. By themselves they would be "
+        f"{word}{f' ({ids})' if ids else ''}.",
+    )
 
 
 def _numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
     estimates, others = summary.estimates or {}, summary.others
-    answers = " answers" if others and summary.verdict.usable else ""
+    answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
     methods = [m.upper() + ("" if m in others else answers) for m in estimates]
     rows = [
         (name, *(_value(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))

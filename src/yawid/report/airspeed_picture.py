@@ -1,0 +1,158 @@
+"""The picture of a flight: natural frequency and damping ratio of its manoeuvres over airspeed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from yawid.blocks import Bools, Floats
+from yawid.report.picture import BLUE, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
+from yawid.sinks.answers import outcome
+
+MOST_NUMBERED: Final = 12
+"""Points that bear their numbers: of more, one would hide another."""
+LEAST_SPAN: Final = 0.1
+"""Of V: less must not fill the picture, a tenth of a m/s is no change of airspeed."""
+SIGMAS: Final = 2.0
+_REFUSED: Final = "not usable"
+_LOOKS: Final[dict[str, dict[str, Any]]] = {
+    "used": {"marker": "o", "color": BLUE},
+    "usable, not used": {"marker": "o", "color": BLUE, "fillstyle": "none"},
+    "disagrees": {"marker": "D", "color": ORANGE},
+    _REFUSED: {"marker": "x", "color": "#a0a0a0", "alpha": 0.8},
+}
+_PANELS: Final = ("ωn [rad/s]", "ζ")
+
+
+@dataclass(frozen=True, slots=True)
+class _Points:
+    """The manoeuvres of which airspeed and Dutch roll are known.
+
+    speed (m,) in m/s; value, spread (m, 2) of wn in rad/s and zeta and of their sigmas, 0 where
+    unknown; kind (m,) words of what came of each; within (m, 2) whether a point is drawn in each
+    panel; limits (2, 2), of each panel.
+    """
+
+    n: list[int]
+    kind: list[str]
+    speed: Floats
+    value: Floats
+    spread: Floats
+    within: Bools
+    limits: Floats
+
+
+def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture | None:
+    """Return wn and zeta over airspeed, None where not two manoeuvres have both."""
+    known = [
+        (each, each.airspeed_m_s, each.dutch_roll)
+        for each in manoeuvres
+        if each.airspeed_m_s is not None and each.dutch_roll is not None
+    ]
+    if len(known) < 2:
+        return None
+    points = _points(known, flight)
+    ground = {each.airspeed_source for each, _, _ in known} == {"ground speed"}
+
+    def draw(canvas: Figure) -> None:
+        axes = canvas.subplots(2, 1, sharex=True)
+        for i, ax in enumerate(axes):
+            ax.set_xlim(*_ends(points.speed))
+            ax.set_ylim(*points.limits[i])
+            ax.set_ylabel(_PANELS[i])
+            _draw_flight(ax, flight, i)
+            _draw_points(ax, points, i)
+        axes[1].set_xlabel("ground speed [m/s]" if ground else "airspeed [m/s]")
+        canvas.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+
+    look = (
+        "Does ωn grow with the airspeed along the line ωn = κV, and does ζ stay? Bars and bands "
+        "are 2 sigma, numbers those of the table. Look at a point whose bar does not reach the "
+        "line."
+    )
+    if hidden := int(np.sum(~points.within.all(axis=1))):
+        look += f" Off the picture: {hidden} that cannot be used."
+    svg = drawn("airspeed", draw, (5.6, 4.4))
+    return Picture("airspeed", "The manoeuvres over airspeed", look, svg)
+
+
+def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> _Points:
+    kind = [outcome(m, flight) if m.verdict.usable else _REFUSED for m, _, _ in known]
+    value = np.array([_values(mode) for _, _, mode in known])
+    spread = SIGMAS * np.array([_sigmas(mode) for _, _, mode in known])
+    sure = np.array([each != _REFUSED for each in kind])
+    # What cannot be used may lie anywhere: the others say where the picture is.
+    shown = sure if sure.any() else np.full(len(kind), fill_value=True)
+    reach = np.minimum(spread, 0.5 * np.abs(value))
+    ends = np.concatenate([(value - reach)[shown], (value + reach)[shown]])
+    if flight.dutch_roll is not None:
+        middle = np.array(_values(flight.dutch_roll))
+        ends = np.vstack([ends, middle, middle])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    room = np.maximum(high - low, 0.05 * np.abs(high))
+    within = shown[:, None] | ((value > low - room) & (value < high + room))
+    drawn_ends = np.where(within, value, low)
+    low, high = np.minimum(low, drawn_ends.min(axis=0)), np.maximum(high, drawn_ends.max(axis=0))
+    limits = np.column_stack([low - 0.15 * room, high + 0.15 * room])
+    speed = np.array([v for _, v, _ in known])
+    return _Points([m.n for m, _, _ in known], kind, speed, value, spread, within, limits)
+
+
+def _values(mode: DutchRoll) -> tuple[float, float]:
+    return mode.wn_rad_s, mode.zeta
+
+
+def _sigmas(mode: DutchRoll) -> tuple[float, float]:
+    return mode.wn_std or 0.0, mode.zeta_std or 0.0
+
+
+def _ends(speed: Floats) -> Floats:
+    """Return the limits (2,) of the axis of airspeeds."""
+    low, high = float(speed.min()), float(speed.max())
+    width = max(1.2 * (high - low), LEAST_SPAN * abs(high), 1e-3)
+    return (low + high) / 2.0 + np.array([-0.5, 0.5]) * width
+
+
+def _draw_points(ax: Axes, points: _Points, i: int) -> None:
+    tall = float(np.diff(points.limits[i])[0])
+    for kind, looks in _LOOKS.items():
+        rows = points.within[:, i] & np.array([each == kind for each in points.kind])
+        if rows.any():
+            bars = np.minimum(points.spread[rows, i], 10.0 * tall)  # a bar ends outside as well
+            ax.errorbar(
+                points.speed[rows], points.value[rows, i], bars, linestyle="none", markersize=5,
+                elinewidth=0.9, label=kind, **looks,
+            )  # fmt: skip
+    if len(points.n) > MOST_NUMBERED:
+        return
+    for j in np.flatnonzero(points.within[:, i]):
+        place = (points.speed[j], points.value[j, i])
+        ax.annotate(str(points.n[j]), place, (4, 3), textcoords="offset points", fontsize=7.5)
+
+
+def _draw_flight(ax: Axes, flight: Flight, i: int) -> None:
+    """Draw kappa's line, or the constant zeta, and the headline's point."""
+    mode, kappa = flight.dutch_roll, flight.kappa_rad_m
+    x = np.array(ax.get_xlim())
+    if i == 0 and kappa is not None and kappa.value is not None:
+        _line(ax, x, kappa, x, f"ωn = {kappa.value:.3g} V")
+    if mode is None:
+        return
+    value, sigma = _values(mode)[i], _sigmas(mode)[i]
+    if i == 1:
+        _line(ax, x, Value(value, sigma), np.ones(2), None)
+    if flight.airspeed_m_s is not None:
+        ax.errorbar(
+            [flight.airspeed_m_s], [value], [SIGMAS * sigma], marker="*", markersize=11, color=RED,
+            elinewidth=1.6, linestyle="none", label="the flight", zorder=1.9,
+        )  # fmt: skip
+
+
+def _line(ax: Axes, x: Floats, slope: Value, along: Floats, label: str | None) -> None:
+    value, spread = (slope.value or 0.0) * along, SIGMAS * (slope.std or 0.0) * along
+    ax.plot(x, value, color="#444444", linestyle="--", linewidth=1.0, label=label, zorder=1.5)
+    band(ax, x, value - spread, value + spread, GREY)

@@ -1,0 +1,123 @@
+"""The report's part on a flight: its manoeuvres as a table, and what they say together."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from yawid.report.airspeed_picture import airspeed_picture
+from yawid.report.html import Cell, figure, note, sheet, table, tables
+from yawid.results.run_summary import (
+    Flight,
+    Manoeuvre,
+    MethodSummary,
+    RunSummary,
+    Value,
+)
+from yawid.sinks.answers import (
+    loop_of,
+    no_manoeuvre,
+    outcome,
+    percent,
+    utc,
+    whose,
+    with_sigma,
+)
+
+_LOOPS: Final = {"airframe": "airframe", "with_roll_loop": "with roll loop", "unknown": "not known"}
+
+
+def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
+    """Yield the section on the manoeuvres of a run, nothing where nobody looked for them."""
+    manoeuvres, flight = summary.manoeuvres, summary.flight
+    if manoeuvres is None:
+        return
+    if not manoeuvres:
+        yield note("Manoeuvres", f"{no_manoeuvre(summary)}.")
+        return
+    heading = (
+        "n", "from–to, s", "mode", "airspeed, m/s", "altitude, m", "inputs", "ωn, rad/s", "ζ",
+        f"K, rad/s per {rudder_unit}", "fit, %", "what came of it",
+    )  # fmt: skip
+    rows = [(_row(each, flight), not each.verdict.usable) for each in manoeuvres]
+    yield sheet("Manoeuvres", heading, rows)
+    yield note(
+        "",
+        "± is one sigma. Seconds are those since boot, as on the pictures' axes. Fit: one step "
+        "ahead / simulated / simulated on what was held back.",
+    )
+    reasons = {
+        f"{each.n}: {reason.id.replace('_', ' ')}": reason.text
+        for each in manoeuvres
+        for reason in each.verdict.reasons
+    }
+    yield table("reasons of each manoeuvre", reasons, folded=True)
+    if flight is not None:
+        yield from _flight(flight, manoeuvres)
+
+
+def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
+    answer = each.answer
+    yield str(each.n), ""
+    yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
+    yield each.mode or "–", _LOOPS.get(each.loop, each.loop)
+    yield _plus_minus(each.airspeed_m_s, each.airspeed_std_m_s), each.airspeed_source or ""
+    yield "–" if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
+    yield ", ".join(each.inputs), "turn removed" if each.turn_removed else ""
+    mode = each.dutch_roll
+    if mode is None:
+        yield "none", ""
+        yield "none", ""
+    else:
+        yield _plus_minus(mode.wn_rad_s, mode.wn_std), _method(each)
+        yield _plus_minus(mode.zeta, mode.zeta_std), ""
+    gain = Value() if answer is None else (answer.physics or {}).get("K", Value())
+    yield _plus_minus(gain.value, gain.std), ""
+    yield "–" if answer is None else _fits(answer), ""
+    ids = [reason.id.replace("_", " ") for reason in each.verdict.reasons]
+    yield outcome(each, flight).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
+
+
+def _method(each: Manoeuvre) -> str:
+    return f"{(each.verdict.method or '').upper()} {each.orders}"
+
+
+def _fits(answer: MethodSummary) -> str:
+    fit = answer.fit
+    every = (fit.one_step_pct, fit.simulation_pct, fit.simulation_held_back_pct)
+    return " / ".join("–" if value is None else percent(value, ".0f") for value in every)
+
+
+def _plus_minus(value: float | None, sigma: float | None) -> str:
+    return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
+
+
+def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[str]:
+    picture = airspeed_picture(manoeuvres, flight)
+    facts = table("The flight", dict(_facts(flight, manoeuvres)))
+    yield tables("", [facts, "" if picture is None else figure(picture)])
+
+
+def _facts(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[str, str]]:
+    mode, between = flight.dutch_roll, flight.between_std
+    if mode is not None:
+        yield "ωn, rad/s", _plus_minus(mode.wn_rad_s, mode.wn_std)
+        yield "ζ", _plus_minus(mode.zeta, mode.zeta_std)
+        yield "of", whose(loop_of(flight, manoeuvres))
+    if flight.airspeed_m_s is not None:
+        source = flight.airspeed_source or "airspeed"
+        yield "at", f"{flight.airspeed_m_s:.1f} m/s ({source}), the median of those used"
+    if flight.altitude_m is not None:
+        yield "altitude, m", f"{flight.altitude_m:.0f}"
+    for name, each in (("κ = ωn / V, rad/m", flight.kappa_rad_m), ("K / V", flight.K_per_V)):
+        if each is not None:
+            yield name, _plus_minus(each.value, each.std)
+    if between is not None and between.wn_rad_s is not None:
+        yield "scatter of ωn beyond σ, rad/s", f"{between.wn_rad_s:.2g}"
+    if between is not None and between.zeta is not None:
+        yield "scatter of ζ beyond σ", f"{between.zeta:.2g}"
+    yield "manoeuvres used", ", ".join(map(str, flight.used)) or "none"
+    if flight.disagree:
+        yield "left out, as they disagree", ", ".join(map(str, flight.disagree))
+    if flight.method is not None:
+        yield "answered by", f"{flight.method.upper()}, orders {flight.orders or 'of each'}"
+    if flight.date is not None:
+        yield "date", utc(flight.date)
