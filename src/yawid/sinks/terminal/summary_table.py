@@ -91,8 +91,8 @@ def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]
 
 def _estimate_rows(estimate: MethodSummary) -> list[tuple[str, str]]:
     mode, fit = estimate.dutch_roll, estimate.fit
-    wn = "none" if mode is None else with_sigma(mode.wn_rad_s, mode.wn_std)
-    zeta = "none" if mode is None else with_sigma(mode.zeta, mode.zeta_std)
+    wn = "none" if mode is None else _with_sigma(mode.wn_rad_s, mode.wn_std)
+    zeta = "none" if mode is None else _with_sigma(mode.zeta, mode.zeta_std)
     return [
         ("Dutch roll wn, rad/s", wn),
         ("Dutch roll zeta", zeta),
@@ -104,8 +104,7 @@ def _estimate_rows(estimate: MethodSummary) -> list[tuple[str, str]]:
     ]
 
 
-def with_sigma(value: float, sigma: float | None) -> str:
-    """Return a value with its sigma, where that is known."""
+def _with_sigma(value: float, sigma: float | None) -> str:
     return f"{value:.4g}" + ("" if sigma is None else f" ± {sigma:.2g}")
 
 
