@@ -10,14 +10,8 @@ from rich.text import Text
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.results.run_summary import DutchRoll, Manoeuvre, VehicleSeen
-from yawid.sinks.terminal.summary_table import (
-    NAME_WIDTH,
-    WIDTH,
-    hanging,
-    origin,
-    print_verdict,
-    with_sigma,
-)
+from yawid.sinks.answers import with_sigma
+from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
@@ -107,7 +101,8 @@ def _window(stretch: Span) -> str:
 
 
 def _roll(roll: DutchRoll) -> str:
-    wn, zeta = with_sigma(roll.wn_rad_s, roll.wn_std), with_sigma(roll.zeta, roll.zeta_std)
+    wn = " ".join(filter(None, with_sigma(roll.wn_rad_s, roll.wn_std)))
+    zeta = " ".join(filter(None, with_sigma(roll.zeta, roll.zeta_std)))
     return f"wn {wn} rad/s, zeta {zeta}"
 
 
