@@ -11,7 +11,13 @@ from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.results.run_summary import DutchRoll, Manoeuvre, VehicleSeen
 from yawid.sinks.answers import with_sigma
-from yawid.sinks.terminal.summary_table import WIDTH, origin, print_verdict
+from yawid.sinks.terminal.summary_table import (
+    NAME_WIDTH,
+    WIDTH,
+    hanging,
+    origin,
+    print_verdict,
+)
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
