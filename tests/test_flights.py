@@ -65,7 +65,7 @@ def test_sigma_covers_the_aircraft_as_flown_and_the_roll_in_it_is_said(log, caps
 @recorded("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz", trimmed=False)
 def test_a_replay_that_ends_in_a_steep_turn_is_not_usable(log, capsys, tmp_path):
     """Both methods are drawn away from 10.22 rad/s within the turn's five seconds."""
-    code, summary = replay(capsys, tmp_path, log)
+    code, summary = replay(capsys, tmp_path, log, "--manoeuvres", "off")
 
     assert code == 5
     assert "still moves" in reasons(summary)["not_converged"]
@@ -238,7 +238,8 @@ def test_the_multirotor_has_no_rudder(capsys, tmp_path):
 
 @SHARED
 def test_inspect_finds_where_the_flight_was_excited_and_what_to_ask(capsys):
-    code = main(["inspect", str(FLIGHTS / "sitl_fbwa_50hz.tlog"), "--json"])
+    log = str(FLIGHTS / "sitl_fbwa_50hz.tlog")
+    code = main(["inspect", log, "--json", "--manoeuvres", "off"])
     report = json.loads(capsys.readouterr().out)
 
     assert code == 0

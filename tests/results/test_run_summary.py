@@ -81,7 +81,7 @@ def test_a_dutch_roll_without_frequency_or_damping_is_none():
 
 
 def test_keys_of_a_newer_version_are_left_out():
-    newer = summary().to_json() | {"flight": {"wn_rad_s": 2.0}}
+    newer = summary().to_json() | {"weather": {"wind_m_s": 2.0}}
     newer["verdict"]["colour"] = "green"
 
     assert RunSummary.from_json(json.dumps(newer).encode()) == summary()

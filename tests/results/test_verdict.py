@@ -224,7 +224,8 @@ def test_gusts_are_no_poor_fit_where_the_rudder_clearly_drives_the_mode():
 
 def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():
     def closed_loop(case):
-        config = RunConfig(rate=10.0, forgetting=1.0, inputs=("rudder", "aileron"))
+        inputs = ("rudder", "aileron")
+        config = RunConfig(rate=10.0, forgetting=1.0, inputs=inputs, manoeuvres="off")
         reasons = summarised(REPLAY_LOGS / case / "log.tlog", config)[1].reasons
         return [reason.text for reason in reasons if reason.id == "closed_loop"]
 
@@ -286,7 +287,7 @@ def test_a_method_that_cannot_be_used_beside_one_that_can_is_said_with_its_reaso
 
 
 def test_where_els_cannot_be_used_and_rml_can_rml_answers():
-    config = RunConfig(output="yaw")
+    config = RunConfig(output="yaw", manoeuvres="off")
 
     summary, verdict = summarised(REPLAY_LOGS / "c172p_3211" / "log.tlog", config)
 

@@ -12,6 +12,7 @@ import numpy as np
 from yawid.blocks import Bools, EstimateBlock, Floats, Status
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.polynomials import lag_depth
+from yawid.estimation.products import cross
 from yawid.estimation.start_fit import RecordFit, stretches_of
 from yawid.estimation.whiteness import ljung_box
 
@@ -132,11 +133,11 @@ def _covariance(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> Float
     psi, eps = fit.gradient(theta)
     z = psi if is_rml else fit.gradient(theta, filtered=False)[0]
     scores = z * eps[:, None]
-    meat = scores.T @ scores
+    meat = cross(scores, scores)
     for lag in range(1, min(lags, len(scores) - 1) + 1):
-        product = scores[lag:].T @ scores[:-lag]
+        product = cross(scores[lag:], scores[:-lag])
         meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    bread = np.linalg.inv(z.T @ psi + fit.prior)
+    bread = np.linalg.inv(cross(z, psi) + fit.prior)
     covariance: Floats = bread @ meat @ bread.T * (len(eps) / max(len(eps) - len(theta), 1))
     return covariance
 
@@ -146,7 +147,7 @@ def _whiteness(residuals: list[Floats], lags: int) -> float:
     products = np.zeros(lags + 1)
     for eps in residuals:
         for lag in range(min(lags, len(eps) - 1) + 1):
-            products[lag] += eps[lag:] @ eps[: len(eps) - lag]
+            products[lag] += np.sum(eps[lag:] * eps[: len(eps) - lag])
     count = float(sum(len(eps) for eps in residuals))
     return ljung_box(products, count, count)
 

@@ -12,6 +12,7 @@ from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
 from yawid.estimation.polynomials import c_of, is_stable, known_regressors, lag_depth, reflected
+from yawid.estimation.products import along, cross
 
 ITERATIONS = 30
 HALVINGS = 10
@@ -44,11 +45,11 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
         theta = fit.gauss_newton(fit.first_guess())
         psi, _ = fit.gradient(theta, filtered=config.method == "rml")
         better = fit.loss(theta) < fit.loss(np.zeros_like(theta))
-    P = np.asarray(np.linalg.inv(fit.prior + (psi.T * fit.weights) @ psi), np.float64)
+    P = np.asarray(np.linalg.inv(fit.prior + cross(psi * fit.weights[:, None], psi)), np.float64)
     if not better or not np.isfinite(P).all() or np.linalg.eigvalsh(P)[0] <= 0.0:
         return None
     scores = psi * (fit.weights * np.concatenate(fit.residuals(theta)))[:, None]
-    return Start(theta, P, P @ (scores.T @ scores) @ P)
+    return Start(theta, P, P @ cross(scores, scores) @ P)
 
 
 def stretches_of(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
@@ -78,12 +79,12 @@ class RecordFit:
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return eps (n,) = (A y - B u - bias) / C of each stretch, from eps = 0 (eq. 33)."""
         c, rest = c_of(theta, self.orders), np.zeros(self.orders.nc)
-        return [all_pole(c, y - phi @ theta, rest) for y, phi in self.stretches]
+        return [all_pole(c, y - along(phi, theta), rest) for y, phi in self.stretches]
 
     def loss(self, theta: Floats) -> float:
         """Return the weighted sum of squared residuals with the ridge's share, or inf."""
         eps = np.concatenate(self.residuals(theta))
-        loss = float(self.weights @ eps**2 + theta @ self.prior @ theta)
+        loss = float(np.sum(self.weights * eps**2) + theta @ self.prior @ theta)
         return loss if np.isfinite(loss) else np.inf
 
     def gradient(self, theta: Floats, filtered: bool = True) -> tuple[Floats, Floats]:
@@ -109,22 +110,36 @@ class RecordFit:
             phi = np.concatenate([phi for _, phi in self.stretches])
             return _least_squares(phi, self.y, self.prior)
         order = min(20, len(self.y) // 10)
-        long = [_lagged(phi, y, order) for y, phi in self.stretches]
-        wide = np.concatenate(long)
-        eps = self.y - wide @ _least_squares(wide, self.y, np.eye(wide.shape[1]) * self.prior[0, 0])
+        wide = np.concatenate([self._lagged(phi, y, order) for y, phi in self.stretches])
+        long = _least_squares(wide, self.y, np.eye(wide.shape[1]) * RIDGE)
+        eps = self.y - along(wide, long)
         ends = np.cumsum([len(y) for y, _ in self.stretches])
         full = np.concatenate(self.regressors(np.split(eps, ends[:-1])))
         theta = _least_squares(full, self.y, self.prior)
         c_of(theta, self.orders)[:] = reflected(c_of(theta, self.orders))
         return theta if np.isfinite(theta).all() else np.zeros_like(theta)
 
+    def _lagged(self, phi: Floats, y: Floats, order: int) -> Floats:
+        """Return the regressors of a long ARX: the known ones, y and inputs at further lags."""
+        orders = self.orders
+        ends = np.cumsum([orders.na, *orders.nb])[[nb > 0 for nb in (1, *orders.nb)]]
+        newest = phi[:, ends - 1] if orders.na else np.column_stack([y, phi[:, ends[1:] - 1]])
+        known = orders.na + sum(orders.nb)
+        columns = [phi[:, :known], phi[:, known + orders.nc :]]
+        for lag in range(1, order + 1):
+            older = np.zeros_like(newest)
+            older[lag:] = newest[:-lag]
+            columns.append(older)
+        return np.hstack(columns)
+
     def gauss_newton(self, theta: Floats) -> Floats:
         """Return the theta of least loss that damped Gauss-Newton steps from here lead to."""
         loss = self.loss(theta)
         for _ in range(ITERATIONS):
             psi, eps = self.gradient(theta)
-            information = self.prior + (psi.T * self.weights) @ psi
-            score = psi.T @ (self.weights * eps) - self.prior @ theta
+            weighted = psi * self.weights[:, None]
+            information = self.prior + cross(weighted, psi)
+            score = cross(weighted, eps) - self.prior @ theta
             if not np.isfinite(information).all():
                 break
             step, better = np.linalg.solve(information, score), loss
@@ -165,27 +180,18 @@ class RecordFit:
         """Return how far phi' eps is from 0, in squared standard deviations, and Newton's step."""
         phi, eps = self.gradient(theta, filtered=False)
         psi, _ = self.gradient(theta)
-        score = phi.T @ (self.weights * eps) - self.prior @ theta
+        weighted = phi * self.weights[:, None]
+        score = cross(weighted, eps) - self.prior @ theta
         if not (np.isfinite(psi).all() and np.isfinite(score).all()):
             return np.inf, np.full_like(theta, np.nan)
-        weighted = phi.T * self.weights
-        noise = float(self.weights @ eps**2) / len(eps)
-        left = float(score @ np.linalg.solve(weighted @ phi + self.prior, score)) / noise
-        return left, np.asarray(np.linalg.solve(weighted @ psi + self.prior, score), np.float64)
+        noise = float(np.sum(self.weights * eps**2)) / len(eps)
+        left = float(score @ np.linalg.solve(cross(weighted, phi) + self.prior, score)) / noise
+        step = np.linalg.solve(cross(weighted, psi) + self.prior, score)
+        return left, np.asarray(step, np.float64)
 
 
 def _least_squares(phi: Floats, y: Floats, prior: Floats) -> Floats:
-    return np.asarray(np.linalg.solve(phi.T @ phi + prior, phi.T @ y), dtype=np.float64)
-
-
-def _lagged(phi: Floats, y: Floats, order: int) -> Floats:
-    """Return the regressors of a long ARX: each known column and y at more lags."""
-    columns = [phi]
-    for lag in range(1, order + 1):
-        older = np.zeros((len(y), phi.shape[1] + 1))
-        older[lag:, :-1], older[lag:, -1] = phi[:-lag], y[:-lag]
-        columns.append(older)
-    return np.hstack(columns)
+    return np.asarray(np.linalg.solve(cross(phi, phi) + prior, cross(phi, y)), dtype=np.float64)
 
 
 def factorise(P: Floats, d: Floats, upper: Floats) -> None:

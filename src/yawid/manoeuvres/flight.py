@@ -6,7 +6,8 @@ next manoeuvre: sqrt(tau^2 + se^2), tau the scatter between them (DerSimonian an
 """
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,7 +125,7 @@ def _together(
     wn = pooled(x[agree], std[agree], TAU_WN_SHARE * float(np.median(x[agree])))
     zeta = pooled(rolls[agree, 2], rolls[agree, 3], TAU_ZETA)
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
-    reasons = list(of_the_log)
+    reasons = [*of_the_log, *_warnings(used)]
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
@@ -148,6 +149,20 @@ def _together(
         verdict=as_summary(verdict),
     )
     return flight, verdict
+
+
+def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
+    """Yield what more than half of the manoeuvres used are warned of.
+
+    Of residuals that are not white no more is said: the flight's sigma is not that of one fit.
+    """
+    said = [reason for each in used for reason in each.verdict.reasons]
+    counts = Counter(reason.id for reason in said if reason.id != "coloured_residuals")
+    for reason in said:
+        count = counts.pop(reason.id, 0)
+        if 2 * count > len(used):
+            where = f"in {count} of {len(used)} manoeuvres: " if len(used) > 1 else ""
+            yield replace(reason, text=where + reason.text)
 
 
 def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from yawid.blocks import Bools, Floats, shifted
 from yawid.channels.sample_flags import WINDOW_S, strokes, window_of
+from yawid.estimation.products import cross
 
 LEAST_STROKE = 0.1
 """Excited is where the rudder's own part covers this much of half its travel within 5 s."""
@@ -21,6 +22,7 @@ CHUNK_S = 20.0
 MODE_LATE_S = 1.5
 """A change of mode is seen by the next HEARTBEAT, up to so much later."""
 ROWS_PER_LAG = 8
+ROUNDING = 1e-12
 STILL = 0.006
 """An aileron that moves by less than this is no mixer's: it reacts to what the rudder does."""
 
@@ -99,10 +101,10 @@ def mix(columns: Floats, rudder: Floats) -> Floats:
     The columns are the aileron's lags and, the last of them, a constant.
     """
     n, m = columns.shape
-    ridge = np.full(m, n * STILL**2)
-    ridge[-1] = 0.0
-    information = columns.T @ columns + np.diag(ridge)
-    return np.asarray(np.linalg.solve(information, columns.T @ rudder), np.float64)
+    ridge = np.full(m, n * STILL**2 + ROUNDING)
+    ridge[-1] = ROUNDING
+    information = cross(columns, columns) + np.diag(ridge)
+    return np.asarray(np.linalg.solve(information, cross(columns, rudder)), np.float64)
 
 
 def _strokes(x: Floats, sample_time_s: float) -> Floats:

@@ -216,6 +216,16 @@ def over_a(a, rows):
             rows[k, j] = x
 
 
+@jit
+def add_products(a, b, out):
+    """Add a' b (m, l) of a (n, m) and b (n, l) to out, row after row."""
+    for k in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            x = a[k, i]
+            for j in range(b.shape[1]):
+                out[i, j] += x * b[k, j]
+
+
 @hot
 def follow_covariance(covariance, echo, psi, gain, h, inverse, e, memory):
     """Follow the covariance of theta from the innovations as they come, white or coloured.

@@ -1,5 +1,6 @@
 """The page of ``yawid inspect``: what a log can answer, to be read in ten seconds."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TextIO
 
@@ -9,7 +10,7 @@ from rich.text import Text
 
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
-from yawid.results.run_summary import DutchRoll, Manoeuvre, VehicleSeen
+from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, VehicleSeen
 from yawid.sinks.answers import with_sigma
 from yawid.sinks.terminal.summary_table import (
     NAME_WIDTH,
@@ -23,7 +24,7 @@ MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
 MOST_WINDOWS = 6
 MOST_SENDERS = 8
-MOST_MANOEUVRES = 8
+MOST_MANOEUVRES = 6
 
 
 def print_inspection(report: Inspection, stream: TextIO) -> None:
@@ -55,13 +56,8 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         yield "phases", _phases(report.phases)
     windows = [_window(each) for each in report.excited]
     yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
-    manoeuvres = report.manoeuvres or []
-    if report.flight is not None and report.flight.dutch_roll is not None:
-        yield "flight", f"{_roll(report.flight.dutch_roll)} by {_count(report.flight.used)}"
-    for each in manoeuvres[:MOST_MANOEUVRES]:
-        yield f"#{each.n}", _manoeuvre(each)
-    if len(manoeuvres) > MOST_MANOEUVRES:
-        yield "", f"and {len(manoeuvres) - MOST_MANOEUVRES} manoeuvres more"
+    if report.flight is not None:
+        yield from _flight(report.flight, report.manoeuvres or [])
     if report.answerable is not None:
         most, well = report.answerable.wn_max_rad_s, report.answerable.wn_well_rad_s
         yield "answers", f"Dutch rolls of wn up to {most:.3g} rad/s, well up to {well:.3g}"
@@ -106,23 +102,40 @@ def _window(stretch: Span) -> str:
     return f"{_boot(stretch)}{stretch.from_s:g} to {stretch.to_s:g} s"
 
 
+def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[str, str]]:
+    """Yield the flight's answer and its manoeuvres, or why none of these may be used."""
+    if flight.dutch_roll is None:
+        fatal = Counter(_fatal(each) for each in manoeuvres)
+        why = ", ".join(f"{count} {reason}" for reason, count in fatal.most_common())
+        yield "flight", f"{_count(len(manoeuvres))}, none usable: {why}"
+        return
+    yield "flight", f"{_roll(flight.dutch_roll)} by {_count(len(flight.used))}"
+    for each in manoeuvres[:MOST_MANOEUVRES]:
+        yield f"#{each.n}", _manoeuvre(each)
+    if len(manoeuvres) > MOST_MANOEUVRES:
+        yield "", f"and {_count(len(manoeuvres) - MOST_MANOEUVRES)} more"
+
+
+def _fatal(each: Manoeuvre) -> str | None:
+    return next((r.id for r in each.verdict.reasons if r.weight == "fatal"), None)
+
+
 def _roll(roll: DutchRoll) -> str:
     wn = " ".join(filter(None, with_sigma(roll.wn_rad_s, roll.wn_std)))
     zeta = " ".join(filter(None, with_sigma(roll.zeta, roll.zeta_std)))
     return f"wn {wn} rad/s, zeta {zeta}"
 
 
-def _count(used: Sequence[int]) -> str:
-    return "one manoeuvre" if len(used) == 1 else f"{len(used)} manoeuvres"
+def _count(manoeuvres: int) -> str:
+    return "one manoeuvre" if manoeuvres == 1 else f"{manoeuvres} manoeuvres"
 
 
 def _manoeuvre(each: Manoeuvre) -> str:
     """Describe a manoeuvre: when, how it was flown, what it says."""
     speed = "" if each.airspeed_m_s is None else f" at {each.airspeed_m_s:.1f} m/s"
     flown = f"{each.from_s:.0f} to {each.to_s:.0f} s {each.mode or 'in no known mode'}{speed}"
-    fatal = next((r.id for r in each.verdict.reasons if r.weight == "fatal"), None)
     roll = each.dutch_roll
-    return f"{flown}: " + (fatal or ("usable" if roll is None else _roll(roll)))
+    return f"{flown}: " + (_fatal(each) or ("usable" if roll is None else _roll(roll)))
 
 
 def _boot(span: Span) -> str:

@@ -1,0 +1,23 @@
+"""Products of long matrices, summed row after row: the same bits on every machine.
+
+NumPy's own depend on how many threads its BLAS may take, and threads that share a busy machine wait
+for each other many times longer than one alone would need.
+"""
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.estimation.kernel.linear_algebra import add_products
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Return a' b of a (n, m) and b (n, l) or (n,): (m, l) or (m,)."""
+    wide = b[:, None] if b.ndim == 1 else b
+    found = np.zeros((a.shape[1], wide.shape[1]))
+    add_products(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
+    return found[:, 0] if b.ndim == 1 else found
+
+
+def along(a: Floats, x: Floats) -> Floats:
+    """Return a x (n,) of a (n, m) and x (m,)."""
+    return np.asarray((a * x).sum(axis=1), np.float64)
