@@ -23,13 +23,15 @@ from yawid.report.write import report, write_report
 from yawid.sinks.mcap.reader import open_run
 
 PICTURES = ("fit", "residuals", "modes", "parameters", "bode", "poles", "step", "link")
+STREAM = ("--manoeuvres", "off")
+"""These tests are of the stream's answer; tests of a flight's are in test_flight_page.py."""
 PAIRS = (("wn_rad_s", "wn_std"), ("zeta", "zeta_std"))
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("good")
-    return replayed(C172P, folder, "--rate", 10, "--forgetting", 1)
+    return replayed(C172P, folder, "--rate", 10, "--forgetting", 1, *STREAM)
 
 
 @pytest.fixture(scope="module")
@@ -216,6 +218,6 @@ def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -
 
 def test_the_two_other_flights_make_reports_too(tmp_path: Path) -> None:
     log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
-    html = report(open_run(replayed(log, tmp_path, "--forgetting", 0.99)))
+    html = report(open_run(replayed(log, tmp_path, "--forgetting", 0.99, *STREAM)))
     assert "rate low" in first_screen(html)
     assert Page(html).tags.count("svg") == len(PICTURES)

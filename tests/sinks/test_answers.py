@@ -50,7 +50,8 @@ LONG = (
 @pytest.fixture(scope="module")
 def by_rml(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
     """A run of which RML answers though ELS was asked for first."""
-    run = open_run(replayed(C172P, tmp_path_factory.mktemp("rml"), "--output", "yaw"))
+    options = ("--output", "yaw", "--manoeuvres", "off")
+    run = open_run(replayed(C172P, tmp_path_factory.mktemp("rml"), *options))
     assert run.summary.verdict.method == "rml"
     assert next(iter(run.summary.estimates)) == "els"
     return run
@@ -220,7 +221,7 @@ def test_the_headline_says_whose_number_it_is_and_where() -> None:
         "It is that of the aircraft with its roll loop, at 22.0 m/s (airspeed) and 102 m altitude, "
         "from 2 of 4 manoeuvres."
     )
-    assert "under different loops, at 22.0 m/s" in headline(mixed_loops())
+    assert headline(mixed_loops()).endswith("from 1 of 3 manoeuvres.")
     assert "roll loop, from 2 of 2 manoeuvres." in headline(without_airspeed())
 
 
@@ -252,11 +253,3 @@ def test_only_the_airframe_has_a_level(loop: str, words: str, levelled: bool) ->
 
     assert frequency.notes[-1] == words
     assert ("MIL-F-8785C level 1" in damping.notes[0]) == levelled
-
-
-def test_a_bare_and_a_closed_airframe_together_have_no_level() -> None:
-    level_1 = msgspec.structs.replace(flight().dutch_roll, level=1)
-    both = [manoeuvre(1, loop="airframe"), manoeuvre(2)]
-    run = flight_summary(both, flight(loop="airframe", dutch_roll=level_1))
-
-    assert "level" not in cards(run)[1].notes[0]

@@ -125,7 +125,7 @@ def test_each_row_says_which_aircraft_it_is_of_and_whose_speed() -> None:
     assert "* V is the ground speed" in text
     assert "bare is the airframe" in text
     assert "? where no flight mode is known" in text
-    assert "this is the aircraft as flown, under different loops" in text
+    assert [" ".join(row[8:]) for row in rows] == ["other loop", "used", "other loop"]
 
 
 def test_the_date_of_every_row_follows_from_the_boots() -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from yawid.blocks import Bools, Floats
 from yawid.report.picture import BLUE, GREY, ORANGE, RED, Picture, band, drawn
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
-from yawid.sinks.answers import outcome
+from yawid.sinks.answers import NOT_USED, outcome
 
 MOST_NUMBERED: Final = 12
 """Points that bear their numbers: of more, one would hide another."""
@@ -21,7 +21,7 @@ SIGMAS: Final = 2.0
 _REFUSED: Final = "not usable"
 _LOOKS: Final[dict[str, dict[str, Any]]] = {
     "used": {"marker": "o", "color": BLUE},
-    "usable, not used": {"marker": "o", "color": BLUE, "fillstyle": "none"},
+    NOT_USED: {"marker": "o", "color": BLUE, "fillstyle": "none"},
     "disagrees": {"marker": "D", "color": ORANGE},
     _REFUSED: {"marker": "x", "color": "#a0a0a0", "alpha": 0.8},
 }
@@ -56,7 +56,7 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture
     if len(known) < 2:
         return None
     points = _points(known, flight)
-    ground = {each.airspeed_source for each, _, _ in known} == {"ground speed"}
+    sources = sorted({each.airspeed_source or "airspeed" for each, _, _ in known})
 
     def draw(canvas: Figure) -> None:
         axes = canvas.subplots(2, 1, sharex=True)
@@ -66,13 +66,13 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture
             ax.set_ylabel(_PANELS[i])
             _draw_flight(ax, flight, i)
             _draw_points(ax, points, i)
-        axes[1].set_xlabel("ground speed [m/s]" if ground else "airspeed [m/s]")
+        axes[1].set_xlabel(f"{' or '.join(sources)} [m/s]")
         canvas.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
 
+    line = "along the line ωn = κV" if flight.kappa_rad_m is not None else "in proportion"
     look = (
-        "Does ωn grow with the airspeed along the line ωn = κV, and does ζ stay? Bars and bands "
-        "are 2 sigma, numbers those of the table. Look at a point whose bar does not reach the "
-        "line."
+        f"Does ωn grow with the airspeed, {line}, and does ζ stay? Bars and bands are 2 sigma, "
+        "numbers those of the table. Look at a point whose bar does not reach the others."
     )
     if hidden := int(np.sum(~points.within.all(axis=1))):
         look += f" Off the picture: {hidden} that cannot be used."
@@ -81,7 +81,7 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture
 
 
 def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> _Points:
-    kind = [outcome(m, flight) if m.verdict.usable else _REFUSED for m, _, _ in known]
+    kind = [_kind(m, flight) for m, _, _ in known]
     value = np.array([_values(mode) for _, _, mode in known])
     spread = SIGMAS * np.array([_sigmas(mode) for _, _, mode in known])
     sure = np.array([each != _REFUSED for each in kind])
@@ -90,8 +90,8 @@ def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> 
     reach = np.minimum(spread, 0.5 * np.abs(value))
     ends = np.concatenate([(value - reach)[shown], (value + reach)[shown]])
     if flight.dutch_roll is not None:
-        middle = np.array(_values(flight.dutch_roll))
-        ends = np.vstack([ends, middle, middle])
+        middle, reach = (np.array(each(flight.dutch_roll)) for each in (_values, _sigmas))
+        ends = np.vstack([ends, middle - SIGMAS * reach, middle + SIGMAS * reach])
     low, high = ends.min(axis=0), ends.max(axis=0)
     room = np.maximum(high - low, 0.05 * np.abs(high))
     within = shown[:, None] | ((value > low - room) & (value < high + room))
@@ -100,6 +100,11 @@ def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> 
     limits = np.column_stack([low - 0.15 * room, high + 0.15 * room])
     speed = np.array([v for _, v, _ in known])
     return _Points([m.n for m, _, _ in known], kind, speed, value, spread, within, limits)
+
+
+def _kind(manoeuvre: Manoeuvre, flight: Flight) -> str:
+    came_of_it = outcome(manoeuvre, flight) if manoeuvre.verdict.usable else _REFUSED
+    return came_of_it if came_of_it in _LOOKS else NOT_USED
 
 
 def _values(mode: DutchRoll) -> tuple[float, float]:

@@ -13,7 +13,6 @@ from yawid.results.run_summary import (
     Value,
 )
 from yawid.sinks.answers import (
-    loop_of,
     no_manoeuvre,
     outcome,
     percent,
@@ -51,7 +50,7 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
     }
     yield table("reasons of each manoeuvre", reasons, folded=True)
     if flight is not None:
-        yield from _flight(flight, manoeuvres)
+        yield _flight(flight, manoeuvres, rudder_unit)
 
 
 def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
@@ -59,7 +58,7 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
     yield str(each.n), ""
     yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
     yield each.mode or "–", _LOOPS.get(each.loop, each.loop)
-    yield _plus_minus(each.airspeed_m_s, each.airspeed_std_m_s), each.airspeed_source or ""
+    yield _speed(each), each.airspeed_source or ""
     yield "–" if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
     yield ", ".join(each.inputs), "turn removed" if each.turn_removed else ""
     mode = each.dutch_roll
@@ -76,6 +75,13 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
     yield outcome(each, flight).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
 
 
+def _speed(each: Manoeuvre) -> str:
+    if each.airspeed_m_s is None:
+        return "–"
+    spread = "" if each.airspeed_std_m_s is None else f" ± {each.airspeed_std_m_s:.2f}"
+    return f"{each.airspeed_m_s:.2f}{spread}"
+
+
 def _method(each: Manoeuvre) -> str:
     return f"{(each.verdict.method or '').upper()} {each.orders}"
 
@@ -90,31 +96,36 @@ def _plus_minus(value: float | None, sigma: float | None) -> str:
     return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
 
 
-def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[str]:
+def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre], rudder_unit: str) -> str:
     picture = airspeed_picture(manoeuvres, flight)
-    facts = table("The flight", dict(_facts(flight, manoeuvres)))
-    yield tables("", [facts, "" if picture is None else figure(picture)])
+    facts = table("The flight", dict(_facts(flight, rudder_unit)))
+    cells = [facts, "" if picture is None else figure(picture)]
+    return tables("", cells) if any(cells) else ""
 
 
-def _facts(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[str, str]]:
+def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
     mode, between = flight.dutch_roll, flight.between_std
     if mode is not None:
         yield "ωn, rad/s", _plus_minus(mode.wn_rad_s, mode.wn_std)
         yield "ζ", _plus_minus(mode.zeta, mode.zeta_std)
-        yield "of", whose(loop_of(flight, manoeuvres))
+        yield "of", whose(flight.loop)
     if flight.airspeed_m_s is not None:
-        source = flight.airspeed_source or "airspeed"
+        source = flight.airspeed_source or "the ground speed of some"
         yield "at", f"{flight.airspeed_m_s:.1f} m/s ({source}), the median of those used"
     if flight.altitude_m is not None:
         yield "altitude, m", f"{flight.altitude_m:.0f}"
-    for name, each in (("κ = ωn / V, rad/m", flight.kappa_rad_m), ("K / V", flight.K_per_V)):
+    for name, each in (
+        ("κ = ωn / V, rad/m", flight.kappa_rad_m),
+        (f"K / V, rad/m per {rudder_unit}", flight.K_per_V),
+    ):
         if each is not None:
             yield name, _plus_minus(each.value, each.std)
     if between is not None and between.wn_rad_s is not None:
         yield "scatter of ωn beyond σ, rad/s", f"{between.wn_rad_s:.2g}"
     if between is not None and between.zeta is not None:
         yield "scatter of ζ beyond σ", f"{between.zeta:.2g}"
-    yield "manoeuvres used", ", ".join(map(str, flight.used)) or "none"
+    if flight.used:
+        yield "manoeuvres used", ", ".join(map(str, flight.used))
     if flight.disagree:
         yield "left out, as they disagree", ", ".join(map(str, flight.disagree))
     if flight.method is not None:

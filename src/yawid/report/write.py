@@ -96,10 +96,12 @@ def _origin(run: McapRun) -> str:
         parts.append(utc(flight.date))
     if answer is not None:
         rate = f"{1.0 / answer.sample_time_s:.3g} Hz"
-        method, orders = answer.method, answer.orders
-        if flight is not None:
-            method, orders = flight.method or method, flight.orders or orders
-        parts.append(f"{method.upper()}, orders na,nb,nc,nk = {orders} at {rate}")
+        told = answer if flight is None else flight
+        if told.method is None:  # a flight of which no manoeuvre is usable
+            parts.append(f"at {rate}")
+        else:
+            name = told.method.upper()
+            parts.append(f"{name}, orders na,nb,nc,nk = {told.orders} at {rate}")
     return " · ".join(parts)
 
 

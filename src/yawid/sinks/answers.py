@@ -27,6 +27,7 @@ MOST_HEADLINE = 160
 """Characters of a reason that the headline repeats; it stands whole below."""
 LARGEST_IN_FULL: Final = 1e6
 """A larger number, of an estimate that diverged, is not written digit by digit."""
+NOT_USED: Final = "usable, not used"
 _NONE: Final = ("none found", "")
 _WHOSE: Final = {
     "airframe": "the airframe",
@@ -54,8 +55,7 @@ def cards(summary: RunSummary) -> list[Card]:
     """Return the answers to the four questions, of the flight or of the method that answers."""
     mode, flight = _dutch_roll(summary), summary.flight
     others = summary.others if flight is None else {}
-    loop = "airframe" if flight is None else loop_of(flight, summary.manoeuvres or ())
-    levelled = summary.deciding.usable and loop == "airframe"
+    levelled = summary.deciding.usable and (flight is None or flight.loop == "airframe")
     if mode is not None and not levelled:
         mode = replace(mode, level=None)
     frequency, damping = _frequency(mode, others), _damping(mode, others)
@@ -63,7 +63,7 @@ def cards(summary: RunSummary) -> list[Card]:
         return [frequency, damping, _sure(summary), use(summary)]
     if mode is not None:
         slope = kappa(flight, 2.0) and f"ωn = {kappa(flight, 2.0)} (2σ)"
-        frequency = _noting(frequency, conditions(flight), slope, whose(loop))
+        frequency = _noting(frequency, conditions(flight), slope, whose(flight.loop))
     return [frequency, damping, _sure_of_flight(summary, flight), use(summary)]
 
 
@@ -97,23 +97,13 @@ def headline(summary: RunSummary) -> str:
     )
     if flight is None:
         return said
-    manoeuvres = summary.manoeuvres or ()
-    whose_it_is = whose(loop_of(flight, manoeuvres))
-    facts = (whose_it_is, conditions(flight), counted(flight, manoeuvres))
+    facts = (whose(flight.loop), conditions(flight), counted(flight, summary.manoeuvres or ()))
     return f"{said} It is that of {', '.join(fact for fact in facts if fact)}."
 
 
-def loop_of(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str | None:
-    """Return the loop that the flight's answer belongs to, None where it rests on several."""
-    loops = {each.loop for each in manoeuvres if each.n in flight.used}
-    if not loops:
-        return flight.loop
-    return loops.pop() if len(loops) == 1 else None
-
-
 def whose(loop: str | None) -> str:
-    """Say what it is that was identified, by :func:`loop_of` or a manoeuvre's loop."""
-    return _WHOSE.get(loop or "", "the aircraft as flown, under different loops")
+    """Say what it is that was identified, by ``loop`` of a manoeuvre or a flight."""
+    return _WHOSE[loop if loop in _WHOSE else "unknown"]
 
 
 def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
@@ -123,7 +113,10 @@ def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
         return next(fatal, "not usable")
     if flight is not None and manoeuvre.n in flight.disagree:
         return "disagrees"
-    return "used" if flight is not None and manoeuvre.n in flight.used else "usable, not used"
+    if flight is not None and manoeuvre.n in flight.used:
+        return "used"
+    # A flight is told of one aircraft: with its roll loop or without.
+    return "other loop" if flight is not None and manoeuvre.loop != flight.loop else NOT_USED
 
 
 def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:

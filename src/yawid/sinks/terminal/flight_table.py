@@ -15,7 +15,6 @@ from yawid.sinks.answers import (
     conditions,
     counted,
     kappa,
-    loop_of,
     no_manoeuvre,
     outcome,
     utc,
@@ -56,7 +55,7 @@ def flight_rows(summary: RunSummary) -> Iterator[tuple[str, str]]:
         zeta = " ".join(filter(None, with_sigma(mode.zeta, mode.zeta_std)))
         yield "flight", f"wn {wn} rad/s, zeta {zeta}"
         yield "", ", ".join(filter(None, (conditions(flight), count)))
-        yield "", f"this is {whose(loop_of(flight, manoeuvres))}"
+        yield "", f"this is {whose(flight.loop)}"
     if slope := kappa(flight):
         yield "", f"wn = {slope}, V the equivalent airspeed"
     yield "flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle))

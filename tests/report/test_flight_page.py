@@ -1,0 +1,238 @@
+"""The report of a flight: its verdict first, its manoeuvres as a table, over airspeed, over time.
+
+The pages are of a real run whose summary was given the manoeuvres of flights made by hand.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Browser, find_chromium
+from finished_runs import replayed
+from hand_flights import (
+    EVERY,
+    flight,
+    forty,
+    four,
+    four_of_a_flight,
+    manoeuvre,
+    mixed_loops,
+    none_usable,
+    roll_of,
+    summary,
+    without_airspeed,
+)
+from matplotlib.figure import Figure
+from msgspec.structs import replace
+from places import REPLAY_LOGS
+from report_page import Page, first_screen
+
+from yawid.report.airspeed_picture import airspeed_picture
+from yawid.report.data import gather
+from yawid.report.picture import mark_events
+from yawid.report.write import report
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.mcap.reader import McapRun, open_run
+
+LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
+Paged = Callable[[RunSummary], McapRun]
+
+
+@pytest.fixture(scope="module")
+def paged(tmp_path_factory: pytest.TempPathFactory) -> Paged:
+    """Return a function that gives a real run the manoeuvres and flight of a summary."""
+    run = open_run(replayed(LOG, tmp_path_factory.mktemp("run"), "--manoeuvres", "off"))
+
+    def of(hand: RunSummary) -> McapRun:
+        told = replace(run.summary, manoeuvres=hand.manoeuvres, flight=hand.flight)
+        return dataclasses.replace(run, summary=told)
+
+    return of
+
+
+def section(html: str, heading: str) -> str:
+    """Return the text between a heading and the next one."""
+    return Page(html.partition(f"<h2>{heading}</h2>")[2].partition("<h2>")[0]).text
+
+
+def test_the_first_screen_is_the_flights(paged: Paged) -> None:
+    text = first_screen(report(paged(four_of_a_flight())))
+
+    assert "2026-03-05 12:14:37 UTC · RML, orders na,nb,nc,nk = 3,3,2,1" in text
+    assert "It is that of the aircraft with its roll loop, at 22.0 m/s (airspeed)" in text
+    assert "Natural frequency ωn 10.21 rad/s ± 0.32 (2σ)" in text
+    assert "Can I use it? Yes nothing speaks against it" in text
+
+
+def test_a_refused_flight_is_refused_though_the_stream_is_usable(paged: Paged) -> None:
+    run = paged(none_usable())
+    assert run.summary.verdict.usable
+    html = report(run)
+
+    assert '<header class="unusable">' in html
+    assert "Can I use it? No there is no answer not converged" in first_screen(html)
+    assert "RML, orders" not in first_screen(html)
+
+
+def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:
+    html = report(paged(four_of_a_flight()))
+    text = section(html, "Manoeuvres")
+
+    assert (
+        "3 155.0–187.4 2026-03-05 12:16:37 UTC FBWA with roll loop 22.30 ± 0.30 airspeed 102 "
+        "rudder turn removed 11.92 ± 0.11 RML 3,3,2,1 0.410 ± 0.012 0.3080 ± 0.0060 98 / 91 / 88 "
+        "disagrees 4 215.0–247.4"
+    ) in text
+    assert "4: not converged the natural frequency went from 9.1" in text
+    assert "κ = ωn / V, rad/m 0.4634 ± 0.0077" in text
+    assert "K / V, rad/m per half travel 0.01400 ± 0.00040" in text
+    assert "manoeuvres used 1, 2 left out, as they disagree 3" in text
+    pale = re.findall(r'<tr class="pale">.*', html)
+    assert ["215.0–247.4" in row for row in pale] == [True]
+
+
+def test_what_was_flown_otherwise_is_said_row_by_row(paged: Paged) -> None:
+    text = section(report(paged(mixed_loops())), "Manoeuvres")
+
+    assert "MANUAL airframe 22.00 ± 0.30 airspeed 102 rudder, aileron" in text
+    assert "FBWA with roll loop 22.00 ± 0.30 ground speed" in text
+    assert "– not known" in text
+    assert text.count("other loop") == 2
+
+
+def test_what_is_the_streams_is_called_so(paged: Paged) -> None:
+    text = Page(report(paged(four_of_a_flight()))).text
+
+    assert "not of the flight's answer above. By themselves they would be usable (" in text
+    assert "answers" not in text.partition("Parameters, ± σ")[2].partition("a1")[0]
+    alone = Page(report(paged(summary(None, None)))).text
+    assert "The stream, sample by sample" not in alone
+    assert "Manoeuvres" not in alone
+
+
+def test_a_run_in_which_none_was_found_says_so_on_the_page(paged: Paged) -> None:
+    html = report(paged(summary([], None)))
+
+    assert section(html, "Manoeuvres").startswith("no manoeuvre found: the rudder never moved")
+    assert "hatched" not in Page(html).text
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_picture_over_airspeed_stands_where_there_are_airspeeds(
+    name: str, paged: Paged
+) -> None:
+    page = Page(report(paged(EVERY[name]())))
+
+    assert len(page.ids) == len(set(page.ids))
+    has = "airspeed" in page.ids
+    # Of none_usable one alone has a Dutch roll.
+    assert has == (name not in ("without_airspeed", "none_usable"))
+
+
+def test_the_picture_has_the_points_their_numbers_and_kappas_line() -> None:
+    picture = airspeed_picture(four(), flight())
+    assert picture is not None
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", picture.svg)
+
+    assert {"ωn = 0.463 V", "used", "disagrees", "not usable", "the flight"} <= set(texts)
+    assert [texts.count(n) for n in "1234"] == [2, 2, 2, 2]
+    assert "airspeed [m/s]" in texts
+    many = airspeed_picture(forty().manoeuvres or [], flight())
+    assert many is not None
+    assert ">40</text>" not in many.svg
+
+
+def test_one_manoeuvre_with_an_airspeed_makes_no_picture() -> None:
+    alone = [manoeuvre(1), manoeuvre(2, speed=None), manoeuvre(3, None)]
+
+    assert airspeed_picture(alone, flight()) is None
+    assert airspeed_picture(without_airspeed().manoeuvres or [], flight()) is None
+
+
+def test_a_refused_one_far_off_takes_no_axis_with_it() -> None:
+    """A warning of the drawing is an error in these tests."""
+    wild = four()[3]
+    far = replace(roll_of(1e200, -1e200), wn_std=1e299, zeta_std=1e299)
+    estimates = {"rml": replace(wild.estimates["rml"], dutch_roll=far)}
+    picture = airspeed_picture([*four()[:3], replace(wild, estimates=estimates)], flight())
+    assert picture is not None
+
+    assert "Off the picture: 1 that cannot be used." in picture.look
+    assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
+    no_speed = [manoeuvre(n, speed=0.0) for n in (1, 2)]
+    assert airspeed_picture(no_speed, flight(kappa_rad_m=None)) is not None
+
+
+def test_manoeuvres_are_shaded_where_they_were_flown_and_numbered(paged: Paged) -> None:
+    data = gather(paged(four_of_a_flight()))
+    assert data is not None
+    axes = Figure().subplots()
+    axes.set_xlim(100.0, 230.0)
+    events = dataclasses.replace(data.events, held=np.empty((0, 2)), mode_changes=np.empty(0))
+    mark_events(axes, events)
+
+    spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+    found = [(round(box.x0, 1), round(box.x1, 1)) for box in spans]
+    assert found == [(100.0, 127.4), (155.0, 187.4), (215.0, 230.0)]
+    assert [patch.get_hatch() for patch in axes.patches] == [None, None, "////"]
+    assert [text.get_text() for text in axes.texts] == ["2", "3", "4"]
+    assert axes.get_xlim() == (100.0, 230.0)
+
+
+def test_numbers_of_many_manoeuvres_do_not_hide_one_another(paged: Paged) -> None:
+    data = gather(paged(forty()))
+    assert data is not None
+    axes = Figure().subplots()
+    axes.set_xlim(0.0, 2500.0)
+    mark_events(axes, data.events)
+
+    places = [text.xy[0] for text in axes.texts]  # type: ignore[attr-defined] # Annotations
+    assert len(axes.patches) >= 40
+    assert min(np.diff(places)) > 0.07 * 2500.0
+
+
+def test_hostile_words_of_a_manoeuvre_are_shown_and_never_obeyed(paged: Paged) -> None:
+    bad = "<img src=x onerror=alert(1)>"
+    odd = manoeuvre(1, mode=bad, loop=bad, date=bad, airspeed_source=bad, inputs=[bad])
+    page = Page(report(paged(summary([odd, manoeuvre(2)], flight(date=bad, loop=bad)))))
+
+    assert "img" not in page.tags
+    assert bad in page.text
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
+@pytest.mark.parametrize("name", ["four_of_a_flight", "forty"])
+def test_a_browser_shows_it_within_its_width_and_no_legend_on_a_line(
+    name: str, paged: Paged, tmp_path: Path
+) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(report(paged(EVERY[name]())))
+    overflow = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    inside = """[1, 2, 3, 4].map(i => {
+      const axes = document.getElementById('parameters-axes_' + i);
+      const legend = axes.querySelector('[id^=parameters-legend]').getBoundingClientRect();
+      const within = axes.querySelector('[id^=parameters-patch]').getBoundingClientRect();
+      return legend.bottom - within.top; })"""
+    with Browser() as browser:
+        for width, phone in ((1280, False), (390, True)):
+            browser.open(path.as_uri(), width, 800, phone=phone)
+            browser.listen(0.2)
+            assert browser.evaluate(overflow) == 0
+            assert max(browser.evaluate(inside)) < 1.0
+        assert browser.complaints == []
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
+def test_on_a_wide_screen_the_whole_table_is_seen(paged: Paged, tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(report(paged(four_of_a_flight())))
+    hidden = "(sheet => sheet.scrollWidth - sheet.clientWidth)(document.querySelector('.sheet'))"
+    with Browser() as browser:
+        browser.open(path.as_uri(), 1280, 800)
+        browser.listen(0.2)
+        assert browser.evaluate(hidden) == 0
