@@ -54,7 +54,9 @@ def cases() -> str:
     rows = []
     for path in sorted((ROOT / "replay_logs").glob("*/case.toml")):
         case = tomllib.loads(path.read_text(encoding="utf-8"))
-        given = case.get("options", {}).items()
+        # Most cases pin the stream alone: those that pin manoeuvres say so.
+        given = ({"manoeuvres": "auto"} | case.get("options", {})).items()
+        given = [(k, v) for k, v in given if (k, v) != ("manoeuvres", "off")]
         options = ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in given)
         origin = re.sub(r"[,;] (trimmed|recorded|tools/|see ).*", "", case["origin"])
         origin = re.sub("^JSBSim C172P at 100 kt, |ArduPlane V4.6-dev SITL ", "", origin)

@@ -125,7 +125,7 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "manoeuvres_disagree", 5, "estimate",
-        "See in what they were flown differently; --from and --to replay one by itself.",
+        "See what was flown differently: one by itself by --from and --to.",
         _FLY,
     ),
     ReasonKind(

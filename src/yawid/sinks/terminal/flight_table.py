@@ -34,6 +34,8 @@ _MEANS: Final = {
     "?": "? where no flight mode is known",
 }
 _GROUND: Final = "ground speed"
+_FINE: Final = 0.05
+"""A sigma of wn in rad/s below which there is room for another digit."""
 _MODE_WIDTH: Final = 10
 _LARGEST: Final = 1000.0
 """Larger numbers, of estimates that diverged, keep three digits."""
@@ -115,7 +117,8 @@ def _cells(each: Manoeuvre) -> Iterator[str]:
 def _numbers(mode: DutchRoll | None) -> tuple[str, str]:
     if mode is None:
         return "none", "none"
-    return _short(mode.wn_rad_s, mode.wn_std, 2), _short(mode.zeta, mode.zeta_std, 3)
+    fine = mode.wn_rad_s < 10.0 and (mode.wn_std or 1.0) < _FINE
+    return _short(mode.wn_rad_s, mode.wn_std, 3 if fine else 2), _short(mode.zeta, mode.zeta_std, 3)
 
 
 def _short(value: float, sigma: float | None, digits: int) -> str:
