@@ -14,7 +14,7 @@ from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.manoeuvres.answer import Answered, Setting
+from yawid.manoeuvres.answer import Setting
 from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
@@ -80,21 +80,24 @@ class Pipeline:
             for samples in self.channels.feed(block):
                 self.estimate(samples)
 
-    def finish(self) -> None:
-        """Estimate what was held back for want of more; the sinks stay open for the summary."""
+    def finish(self) -> list[Manoeuvre]:
+        """Estimate what was held back for want of more; the sinks stay open for the summary.
+
+        Return the manoeuvres answered meanwhile, all being answered now.
+        """
         for samples in self.channels.finish():
             self.estimate(samples)
         if self._manoeuvres is not None:
             self._manoeuvres.finish()
-        self.collect(wait=True)
+        return self.collect(wait=True)
 
-    def collect(self, *, wait: bool = False) -> list[Answered]:
+    def collect(self, *, wait: bool = False) -> list[Manoeuvre]:
         """Hand the manoeuvres answered meanwhile to the sinks; return them."""
         ready = [] if self._manoeuvres is None else list(self._manoeuvres.ready(wait=wait))
         for each in ready:
             for sink in self.sinks:
                 sink.manoeuvre(each.found, each.span_ns)
-        return ready
+        return [each.found for each in ready]
 
     def estimate(self, samples: SampleBlock) -> None:
         """Estimate samples of one epoch and write them."""

@@ -11,6 +11,7 @@ from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.warm_up import Warming
+from yawid.runs.live.worker import Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sinks.part_file import os_errors_as_sink_error
@@ -80,15 +81,17 @@ def live(
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
+    worker = Worker()
     try:
         # The tap comes first: it queues what is sent while a compiler or a viewer takes its time.
         with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, Warming(config),
+                stamps.now, Warming(config), worker,
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
     finally:
+        worker.shutdown()
         console.close()
 
 

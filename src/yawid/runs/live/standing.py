@@ -1,4 +1,4 @@
-"""Where a session stands, in one line, and how long its samples wait."""
+"""Where a session stands and what a manoeuvre came to, each in one line; how long samples wait."""
 
 import math
 import time
@@ -10,6 +10,7 @@ from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
 from yawid.results.judge_estimate import BETTER
+from yawid.results.run_summary import Manoeuvre
 
 SOUND = (Status.TRACKING, Status.HELD)
 """An estimator that says this of itself may answer."""
@@ -48,8 +49,7 @@ class Standing:
             return ", ".join([*parts, "waiting for rudder and yaw rate"])
         method, status, (wn, wn_std, zeta, zeta_std) = answering(pipeline.bank)
         if math.isfinite(wn):
-            answer = f"ωn {wn:.4g} ± {wn_std:.2g} rad/s", f"ζ {zeta:.3g} ± {zeta_std:.2g}"
-            parts += [*answer, f"by {method.upper()}"]
+            parts += [_dutch_roll(wn, wn_std, zeta, zeta_std), f"by {method.upper()}"]
         else:
             parts.append("no Dutch roll yet")
         if not quiet:
@@ -68,6 +68,31 @@ class Standing:
             return [f"nothing received for {quiet_s:.0f} s"]
         idle_s = _idle_s(pipeline, now_us)
         return [f"no sample for {idle_s:.0f} s"] if idle_s else []
+
+
+def manoeuvre_line(found: Manoeuvre) -> str:
+    """Return the line on a manoeuvre that has ended: when and how it was flown, what it says."""
+    flown = [f"{found.from_s:.0f} to {found.to_s:.0f} s"]
+    if found.mode is not None:
+        flown.append(found.mode)
+    if found.airspeed_m_s is not None:
+        over_ground = " over ground" if found.airspeed_source == "ground speed" else ""
+        flown.append(f"{found.airspeed_m_s:.0f} m/s{over_ground}")
+    fatal = next((r.id for r in found.verdict.reasons if r.weight == "fatal"), None)
+    roll = found.dutch_roll
+    if fatal is not None or roll is None:
+        answer = f"not usable: {fatal}"
+    else:
+        answer = _dutch_roll(roll.wn_rad_s, roll.wn_std, roll.zeta, roll.zeta_std)
+    return f"manoeuvre {found.n} ({', '.join(flown)}): {answer}"
+
+
+def _dutch_roll(wn: float, wn_std: float | None, zeta: float, zeta_std: float | None) -> str:
+    said = [
+        f"{value:.{digits}g}" + ("" if std is None else f" ± {std:.2g}")
+        for value, std, digits in ((wn, wn_std, 4), (zeta, zeta_std, 3))
+    ]
+    return f"ωn {said[0]} rad/s, ζ {said[1]}"
 
 
 def answering(bank: Bank) -> tuple[str, Status, Floats]:

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,11 +16,11 @@ from yawid.errors import SinkError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import LiveFacts, RunSummary
+from yawid.results.run_summary import LiveFacts, Manoeuvre, RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
-from yawid.runs.live.standing import Latency, Standing
+from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.warm_up import MOST_HELD, Warming
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
@@ -51,6 +52,7 @@ class Setting(NamedTuple):
     say: Callable[[str], None]
     now_us: Callable[[], int]
     warming: Warming
+    worker: Executor
 
 
 class LiveSession:
@@ -73,7 +75,9 @@ class LiveSession:
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
         self.decoder = setting.read_options.decoder(WANTED)
-        self.pipeline = Pipeline(setting.config, self._sinks, self._make_bank)
+        self.pipeline = Pipeline(
+            setting.config, self._sinks, self._make_bank, worker=setting.worker
+        )
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
@@ -139,6 +143,7 @@ class LiveSession:
             self.catch_up()
         if self._tlog is not None:
             self._tlog.look()
+        self._tell_of(self.pipeline.collect())
         for sink in self._sinks:
             sink.flush()
         if self._state is not None:
@@ -154,7 +159,7 @@ class LiveSession:
             self._setting.warming.wait()
             self.catch_up()
         self.pipeline.feed(self.decoder.finish())
-        self.pipeline.finish()
+        self._tell_of(self.pipeline.finish())
 
     def stopped(self) -> bool:
         """Whether samples have stopped since this was last asked: the line is due at once."""
@@ -200,6 +205,11 @@ class LiveSession:
         tlog, self._tlog = self._tlog, None
         self.abort()
         return None if tlog is None else tlog.finish()
+
+    def _tell_of(self, answered: list[Manoeuvre]) -> None:
+        """Say a line of each manoeuvre that has been answered."""
+        for found in answered:
+            self.tell(manoeuvre_line(found))
 
     def _open(self) -> None:
         self._opened = True

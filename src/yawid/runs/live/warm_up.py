@@ -9,6 +9,7 @@ import numpy as np
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
+from yawid.estimation.record_fit import fit_record
 from yawid.physics.modes import modes
 
 _SAMPLES = 300  # more than the scale window: every branch of the kernel has been loaded then
@@ -70,3 +71,5 @@ def warm_up(config: RunConfig) -> None:
     samples = SampleBlock(sample_time_s=_SAMPLE_TIME_S, u=u, **columns)
     estimates = Bank(config, _SAMPLE_TIME_S).run(samples)
     modes(estimates[config.method], config.armax_orders(), _SAMPLE_TIME_S)
+    # The filter of all fits, of which the start fit comes later than these samples.
+    fit_record(config.estimator(config.method, _SAMPLE_TIME_S), u, columns["y"])
