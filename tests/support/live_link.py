@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import signal
 import socket
 import threading
 from collections.abc import Iterator
@@ -149,3 +150,34 @@ def wait_for_size(path: Path, size: int) -> None:
             return
         never.wait(0.1)
     raise AssertionError(f"{path.name} has not grown to {size} bytes")
+
+
+SENT = frames(10.0)
+
+
+def interrupt() -> None:
+    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+
+def attend(folder: Path, then: object) -> Screen:
+    """Attend a link on which the flight is sent, after which ``then(stop, screen)`` is called."""
+    port, stop, screen = free_port(), StopFlag(), Screen()
+
+    def vehicle() -> None:
+        screen.wait_for("listening")
+        send(SENT, port)
+        wait_for_size(folder / "live.tlog.part", tlog_size(SENT))
+        then(stop, screen)  # type: ignore[operator] # a function of the test
+
+    sender = threading.Thread(target=vehicle)
+    sender.start()
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    try:
+        live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
+    finally:
+        sender.join()
+    return screen
+
+
+def left(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}

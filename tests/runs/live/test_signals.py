@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from pathlib import Path
 
 import pytest
-from live_link import CONFIG, Screen, frames, free_port, send, tlog_size, wait_for_size
+from live_link import SENT, Screen, attend, free_port, interrupt, left, tlog_size
 
 from yawid.blocks import ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
@@ -17,12 +16,6 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sinks.base import LogLevel
 
-SENT = frames(10.0)
-
-
-def interrupt() -> None:
-    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-
 
 @pytest.fixture
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,30 +23,6 @@ def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "yawid.runs.live.warm_up.warm_up", lambda _: threading.Event().wait(300.0) and None
     )
-
-
-def attend(folder: Path, then: object) -> Screen:
-    """Attend a link on which the flight is sent, after which ``then(stop, screen)`` is called."""
-    port, stop, screen = free_port(), StopFlag(), Screen()
-
-    def vehicle() -> None:
-        screen.wait_for("listening")
-        send(SENT, port)
-        wait_for_size(folder / "live.tlog.part", tlog_size(SENT))
-        then(stop, screen)  # type: ignore[operator] # a function of the test
-
-    sender = threading.Thread(target=vehicle)
-    sender.start()
-    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
-    try:
-        live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
-    finally:
-        sender.join()
-    return screen
-
-
-def left(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 def test_an_interrupted_session_ends_at_once_and_keeps_what_was_recorded(tmp_path: Path):

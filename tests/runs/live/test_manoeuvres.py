@@ -1,0 +1,223 @@
+"""Manoeuvres of a live session: answered beside the loop, told as they end, as in a replay."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from finished_runs import messages
+from live_link import (
+    CONFIG,
+    attend,
+    frames,
+    interrupt,
+    left,
+    listening,
+    send,
+    tlog_size,
+    wait_for_size,
+)
+from places import REPLAY_LOGS
+from send_tlog import stamped_frames
+
+from yawid.config.run import RunConfig
+from yawid.manoeuvres.answer import Answered, answer
+from yawid.runs.live import Ended
+from yawid.runs.live.standing import manoeuvre_line
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+
+GAPS = [f for _, f in stamped_frames((REPLAY_LOGS / "c172p_gaps" / "log.tlog").read_bytes())]
+"""Four manoeuvres of a Cessna, of which three end before the flight does."""
+TOLD_S = 2.0
+
+
+def replayed(tlog: Path, config: RunConfig) -> Ended:
+    """Replay what a session recorded; return its summary and verdict."""
+    outputs = Outputs(tlog.parent, f"{tlog.stem}-again")
+    summary, verdict = replay(tlog, config, outputs, StopFlag())
+    return Ended(summary, verdict, verdict.exit_code)
+
+
+def told(ended: Ended) -> list[str]:
+    """Return the session's lines on manoeuvres."""
+    return [line for line in ended.summary.live.events if line.startswith("manoeuvre ")]
+
+
+def test_live_and_the_replay_of_its_tlog_give_the_same_manoeuvres_to_the_bit(tmp_path: Path):
+    with listening(tmp_path, RunConfig(), Outputs(tmp_path, "live", "save")) as session:
+        send(GAPS, session.port)
+        session.screen.wait_for("manoeuvre 3 (")
+        wait_for_size(session.part("tlog"), tlog_size(GAPS))
+    [ended] = session.ended
+    again = replayed(tmp_path / "live.tlog", RunConfig())
+
+    found = [each.to_json() for each in ended.summary.manoeuvres]
+    assert len(found) == 4
+    assert found == [each.to_json() for each in again.summary.manoeuvres]
+    assert ended.summary.flight.to_json() == again.summary.flight.to_json()
+    assert messages(tmp_path / "live.mcap") == messages(tmp_path / "live-again.mcap")
+    assert ended.exit_code == again.exit_code == 0
+
+
+def test_a_line_is_said_as_a_manoeuvre_ends_and_stands_in_the_summary(tmp_path: Path):
+    with listening(tmp_path, RunConfig()) as session:
+        # The fourth manoeuvre begins at 110 s of the vehicle's time.
+        send(GAPS, session.port)
+        session.screen.wait_for("manoeuvre 3 (")
+    [ended] = session.ended
+    roll = ended.summary.manoeuvres[0].dutch_roll
+    assert told(ended)[0] == (
+        "manoeuvre 1 (34 to 60 s, FBWA, 51 m/s): "
+        f"ωn {roll.wn_rad_s:.4g} ± {roll.wn_std:.2g} rad/s, ζ {roll.zeta:.3g} ± {roll.zeta_std:.2g}"
+    )
+    assert [line.split(" ")[1] for line in told(ended)] == ["1", "2", "3", "4"]
+    said = session.screen.getvalue()
+    assert [line in said for line in told(ended)] == [True] * 4
+
+
+def test_of_one_that_cannot_be_used_the_first_fatal_reason_is_said(tmp_path: Path):
+    sent = frames(20.0)
+    config = replace(CONFIG, rate=4.0)
+    with listening(tmp_path, config) as session:
+        send(sent, session.port)
+    [ended] = session.ended
+    [found] = ended.summary.manoeuvres
+    fatal = [reason.id for reason in found.verdict.reasons if reason.weight == "fatal"]
+    assert manoeuvre_line(found).endswith(f": not usable: {fatal[0]}")
+    assert told(ended) == [manoeuvre_line(found)]
+    assert ended.exit_code == ended.verdict.exit_code != 0
+
+
+@pytest.fixture
+def slow_fit(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """A fit that is not done before this is set."""
+    done = threading.Event()
+
+    def wait(*asked: object) -> Answered:
+        assert done.wait(60.0)
+        return answer(*asked)  # type: ignore[arg-type] # as the stage calls it
+
+    monkeypatch.setattr("yawid.manoeuvres.stage.answer", wait)
+    return done
+
+
+def test_the_loop_does_not_wait_for_a_fit_and_the_end_of_the_session_does(
+    slow_fit: threading.Event, tmp_path: Path
+):
+    with listening(tmp_path, RunConfig()) as session:
+        send(GAPS, session.port)
+        wait_for_size(session.part("tlog"), tlog_size(GAPS))
+        session.screen.wait_for("tracking")
+        assert "manoeuvre 1" not in session.screen.getvalue()
+        session.stop.is_set = True
+        slow_fit.set()
+    assert len(told(session.ended[0])) == 4
+
+
+def test_a_second_signal_ends_a_session_that_waits_for_a_fit(
+    slow_fit: threading.Event, tmp_path: Path
+):
+    def end_twice(stop: StopFlag, _: object) -> None:
+        stop.is_set = True
+        time.sleep(1.0)
+        interrupt()
+
+    begun_s = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        attend(tmp_path, end_twice)
+    assert time.monotonic() - begun_s < 30.0
+    assert left(tmp_path) == {"live.tlog.part", "live.mcap.part"}
+    slow_fit.set()
+
+
+def test_a_process_does_not_wait_for_the_worker_when_it_exits():
+    begun_s = time.monotonic()
+    script = (
+        "import time; from yawid.runs.live.worker import Worker; "
+        "print(Worker().submit(time.sleep, 300).done())"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, timeout=100, check=True
+    )
+    assert ended.stdout.strip() == b"False"
+    assert time.monotonic() - begun_s < 100.0
+
+
+def test_a_fit_that_fails_ends_a_session_as_it_ends_a_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    attend(tmp_path, lambda stop, _: setattr(stop, "is_set", True))
+
+    def fail(*_: object) -> Answered:
+        raise ArithmeticError("singular")
+
+    monkeypatch.setattr("yawid.manoeuvres.stage.answer", fail)
+    with pytest.raises(ArithmeticError, match="singular"):
+        replayed(tmp_path / "live.tlog", CONFIG)
+    folder = tmp_path / "failed"
+    with pytest.raises(ArithmeticError, match="singular"):
+        attend(folder, lambda stop, _: setattr(stop, "is_set", True))
+    assert left(folder) == {"live.tlog.part", "live.mcap.part"}
+
+
+def test_a_manoeuvre_is_told_within_two_seconds_of_its_end(tmp_path: Path):
+    longest = frames(120.0)
+    with listening(tmp_path, RunConfig()) as session:
+        send(longest, session.port)
+        wait_for_size(session.part("tlog"), tlog_size(longest))
+        # Two seconds of silence end it, which the next frames show.
+        begun_s = time.monotonic()
+        send(frames(6.0, first_s=230.0), session.port)
+        session.screen.wait_for("manoeuvre 1 (")
+        assert time.monotonic() - begun_s < TOLD_S
+
+
+def test_each_vehicle_has_its_own_manoeuvres(tmp_path: Path):
+    sent = {sysid: frames(20.0 + sysid, sysid=sysid) for sysid in (1, 2)}
+    with listening(tmp_path, every_vehicle=True) as session:
+        for own in sent.values():
+            send(own, session.port)
+        # What 1 sent before 2 was known to be a vehicle stands in its tlog too.
+        wait_for_size(session.part("tlog", "live-2"), tlog_size(sent[2]))
+
+    for sysid, ended in zip(sent, session.ended, strict=True):
+        again = replayed(tmp_path / f"live-{sysid}.tlog", CONFIG)
+        assert ended.summary.vehicle.sysid == sysid
+        [found] = ended.summary.manoeuvres
+        assert found.n == 1
+        assert found.to_json() == again.summary.manoeuvres[0].to_json()
+        assert ended.summary.flight.to_json() == again.summary.flight.to_json()
+        assert told(ended) == [manoeuvre_line(found)]
+        assert f"system {sysid}: {told(ended)[0]}" in session.screen.getvalue()
+    one, two = (ended.summary.manoeuvres[0] for ended in session.ended)
+    assert (one.duration_s, one.dutch_roll) != (two.duration_s, two.dutch_roll)
+
+
+def test_a_session_resumed_from_a_state_counts_its_manoeuvres_anew(tmp_path: Path):
+    numbers = []
+    for name, first_s in (("one", 100.0), ("two", 500.0)):
+        sent = frames(20.0, first_s=first_s)
+        outputs = Outputs(tmp_path, name)
+        with listening(tmp_path, CONFIG, outputs, state=tmp_path / "state") as session:
+            send(sent, session.port)
+            wait_for_size(session.part("tlog", name), tlog_size(sent))
+        numbers.append([found.n for found in session.ended[0].summary.manoeuvres])
+    assert "resumed from" in session.screen.getvalue()
+    assert numbers == [[1], [1]]
+
+
+def test_a_state_fits_whether_manoeuvres_are_looked_for_or_not(tmp_path: Path):
+    for name, manoeuvres in (("one", "auto"), ("two", "off")):
+        config = replace(CONFIG, manoeuvres=manoeuvres)
+        outputs = Outputs(tmp_path, name)
+        with listening(tmp_path, config, outputs, state=tmp_path / "state") as session:
+            send(frames(20.0), session.port)
+    assert "resumed from" in session.screen.getvalue()
+    assert session.ended[0].summary.manoeuvres is None
+    assert told(session.ended[0]) == []
