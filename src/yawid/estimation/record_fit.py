@@ -52,6 +52,7 @@ class FittedModel:
         )
 
 
+@np.errstate(all="ignore")
 def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
     """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); NaN rows are held and break it.
 
@@ -66,7 +67,8 @@ def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
     rows = np.column_stack([breaks, signals * factors])
     fit = RecordFit(config, list(stretches_of(config, rows)))
     n = len(fit.y)
-    if n <= 2 * config.n_theta or not signals.std(axis=0).all():
+    # The standard deviation of what stands still is rounding, and not always 0.
+    if n <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
         return _nothing(config, len(y), Status.WARMING_UP)
     found = _solved(config, fit)
     if found is None:

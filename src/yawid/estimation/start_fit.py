@@ -182,9 +182,9 @@ class RecordFit:
         psi, _ = self.gradient(theta)
         weighted = phi * self.weights[:, None]
         score = cross(weighted, eps) - self.prior @ theta
-        if not (np.isfinite(psi).all() and np.isfinite(score).all()):
-            return np.inf, np.full_like(theta, np.nan)
         noise = float(np.sum(self.weights * eps**2)) / len(eps)
+        if not (noise > 0.0 and np.isfinite(psi).all() and np.isfinite(score).all()):
+            return np.inf, np.full_like(theta, np.nan)
         left = float(score @ np.linalg.solve(cross(weighted, phi) + self.prior, score)) / noise
         step = np.linalg.solve(cross(weighted, psi) + self.prior, score)
         return left, np.asarray(step, np.float64)
