@@ -112,7 +112,7 @@ class _Section:
         self._before: SampleBlock | None = None
         self._past = np.empty((0, 3))
         self._next_stride: int | None = None
-        self._decided_k: int | None = None
+        self._decided_k = 0
         self._open: _Candidate | None = None
 
     def feed(self, samples: SampleBlock) -> list[SampleBlock]:
@@ -142,7 +142,8 @@ class _Section:
         """Decide on the samples up to ``last_k``; those after it are only looked ahead to."""
         rows = SampleBlock.joined(self._undecided)
         stroke = self._strokes(rows, last_k)
-        if stroke is None and not is_last:
+        # An aileron that is known now and then only would be waited for without end.
+        if stroke is None and not is_last and last_k - self._decided_k <= self._chunk:
             return []
         count = int(np.searchsorted(rows.k, last_k, side="right"))
         decided, rest = rows.select(slice(0, count)), rows.select(slice(count, None))
