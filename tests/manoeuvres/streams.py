@@ -1,0 +1,103 @@
+"""Samples made by hand for the tests of manoeuvres: what the rudder did in, a block out."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from itertools import pairwise
+
+import numpy as np
+
+from yawid.blocks import Floats, Held, SampleBlock
+from yawid.manoeuvres.find import Finder
+
+TS_S = 0.05
+HZ = 20
+START_NS = 1_700_000_000_000_000_000
+
+
+def stream(
+    rudder: Floats,
+    *,
+    first_k: int = 0,
+    aileron: Floats | float = np.nan,
+    airspeed: Floats | float = 20.0,
+    mode: float = 0.0,
+    epoch: int = 0,
+    noted: int = 0,
+    y: Floats | None = None,
+    turn: Floats | float = 0.0,
+    roll: Floats | float = 0.0,
+) -> SampleBlock:
+    """A flight on the grid of 20 Hz; ``rudder`` (n,) in half travels, held where it is NaN"""
+    n = len(rudder)
+    k = np.arange(first_k, first_k + n)
+    held = np.where(np.isnan(rudder), int(Held.GAP), 0)
+    columns = {"airspeed": airspeed, "aileron": aileron, "turn": turn, "roll": roll, "mode": mode}
+    rows = {name: np.broadcast_to(np.float64(value), n).copy() for name, value in columns.items()}
+    output = np.where(held == 0, 0.0 if y is None else y, np.nan)
+    boot_us = np.round(k * TS_S * 1e6).astype(np.int64)
+    return SampleBlock(
+        sample_time_s=TS_S,
+        k=k,
+        boot_us=boot_us,
+        unix_ns=START_NS + 1000 * boot_us,
+        received_us=(START_NS // 1000 + boot_us),
+        u=np.array(rudder, float)[:, None],
+        y=output,
+        yaw=np.zeros(n),
+        noted=np.full(n, noted),
+        held=held,
+        epoch=np.full(n, epoch),
+        on_ground=np.zeros(n),
+        altitude=np.full(n, 100.0),
+        **rows,
+    )
+
+
+def rest(seconds: float, at: float = 0.0) -> Floats:
+    return np.full(round(HZ * seconds), at)
+
+
+def doublets(seconds: float, amplitude: float = 0.2) -> Floats:
+    """Half a second to either side, at least one of each, and back"""
+    return amplitude * np.where(np.arange(round(HZ * seconds)) // 10 % 2, -1.0, 1.0)
+
+
+def flown(*parts: Floats) -> Floats:
+    return np.concatenate(parts)
+
+
+def without(samples: SampleBlock, first: int, stop: int) -> SampleBlock:
+    """The samples without rows ``first`` to ``stop``: the grid has none there"""
+    rows = np.arange(len(samples))
+    return samples.select(rows[(rows < first) | (rows >= stop)])
+
+
+def joined(*parts: SampleBlock) -> SampleBlock:
+    return SampleBlock.joined(parts)
+
+
+def cut(samples: SampleBlock, edges: Sequence[int]) -> Iterator[SampleBlock]:
+    bounds = sorted({0, len(samples), *(edge for edge in edges if 0 < edge < len(samples))})
+    for first, stop in pairwise(bounds):
+        yield samples.select(slice(first, stop))
+
+
+def found_in(
+    samples: SampleBlock, edges: Sequence[int] = (), unit: float = 1.0
+) -> list[SampleBlock]:
+    """The manoeuvres of a stream that comes in blocks with these edges"""
+    finder = Finder(TS_S, unit)
+    found = [each for block in cut(samples, edges) for each in finder.feed(block)]
+    return found + finder.finish()
+
+
+def spans(found: Sequence[SampleBlock]) -> list[tuple[int, int]]:
+    """First and last k of each"""
+    return [(int(each.k[0]), int(each.k[-1])) for each in found]
+
+
+def assert_same(one: Sequence[SampleBlock], other: Sequence[SampleBlock]) -> None:
+    assert len(one) == len(other)
+    for a, b in zip(one, other, strict=True):
+        for field in fields(SampleBlock):
+            np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
