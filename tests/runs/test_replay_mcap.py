@@ -51,8 +51,10 @@ def test_a_replay_of_a_run_equals_a_replay_of_its_log_to_the_bit(
 
     assert messages(again) == messages(direct)
     ours, theirs = summary_of(again), summary_of(direct)
-    for key in ("estimates", "verdict", "channels", "link", "vehicle", "duration_s"):
+    for key in ("estimates", "verdict", "channels", "link", "vehicle", "duration_s", "manoeuvres"):
         assert ours[key] == theirs[key], key
+    assert ours["manoeuvres"]
+    assert ours["flight"] == theirs["flight"]
 
 
 def test_the_log_behind_the_samples_is_named_through_any_number_of_replays(

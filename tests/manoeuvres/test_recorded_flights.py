@@ -1,0 +1,118 @@
+"""Whole recorded flights, take-off to landing, with default options."""
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from finished_runs import replayed
+from flightlog import samples_of, summarised
+from manoeuvres.streams import found_in
+from places import SHARED_FLIGHTS
+
+from yawid.blocks import SampleBlock
+from yawid.config.run import RunConfig
+from yawid.sinks.mcap.reader import open_run
+
+pytestmark = pytest.mark.skipif(
+    not SHARED_FLIGHTS.is_dir(), reason="the recorded flights are not here"
+)
+EXCITED = pytest.mark.parametrize("name", ["sitl_fbwa_50hz", "sitl_fbwa_stock_33hz"])
+MOST_REST_S = 6.0
+MOVES = 0.04
+"""Of half the travel, within a second."""
+
+
+@cache
+def samples(name: str) -> SampleBlock:
+    log = SHARED_FLIGHTS / f"{name}.tlog"
+    return SampleBlock.joined(samples_of(log.read_bytes()).blocks)
+
+
+@cache
+def found(name: str) -> list[SampleBlock]:
+    return found_in(samples(name))
+
+
+def segments(name: str) -> list[dict[str, Any]]:
+    told = json.loads((SHARED_FLIGHTS / f"{name}.segments.json").read_text(encoding="utf-8"))
+    return [each for each in told["segments"] if each["name"] != "rest"]
+
+
+def moves_in(block: SampleBlock, low_us: float, high_us: float) -> bool:
+    inside = (block.boot_us >= low_us) & (block.boot_us < high_us)
+    rudder = block.u[inside, 0]
+    rudder = rudder[np.isfinite(rudder)]
+    return len(rudder) > 0 and float(np.ptp(rudder)) > MOVES
+
+
+def moving_seconds(name: str) -> Iterator[float]:
+    """The beginnings, in us, of the seconds in which a segment that is no rest moves the rudder"""
+    for segment in segments(name):
+        for low in np.arange(1e3 * segment["t0_boot_ms"], 1e3 * segment["t1_boot_ms"] - 1e6, 1e6):
+            if moves_in(samples(name), low, low + 1e6):
+                yield float(low)
+
+
+@EXCITED
+def test_every_second_in_which_a_segment_moves_the_rudder_lies_in_a_manoeuvre(name: str):
+    seconds = np.array(list(moving_seconds(name)))
+    covered = np.concatenate([each.boot_us for each in found(name)])
+    assert len(seconds) > 100
+    for low in seconds:
+        inside = (samples(name).boot_us >= low) & (samples(name).boot_us < low + 1e6)
+        assert np.isin(samples(name).boot_us[inside], covered).all(), low / 1e6
+
+
+@EXCITED
+def test_none_has_more_than_six_seconds_of_rest_at_either_end(name: str):
+    for each in found(name):
+        first, last = float(each.boot_us[0]), float(each.boot_us[-1])
+        assert moves_in(each, first, first + 1e6 * MOST_REST_S)
+        assert moves_in(each, last - 1e6 * MOST_REST_S, last + 1)
+
+
+def test_the_two_flights_are_cut_alike():
+    """Within a second, counted from where the plan's first segment began"""
+    names = ("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz")
+    cuts = []
+    for name in names:
+        begin_s = segments(name)[0]["t0_boot_ms"] / 1e3
+        cuts.append([each.boot_us[[0, -1]] / 1e6 - begin_s for each in found(name)])
+    np.testing.assert_allclose(cuts[0], cuts[1], atol=1.0)
+
+
+def test_nothing_is_usable_in_a_mission_that_excited_nothing():
+    assert found("sitl_auto_25hz") == []
+
+
+@EXCITED
+def test_the_flights_answer_is_right_and_its_sigma_covers_it(name: str):
+    """CATALOG.md: 10.22 rad/s and 0.630 as flown, closed with the roll loop of FBWA"""
+    summary, verdict = summarised(SHARED_FLIGHTS / f"{name}.tlog", RunConfig())
+
+    flight = summary.flight
+    assert summary.deciding.usable
+    assert flight.loop == "with_roll_loop"
+    assert flight.dutch_roll.level is None
+    assert flight.airspeed_m_s == pytest.approx(22.0, abs=0.2)
+    assert flight.dutch_roll.wn_rad_s == pytest.approx(10.22, rel=0.04)
+    assert flight.dutch_roll.zeta == pytest.approx(0.630, abs=0.04)
+    assert abs(flight.dutch_roll.wn_rad_s - 10.22) < 3.0 * flight.dutch_roll.wn_std
+    assert abs(flight.dutch_roll.zeta - 0.630) < 3.0 * flight.dutch_roll.zeta_std
+    for each in summary.manoeuvres:
+        assert each.verdict.usable
+        assert each.mode == "FBWA"
+
+
+@EXCITED
+def test_a_log_and_its_file_tell_the_same_manoeuvres(name: str, tmp_path):
+    first = replayed(SHARED_FLIGHTS / f"{name}.tlog", tmp_path / "first", "--rerun", "off")
+    second = replayed(first, tmp_path / "second", "--rerun", "off")
+
+    one, other = (open_run(path).summary for path in (first, second))
+    assert len(one.manoeuvres) == 2
+    assert one.manoeuvres == other.manoeuvres
+    assert one.flight == other.flight
