@@ -1,0 +1,157 @@
+"""What is found in whole flights is held to the truth of the manoeuvre it overlaps, and counted."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import judge_manoeuvres as judge
+import pytest
+from flight_legs import PLANS, Leg, LegPlan
+
+from yawid.results.run_summary import (
+    DutchRoll,
+    Fit,
+    Flight,
+    LinkCounts,
+    Manoeuvre,
+    MethodSummary,
+    Orders,
+    ReasonSummary,
+    RunSummary,
+    Value,
+    VerdictSummary,
+)
+
+ORDERS = Orders(3, 3, 2, 1)
+TRUTH: dict[str, Any] = {
+    "manoeuvres": [
+        {
+            "n": n,
+            "kind": "3211",
+            "from_s": 100.0 * n,
+            "to_s": 100.0 * n + 30.0,
+            "airspeed_m_s": 30.0 + 10.0 * n,
+            "dutch_roll": {"wn_rad_s": 1.5 + 0.5 * n, "zeta": 0.25},
+            "with_roll_loop": {"wn_rad_s": 1.5 + 0.5 * n, "zeta": 0.25, "K": 1.0},
+            "airframe": {"wn_rad_s": 1.6 + 0.5 * n, "zeta": 0.2, "K": 1.0},
+        }
+        for n in (1, 2)
+    ],
+    "kappa_rad_m": {"with_roll_loop": {"mean": 0.05}, "airframe": {"mean": 0.052}},
+    "legs": [
+        {"kind": "idle", "from_s": 30.0, "to_s": 98.0},
+        {"kind": "manoeuvre", "from_s": 98.0, "to_s": 140.0},
+        {"kind": "turn", "from_s": 140.0, "to_s": 198.0},
+        {"kind": "manoeuvre", "from_s": 198.0, "to_s": 240.0},
+    ],
+}
+
+
+def verdict(*reasons: str) -> VerdictSummary:
+    told = [ReasonSummary(each, "fatal", "") for each in reasons]
+    return VerdictSummary(method="rml", usable=not reasons, reasons=told)
+
+
+def found(first_s: float, wn: float, zeta: float, *reasons: str, **told: Any) -> Manoeuvre:
+    answer = MethodSummary(
+        method="rml", orders=ORDERS, sample_time_s=0.05, updates=800, held=0, theta={},
+        theta_std={}, dutch_roll=DutchRoll(wn_rad_s=wn, zeta=zeta), fit=Fit(),
+    )  # fmt: skip
+    usual: dict[str, Any] = {
+        "n": 1, "duration_s": 38.0, "date": "2026-11-22T00:00:00Z", "mode": "FBWA",
+        "loop": "with_roll_loop", "airspeed_m_s": 45.0, "altitude_m": 900.0,
+        "inputs": ["rudder"], "orders": ORDERS, "turn_removed": False,
+        "estimates": {"rml": answer}, "verdict": verdict(*reasons),
+    }  # fmt: skip
+    return Manoeuvre(from_s=first_s, to_s=first_s + 38.0, **usual | told)
+
+
+def summary(*manoeuvres: Manoeuvre, flight: Flight | None = None) -> RunSummary:
+    return RunSummary(
+        log="", duration_s=300.0, link=LinkCounts(), channels={}, verdict=verdict(),
+        manoeuvres=list(manoeuvres), flight=flight,
+    )  # fmt: skip
+
+
+def counted(*manoeuvres: Manoeuvre) -> tuple[int, ...]:
+    rows = [{"seed": 1} | row for row in judge.compared(summary(*manoeuvres), TRUTH)]
+    return judge.counts(rows)
+
+
+@pytest.mark.parametrize(
+    ("manoeuvre", "flown_to_wrong"),
+    [
+        (found(99.0, 2.03, 0.26), (2, 1, 0, 0, 1, 0, 0, 0)),
+        (found(99.0, 2.03, 0.28), (2, 1, 0, 0, 0, 1, 0, 0)),
+        (found(99.0, 2.15, 0.25), (2, 1, 0, 0, 0, 0, 1, 0)),
+        (found(99.0, 2.50, 0.25), (2, 1, 0, 0, 0, 0, 0, 1)),
+        (found(99.0, 2.50, 0.25, "poor_fit"), (2, 1, 0, 1, 0, 0, 0, 0)),
+        (found(150.0, 2.0, 0.25), (2, 2, 1, 0, 0, 0, 0, 0)),
+        (found(99.0, 2.09, 0.21, inputs=["rudder", "aileron"]), (2, 1, 0, 0, 1, 0, 0, 0)),
+    ],
+    ids=["right", "fair", "neither", "wrong", "refused", "in the turn", "aileron as an input"],
+)
+def test_a_manoeuvre_is_counted_by_how_far_it_is_off_its_own_truth(
+    manoeuvre: Manoeuvre, flown_to_wrong: tuple[int, ...]
+) -> None:
+    assert counted(manoeuvre) == flown_to_wrong
+
+
+def test_two_pieces_of_one_manoeuvre_are_both_held_to_its_truth() -> None:
+    pieces = found(99.0, 2.0, 0.25), found(125.0, 2.6, 0.25), found(199.0, 2.5, 0.25)
+
+    assert counted(*pieces) == (2, 0, 0, 0, 2, 0, 0, 1)
+
+
+def test_the_flight_is_held_to_the_truth_at_its_airspeed_and_in_its_sigmas() -> None:
+    flight = Flight(
+        airspeed_m_s=45.0, loop="with_roll_loop", used=[1, 2], disagree=[3], verdict=verdict(),
+        dutch_roll=DutchRoll(wn_rad_s=2.295, wn_std=0.03, zeta=0.26, zeta_std=0.02),
+        kappa_rad_m=Value(0.0505, 0.001),
+    )  # fmt: skip
+
+    rows = judge.compared(summary(flight=flight), TRUTH)
+    told = rows[-1]
+    lines = list(judge.speeds_lines([{"severity": 3, "seed": 1} | row for row in rows]))
+
+    assert told["wn_off"] == pytest.approx(0.02)  # of 2.25, between 2.0 at 40 and 2.5 at 50 m/s
+    assert told["zeta_off"] == pytest.approx(0.01)
+    assert told["kappa_off"] == pytest.approx(0.01)
+    assert lines[-1] == (
+        "| 3 | 1 | 1 | +2.0% to +2.0% | +0.010 to +0.010 | +1.0% to +1.0% | +0.5 to +1.5 | 1 |"
+    )
+
+
+def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = LegPlan("c172p", 90.0, (Leg("idle", 2.0), Leg("gust", 4.0, gust_m_s=6.0)))
+    monkeypatch.setitem(PLANS, "upset", short)
+    monkeypatch.setattr(judge, "replayed", lambda log: summary(found(33.0, 2.6, 0.1)))
+    argv = ["upset", "--seeds", "2", "--keep", str(tmp_path)]
+
+    assert judge.main(argv) == 0
+    logs = sorted(tmp_path.glob("*.tlog"))
+    first = [(log.name, log.stat().st_mtime_ns) for log in logs]
+    assert judge.main(argv) == 0
+
+    lines = capsys.readouterr().out.splitlines()
+    assert [name for name, _ in first] == ["upset_001.tlog", "upset_002.tlog"]
+    assert first == [(log.name, log.stat().st_mtime_ns) for log in logs]
+    assert lines[1].startswith("1 1 33 71 gust FBWA 45 2.6 0.1 2.1")
+    assert lines[3] == "2 flights: 2 found, 2 usable in 2 flights"
+    assert lines[4].startswith("of those 2 are off by more than 10%")
+    truth = json.loads((tmp_path / "upset_001.truth.json").read_text())
+    assert truth["manoeuvres"] == []
+
+
+def test_a_replay_of_a_flown_log_gives_its_summary(tmp_path: Path) -> None:
+    plan = LegPlan("c172p", 95.0, (Leg("idle", 2.0), Leg("manoeuvre", 30.0, shape="prbs")))
+    log = judge.flown(tmp_path, "short", judge.turbulent(plan, 2), 1)
+
+    told = judge.replayed(log)
+
+    assert told.estimates is not None
+    assert 30.0 < told.duration_s < 33.0
+    truth = json.loads(log.with_suffix(".truth.json").read_text())
+    assert [m["kind"] for m in truth["manoeuvres"]] == ["prbs"]
