@@ -24,6 +24,7 @@ BENCHES = (
     "aliasing",
     "memory",
     "aircraft",
+    "manoeuvres",
 )
 
 

@@ -40,16 +40,22 @@ MIXES: Final[dict[str, dict[str, int]]] = {
 _FIELDS: Final[dict[str, dict[str, int | float]]] = {
     "HEARTBEAT": {"type": 1, "autopilot": 3, "base_mode": 128, "custom_mode": 5,
                   "system_status": 4, "mavlink_version": 3},
-    "VFR_HUD": {"airspeed": 25.0, "groundspeed": 25.0, "throttle": 50, "alt": 100.0},
+    "VFR_HUD": {"airspeed": 25.0, "groundspeed": 26.0, "throttle": 50, "alt": 100.0},
     "SERVO_OUTPUT_RAW": {f"servo{i}_raw": 1500 for i in (1, 2, 3)},
 }  # fmt: skip
 
 
-def write_log(path: Path, hours: float, mix: str, seed: int = 1) -> int:
-    """Write a flight under steady excitation; return the number of its messages."""
+def write_log(
+    path: Path, hours: float, mix: str, seed: int = 1, moved_s: float = 1.0, every_s: float = 1.0
+) -> int:
+    """Write a flight whose rudder moves ``moved_s`` of ``every_s``; return how many messages.
+
+    The default is steady excitation.
+    """
     rng = np.random.default_rng(seed)
     n = round(3600 * hours * RATE_HZ)
     u = np.repeat(rng.choice([-0.2, 0.0, 0.2], n // 10 + 1), 10)[:n]
+    u = np.where(np.arange(n) / RATE_HZ % every_s < moved_s, u, 0.0)
     rate = lfilter([0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735], u) + 0.002 * rng.normal(size=n)
     flight = {"servo4_raw": 1500 + np.round(400 * u), "yawspeed": rate}
     yaw = np.cumsum(rate) / RATE_HZ

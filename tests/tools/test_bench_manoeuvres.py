@@ -1,0 +1,74 @@
+"""The bench of manoeuvres: its logs are what it says, its ratio is that of pairs run in turn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import bench_manoeuvres as bench
+import numpy as np
+import pytest
+from flightlog import run_through
+
+from yawid.blocks import Floats
+from yawid.config.run import RunConfig
+
+
+def moving(log: Path) -> Floats:
+    """The 5 s windows of a log (n,), 1 where the rudder moves within it."""
+    pipeline, _ = run_through(log, RunConfig(manoeuvres="off", memory=600.0))
+    assert pipeline.bank is not None
+    u = pipeline.bank.history().u[:, 0]
+    assert pipeline.bank.sample_time_s == 0.05
+    windows = np.lib.stride_tricks.sliding_window_view(u, 100)[::100]
+    return (np.ptp(windows, axis=1) > 0.02).astype(float)
+
+
+def test_a_tenth_of_the_made_log_is_manoeuvres_with_their_ends(tmp_path: Path) -> None:
+    bench.made_tenth(tmp_path / "tenth.tlog", 12.0)
+
+    moved = moving(tmp_path / "tenth.tlog")
+
+    assert np.count_nonzero(np.diff(moved)) in (3, 4)  # two stretches; the first may begin the log
+    assert moved.mean() == pytest.approx(0.1, abs=0.03)
+
+
+def test_a_rudder_that_moves_throughout_never_rests(tmp_path: Path) -> None:
+    bench.made_throughout(tmp_path / "made.tlog", 4.0)
+    bench.flown_throughout(tmp_path / "flown.tlog", 1.0)
+
+    assert moving(tmp_path / "made.tlog").all()
+    assert moving(tmp_path / "flown.tlog")[2:].all()  # after its lead-in
+
+
+def test_a_ratio_is_the_median_of_pairs_in_turn_and_the_first_runs_are_not_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = {"off": [9.0, 1.0, 2.0, 1.0], "auto": [9.0, 1.2, 1.0, 1.3]}
+    asked: list[str] = []
+
+    def user_s(log: Path, out: Path, setting: str) -> float:
+        asked.append(setting)
+        return seconds[setting].pop(0)
+
+    found = SimpleNamespace(manoeuvres=[SimpleNamespace(duration_s=36.0)] * 10, duration_s=3600.0)
+    monkeypatch.setattr(bench, "user_s", user_s)
+    monkeypatch.setattr(bench, "replayed", lambda log: found)
+
+    row = bench.compared(tmp_path / "log.tlog", "a log", 3)
+
+    assert asked == ["off", "auto"] * 4
+    assert row == "| a log, 60 min | 10 | 10% | 1.00 | 1.20 | 1.20 |"
+
+
+def test_memory_is_told_without_and_with_manoeuvres_and_a_replay_that_fails_ends_the_bench(
+    tmp_path: Path,
+) -> None:
+    rows = list(bench.grown(tmp_path, 0.05))
+
+    assert [len(row.split("|")) for row in rows] == [8, 8]
+    off, auto = (float(cell) for cell in rows[1].split("|")[4:6])
+    assert 1.0 < off < 100.0
+    assert 1.0 < auto < 100.0
+    with pytest.raises(SystemExit, match="missing"):
+        bench.user_s(tmp_path / "missing.tlog", tmp_path / "out", "off")
