@@ -173,6 +173,20 @@ def test_the_airspeed_is_held_within_ten_per_cent(
         assert np.all(np.abs(speeds / wanted[leg["kind"]] - 1.0) < 0.1), leg
 
 
+def test_the_airspeed_told_is_the_calibrated_one_and_the_ground_speed_the_true_one(
+    flown: tuple[Path, dict[str, Any]], messages: list[Any]
+) -> None:
+    for told_of in flown[1]["manoeuvres"]:
+        airspeed, ground = (
+            np.array(told(messages, "VFR_HUD", name, told_of))
+            for name in ("airspeed", "groundspeed")
+        )
+
+        assert np.mean(airspeed) == pytest.approx(told_of["airspeed_m_s"], rel=0.002)
+        # The square root of the density's ratio at 3000 ft, less some sideslip; no wind.
+        assert np.mean(ground / airspeed) == pytest.approx(1.045, abs=0.01)
+
+
 def test_nothing_moves_the_rudder_between_the_manoeuvres(
     flown: tuple[Path, dict[str, Any]], messages: list[Any]
 ) -> None:

@@ -1,0 +1,75 @@
+"""Whole JSBSim flights by the default options, against the truth of each manoeuvre as flown."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import judge_manoeuvres as judge
+import pytest
+from flight_legs import PLANS
+
+from yawid.results.run_summary import RunSummary
+
+pytestmark = pytest.mark.slow
+UPSETS = (1, 2, 3)
+"""Seeds; tools/judge_manoeuvres.py flies a hundred."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("flights")
+
+
+@pytest.fixture(scope="module")
+def flight(folder: Path) -> tuple[RunSummary, dict[str, Any]]:
+    """A quarter of an hour at three airspeeds, and its truth."""
+    log = judge.flown(folder, "three_speeds", PLANS["three_speeds"], 1)
+    return judge.replayed(log), json.loads(log.with_suffix(".truth.json").read_text())
+
+
+def test_every_manoeuvre_is_found_once_and_lies_within_its_leg(
+    flight: tuple[RunSummary, dict[str, Any]],
+) -> None:
+    summary, truth = flight
+    legs = [leg for leg in truth["legs"] if leg["kind"] == "manoeuvre"]
+
+    found = summary.manoeuvres or []
+
+    assert len(found) == len(legs) == 12  # so that nothing is found in turns and climbs
+    for each, leg, of in zip(found, legs, truth["manoeuvres"], strict=True):
+        assert leg["from_s"] < each.from_s < of["from_s"] < of["to_s"] < each.to_s < leg["to_s"]
+        assert each.from_s == pytest.approx(of["from_s"] - 1.0, abs=0.2)
+        assert (each.mode, each.loop) == (of["mode"], of["loop"])
+        assert each.airspeed_m_s == pytest.approx(of["airspeed_m_s"], rel=0.005)
+        assert each.altitude_m == pytest.approx(of["altitude_m"], abs=5.0)
+
+
+def test_every_manoeuvre_s_answer_is_within_2_per_cent_and_02_of_its_truth(
+    flight: tuple[RunSummary, dict[str, Any]],
+) -> None:
+    rows = [row for row in judge.compared(*flight) if row["what"] == "found"]
+
+    for row in rows:
+        assert row["usable"], row
+        assert abs(row["wn_off"]) < 0.02, row
+        assert abs(row["zeta_off"]) < 0.02, row
+
+
+def test_the_flight_says_how_wn_goes_with_the_airspeed(
+    flight: tuple[RunSummary, dict[str, Any]],
+) -> None:
+    told = judge.compared(*flight)[-1]
+
+    assert told["usable"]
+    assert told["disagree"] == []
+    assert abs(told["kappa_off"]) < 0.02
+    assert abs(told["kappa"] - told["true_kappa"]) < 2.0 * told["kappa_std"]
+    assert abs(told["wn_off"]) < 0.02
+    assert abs(told["zeta_off"]) < 0.02
+
+
+@pytest.mark.parametrize("seed", UPSETS)
+def test_gusts_a_go_around_and_a_landing_are_no_usable_manoeuvre(folder: Path, seed: int) -> None:
+    rows = judge.judge_upset(folder, (0, seed))
+
+    assert [row for row in rows if row["usable"]] == []
