@@ -5,7 +5,7 @@ of its samples alone, and never changed afterwards.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.manoeuvres.conditions import conditions
 from yawid.physics.derivatives import summary_of
 from yawid.physics.modes import modes
-from yawid.results.excitation import LEAST_STROKE, excitation
+from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.judge_samples import (
     COLLINEAR,
@@ -30,7 +30,7 @@ from yawid.results.judge_samples import (
     reaction_shares,
     turn_correlation,
 )
-from yawid.results.reasons import Verdict
+from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import Manoeuvre, Orders, Value
 from yawid.results.summary import as_summary, described
 
@@ -40,6 +40,8 @@ HELD_BACK_SHARE = 1.0 / 3.0
 LEAST_PER_PARAMETER = 10
 """Samples that must be left to fit by, where some are held back."""
 BOTH = ("rudder", "aileron")
+LEAST_SWINGS = 2
+LEAST_PERIODS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +170,9 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
         )
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
+    alone = list(movement_reasons(fits, history, float(evidence[first].dutch_roll[0])))
     verdict = bank_verdict(
-        fits, evidence, setting.rates_hz, setting.config.half_travel, [], first_answers=True
+        fits, evidence, setting.rates_hz, setting.config.half_travel, alone, first_answers=True
     )
     config = fits.config
     gain = _gain(estimates[first].physics)
@@ -189,6 +192,45 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     )
     span_ns = int(samples.unix_ns[0]), int(samples.unix_ns[-1])
     return Answered(told, verdict, span_ns, structures)
+
+
+def movement_reasons(fits: Fits, history: History, wn_rad_s: float) -> Iterator[Reason]:
+    """Judge whether so short a record can tell a mode from what else the aircraft did meanwhile.
+
+    A rudder that goes one way and stays there, and two swings of the nose, fit many models.
+    """
+    unit = fits.config.half_travel
+    rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan) / unit
+    if np.isfinite(history.aileron).any():
+        rudder = own_part(rudder, history.aileron, history.mode, fits.sample_time_s)
+    moves = swings(rudder[np.isfinite(rudder)], LEAST_STROKE)
+    if moves < LEAST_SWINGS:
+        yield Reason(
+            "not_excited",
+            f"the rudder moved by {100 * LEAST_STROKE:.0f} % of half its travel or more "
+            f"{'one way only' if moves else 'nowhere'}: there and back is needed",
+        )
+    seconds = fits.sample_time_s * np.count_nonzero(np.isfinite(history.y))
+    periods = seconds * wn_rad_s / (2.0 * math.pi)
+    if periods < LEAST_PERIODS:
+        yield Reason(
+            "not_converged",
+            f"{seconds:.1f} s hold {periods:.1f} periods of the Dutch roll found: at least "
+            f"{LEAST_PERIODS:g} are needed",
+        )
+
+
+def swings(x: Floats, least: float) -> int:
+    """Return how often x (n,) turned after it had moved by ``least``, its last move included."""
+    count, low, high = 0, math.inf, -math.inf
+    up = None
+    for value in x.tolist():
+        low, high = min(low, value), max(high, value)
+        if up is not True and value - low >= least:
+            up, high, count = True, value, count + 1
+        elif up is not False and high - value >= least:
+            up, low, count = False, value, count + 1
+    return count
 
 
 def _with_turn(samples: SampleBlock, setting: Setting) -> RunConfig:
