@@ -71,12 +71,22 @@ def replayed(log: Path) -> RunSummary:
 
 
 def judge_upset(folder: Path, task: Task) -> list[Row]:
-    """Fly one upset; return a row for each manoeuvre found."""
+    """Fly one upset; return a row for each manoeuvre found, with the truth where it is usable.
+
+    A replay that breaks off is a row too, and the others are still judged.
+    """
     seed = task[1]
     log = flown(folder, f"upset_{seed:03d}", PLANS["upset"], seed)
     truth = json.loads(log.with_suffix(".truth.json").read_text())
-    found = replayed(log).manoeuvres or []
-    return [{"seed": seed} | _told(each, truth["legs"], _linearised(each)) for each in found]
+    rows = []
+    try:
+        summary = replayed(log)
+    except Exception as error:  # whatever it is, it is to be counted
+        return [{"seed": seed, "usable": False, "reasons": repr(error), "broken": True}]
+    for found in summary.manoeuvres or []:
+        true = _linearised(found) if found.verdict.usable else None
+        rows.append({"seed": seed} | _told(found, truth["legs"], true))
+    return rows
 
 
 def judge_speeds(folder: Path, task: Task) -> list[Row]:
@@ -209,7 +219,9 @@ def upset_lines(rows: Sequence[Row], flights: int) -> Iterator[str]:
     yield from listed(rows, ("seed",))
     usable = [row for row in rows if row["usable"]]
     seeds = {row["seed"] for row in usable}
-    yield f"{flights} flights: {len(rows)} found, {len(usable)} usable in {len(seeds)} flights"
+    broken = sum("broken" in row for row in rows)
+    found = f"{len(rows) - broken} found, {len(usable)} usable in {len(seeds)} flights"
+    yield f"{flights} flights: {found}, {broken} replays broke off"
     wrong = [row for row in usable if abs(row.get("wn_off", np.inf)) > WRONG]
     yield f"of those {len(wrong)} are off by more than {WRONG:.0%} in wn, or nothing is true there"
 

@@ -139,7 +139,7 @@ def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
     assert [name for name, _ in first] == ["upset_001.tlog", "upset_002.tlog"]
     assert first == [(log.name, log.stat().st_mtime_ns) for log in logs]
     assert lines[1].startswith("1 1 33 71 gust FBWA 45 2.6 0.1 2.1")
-    assert lines[3] == "2 flights: 2 found, 2 usable in 2 flights"
+    assert lines[3] == "2 flights: 2 found, 2 usable in 2 flights, 0 replays broke off"
     assert lines[4].startswith("of those 2 are off by more than 10%")
     truth = json.loads((tmp_path / "upset_001.truth.json").read_text())
     assert truth["manoeuvres"] == []
