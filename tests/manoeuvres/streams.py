@@ -5,6 +5,7 @@ from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats, Held, SampleBlock
 from yawid.manoeuvres.find import Finder
@@ -101,3 +102,21 @@ def assert_same(one: Sequence[SampleBlock], other: Sequence[SampleBlock]) -> Non
     for a, b in zip(one, other, strict=True):
         for field in fields(SampleBlock):
             np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
+
+
+WN, ZETA = 6.0, 0.3
+"""The Dutch roll of :func:`yawing`."""
+
+
+def yawing(
+    rudder: Floats, aileron: Floats | float = 0.0, *, noise: float = 0.0, seed: int = 1
+) -> Floats:
+    """The yaw rate (n,) of eq. 23's plant to rudder and aileron held over each interval of 20 Hz"""
+    square = WN**2
+    poles = [1.0, 2.0 * ZETA * WN, square]
+    zeros = [[0.3 * square * 0.9, 0.3 * square], [0.0, 0.8 * square]]
+    y = noise * np.random.default_rng(seed).standard_normal(len(rudder))
+    for u, zero in zip((rudder, np.broadcast_to(aileron, len(rudder))), zeros, strict=True):
+        b, a, _ = cont2discrete((zero, poles), TS_S, method="zoh")
+        y += lfilter(b[0], a, np.nan_to_num(u))
+    return y
