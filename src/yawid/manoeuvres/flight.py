@@ -169,9 +169,10 @@ def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:
     """Return which of wn or wn / V (n,) agree with the weighted median, and their share of weight.
 
     Those disagree that are apart from it by more than 10 %, and by more than three sigmas of the
-    difference. No manoeuvre is believed to better than the least scatter.
+    difference. No manoeuvre is believed to better than the least scatter, which is the same for
+    all: one that says more would weigh less by that alone.
     """
-    total = np.hypot(std, TAU_WN_SHARE * x)
+    total = np.hypot(std, TAU_WN_SHARE * float(np.median(x)))
     weights = total**-2.0
     order = np.argsort(x)
     summed = np.cumsum(weights[order])
