@@ -114,7 +114,7 @@ def yawing(
     """The yaw rate (n,) of eq. 23's plant to rudder and aileron held over each interval of 20 Hz"""
     square = WN**2
     poles = [1.0, 2.0 * ZETA * WN, square]
-    zeros = [[0.3 * square * 0.9, 0.3 * square], [0.0, 0.8 * square]]
+    zeros = [[0.3 * square * 0.9, 0.3 * square], [0.8 * square]]
     y = noise * np.random.default_rng(seed).standard_normal(len(rudder))
     for u, zero in zip((rudder, np.broadcast_to(aileron, len(rudder))), zeros, strict=True):
         b, a, _ = cont2discrete((zero, poles), TS_S, method="zoh")
