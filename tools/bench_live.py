@@ -1,6 +1,7 @@
 """The live tap: loss, CPU per message against pymavlink, latency, kill -9, a soak at 50x speed.
 
-Each part runs for itself: --only loss stall cpu latency kill soak. The sender is another process.
+Each part runs for itself: --only loss stall cpu latency fits kill soak. The sender is another
+process.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ from yawid.sources.mavlink.decoder import Decoder
 
 TOOLS = Path(__file__).parent
 LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
-PARTS = ("loss", "stall", "cpu", "latency", "kill", "soak")
+PARTS = ("loss", "stall", "cpu", "latency", "fits", "kill", "soak")
 QUIET_S = 0.5
 CPU_TURNS = 4
 STALL_HZ, STALL_S = 1872.0, 5.0
+FITS_SPEED = 4.0
 
 
 def sender(port: int, log: Path, *options: object) -> subprocess.Popen[str]:
@@ -126,21 +128,14 @@ def pymavlink_loop(log: Path, rate: float, count: int) -> float:
     return 1e6 * cpu_s / max(heard, 1)
 
 
-def session(folder: Path, *options: object) -> tuple[subprocess.Popen[str], int]:
+def session(
+    folder: Path, *options: object, program: tuple[object, ...] = ("-m", "yawid", "live")
+) -> tuple[subprocess.Popen[str], int]:
     """Start ``yawid live`` on a free port; return it once it listens."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
-    command = [
-        "-m",
-        "yawid",
-        "live",
-        f"udpin:127.0.0.1:{port}",
-        "--out",
-        folder,
-        "--json",
-        *options,
-    ]
+    command = [*program, f"udpin:127.0.0.1:{port}", "--out", folder, "--json", *options]
     process = subprocess.Popen(
         [sys.executable, *map(str, command)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -169,14 +164,39 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
         cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
         log = Path(summary["files"]["tlog"])
         again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
-    same = again.to_json()["estimates"] == summary["estimates"]
+    told = again.to_json()
+    same = all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
     frames = summary["link"]["frames"]
     dropped = sum(summary["live"]["dropped"].values())
-    latency = ", ".join(f"{name} {ms:g}" for name, ms in summary["live"]["latency_ms"].items())
     yield (
-        f"last frame of a sample to its estimate {latency} ms; {1e6 * cpu_s / frames:.0f} us CPU a "
-        f"message in all; {dropped} dropped; as its replay to the bit: {same}"
+        f"last frame of a sample to its estimate {_latency(summary)} ms; "
+        f"{1e6 * cpu_s / frames:.0f} us CPU a message in all; {dropped} dropped; "
+        f"as its replay to the bit: {same}"
     )
+
+
+def bench_fits(options: argparse.Namespace) -> Iterator[str]:
+    """Run the program without and with manoeuvres, and in a process that fits all the time."""
+    plain: tuple[object, ...] = ("-m", "yawid", "live")
+    beside = (TOOLS / "live_beside_fits.py",)
+    for what, program, manoeuvres in (
+        ("without manoeuvres", plain, "off"),
+        ("with manoeuvres", plain, "auto"),
+        ("with a fit beside it all the time", beside, "auto"),
+    ):
+        with tempfile.TemporaryDirectory() as name:
+            process, port = session(Path(name), "--manoeuvres", manoeuvres, program=program)
+            with sender(port, options.log, "--speed", FITS_SPEED) as vehicle:
+                vehicle.wait()
+            process.terminate()
+            summary = json.loads(process.communicate()[0])
+        rate = summary["link"]["frames"] / summary["duration_s"]
+        found = len(summary.get("manoeuvres") or [])
+        yield f"{what}, {rate:.0f} msg/s, {found} found: latency {_latency(summary)} ms"
+
+
+def _latency(summary: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {ms:g}" for name, ms in summary["live"]["latency_ms"].items())
 
 
 def bench_kill(options: argparse.Namespace) -> Iterator[str]:
