@@ -34,10 +34,10 @@ def strokes(u: Floats, window: int, before: Floats | None = None) -> Floats:
     carried = u[:0] if before is None else before[-(window - 1) :]
     known = np.concatenate([carried, u])
     padded = np.concatenate([np.full(window - 1 - len(carried), known[0]), known])
-    return _extreme(np.maximum, padded, window) - _extreme(np.minimum, padded, window)
+    return extremes(np.maximum, padded, window) - extremes(np.minimum, padded, window)
 
 
-def _extreme(of_two: np.ufunc, x: Floats, window: int) -> Floats:
+def extremes(of_two: np.ufunc, x: Floats, window: int) -> Floats:
     """Return the extreme of each ``window`` values of x (n,), (n - window + 1,), by doubling."""
     width = 1
     while 2 * width <= window:

@@ -20,7 +20,7 @@ from yawid.manoeuvres.conditions import conditions
 from yawid.physics.derivatives import summary_of
 from yawid.physics.modes import modes
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
-from yawid.results.judge_estimate import bank_verdict
+from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_samples import (
     COLLINEAR,
     MOST_REACTION,
@@ -42,6 +42,8 @@ LEAST_PER_PARAMETER = 10
 BOTH = ("rudder", "aileron")
 LEAST_SWINGS = 2
 LEAST_PERIODS = 3.0
+LEAST_ALONE_PCT = 60.0
+"""Of the simulated fit: steps of the foot in turns and landings had 40 to 64 %, and were wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +172,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
         )
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
-    alone = list(movement_reasons(fits, history, float(evidence[first].dutch_roll[0])))
+    alone = list(short_reasons(fits, history, evidence[first]))
     verdict = bank_verdict(
         fits, evidence, setting.rates_hz, setting.config.half_travel, alone, first_answers=True
     )
@@ -194,11 +196,13 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     return Answered(told, verdict, span_ns, structures)
 
 
-def movement_reasons(fits: Fits, history: History, wn_rad_s: float) -> Iterator[Reason]:
+def short_reasons(fits: Fits, history: History, evidence: Evidence) -> Iterator[Reason]:
     """Judge whether so short a record can tell a mode from what else the aircraft did meanwhile.
 
-    A rudder that goes one way and stays there, and two swings of the nose, fit many models.
+    A rudder that goes one way and stays there, and two swings of the nose, fit many models; where
+    nothing can be held back, what was fitted has to be told the better.
     """
+    wn_rad_s, simulated = float(evidence.dutch_roll[0]), evidence.simulation_pct
     unit = fits.config.half_travel
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan) / unit
     if np.isfinite(history.aileron).any():
@@ -217,6 +221,12 @@ def movement_reasons(fits: Fits, history: History, wn_rad_s: float) -> Iterator[
             "not_converged",
             f"{seconds:.1f} s hold {periods:.1f} periods of the Dutch roll found: at least "
             f"{LEAST_PERIODS:g} are needed",
+        )
+    if math.isnan(evidence.held_back_pct) and simulated < LEAST_ALONE_PCT:
+        yield Reason(
+            "poor_fit",
+            f"the inputs explain {max(simulated, 0.0):.0f} % of the yaw rate (free run): at least "
+            f"{LEAST_ALONE_PCT:g} % is needed of a manoeuvre too short to hold some of it back",
         )
 
 

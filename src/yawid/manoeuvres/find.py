@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import Bools, Floats, SampleBlock, shifted
-from yawid.channels.sample_flags import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, strokes
+from yawid.channels.sample_flags import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, extremes
 from yawid.results.excitation import CHUNK_S, LEAST_STROKE, REACH_S, ROWS_PER_LAG, mix
 
 LEAD_S = 1.0
@@ -122,6 +122,7 @@ class _Section:
             self._next_stride = (int(samples.k[0]) // self._stride + 1) * self._stride
         self._undecided.append(samples)
         found: list[SampleBlock] = []
+        self._pass_rest(int(samples.k[-1]))
         while self._next_stride + self._reach <= samples.k[-1]:
             found += self._step(self._next_stride - 1)
             # Over a gap there may be strides without a sample.
@@ -138,6 +139,22 @@ class _Section:
         self._start()
         return found
 
+    def _pass_rest(self, newest_k: int) -> None:
+        """Decide at once on the strides in which the rudder rests: most of most flights."""
+        assert self._next_stride is not None  # there are samples
+        end = (newest_k - self._reach) // self._stride * self._stride
+        if self._open is not None or end <= self._next_stride:
+            return
+        rows = SampleBlock.joined(self._undecided)
+        seen = np.concatenate([self._past, _measured(rows, self._unit)])
+        table = _on_grid(seen, self._decided_k - self._window + 2, end)
+        moving = np.flatnonzero(_stroke(table[:, 0], self._window)[self._window - 1 :] > MOVES)
+        if len(moving):
+            end = (self._decided_k + 1 + int(moving[0])) // self._stride * self._stride
+        if end >= self._next_stride:
+            self._decide(rows, end - 1, None)
+            self._next_stride = end + self._stride
+
     def _step(self, last_k: int, *, is_last: bool = False) -> list[SampleBlock]:
         """Decide on the samples up to ``last_k``; those after it are only looked ahead to."""
         rows = SampleBlock.joined(self._undecided)
@@ -145,6 +162,10 @@ class _Section:
         # An aileron that is known now and then only would be waited for without end.
         if stroke is None and not is_last and last_k - self._decided_k <= self._chunk:
             return []
+        return self._decide(rows, last_k, stroke)
+
+    def _decide(self, rows: SampleBlock, last_k: int, stroke: Floats | None) -> list[SampleBlock]:
+        """Take the rows up to ``last_k`` as decided; without a stroke (n,) they are at rest."""
         count = int(np.searchsorted(rows.k, last_k, side="right"))
         decided, rest = rows.select(slice(0, count)), rows.select(slice(count, None))
         self._undecided = [rest] if len(rest) else []
@@ -164,10 +185,7 @@ class _Section:
         """
         seen = np.concatenate([self._past, _measured(rows, self._unit)])
         first_k = int(max(seen[0, 0], last_k - self._chunk - self._window))
-        table = np.full((last_k + self._reach - first_k + 1, 2), np.nan)
-        inside = (seen[:, 0] >= first_k) & (seen[:, 0] <= last_k + self._reach)
-        table[seen[inside, 0].astype(np.int64) - first_k] = seen[inside, 1:]
-        rudder, aileron = table.T
+        rudder, aileron = _on_grid(seen, first_k, last_k + self._reach + 1).T
         places = rows.k[rows.k <= last_k] - first_k
         if not len(places):
             return np.empty(0)
@@ -266,12 +284,17 @@ def _measured(rows: SampleBlock, unit: float) -> Floats:
     return np.column_stack([rows.k, rudder, rows.aileron])
 
 
+def _on_grid(seen: Floats, first_k: int, stop_k: int) -> Floats:
+    """Return rudder and aileron (stop_k - first_k, 2) of rows (n, 3), NaN where there is none."""
+    table = np.full((stop_k - first_k, 2), np.nan)
+    inside = (seen[:, 0] >= first_k) & (seen[:, 0] < stop_k)
+    table[seen[inside, 0].astype(np.int64) - first_k] = seen[inside, 1:]
+    return table
+
+
 def _stroke(x: Floats, window: int) -> Floats:
-    """Return how far x (n,) moved within the last ``window`` rows; what is unknown did not."""
-    known = np.isfinite(x)
-    if not known.any():
-        return np.zeros(len(x))
-    # The value before stands for what is unknown, the first known one for what came before it.
-    newest = np.maximum.accumulate(np.where(known, np.arange(len(x)), -1))
-    filled = x[np.where(newest >= 0, newest, int(np.argmax(known)))]
-    return strokes(filled, window)
+    """Return how far x (n,) moved within the last ``window`` rows, of what is known of them."""
+    known, before = np.isfinite(x), np.full(window - 1, np.inf)
+    high = extremes(np.maximum, np.concatenate([-before, np.where(known, x, -np.inf)]), window)
+    low = extremes(np.minimum, np.concatenate([before, np.where(known, x, np.inf)]), window)
+    return np.asarray(np.maximum(high - low, 0.0), np.float64)
