@@ -32,7 +32,7 @@ TEN = 10.0
 def test_there_are_cases_of_every_kind_and_none_is_large():
     sizes = [(CASES / name / "log.tlog").stat().st_size for name in NAMES]
 
-    assert len(NAMES) >= 19
+    assert len(NAMES) >= 21
     assert max(sizes) < 1_000_000
     assert sum(sizes) < 10_000_000
 
@@ -181,3 +181,22 @@ def test_counts_and_texts_of_the_summary_are_compared_exactly():
     assert list(compare_summaries(reference, close | {"x": 1.0001}))
     assert list(compare_summaries(reference, {"link": {"lost": 3}, "x": 1.0}))
     assert list(compare_summaries({"usable": True}, {"usable": 1}))
+
+
+def test_another_number_of_manoeuvres_is_told_in_a_line():
+    reference = json.loads((CASES / "c172p_three_speeds" / "expected.json").read_text())
+    fewer = reference | {"manoeuvres": reference["manoeuvres"][:-1]}
+
+    (text,) = compare_summaries(reference, fewer)
+    assert text.startswith("summary.manoeuvres: expected 12 in [{'n': 1, ")
+    assert "got 11 in [" in text
+    assert len(text) < 800
+
+
+def test_a_flight_that_is_no_longer_there_is_told():
+    reference = json.loads((CASES / "sitl_fbwa_manoeuvres" / "expected.json").read_text())
+    without = {key: value for key, value in reference.items() if key != "flight"}
+
+    assert list(compare_summaries(reference, without)) == [
+        "summary.flight: not there, unlike the reference"
+    ]

@@ -19,6 +19,8 @@ EXACT = ("k", "t", "held", "status")
 VALUE_TOLERANCE = 1e-6
 SPREAD_TOLERANCE = 1e-3
 """For sigmas: small differences of a covariance's factors show in them first."""
+MOST_SAID = 300
+"""Characters of a value in a message."""
 NOT_COMPARED = frozenset({"log", "files", "text"})
 """Where a run stood on disk, and the wording of reasons, are no result."""
 
@@ -136,7 +138,16 @@ def compare_summaries(
         if a is None or b is None:
             yield f"summary.{name}: {'there' if a is None else 'not there'}, unlike the reference"
         elif not _same_value(a, b, name, tolerances or {}):
-            yield f"summary.{name}: expected {a!r}, got {b!r}"
+            yield f"summary.{name}: expected {_short(a)}, got {_short(b)}"
+
+
+def _short(value: Any) -> str:
+    """Return the value in a line; of a long list how many there are, and the beginning."""
+    said = repr(value)
+    if len(said) <= MOST_SAID:
+        return said
+    count = f"{len(value)} in " if isinstance(value, list) else ""
+    return f"{count}{said[:MOST_SAID]}…"
 
 
 def _same_value(expected: Any, actual: Any, where: str, tolerances: Mapping[str, float]) -> bool:
