@@ -36,7 +36,10 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How a case is made; ``make`` takes a scratch folder and the folder of recorded flights."""
+    """How a case is made; ``make`` takes a scratch folder and the folder of recorded flights.
+
+    Without ``manoeuvres`` it is the stream's estimate that is pinned, alone.
+    """
 
     origin: str
     make: Callable[[Path, Path], Made]
@@ -44,6 +47,12 @@ class Recipe:
     floor: int = 700
     licence: str = MIT
     recorded: bool = False
+    manoeuvres: bool = False
+
+    @property
+    def pinned(self) -> dict[str, Any]:
+        """The options of the case, those of its manoeuvres included."""
+        return {"manoeuvres": "auto" if self.manoeuvres else "off"} | self.options
 
 
 def flown(command: str, scratch: Path, flights: Path) -> Made:
@@ -131,11 +140,16 @@ SITL_MIT = "MIT (recorded for yawid)"
 _FIRST = "--manoeuvre 3211 --seconds 120"
 _GCS = f"{_FIRST} --attitude-hz 10 --servo-hz 5 --heading-deg 180 --seed 2"
 _EXCITED = {"rate": 25, "forgetting": 1.0}
+_SPEEDS = "--plan three_speeds --attitude-hz 10 --servo-hz 10 --seed 21"
 SITL_TRUTH: Truth = {
     "aircraft": f"{SITL}, built-in plane model",
     "flown": "FBWA, wings level, 22 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",
     "dutch_roll": {"wn_rad_s": 10.54, "zeta": 0.624},
     "servo_lag_s": 0.14,
+}
+LOOP_TRUTH = SITL_TRUTH | {
+    "flown": f"{SITL_TRUTH['flown']}; linearised at 22 m/s and closed with FBWA's roll loop",
+    "dutch_roll": {"wn_rad_s": 10.22, "zeta": 0.63},
 }
 
 RECIPES: dict[str, Recipe] = {
@@ -151,6 +165,14 @@ RECIPES: dict[str, Recipe] = {
         partial(original, _GCS, "c172p_gcs_rates"),
         {"forgetting": 1.0},
         floor=500,
+    ),
+    "c172p_three_speeds": Recipe(
+        "JSBSim C172P at 95, 80 and 110 kt, four manoeuvres at each, turns and climbs between; "
+        "see truth.json for the truth of each manoeuvre at the airspeed it was flown at",
+        partial(flown, _SPEEDS),
+        {"method": "rml", "also": "none"},
+        floor=7000,
+        manoeuvres=True,
     ),
     "c172p_mavlink1": Recipe(
         "JSBSim C172P at 100 kt, MAVLink 1 frames", partial(flown, f"{FLY} 3 --mavlink1")
@@ -200,7 +222,8 @@ RECIPES: dict[str, Recipe] = {
         partial(flown, f"{FLY} 12 --boot-s {UINT32_WRAP_S - 50.0:.3f}"),
     ),
     "two_vehicles": Recipe(
-        "two JSBSim C172Ps on one link, at 100 and 80 kt, and a ground station; the second asked",
+        "two JSBSim C172Ps on one link, at 100 and at 80 kt, and a ground station; the second "
+        "asked",
         partial(flown_twice, f"{FLY} 13", f"{FLY} 14 --speed-kt 80 --boot-s 700", two_vehicles),
         {"rate": 10, "forgetting": 1.0, "sysid": 2},
     ),
@@ -234,6 +257,16 @@ RECIPES: dict[str, Recipe] = {
         floor=4000,
         licence=SITL_MIT,
         recorded=True,
+    ),
+    "sitl_fbwa_manoeuvres": Recipe(
+        f"{SITL} flown in FBWA on the stock loop, the same flight as manoeuvres; see truth.json: "
+        "10.22 rad/s and 0.630 as flown, trimmed by tools/trim_tlog.py; recorded for yawid",
+        partial(cut, "sitl_fbwa_stock_33hz", 70.0, 263.0, LOOP_TRUTH),
+        {},
+        floor=3000,
+        licence=SITL_MIT,
+        recorded=True,
+        manoeuvres=True,
     ),
     "sitl_auto": Recipe(
         f"{SITL} flying an AUTO mission, nothing excited on purpose, trimmed by "

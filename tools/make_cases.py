@@ -46,7 +46,8 @@ def _told(name: str, truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def _header(recipe: Recipe, made: Made) -> str:
-    options = "".join(f"{key} = {json.dumps(value)}\n" for key, value in recipe.options.items())
+    pinned = recipe.pinned.items()
+    options = "".join(f"{key} = {json.dumps(value)}\n" for key, value in pinned)
     return (
         f"origin = {json.dumps(recipe.origin)}\nlicence = {json.dumps(recipe.licence)}\n"
         f'sha256 = "{hashlib.sha256(made.log).hexdigest()}"\nfloor = {recipe.floor}\n'
