@@ -1,4 +1,4 @@
-"""Thirty-six seeded defects (tools/defects.py), and the test that must notice each."""
+"""Forty-four seeded defects (tools/defects.py), and the test that must notice each."""
 
 from __future__ import annotations
 

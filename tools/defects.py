@@ -1,4 +1,4 @@
-"""Thirty-six small defects as a hurried change might bring them in: where, what, and why."""
+"""Forty-four small defects as a hurried change might bring them in: where, what, and why."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ SURFACE = "tests/channels/test_find_surface.py::"
 ALIGN = "tests/channels/test_align.py::"
 YAW = "tests/channels/test_yaw_reader.py::"
 RESULTS = "tests/results/"
+FIND = "tests/manoeuvres/test_find.py::"
+FLIGHT = "tests/manoeuvres/test_flight.py::"
+RECORD = "tests/estimation/test_record_fit.py::"
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,5 +280,61 @@ DEFECTS = (
         "is_whole = False",
         "is_whole = True",
         "tests/runs/test_interrupted.py::test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name",
+    ),
+    Defect(
+        "no second before a manoeuvre's first movement",
+        "manoeuvres/find.py",
+        "LEAD_S = 1.0",
+        "LEAD_S = 0.0",
+        FIND + "test_it_begins_one_second_before_the_first_movement_and_ends_after_five_of_rest",
+    ),
+    Defect(
+        "twice the stroke that a manoeuvre needs",
+        "results/excitation.py",
+        "LEAST_STROKE = 0.1",
+        "LEAST_STROKE = 0.2",
+        FIND + "test_less_than_a_tenth_of_half_the_travel_within_five_seconds_is_none",
+    ),
+    Defect(
+        "a manoeuvre may last two hours",
+        "manoeuvres/find.py",
+        "LONGEST_S = 120.0",
+        "LONGEST_S = 7200.0",
+        FIND + "test_after_120_seconds_the_rest_is_the_next",
+    ),
+    Defect(
+        "wn of another airspeed taken as it is, without kappa",
+        "manoeuvres/flight.py",
+        "by = speeds if scaled else np.ones(len(alike))",
+        "by = np.ones(len(alike))",
+        FLIGHT + "test_over_speeds_wn_is_proportional_and_told_at_the_median",
+    ),
+    Defect(
+        "few manoeuvres that agree by luck are believed",
+        "manoeuvres/flight.py",
+        "floor if n < FEW else 0.0",
+        "0.0",
+        FLIGHT + "test_fewer_than_four_do_not_tell_how_much_they_scatter",
+    ),
+    Defect(
+        "a third of the weight is enough",
+        "manoeuvres/flight.py",
+        "LEAST_AGREEING = 2.0 / 3.0",
+        "LEAST_AGREEING = 1.0 / 3.0",
+        FLIGHT + "test_two_that_disagree_are_named_and_the_flight_is_refused",
+    ),
+    Defect(
+        "an autopilot that holds the roll passes for the airframe",
+        "manoeuvres/conditions.py",
+        "return AIRFRAME if mode in BARE[autopilot] else WITH_ROLL_LOOP",
+        "return AIRFRAME",
+        "tests/manoeuvres/test_conditions.py::test_no_mode_of_arduplane_is_without_a_loop",
+    ),
+    Defect(
+        "ELS over a record is RML's fit once more",
+        "estimation/record_fit.py",
+        "fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)",
+        "fit.gauss_newton(begin)",
+        RECORD + "test_els_rests_where_scipy_finds_the_root_of_its_own_equations",
     ),
 )

@@ -308,6 +308,16 @@ def test_a_manoeuvre_that_may_not_be_used_is_not():
     assert flight.verdict.usable
 
 
+def test_the_flight_bears_what_most_of_its_manoeuvres_are_warned_of():
+    """Of residuals that are not white no more is said: its sigma is not that of one fit"""
+    for count, is_borne in ((2, False), (3, True)):
+        manoeuvres = [
+            answered(n, 10.0, reasons=["closed_loop", "coloured_residuals"][: 2 * (n <= count)])
+            for n in range(1, 5)
+        ]
+        assert ids(together(*manoeuvres)) == ({"closed_loop"} if is_borne else set())
+
+
 def test_warnings_of_a_manoeuvre_make_it_no_less_usable():
     assert together(answered(1, 10.0, reasons=["coloured_residuals"])).used == [1]
 
