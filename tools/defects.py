@@ -312,9 +312,9 @@ DEFECTS = (
     Defect(
         "few manoeuvres that agree by luck are believed",
         "manoeuvres/flight.py",
-        "floor if n < FEW else 0.0",
+        "floor * min(1.0, math.sqrt((FEW - 1) / max(n - 1, 1)))",
         "0.0",
-        FLIGHT + "test_fewer_than_four_do_not_tell_how_much_they_scatter",
+        FLIGHT + "test_few_do_not_tell_how_much_they_scatter",
     ),
     Defect(
         "a third of the weight is enough",

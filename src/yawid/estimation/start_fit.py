@@ -18,7 +18,7 @@ ITERATIONS = 30
 HALVINGS = 10
 RIDGE = 1e-8
 """Stands in for P0: that prior is tight where the noise is small, and would bend the fit."""
-SETTLED = 1e-8
+SETTLED = 1e-12
 """The relative gain in loss below which the fit is done."""
 BALANCED = 1e-8
 """Squared part of its own standard deviation by which theta may miss the fixed point."""

@@ -136,7 +136,7 @@ class Fits:
         if len(used) == 0:
             return math.nan
         rudder = self.u[used, 0]
-        energy = np.cumsum((rudder - np.median(rudder)) ** 2)
+        energy = np.cumsum((rudder - rudder.mean()) ** 2)
         first = int(np.searchsorted(energy, (1.0 - HELD_BACK_SHARE) * energy[-1]))
         if first < LEAST_PER_PARAMETER * config.n_theta:
             return math.nan

@@ -22,7 +22,8 @@ from yawid.results.run_summary import BetweenStd, DutchRoll, Flight, Orders, Val
 from yawid.results.summary import as_summary
 
 FEW = 4
-"""Fewer manoeuvres do not tell how much they scatter: tau has a floor then."""
+"""Fewer manoeuvres do not tell how much they scatter: tau has a floor then. More tell it the better
+the more they are, and the floor sinks as the uncertainty of a scatter does."""
 TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
 DISAGREE_WN = 0.1
 LEAST_AGREEING = 2.0 / 3.0
@@ -47,7 +48,7 @@ class Pooled:
 def pooled(x: Floats, std: Floats, floor: float) -> Pooled:
     """Return the random-effects mean of x (n,) with their own sigmas (n,), n >= 1.
 
-    ``floor`` is what tau is at least while n is below four.
+    ``floor`` is what tau is at least while n is below four; then it sinks, as 1/sqrt(n - 1).
     """
     weights = std**-2.0
     n, total = len(x), weights.sum()
@@ -55,7 +56,7 @@ def pooled(x: Floats, std: Floats, floor: float) -> Pooled:
     spread = float(weights @ (x - fixed) ** 2)
     surplus = total - (weights**2).sum() / total
     tau2 = max(0.0, (spread - (n - 1)) / surplus) if n > 1 else 0.0
-    tau = max(math.sqrt(tau2), floor if n < FEW else 0.0)
+    tau = max(math.sqrt(tau2), floor * min(1.0, math.sqrt((FEW - 1) / max(n - 1, 1))))
     weights = 1.0 / (std**2 + tau**2)
     mean = float(weights @ x / weights.sum())
     return Pooled(mean, float(weights.sum() ** -0.5), tau)
