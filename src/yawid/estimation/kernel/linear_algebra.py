@@ -39,15 +39,22 @@ def jit(function: Callable[..., Any]) -> Any:
     return _compile(function, inline=False)
 
 
+def unlocked(function: Callable[..., Any]) -> Any:
+    """Compile what goes over a whole record: without the lock that would keep other threads."""
+    if settings.DISABLE_JIT:
+        return jit(function)
+    return _compile(function, inline=False, nogil=True)
+
+
 def hot(function: Callable[..., Any]) -> Any:
     """Compile into each caller: for what runs at every sample, where calls cost most."""
     return _compile(function, inline=True)
 
 
-def _compile(function: Callable[..., Any], inline: bool) -> Any:
+def _compile(function: Callable[..., Any], inline: bool, nogil: bool = False) -> Any:
     inner = inline or function.__name__.startswith("_")  # not called from Python: no wrapper
     options: dict[str, Any] = {
-        "error_model": "numpy", "forceinline": inline,
+        "error_model": "numpy", "forceinline": inline, "nogil": nogil,
         "no_cfunc_wrapper": True, "no_cpython_wrapper": inner,
     }  # fmt: skip
     given, settings.CACHE_DIR = settings.CACHE_DIR, FOLDER
@@ -205,7 +212,7 @@ def stable(a):
     return True
 
 
-@jit
+@unlocked
 def over_a(a, rows):
     """Filter each column of the rows (na + n, m) by 1/A(q) in place; the first na rows are past."""
     for k in range(len(a), rows.shape[0]):
@@ -216,7 +223,7 @@ def over_a(a, rows):
             rows[k, j] = x
 
 
-@jit
+@unlocked
 def add_products(a, b, out):
     """Add a' b (m, l) of a (n, m) and b (n, l) to out, row after row."""
     for k in range(a.shape[0]):
