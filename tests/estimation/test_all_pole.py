@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import threading
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from scipy.signal import lfilter, lfiltic
 from scipy.special import gammaincc
 
 from yawid.estimation.all_pole import all_pole
+from yawid.estimation.kernel.linear_algebra import over_a
 from yawid.estimation.whiteness import chi_square_tail
 
 lengths = st.sampled_from([0, 1, 2, 63, 400])
@@ -35,6 +38,27 @@ def test_what_is_not_stable_overflows_without_a_warning():
     x = all_pole(np.array([-2.0]), np.ones(5000), np.zeros(1))
     assert np.array_equal(x[:50], 2.0 ** np.arange(1, 51) - 1.0)
     assert not np.isfinite(x[1100:]).any()
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="plain Python has its lock")
+def test_a_long_record_is_filtered_beside_other_threads():
+    drive, times, is_over = np.ones(10_000_000), [0], threading.Event()
+    all_pole(np.array([-0.5]), drive[:10], np.zeros(1))  # compiled by now
+
+    def count() -> None:
+        while not is_over.wait(0.001):
+            times[0] += 1
+
+    other = threading.Thread(target=count)
+    other.start()
+    x = np.concatenate([np.zeros(1), drive])[:, None]
+    before = times[0]
+    over_a(np.array([-0.5]), x)
+    counted = times[0] - before
+    is_over.set()
+    other.join()
+    assert x[-1, 0] == 2.0
+    assert counted > 3
 
 
 def test_each_column_is_filtered_by_itself_and_none_is_modified():

@@ -188,6 +188,13 @@ def test_a_manoeuvre_is_told_within_two_seconds_of_its_end(tmp_path: Path):
         assert time.monotonic() - begun_s < TOLD_S
 
 
+def test_how_threads_switch_is_afterwards_as_it_was(tmp_path: Path):
+    before_s = sys.getswitchinterval()
+    with listening(tmp_path):
+        assert sys.getswitchinterval() == pytest.approx(0.001)
+    assert sys.getswitchinterval() == before_s
+
+
 def test_each_vehicle_has_its_own_manoeuvres(tmp_path: Path):
     sent = {sysid: frames(20.0 + sysid, sysid=sysid) for sysid in (1, 2)}
     with listening(tmp_path, every_vehicle=True) as session:
