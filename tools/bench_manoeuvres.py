@@ -98,8 +98,8 @@ def user_s(log: Path, out: Path, setting: str) -> float:
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
 
 
-def compared(log: Path, name: str, pairs: int) -> str:
-    """Return the row of a log: how much of it is manoeuvres, and what it costs to look for them."""
+def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
+    """Return of a log how much of it is manoeuvres, and what it costs to look for them."""
     found = replayed(log)
     spans = [each.duration_s for each in found.manoeuvres or []]
     out = log.with_suffix("")
@@ -109,8 +109,8 @@ def compared(log: Path, name: str, pairs: int) -> str:
     off, auto = (median(column) for column in zip(*turns, strict=True))
     ratio = median(b / a for a, b in turns)
     minutes, share = found.duration_s / 60.0, sum(spans) / found.duration_s
-    told = f"{name}, {minutes:.0f} min | {len(spans)} | {share:.0%} | {off:.2f} | {auto:.2f}"
-    return f"| {told} | {ratio:.2f} |"
+    told = f"{name}, {minutes:.0f} min, {len(spans)} ({share:.0%} of the time)"
+    return told, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
 
 
 _IN_A_PROCESS = """
@@ -141,8 +141,8 @@ def held_mb(log: Path, setting: str) -> list[float]:
     return [*held, tracemalloc.get_traced_memory()[0] / 1e6, peak]
 
 
-def grown(folder: Path, hours: float) -> Iterator[str]:
-    """Yield what a long stream leaves in memory, without and with manoeuvres, each in a process."""
+def grown(folder: Path, hours: float) -> tuple[str, str]:
+    """Return what manoeuvres leave in memory of a long stream; without and with in processes."""
     log = folder / "long.tlog"
     write_log(log, hours, "raised", moved_s=MOVED_S, every_s=EVERY_S)
     growths, peaks = [], []
@@ -154,9 +154,9 @@ def grown(folder: Path, hours: float) -> Iterator[str]:
         first, last, peak = json.loads(done.stdout)
         growths.append(last - first)
         peaks.append(peak)
-    for what, (off, auto) in (("grown by", growths), ("at most", peaks)):
-        after = f"MB of memory after {hours / 10:g} of {hours:g} h, {what}"
-        yield f"| {after} | | | {off:.2f} | {auto:.2f} | {auto - off:+.2f} MB |"
+    more = [auto - off for off, auto in (growths, peaks)]
+    told = f"memory, {hours:g} h: grown since the first tenth"
+    return told, f"{more[0]:+.2f} MB, at most {more[1]:+.2f}"
 
 
 def main(arguments: list[str]) -> Iterator[str]:
@@ -167,13 +167,15 @@ def main(arguments: list[str]) -> Iterator[str]:
     parser.add_argument("--hours", type=float, default=10.0, help="of the stream for memory")
     parser.add_argument("--only", choices=("time", "memory"))
     options = parser.parse_args(arguments)
-    yield "| | manoeuvres | of the time | off | auto | auto / off |"
-    yield "|---|---|---|---|---|---|"
+    columns = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number, (what, write, minutes) in enumerate(LOGS if options.only != "memory" else ()):
             log = folder / f"{number}.tlog"
             write(log, options.share * minutes)
-            yield compared(log, f"user CPU s: {what}", options.pairs)
+            columns.append(compared(log, what, options.pairs))
         if options.only != "time":
-            yield from grown(folder, options.hours)
+            columns.append(grown(folder, options.hours))
+    yield "| | " + " | ".join(told for told, _ in columns) + " |"
+    yield "|---" * (1 + len(columns)) + "|"
+    yield "| user CPU s off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"
