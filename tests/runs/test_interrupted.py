@@ -40,7 +40,7 @@ def ended(
 ) -> Ended:
     """A replay of three logs that got a signal in the first."""
     folder = tmp_path_factory.mktemp("ended")
-    options = ("--out", folder, "--rerun", "save", "--json")
+    options = ("--out", folder, "--rerun", "save", "--json", "--manoeuvres", "off")
     done = yawid_with(request.param, 3, "replay", long, C172P, "x.tlog", *options)
     return request.param, done, folder
 

@@ -26,6 +26,8 @@ FEW = 4
 the more they are, and the floor sinks as the uncertainty of a scatter does."""
 TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
 DISAGREE_WN = 0.1
+LEAST_STD = 1e-9
+"""Of itself: a record without noise leaves no sigma, and a weight must be finite."""
 LEAST_AGREEING = 2.0 / 3.0
 BETTER_PCT = 1.0
 """Points of the held-back fit, on the mean, for which a flight is told by more parameters."""
@@ -50,6 +52,7 @@ def pooled(x: Floats, std: Floats, floor: float) -> Pooled:
 
     ``floor`` is what tau is at least while n is below four; then it sinks, as 1/sqrt(n - 1).
     """
+    std = np.maximum(std, LEAST_STD * np.abs(x))
     weights = std**-2.0
     n, total = len(x), weights.sum()
     fixed = float(weights @ x / total)

