@@ -76,10 +76,10 @@ def flown_throughout(path: Path, minutes: float) -> None:
 
 Log = tuple[str, Callable[[Path, float], None], float]
 LOGS: tuple[Log, ...] = (
-    ("made, a tenth", made_tenth, 60.0),
-    ("made, throughout", made_throughout, 20.0),
-    ("jsbsim, a tenth", flown_tenth, 28.0),
-    ("jsbsim, throughout", flown_throughout, 20.0),
+    ("made", made_tenth, 60.0),
+    ("made", made_throughout, 20.0),
+    ("jsbsim", flown_tenth, 28.0),
+    ("jsbsim", flown_throughout, 20.0),
 )
 """What is in it, who writes it, and how many minutes."""
 
@@ -109,7 +109,7 @@ def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
     off, auto = (median(column) for column in zip(*turns, strict=True))
     ratio = median(b / a for a, b in turns)
     minutes, share = found.duration_s / 60.0, sum(spans) / found.duration_s
-    told = f"{name}, {minutes:.0f} min, {len(spans)} ({share:.0%} of the time)"
+    told = f"{name}, {minutes:.0f} min ({share:.0%})"
     return told, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
 
 
@@ -155,8 +155,8 @@ def grown(folder: Path, hours: float) -> tuple[str, str]:
         growths.append(last - first)
         peaks.append(peak)
     more = [auto - off for off, auto in (growths, peaks)]
-    told = f"memory, {hours:g} h: grown since the first tenth"
-    return told, f"{more[0]:+.2f} MB, at most {more[1]:+.2f}"
+    told = f"memory over {hours:g} h"
+    return told, f"{more[0]:+.2f} MB, peak {more[1]:+.2f}"
 
 
 def main(arguments: list[str]) -> Iterator[str]:
@@ -178,4 +178,4 @@ def main(arguments: list[str]) -> Iterator[str]:
             columns.append(grown(folder, options.hours))
     yield "| | " + " | ".join(told for told, _ in columns) + " |"
     yield "|---" * (1 + len(columns)) + "|"
-    yield "| user CPU s off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"
+    yield "| user CPU s, off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"

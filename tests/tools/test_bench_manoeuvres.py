@@ -59,7 +59,7 @@ def test_a_ratio_is_the_median_of_pairs_in_turn_and_the_first_runs_are_not_count
     told = bench.compared(tmp_path / "log.tlog", "a log", 3)
 
     assert asked == ["off", "auto"] * 4
-    assert told == ("a log, 60 min, 10 (10% of the time)", "1.00, 1.20: 1.20")
+    assert told == ("a log, 60 min (10%)", "1.00, 1.20: 1.20")
 
 
 def test_memory_is_told_without_and_with_manoeuvres_and_a_replay_that_fails_ends_the_bench(
