@@ -370,6 +370,7 @@ def test_more_parameters_that_one_manoeuvre_cannot_tell_tell_none():
     for rest in (
         answered(2, 10.0),
         answered(2, 10.0, held_back=(70.0, 80.0), other=(math.nan, 0.3)),
+        answered(2, 10.0, held_back=(70.0, 80.0), other=(48.0, 0.3)),  # another mode
     ):
         assert str(together(known, rest).orders) == "3,3,2,1"
     nothing_held_back = at_one_speed(10.0, 10.0, other=(10.5, 0.35))

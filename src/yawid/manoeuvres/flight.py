@@ -96,12 +96,17 @@ def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Fl
 
 
 def _orders(alike: Sequence[Answered]) -> tuple[int, ...]:
-    """Return the orders that tell best what was held back, the manoeuvres' own unless by 1 %."""
+    """Return the orders that tell best what was held back, the manoeuvres' own unless by 1 %.
+
+    More parameters have more modes to choose from: in each manoeuvre it must be the same one.
+    """
     own = next(iter(alike[0].structures))
     gains = []
     for each in alike:
         first, other = next(iter(each.structures.values())), each.structures.get(OTHER_ORDERS)
         if other is None or not np.isfinite(other.dutch_roll).all():
+            return own
+        if abs(other.dutch_roll[0] - first.dutch_roll[0]) > DISAGREE_WN * first.dutch_roll[0]:
             return own
         gains.append(other.held_back_pct - first.held_back_pct)
     known = [gain for gain in gains if math.isfinite(gain)]
