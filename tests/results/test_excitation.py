@@ -50,7 +50,7 @@ def test_a_tenth_of_half_the_travel_is_needed(stroke, expected, unit):
     assert ids(rudder, UNKNOWN, unit) == expected
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(
     share=st.floats(0.2, 1.5),
     lag=st.integers(0, 5),

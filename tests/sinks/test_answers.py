@@ -174,6 +174,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
     tmp_path: Path,
 ) -> None:
     options = ("--orders", "30,30,20,1", "--forgetting", 1, "--method", "rml")
+    options = (*options, "--manoeuvres", "off")
     run = open_run(replayed(C172P, tmp_path, *options))
     assert run.summary.estimates["rml"].fit.simulation_pct == -1000.0
     text = Page(report(run)).text
