@@ -145,6 +145,9 @@ def _row(log: Path, run: str, truth: dict[str, Any]) -> Row:
     true = truth.get(key) or {}
     row |= {"true_wn": true.get("wn_rad_s", math.nan), "true_zeta": true.get("zeta", math.nan)}
     answer = _of(summary, method, "dutch_roll", "wn_rad_s")
+    if summary.flight is not None:  # then it is the flight that the verdict is of
+        roll = summary.flight.dutch_roll
+        answer = math.nan if roll is None else roll.wn_rad_s
     row["error"] = answer / row["true_wn"] - 1.0
     row |= {name: find(pipeline, summary) for name, find in CRITERIA.items()}
     row |= _judged_methods(pipeline)
