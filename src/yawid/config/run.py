@@ -12,7 +12,8 @@ from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfi
 from yawid.errors import ConfigError
 
 OUTPUTS = ("yaw-rate", "heading-rate", "yaw")
-INPUTS = (("rudder",), ("rudder", "aileron"))
+BOTH = ("rudder", "aileron")
+INPUTS = (("rudder",), BOTH)
 _SERVO = r"([1-9]|[12]\d|3[0-2])"
 SELECTORS = {
     "rudder": re.compile(

@@ -12,7 +12,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, SampleBlock
 from yawid.config.estimator import EstimatorConfig
-from yawid.config.run import RunConfig
+from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.record_fit import FittedModel, fit_record
@@ -39,7 +39,6 @@ OTHER_ORDERS = (4, 4, 3, 1)
 HELD_BACK_SHARE = 1.0 / 3.0
 LEAST_PER_PARAMETER = 10
 """Samples that must be left to fit by, where some are held back."""
-BOTH = ("rudder", "aileron")
 LEAST_SWINGS = 2
 LEAST_PERIODS = 3.0
 LEAST_ALONE_PCT = 60.0

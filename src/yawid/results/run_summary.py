@@ -186,6 +186,11 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
     usable: bool
     reasons: list[ReasonSummary]
 
+    @property
+    def fatal(self) -> list[ReasonSummary]:
+        """The reasons for which it may not be used; the first decides."""
+        return [reason for reason in self.reasons if reason.weight == "fatal"]
+
 
 class Manoeuvre(Part, frozen=True, kw_only=True):
     """One manoeuvre, in seconds since boot, the conditions it was flown in, and its answer.

@@ -19,7 +19,7 @@ from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
 from yawid.channels.vehicle import Vehicle
-from yawid.config.run import RunConfig
+from yawid.config.run import BOTH, RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.advice import what_to_record
@@ -45,7 +45,6 @@ BEFORE_S = 2.0
 """A stretch begins so long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
 SAMPLES_PER_PERIOD = 16.0
-BOTH = ("rudder", "aileron")
 NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
 UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
 """Reasons that no other option of a replay can mend."""

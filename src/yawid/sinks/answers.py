@@ -73,7 +73,7 @@ def use(summary: RunSummary) -> Card:
     if not summary.deciding.usable:
         shown = _dutch_roll(summary) is not None
         spread = "the numbers are shown for study only" if shown else "there is no answer"
-        return Card("Can I use it?", "No", spread, _names(_fatal(summary)))
+        return Card("Can I use it?", "No", spread, _names(summary.deciding.fatal))
     if not reasons:
         return Card("Can I use it?", "Yes", "nothing speaks against it", ())
     count = f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below"
@@ -86,7 +86,7 @@ def headline(summary: RunSummary) -> str:
     mode, flight = _dutch_roll(summary), summary.flight
     if not summary.deciding.usable:
         # The first fatal reason is the one that decides.
-        why = next((reason.text for reason in _fatal(summary)), "the reasons stand below")
+        why = next((reason.text for reason in summary.deciding.fatal), "the reasons stand below")
         return f"This log cannot say how the yaw answers the rudder: {_first_sentences(why)}"
     if mode is None:
         return "No Dutch roll was identified from this log."
@@ -109,8 +109,7 @@ def whose(loop: str | None) -> str:
 def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
     """Say in a word or two what came of a manoeuvre: the first fatal reason's id where refused."""
     if not manoeuvre.verdict.usable:
-        fatal = (r.id for r in manoeuvre.verdict.reasons if r.weight == "fatal")
-        return next(fatal, "not usable")
+        return next((reason.id for reason in manoeuvre.verdict.fatal), "not usable")
     if flight is not None and manoeuvre.n in flight.disagree:
         return "disagrees"
     if flight is not None and manoeuvre.n in flight.used:
@@ -160,10 +159,6 @@ def no_manoeuvre(summary: RunSummary) -> str:
 def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
     """Return the answer: the flight's where there is a flight."""
     return summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
-
-
-def _fatal(summary: RunSummary) -> list[ReasonSummary]:
-    return [r for r in summary.deciding.reasons if r.weight == "fatal"]
 
 
 def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:

@@ -78,7 +78,7 @@ def manoeuvre_line(found: Manoeuvre) -> str:
     if found.airspeed_m_s is not None:
         over_ground = " over ground" if found.airspeed_source == "ground speed" else ""
         flown.append(f"{found.airspeed_m_s:.0f} m/s{over_ground}")
-    fatal = next((r.id for r in found.verdict.reasons if r.weight == "fatal"), None)
+    fatal = next((reason.id for reason in found.verdict.fatal), None)
     roll = found.dutch_roll
     if fatal is not None or roll is None:
         answer = f"not usable: {fatal}"

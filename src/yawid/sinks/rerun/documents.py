@@ -63,7 +63,7 @@ def _usable(verdict: VerdictSummary) -> str:
     """Return whether it is usable, else the reason that decides: the first fatal one."""
     if verdict.usable:
         return "usable"
-    why = [reason.id.replace("_", " ") for reason in verdict.reasons if reason.weight == "fatal"]
+    why = [reason.id.replace("_", " ") for reason in verdict.fatal]
     return f"not usable, {why[0]}" if why else "not usable"
 
 

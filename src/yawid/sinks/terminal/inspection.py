@@ -117,7 +117,7 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[s
 
 
 def _fatal(each: Manoeuvre) -> str | None:
-    return next((r.id for r in each.verdict.reasons if r.weight == "fatal"), None)
+    return next((reason.id for reason in each.verdict.fatal), None)
 
 
 def _roll(roll: DutchRoll) -> str:
