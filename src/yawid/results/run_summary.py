@@ -111,12 +111,17 @@ class Mode(Part, frozen=True, kw_only=True):
 
 
 class DutchRoll(Part, frozen=True, kw_only=True):
-    """The answer: natural frequency in rad/s, damping ratio, a sigma each, MIL-F-8785C's level."""
+    """The answer: natural frequency in rad/s, damping ratio, a sigma each, MIL-F-8785C's level.
+
+    ``*_std`` is the total sigma; ``*_std_noise`` beside it is the part that noise alone explains.
+    """
 
     wn_rad_s: Positive
     wn_std: Number | None = None
+    wn_std_noise: Number | None = None
     zeta: Number
     zeta_std: Number | None = None
+    zeta_std_noise: Number | None = None
     level: Count | None = None
 
     @staticmethod
@@ -129,10 +134,11 @@ class DutchRoll(Part, frozen=True, kw_only=True):
 
 
 class Value(Part, frozen=True):
-    """A coefficient of eq. 22-23 and its sigma."""
+    """A coefficient of eq. 22-23, its total sigma, and the part of it that noise explains."""
 
     value: Number | None = None
     std: Number | None = None
+    std_noise: Number | None = None
 
 
 class Fit(Part, frozen=True):
