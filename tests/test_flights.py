@@ -32,8 +32,6 @@ def reasons(summary: dict[str, Any]) -> dict[str, str]:
 
 AS_FLOWN = {"wn": 10.22, "zeta": 0.630}
 """The simulator's plane at 22 m/s, linearised and closed with FBWA's roll loop."""
-WINGS_LEVEL_WN = 10.54
-"""The same with its wings held exactly level."""
 EXCITED = ("--rate", 25, "--forgetting", 1, "--from", 86.5, "--to", 253.9)
 
 
@@ -58,7 +56,6 @@ def test_sigma_covers_the_aircraft_as_flown_and_the_roll_in_it_is_said(log, caps
     found = summary["estimates"]["rml"]["dutch_roll"]
     assert abs(found["wn_rad_s"] - AS_FLOWN["wn"]) < 3.0 * found["wn_std"]
     assert abs(found["zeta"] - AS_FLOWN["zeta"]) < 3.0 * found["zeta_std"]
-    assert abs(found["wn_rad_s"] - WINGS_LEVEL_WN) > 3.0 * found["wn_std"]
     assert "follow the roll" in reasons(summary)["coloured_residuals"]
 
 

@@ -143,14 +143,22 @@ _EXCITED = {"rate": 25, "forgetting": 1.0}
 _SPEEDS = "--plan three_speeds --attitude-hz 10 --servo-hz 10 --seed 21"
 SITL_TRUTH: Truth = {
     "aircraft": f"{SITL}, built-in plane model",
-    "flown": "FBWA, wings level, 22 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",
-    "dutch_roll": {"wn_rad_s": 10.54, "zeta": 0.624},
+    "flown": "FBWA at 22.00 +- 0.03 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",
+    "dutch_roll": {"wn_rad_s": 10.22, "wn_std": 0.016, "zeta": 0.63, "zeta_std": 0.0005},
+    "linearised": "at 22 m/s, closed with FBWA's roll loop as it is in the simulator",
+    "uncertainty": "wn: 0.03 m/s (VFR_HUD, standard deviation) by 0.5 rad/s per m/s (9.97 at 21.5 "
+    "m/s, 10.47 at 22.5), and half the last digit; zeta: half the last digit",
     "servo_lag_s": 0.14,
+    "rudder_mix": "rudder carries 0.5 aileron (KFF_RDDRMIX)",
 }
-LOOP_TRUTH = SITL_TRUTH | {
-    "flown": f"{SITL_TRUTH['flown']}; linearised at 22 m/s and closed with FBWA's roll loop",
-    "dutch_roll": {"wn_rad_s": 10.22, "zeta": 0.63},
+SEGMENTS = {
+    "rest": [76.499, 86.479],
+    "doublet": [86.479, 106.479],
+    "3-2-1-1": [106.499, 143.079],
+    "prbs": [143.099, 193.879],
+    "sweep": [193.879, 253.9],
 }
+"""Of the flight at 50 Hz, in boot seconds."""
 
 RECIPES: dict[str, Recipe] = {
     "c172p_3211": Recipe(
@@ -243,7 +251,7 @@ RECIPES: dict[str, Recipe] = {
     "sitl_fbwa_50hz": Recipe(
         f"{SITL} flown in FBWA, doublets, 3-2-1-1, PRBS and sweep, trimmed by tools/trim_tlog.py; "
         "recorded for yawid",
-        partial(cut, "sitl_fbwa_50hz", 76.5, 255.0, None),
+        partial(cut, "sitl_fbwa_50hz", 76.5, 255.0, SITL_TRUTH | {"segments_boot_s": SEGMENTS}),
         _EXCITED | {"from": 86.5, "to": 253.9},
         floor=4000,
         licence=SITL_MIT,
@@ -261,7 +269,7 @@ RECIPES: dict[str, Recipe] = {
     "sitl_fbwa_manoeuvres": Recipe(
         f"{SITL} flown in FBWA on the stock loop, the same flight as manoeuvres; see truth.json: "
         "10.22 rad/s and 0.630 as flown, trimmed by tools/trim_tlog.py; recorded for yawid",
-        partial(cut, "sitl_fbwa_stock_33hz", 70.0, 263.0, LOOP_TRUTH),
+        partial(cut, "sitl_fbwa_stock_33hz", 70.0, 263.0, SITL_TRUTH),
         {},
         floor=3000,
         licence=SITL_MIT,

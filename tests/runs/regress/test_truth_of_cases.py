@@ -29,8 +29,8 @@ DISTANCES: dict[str, dict[str, tuple[float, float]]] = {
     # The difference quotient of a noisy angle: noise that ELS is not made for.
     "c172p_yaw_output": {"rml": (0.025, 0.02), "els": (0.1, 0.1)},
     # A servo lag of 0.14 s stands before the aircraft: ESTIMATION.md's own figures for 25 Hz.
-    "sitl_fbwa_50hz": {"rml": (0.05, 0.03), "els": (0.15, 0.06)},
-    "sitl_fbwa_stock_33hz": {"rml": (0.05, 0.05), "els": (0.10, 0.08)},
+    "sitl_fbwa_50hz": {"rml": (0.02, 0.02), "els": (0.10, 0.06)},
+    "sitl_fbwa_stock_33hz": {"rml": (0.03, 0.04), "els": (0.10, 0.08)},
 }
 WHOLE = ("c172p_three_speeds", "sitl_fbwa_manoeuvres")
 """Those that pin manoeuvres: a flight's answer, not the stream's."""
