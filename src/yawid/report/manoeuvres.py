@@ -16,6 +16,7 @@ from yawid.sinks.answers import (
     no_manoeuvre,
     outcome,
     percent,
+    sigma_means,
     utc,
     whose,
     with_sigma,
@@ -38,10 +39,12 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
     )  # fmt: skip
     rows = [(_row(each, flight), not each.verdict.usable) for each in manoeuvres]
     yield sheet("Manoeuvres", heading, rows)
+    means = sigma_means(each.dutch_roll for each in manoeuvres)
+    in_brackets = "; of noise alone in brackets" if means.startswith(":") else ""
     yield note(
         "",
-        "± is one sigma. Seconds are those since boot, as on the pictures' axes. Fit: one step "
-        "ahead / simulated / simulated on what was held back.",
+        f"± is one sigma{means}{in_brackets}. Seconds are those since boot, as on the pictures' "
+        "axes. Fit: one step ahead / simulated / simulated on what was held back.",
     )
     reasons = {
         f"{each.n}: {reason.id.replace('_', ' ')}": reason.text
@@ -66,10 +69,10 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
         yield "none", ""
         yield "none", ""
     else:
-        yield _plus_minus(mode.wn_rad_s, mode.wn_std), _method(each)
-        yield _plus_minus(mode.zeta, mode.zeta_std), ""
+        yield _plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise), _method(each)
+        yield _plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise), ""
     gain = Value() if answer is None else (answer.physics or {}).get("K", Value())
-    yield _plus_minus(gain.value, gain.std), ""
+    yield _plus_minus(gain.value, gain.std, gain.std_noise), ""
     yield "–" if answer is None else _fits(answer), ""
     ids = [reason.id.replace("_", " ") for reason in each.verdict.reasons]
     yield outcome(each, flight).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
@@ -92,8 +95,12 @@ def _fits(answer: MethodSummary) -> str:
     return " / ".join("–" if value is None else percent(value, ".0f") for value in every)
 
 
-def _plus_minus(value: float | None, sigma: float | None) -> str:
-    return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
+def _plus_minus(value: float | None, sigma: float | None, noise: float | None) -> str:
+    if value is None:
+        return "–"
+    said, spread = with_sigma(value, sigma)
+    of_noise = f"({noise:.2g})" if spread and noise is not None else ""
+    return " ".join(filter(None, (said, spread, of_noise)))
 
 
 def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre], rudder_unit: str) -> str:
@@ -106,8 +113,8 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre], rudder_unit: str) -
 def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
     mode, between = flight.dutch_roll, flight.between_std
     if mode is not None:
-        yield "ωn, rad/s", _plus_minus(mode.wn_rad_s, mode.wn_std)
-        yield "ζ", _plus_minus(mode.zeta, mode.zeta_std)
+        yield "ωn, rad/s", _plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
+        yield "ζ", _plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
         yield "of", whose(flight.loop)
     if flight.airspeed_m_s is not None:
         source = flight.airspeed_source or "the ground speed of some"
@@ -119,7 +126,7 @@ def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
         (f"K / V, rad/m per {rudder_unit}", flight.K_per_V),
     ):
         if each is not None:
-            yield name, _plus_minus(each.value, each.std)
+            yield name, _plus_minus(each.value, each.std, each.std_noise)
     if between is not None and between.wn_rad_s is not None:
         yield "scatter of ωn beyond σ, rad/s", f"{between.wn_rad_s:.2g}"
     if between is not None and between.zeta is not None:

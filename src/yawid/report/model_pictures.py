@@ -54,8 +54,8 @@ def poles_picture(model: Model) -> Picture:
 
     look = (
         "Poles inside the unit circle are stable; the pair off the real axis is the Dutch roll, "
-        "the nearer to the circle the less damped. Ellipses: 2 sigma. A pole with a zero on top "
-        "of it does nothing: a lower order would do. Thin lines: zeta of 0.1 to 0.9."
+        "the nearer to the circle the less damped. Ellipses: 2 sigma of noise. A pole with a "
+        "zero on top of it does nothing: a lower order would do. Thin lines: zeta of 0.1 to 0.9."
     )
     return Picture("poles", "Poles and zeros", look, drawn("poles", draw, (5.6, 4.4)))
 
@@ -119,12 +119,12 @@ def bode_picture(data: ReportData, mode: DutchRoll | None, grid: Grid) -> Pictur
         upper.legend(loc="lower left")
 
     look = (
-        "Does the line with its band (2 sigma) run through the points? They come straight from the "
-        "data, without a model (averaged cross spectra), and only where rudder and yaw rate are "
-        "coherent. Points off the line near the dashed natural frequency mean a wrong order."
+        "Does the line with its band (2 sigma of noise) run through the points? They come straight "
+        "from the data, without a model (averaged cross spectra), and only where rudder and yaw "
+        "rate are coherent. Points off the line near the dashed natural frequency mean a wrong order."
     )
     if spectral is None:
-        look = "The record is too short for a spectral estimate to compare with. Band: 2 sigma."
+        look = "The record is too short for a spectral estimate. Band: 2 sigma of noise."
     if len(grid.inputs) > 1:
         look += " The points leave the aileron out of account."
     title = "Frequency response, rudder to yaw rate"
@@ -184,7 +184,7 @@ def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
     look = (
         f"The yaw rate after the rudder steps by 1 {grid.rudder_unit}, nose right. The first swing "
         "must go up (down: a sign is wrong), and its swings are what the aircraft would do. Late "
-        "values lean on the spiral mode, which no short record shows. Band: 2 sigma."
+        "values lean on the spiral mode, which no short record shows. Band: 2 sigma of noise."
     )
     return Picture("step", "Step response", look, drawn("step", draw))
 

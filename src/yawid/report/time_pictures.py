@@ -126,9 +126,9 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
             ax.set_xlabel(TIME_LABEL)
 
     look = (
-        "Do the lines settle and stay within their own bands (2 sigma)? A line that still drifts "
-        "says that the aircraft, its speed or the noise changed. Grey: samples held; dotted: the "
-        "flight mode changed." + manoeuvres_note(data.events)
+        "Do the lines settle and stay within their own bands (2 sigma of noise)? A line that still "
+        "drifts says that the aircraft, its speed or the noise changed. Grey: samples held; "
+        "dotted: the flight mode changed." + manoeuvres_note(data.events)
     )
     svg = drawn("parameters", draw, (5.6, 4.2))
     return Picture("parameters", "Parameters over time", look, svg)
@@ -160,9 +160,9 @@ def modes_picture(data: ReportData, others: Mapping[str, MethodSummary]) -> Pict
         axes[-1].set_xlabel(TIME_LABEL)
 
     look = (
-        "Has each line settled long before the end, with a band (2 sigma) narrow enough for your "
-        "purpose? The band must keep the true value inside: a line that leaves its earlier band "
-        "has a sigma that is too small." + manoeuvres_note(data.events)
+        "Has each line settled long before the end, with a band narrow enough for your purpose? "
+        "The band is 2 sigma of noise alone: a line that leaves its earlier band is moved by more "
+        "than noise." + manoeuvres_note(data.events)
     )
     return Picture("modes", "Dutch roll over time", look, drawn("modes", draw))
 

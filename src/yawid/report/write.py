@@ -125,7 +125,7 @@ def _numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iter
         (name, *(_value(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
         for name in run_grid.parameters
     ]
-    yield grid("Parameters, ± σ", ("", *methods), rows)
+    yield grid("Parameters, ± σ of noise", ("", *methods), rows)
     fits = (
         ("fit one step ahead, %", "one_step_pct"), ("fit simulated, %", "simulation_pct"),
         ("fit on held-back data, %", "simulation_held_back_pct"),
@@ -143,17 +143,20 @@ def _numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iter
         (m.kind, *(_number(value) for value in (m.wn_rad_s, m.wn_std, m.zeta, m.zeta_std)))
         for m in answer.modes or ()
     ]
-    yield grid("All modes", ("", "ωn, rad/s", "σ", "ζ", "σ"), modes)
+    yield grid("All modes, σ of noise", ("", "ωn, rad/s", "σ", "ζ", "σ"), modes)
     if answer.physics:
+        keys = ["value", "std", "std_noise"]
+        if all(entry.std_noise is None for entry in answer.physics.values()):
+            keys = keys[:2]
+        heading = ("value", "σ", "of it noise") if len(keys) == 3 else ("value", "σ of noise")
         rows = [
             (
                 f"{name}: {PHYSICS_UNITS.get(name, '').format(rudder=run_grid.rudder_unit)}",
-                _number(entry.value),
-                _number(entry.std),
+                *(_number(getattr(entry, key)) for key in keys),
             )
             for name, entry in answer.physics.items()
         ]
-        yield grid("Yaw channel", ("", "value", "σ"), rows)
+        yield grid("Yaw channel", ("", *heading), rows)
 
 
 def _value(value: float | None, sigma: float | None) -> str:

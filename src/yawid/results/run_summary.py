@@ -99,7 +99,10 @@ class Orders(Part, frozen=True):
 
 
 class Mode(Part, frozen=True, kw_only=True):
-    """One mode of the model, a pair of poles once: frequency in rad/s, sigmas, times in s."""
+    """One mode of the model, a pair of poles once: frequency in rad/s, times in s.
+
+    The sigmas are of noise alone.
+    """
 
     kind: str
     wn_rad_s: Number | None = None
@@ -114,6 +117,8 @@ class DutchRoll(Part, frozen=True, kw_only=True):
     """The answer: natural frequency in rad/s, damping ratio, a sigma each, MIL-F-8785C's level.
 
     ``*_std`` is the total sigma; ``*_std_noise`` beside it is the part that noise alone explains.
+    Where that is None, as in files of older versions, ``*_std`` is of noise; a flight's then also
+    has the scatter between manoeuvres.
     """
 
     wn_rad_s: Positive
@@ -134,7 +139,10 @@ class DutchRoll(Part, frozen=True, kw_only=True):
 
 
 class Value(Part, frozen=True):
-    """A coefficient of eq. 22-23, its total sigma, and the part of it that noise explains."""
+    """A coefficient of eq. 22-23, its total sigma, and the part of it that noise explains.
+
+    Without that part, as in files of older versions, ``std`` is of noise alone.
+    """
 
     value: Number | None = None
     std: Number | None = None
@@ -154,7 +162,7 @@ class Fit(Part, frozen=True):
 
 
 class MethodSummary(Part, frozen=True, kw_only=True):
-    """What one estimator found; theta and its sigmas by the names of the parameters."""
+    """What one estimator found; theta and its sigmas, of noise, by the names of the parameters."""
 
     method: str
     orders: Orders

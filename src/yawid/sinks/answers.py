@@ -6,7 +6,7 @@ Where manoeuvres were found the answer is the flight's, else that of the stream 
 import dataclasses
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Final
@@ -182,6 +182,21 @@ def with_sigma(value: float, sigma: float | None, times: float = 1.0) -> tuple[s
     return f"{value:.{digits}f}", f"± {spread:.{digits}f}"
 
 
+def noise_spreads(mode: DutchRoll | None, times: float = 1.0) -> tuple[str, str] | None:
+    """Return so many sigma of wn and zeta that noise alone explains; None where not known."""
+    if mode is None or mode.wn_std_noise is None or mode.zeta_std_noise is None:
+        return None
+    return f"± {times * mode.wn_std_noise:.2g}", f"± {times * mode.zeta_std_noise:.2g}"
+
+
+def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
+    """Say what the sigmas of these are of, to stand after ``one sigma``; empty without any."""
+    told = [mode for mode in modes if mode is not None and mode.wn_std is not None]
+    if any(noise_spreads(mode) for mode in told):
+        return ": noise, scatter over the record, structure"
+    return " of noise alone" if told else ""
+
+
 def _frequency(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Card:
     value, spread = _wn(mode)
     notes = [f"{m.upper()} beside it: {' '.join(_wn(e.dutch_roll))}" for m, e in others.items()]
@@ -227,6 +242,8 @@ def _sure(summary: RunSummary) -> Card:
             explained_pct = max(answer.fit.simulation_pct, 0.0)
             notes.append(f"the model alone tells {explained_pct:.0f} % of the yaw rate")
         notes.append(f"learnt from {_duration(answer.updates * answer.sample_time_s)} of flight")
+    if mode is not None and mode.wn_std is not None and mode.wn_std_noise is None:
+        notes.append("σ is of noise alone")
     return _how_sure(summary, mode, notes)
 
 
@@ -255,15 +272,26 @@ def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> 
         return Card("How sure?", "Not usable", "whatever the sigma says", tuple(notes))
     if mode is None or mode.wn_std is None or mode.zeta_std is None:
         return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
-    wn_pct = 200.0 * mode.wn_std / mode.wn_rad_s
-    zeta_pct = 200.0 * mode.zeta_std / abs(mode.zeta) if mode.zeta else math.inf
+    wn_pct, zeta_pct = _two_sigma_pct(mode, mode.wn_std, mode.zeta_std)
     spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} % (2σ)"
+    if mode.wn_std_noise is not None and mode.zeta_std_noise is not None:
+        of_noise = _two_sigma_pct(mode, mode.wn_std_noise, mode.zeta_std_noise)
+        notes.append(
+            f"of it noise: ωn ±{of_noise[0]:.2g} %, ζ ±{of_noise[1]:.2g} %; the rest is scatter "
+            "over the record and structure"
+        )
     word = "Very" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
     if word == "Very" and any(r.id == "coloured_residuals" for r in summary.deciding.reasons):
         word = "Fairly"
         notes.append("σ may be too small: the residuals are not white")
     word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word
     return Card("How sure?", word, spread, tuple(notes))
+
+
+def _two_sigma_pct(mode: DutchRoll, wn_std: float, zeta_std: float) -> tuple[float, float]:
+    """Return two of these sigmas in percent of wn and of zeta."""
+    zeta_pct = 200.0 * zeta_std / abs(mode.zeta) if mode.zeta else math.inf
+    return 200.0 * wn_std / mode.wn_rad_s, zeta_pct
 
 
 def _damped(zeta: float) -> str:

@@ -54,6 +54,8 @@ class Standing:
             parts.append("no Dutch roll yet")
         if not quiet:
             parts.append(words(status))
+        if math.isfinite(wn):  # last: it matters least where a narrow terminal cuts
+            parts.append("± of noise alone")
         return ", ".join(parts)
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
@@ -71,7 +73,10 @@ class Standing:
 
 
 def manoeuvre_line(found: Manoeuvre) -> str:
-    """Return the line on a manoeuvre that has ended: when and how it was flown, what it says."""
+    """Return the line on a manoeuvre that has ended: when and how it was flown, what it says.
+
+    Its sigmas are the total ones.
+    """
     flown = [f"{found.from_s:.0f} to {found.to_s:.0f} s"]
     if found.mode is not None:
         flown.append(found.mode)

@@ -159,7 +159,7 @@ def _same_value(expected: Any, actual: Any, where: str, tolerances: Mapping[str,
     elif where.endswith("whiteness_p"):
         return math.isclose(expected, actual, abs_tol=SPREAD_TOLERANCE)
     else:
-        spread = "_std" in where or where.endswith(".std")
+        spread = "_std" in where or where.endswith((".std", ".std_noise"))
         relative = SPREAD_TOLERANCE if spread else VALUE_TOLERANCE
     return math.isclose(expected, actual, rel_tol=relative)
 

@@ -131,7 +131,7 @@ def manoeuvre_message(found: Manoeuvre) -> bytes:
     if answer is not None:
         gain = (answer.physics or {}).get("K", Value())
         known |= {"method": answer.method, "K": gain.value, "K_std": gain.std}
-        known |= answer.fit.to_json()
+        known |= {"K_std_noise": gain.std_noise} | answer.fit.to_json()
     if roll is not None:
         known |= roll.to_json()
     known |= {"usable": verdict.usable, "reasons": [each.to_json() for each in verdict.reasons]}

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, RunSummary, VerdictSummary
-from yawid.sinks.answers import cards, with_two_sigma
+from yawid.sinks.answers import cards, noise_spreads, sigma_means, with_two_sigma
 
 
 def verdict_markdown(summary: RunSummary) -> str:
@@ -40,13 +40,16 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None
         cells = [str(each.n), each.mode or "", each.loop.replace("_", " "), speed]
         cells += [*_with_sigmas(each.dutch_roll), _usable(each.verdict)]
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines, "", "± is two sigma."]) + "\n"
+    means = sigma_means(each.dutch_roll for each in found)
+    return "\n".join([*lines, "", f"± is two sigma{means}."]) + "\n"
 
 
 def flight_line(flight: Flight) -> str:
     """Return what the manoeuvres of a flight say together."""
     wn, zeta = _with_sigmas(flight.dutch_roll)
-    answer = f"**ωn {wn} rad/s, ζ {zeta}** (2σ)"
+    noise = noise_spreads(flight.dutch_roll, 2.0)
+    of_noise = f"; of it noise: ωn {noise[0]}, ζ {noise[1]}" if noise else ""
+    answer = f"**ωn {wn} rad/s, ζ {zeta}** (2σ{of_noise})"
     said = f"The flight: {'no answer' if flight.dutch_roll is None else answer}"
     if flight.airspeed_m_s is not None:
         said += f" at {flight.airspeed_m_s:.1f} m/s"

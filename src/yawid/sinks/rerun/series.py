@@ -33,7 +33,10 @@ PALETTE: Final[tuple[Rgba, ...]] = (
 )
 PALE_ALPHA: Final = 90
 LINE_WIDTH, BAND_WIDTH, BAR_WIDTH = 1.5, 0.7, 4.0
-BAND: Final = "± 2 sigma"  # of one name, so that the legend has one entry for all bounds
+# Of one name, so that the legend has one entry for all bounds.
+BAND: Final = "± 2 sigma of noise"
+BAND_OF_MANOEUVRE: Final = "± 2 sigma"
+"""Not of noise alone, unless the file is of an older version."""
 ZETA_LEVELS: Final = {
     f"level {level}: {zeta:.2f}": zeta for level, (zeta, *_) in enumerate(LEVELS[:2], start=1)
 }
@@ -48,10 +51,12 @@ def _style(names: list[str], colours: list[Rgba], widths: list[float]) -> dict[s
     return {"names": names, "colors": colours, "widths": widths}
 
 
-def _banded(name: str, colour: Rgba, width: float = LINE_WIDTH) -> dict[str, Any]:
+def _banded(
+    name: str, colour: Rgba, width: float = LINE_WIDTH, bound: str = BAND
+) -> dict[str, Any]:
     """Style of a line with its lower and upper 2 sigma bound."""
     return _style(
-        [name, BAND, BAND],
+        [name, bound, bound],
         [colour, _pale(colour), _pale(colour)],
         [width, BAND_WIDTH, BAND_WIDTH],
     )
@@ -84,8 +89,8 @@ def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
 def manoeuvre_styles() -> dict[str, dict[str, Any]]:
     """Return the style of what :func:`manoeuvre_rows` draws over the lines of the stream."""
     return {
-        "dutch_roll/wn/manoeuvre": _banded("wn of a manoeuvre [rad/s]", GREEN, BAR_WIDTH),
-        "dutch_roll/zeta/manoeuvre": _banded("zeta of a manoeuvre", GREEN, BAR_WIDTH),
+        f"dutch_roll/{entity}/manoeuvre": _banded(name, GREEN, BAR_WIDTH, BAND_OF_MANOEUVRE)
+        for entity, name in (("wn", "wn of a manoeuvre [rad/s]"), ("zeta", "zeta of a manoeuvre"))
     }
 
 

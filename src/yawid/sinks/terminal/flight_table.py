@@ -5,7 +5,7 @@ It keeps within 80 columns: of many manoeuvres the first and the last stand ther
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
-from typing import Final
+from typing import Final, NamedTuple
 
 from rich.table import Table
 
@@ -16,7 +16,9 @@ from yawid.sinks.answers import (
     counted,
     kappa,
     no_manoeuvre,
+    noise_spreads,
     outcome,
+    sigma_means,
     utc,
     whose,
     with_sigma,
@@ -41,26 +43,36 @@ _LARGEST: Final = 1000.0
 """Larger numbers, of estimates that diverged, keep three digits."""
 
 
-def flight_rows(summary: RunSummary) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each row that tells the flight's answer."""
+class Row(NamedTuple):
+    """One row of the terminal: its name, its text, and rich's style of it."""
+
+    name: str
+    text: str
+    style: str = ""
+
+
+def flight_rows(summary: RunSummary) -> Iterator[Row]:
+    """Yield each row that tells the flight's answer."""
     flight = summary.flight
     if flight is None:
         if summary.manoeuvres is not None:
-            yield "flight", no_manoeuvre(summary)
+            yield Row("flight", no_manoeuvre(summary))
         return
     manoeuvres = summary.manoeuvres or []
     mode, count = flight.dutch_roll, counted(flight, manoeuvres)
     if mode is None:
-        yield "flight", f"no answer, {count}"
+        yield Row("flight", f"no answer, {count}")
     else:
         wn = " ".join(filter(None, with_sigma(mode.wn_rad_s, mode.wn_std)))
         zeta = " ".join(filter(None, with_sigma(mode.zeta, mode.zeta_std)))
-        yield "flight", f"wn {wn} rad/s, zeta {zeta}"
-        yield "", ", ".join(filter(None, (conditions(flight), count)))
-        yield "", f"this is {whose(flight.loop)}"
+        yield Row("flight", f"wn {wn} rad/s, zeta {zeta}")
+        if noise := noise_spreads(mode):
+            yield Row("", f"of it noise: wn {noise[0]}, zeta {noise[1]}", "dim")
+        yield Row("", ", ".join(filter(None, (conditions(flight), count))))
+        yield Row("", f"this is {whose(flight.loop)}")
     if slope := kappa(flight):
-        yield "", f"wn = {slope}, V the equivalent airspeed"
-    yield "flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle))
+        yield Row("", f"wn = {slope}, V the equivalent airspeed")
+    yield Row("flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle)))
 
 
 def _flown(
@@ -137,7 +149,7 @@ def _loop(each: Manoeuvre) -> str:
 
 def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
     """Return what the table's signs mean, how many rows it leaves out, and when the boot was."""
-    notes = ["± is one sigma"]
+    notes = [f"± is one sigma{sigma_means(each.dutch_roll for each in manoeuvres)}"]
     sources = dict.fromkeys(each.airspeed_source for each in manoeuvres)
     if _GROUND in sources:
         notes.append("* V is the ground speed")

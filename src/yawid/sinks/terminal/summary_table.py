@@ -19,8 +19,8 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
-from yawid.sinks.answers import percent
-from yawid.sinks.terminal.flight_table import flight_rows, manoeuvres_table, table_notes
+from yawid.sinks.answers import noise_spreads, percent
+from yawid.sinks.terminal.flight_table import Row, flight_rows, manoeuvres_table, table_notes
 
 WIDTH = 80
 NAME_WIDTH = 9
@@ -37,8 +37,8 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
     console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
     console.print(Text(summary.log, style="bold"))
     print_verdict(console, summary.deciding)
-    for name, text in flight_rows(summary):
-        console.print(Text(hanging(name, text, console.width)))
+    for row in flight_rows(summary):
+        console.print(Text(hanging(row.name, row.text, console.width), row.style))
     if summary.manoeuvres:
         console.print(manoeuvres_table(summary.manoeuvres, summary.flight))
         notes = fill(table_notes(summary.manoeuvres), console.width, break_on_hyphens=False)
@@ -80,27 +80,31 @@ def _stream(verdict: VerdictSummary) -> str:
 def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]) -> Table:
     answers = summary.answering if summary.verdict.usable and summary.flight is None else None
     table = Table(box=None, pad_edge=False)
-    table.add_column("± is one sigma")
+    has_total = any(noise_spreads(each.dutch_roll) for each in estimates.values())
+    table.add_column("± is one sigma" if has_total else "± is one sigma of noise")
     for method in estimates:
         marked = " answers" if method == answers and len(estimates) > 1 else ""
         table.add_column(method.upper() + marked, justify="right")
-    for rows in zip(*(_estimate_rows(each) for each in estimates.values()), strict=True):
-        table.add_row(rows[0][0], *(text for _, text in rows))
+    columns = (_estimate_rows(each, has_total=has_total) for each in estimates.values())
+    for rows in zip(*columns, strict=True):
+        table.add_row(rows[0].name, *(row.text for row in rows), style=rows[0].style)
     return table
 
 
-def _estimate_rows(estimate: MethodSummary) -> list[tuple[str, str]]:
+def _estimate_rows(estimate: MethodSummary, *, has_total: bool) -> list[Row]:
     mode, fit = estimate.dutch_roll, estimate.fit
     wn = "none" if mode is None else _with_sigma(mode.wn_rad_s, mode.wn_std)
     zeta = "none" if mode is None else _with_sigma(mode.zeta, mode.zeta_std)
+    noise = Row("  of it noise, wn; zeta", "; ".join(noise_spreads(mode) or ("-",)), "dim")
     return [
-        ("Dutch roll wn, rad/s", wn),
-        ("Dutch roll zeta", zeta),
-        ("fit one step, %", _percent(fit.one_step_pct)),
-        ("fit simulated, %", _percent(fit.simulation_pct)),
-        ("fit on held-back data, %", _percent(fit.simulation_held_back_pct)),
-        ("samples learnt from / others", f"{estimate.updates} / {estimate.held}"),
-        ("na,nb,nc,nk at rate", f"{estimate.orders} at {1.0 / estimate.sample_time_s:.3g} Hz"),
+        Row("Dutch roll wn, rad/s", wn),
+        Row("Dutch roll zeta", zeta),
+        *([noise] if has_total else []),
+        Row("fit one step, %", _percent(fit.one_step_pct)),
+        Row("fit simulated, %", _percent(fit.simulation_pct)),
+        Row("fit on held-back data, %", _percent(fit.simulation_held_back_pct)),
+        Row("samples learnt from / others", f"{estimate.updates} / {estimate.held}"),
+        Row("na,nb,nc,nk at rate", f"{estimate.orders} at {1.0 / estimate.sample_time_s:.3g} Hz"),
     ]
 
 
