@@ -23,6 +23,7 @@ from hand_flights import (
     manoeuvre,
     mixed_loops,
     none_usable,
+    of_older_version,
     roll_of,
     summary,
     without_airspeed,
@@ -85,15 +86,24 @@ def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:
 
     assert (
         "3 155.0–187.4 2026-03-05 12:16:37 UTC FBWA with roll loop 22.30 ± 0.30 airspeed 102 "
-        "rudder turn removed 11.92 ± 0.11 RML 3,3,2,1 0.410 ± 0.012 0.3080 ± 0.0060 98 / 91 / 88 "
-        "disagrees 4 215.0–247.4"
+        "rudder turn removed 11.92 ± 0.11 (0.03) 0.410 ± 0.012 (0.004) "
+        "0.3080 ± 0.0060 (0.002) 98 / 91 / 88 RML 3,3,2,1 disagrees 4 215.0–247.4"
     ) in text
     assert "4: not converged the natural frequency went from 9.1" in text
-    assert "κ = ωn / V, rad/m 0.4634 ± 0.0077" in text
-    assert "K / V, rad/m per half travel 0.01400 ± 0.00040" in text
+    assert "κ = ωn / V, rad/m 0.4634 ± 0.0077 (0.0012)" in text
+    assert "K / V, rad/m per half travel 0.01400 ± 0.00040 (0.0001)" in text
     assert "manoeuvres used 1, 2 left out, as they disagree 3" in text
     pale = re.findall(r'<tr class="pale">.*', html)
     assert ["215.0–247.4" in row for row in pale] == [True]
+
+
+def test_the_page_says_what_sigma_is_of(paged: Paged) -> None:
+    both, older = (Page(report(paged(run()))).text for run in (four_of_a_flight, of_older_version))
+
+    total = "± is one sigma: noise, scatter over the record, structure; of noise alone in brackets."
+    assert total in both
+    assert "± is one sigma of noise alone." in older
+    assert "11.92 ± 0.11 0.410 ± 0.012 0.3080" in older
 
 
 def test_what_was_flown_otherwise_is_said_row_by_row(paged: Paged) -> None:

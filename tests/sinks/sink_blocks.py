@@ -57,7 +57,14 @@ FLIGHT = Flight(
     method="rml",
     airspeed_m_s=20.5,
     loop="airframe",
-    dutch_roll=DutchRoll(wn_rad_s=10.1, wn_std=0.15, zeta=0.63, zeta_std=0.02),
+    dutch_roll=DutchRoll(
+        wn_rad_s=10.1,
+        wn_std=0.15,
+        wn_std_noise=0.02,
+        zeta=0.63,
+        zeta_std=0.02,
+        zeta_std_noise=0.003,
+    ),
     used=[1, 3],
     disagree=[2],
     verdict=VerdictSummary(method="rml", usable=True, reasons=[]),
@@ -140,8 +147,15 @@ def make_manoeuvre(
         held=0,
         theta={},
         theta_std={},
-        dutch_roll=DutchRoll(wn_rad_s=10.2, wn_std=0.2, zeta=0.62, zeta_std=0.03),
-        physics={"K": Value(-1.5, 0.1)},
+        dutch_roll=DutchRoll(
+            wn_rad_s=10.2,
+            wn_std=0.2,
+            wn_std_noise=0.05,
+            zeta=0.62,
+            zeta_std=0.03,
+            zeta_std_noise=0.01,
+        ),
+        physics={"K": Value(-1.5, 0.1, 0.04)},
         fit=Fit(simulation_pct=87.0, simulation_held_back_pct=81.5),
     )
     return Manoeuvre(

@@ -15,6 +15,7 @@ from hand_flights import (
     manoeuvre,
     mixed_loops,
     none_usable,
+    of_older_version,
     roll_of,
     summary,
     without_airspeed,
@@ -43,7 +44,7 @@ def rows_of(run: RunSummary) -> list[list[str]]:
     """Return the rows of the manoeuvres in words."""
     lines = printed(run)
     [head] = [i for i, line in enumerate(lines) if "from-to s" in line]
-    end = next(i for i, line in enumerate(lines) if line.startswith("± is one sigma;"))
+    end = next(i for i, line in enumerate(lines) if line.startswith("± is one sigma"))
     return [line.split() for line in lines[head + 1 : end]]
 
 
@@ -52,13 +53,26 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
 
     assert lines[1] == "verdict  usable"
     assert lines[2] == "  flight  wn 10.21 ± 0.16 rad/s, zeta 0.624 ± 0.021"
-    assert lines[3].strip() == ("at 22.0 m/s (airspeed) and 102 m altitude, from 2 of 4 manoeuvres")
-    assert lines[4].strip() == "this is the aircraft with its roll loop"
-    assert lines[5].strip() == "wn = 0.4634 ± 0.0077 · V, V the equivalent airspeed"
-    assert lines[6].startswith("   flown  2026-03-05 12:14:37 UTC, in FBWA, vehicle 1/1, fixed")
+    assert lines[3].strip() == "of it noise: wn ± 0.03, zeta ± 0.004"
+    assert lines[4].strip() == ("at 22.0 m/s (airspeed) and 102 m altitude, from 2 of 4 manoeuvres")
+    assert lines[5].strip() == "this is the aircraft with its roll loop"
+    assert lines[6].strip() == "wn = 0.4634 ± 0.0077 · V, V the equivalent airspeed"
+    assert lines[7].startswith("   flown  2026-03-05 12:14:37 UTC, in FBWA, vehicle 1/1, fixed")
     stream = lines.index("the stream at its end (not the flight): not usable, not_converged")
     assert any("13.5 ± 0.09" in line for line in lines[stream:])
+    noise = ["of", "it", "noise,", "wn;", "zeta", *["±", "0.03;", "±", "0.004"] * 2]
+    assert noise in [line.split() for line in lines[stream:]]
     assert not any("13.5" in line or "answers" in line for line in lines[:stream])
+
+
+def test_sigma_is_the_total_and_of_noise_alone_in_a_run_of_an_older_version() -> None:
+    both, older = text_of(four_of_a_flight()), text_of(of_older_version())
+
+    assert "± is one sigma: noise, scatter over the record, structure; V is" in both
+    assert "± is one sigma of noise alone; V is" in older
+    assert "± is one sigma of noise ELS RML" in older
+    assert "of it noise" not in older
+    assert rows_of(of_older_version()) == rows_of(four_of_a_flight())
 
 
 def test_each_manoeuvre_has_a_row_that_says_what_came_of_it() -> None:

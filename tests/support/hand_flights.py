@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from typing import Any
 
 from msgspec.structs import replace
@@ -43,13 +45,16 @@ def estimate(method: str, roll: DutchRoll | None, fit_pct: float | None = 91.3) 
         theta_std={"a1": 0.01},
         modes=[Mode(kind="dutch_roll", wn_rad_s=10.2, zeta=0.62)],
         dutch_roll=roll,
-        physics={"K": Value(0.308, 0.006), "T_theta_s": Value(0.85, 0.04)},
+        physics={"K": Value(0.308, 0.006, 0.002), "T_theta_s": Value(0.85, 0.04)},
         fit=Fit(one_step_pct=98.1, simulation_pct=fit_pct, simulation_held_back_pct=88.2),
     )
 
 
 def roll_of(wn: float, zeta: float, wn_std: float = 0.11, zeta_std: float = 0.012) -> DutchRoll:
-    return DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=zeta, zeta_std=zeta_std)
+    return DutchRoll(
+        wn_rad_s=wn, wn_std=wn_std, wn_std_noise=0.03, zeta=zeta, zeta_std=zeta_std,
+        zeta_std_noise=0.004,
+    )  # fmt: skip
 
 
 def manoeuvre(
@@ -98,8 +103,8 @@ def flight(**more: Any) -> Flight:
         "date": "2026-03-05T12:14:37.040Z",
         "loop": "with_roll_loop",
         "dutch_roll": roll_of(10.21, 0.624, 0.16, 0.021),
-        "kappa_rad_m": Value(0.4634, 0.0077),
-        "K_per_V": Value(0.014, 0.0004),
+        "kappa_rad_m": Value(0.4634, 0.0077, 0.0012),
+        "K_per_V": Value(0.014, 0.0004, 0.0001),
         "between_std": BetweenStd(wn_rad_s=0.15, zeta=0.02),
         "used": [1, 2],
         "disagree": [3],
@@ -144,6 +149,12 @@ def none_usable() -> RunSummary:
     refused = [manoeuvre(n, wn, reason=NOT_CONVERGED) for n, wn in ((1, 12.4), (2, None))]
     verdict = VerdictSummary(method="rml", usable=False, reasons=[NOT_CONVERGED])
     return summary(refused, Flight(used=[], disagree=[], verdict=verdict))
+
+
+def of_older_version() -> RunSummary:
+    """The flight as a file says it that knows no noise beside sigma."""
+    told = json.dumps(four_of_a_flight().to_json())
+    return RunSummary.from_json(re.sub(r', "\w*std_noise": [^,}]+', "", told).encode())
 
 
 def without_airspeed() -> RunSummary:

@@ -69,11 +69,11 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
         yield "none", ""
         yield "none", ""
     else:
-        yield _plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise), _method(each)
-        yield _plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise), ""
+        yield _plus_minus(mode.wn_rad_s, mode.wn_std), _of_noise(mode.wn_std_noise)
+        yield _plus_minus(mode.zeta, mode.zeta_std), _of_noise(mode.zeta_std_noise)
     gain = Value() if answer is None else (answer.physics or {}).get("K", Value())
-    yield _plus_minus(gain.value, gain.std, gain.std_noise), ""
-    yield "–" if answer is None else _fits(answer), ""
+    yield _plus_minus(gain.value, gain.std), _of_noise(gain.std_noise)
+    yield ("–", "") if answer is None else (_fits(answer), _method(each))
     ids = [reason.id.replace("_", " ") for reason in each.verdict.reasons]
     yield outcome(each, flight).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
 
@@ -95,12 +95,16 @@ def _fits(answer: MethodSummary) -> str:
     return " / ".join("–" if value is None else percent(value, ".0f") for value in every)
 
 
-def _plus_minus(value: float | None, sigma: float | None, noise: float | None) -> str:
-    if value is None:
-        return "–"
-    said, spread = with_sigma(value, sigma)
-    of_noise = f"({noise:.2g})" if spread and noise is not None else ""
-    return " ".join(filter(None, (said, spread, of_noise)))
+def _plus_minus(value: float | None, sigma: float | None) -> str:
+    return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
+
+
+def _of_noise(sigma: float | None) -> str:
+    return "" if sigma is None else f"({sigma:.2g})"
+
+
+def _with_noise(value: float | None, sigma: float | None, noise: float | None) -> str:
+    return f"{_plus_minus(value, sigma)} {_of_noise(noise)}".rstrip()
 
 
 def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre], rudder_unit: str) -> str:
@@ -113,8 +117,8 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre], rudder_unit: str) -
 def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
     mode, between = flight.dutch_roll, flight.between_std
     if mode is not None:
-        yield "ωn, rad/s", _plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
-        yield "ζ", _plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
+        yield "ωn, rad/s", _with_noise(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
+        yield "ζ", _with_noise(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
         yield "of", whose(flight.loop)
     if flight.airspeed_m_s is not None:
         source = flight.airspeed_source or "the ground speed of some"
@@ -126,7 +130,7 @@ def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
         (f"K / V, rad/m per {rudder_unit}", flight.K_per_V),
     ):
         if each is not None:
-            yield name, _plus_minus(each.value, each.std, each.std_noise)
+            yield name, _with_noise(each.value, each.std, each.std_noise)
     if between is not None and between.wn_rad_s is not None:
         yield "scatter of ωn beyond σ, rad/s", f"{between.wn_rad_s:.2g}"
     if between is not None and between.zeta is not None:

@@ -121,7 +121,7 @@ def bode_picture(data: ReportData, mode: DutchRoll | None, grid: Grid) -> Pictur
     look = (
         "Does the line with its band (2 sigma of noise) run through the points? They come straight "
         "from the data, without a model (averaged cross spectra), and only where rudder and yaw "
-        "rate are coherent. Points off the line near the dashed natural frequency mean a wrong order."
+        "rate are coherent. Points off the line near the dashed natural frequency: a wrong order."
     )
     if spectral is None:
         look = "The record is too short for a spectral estimate. Band: 2 sigma of noise."

@@ -129,5 +129,6 @@ def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
 
     line = Standing().line(pipeline, source.link.frames, 0, int(pipeline.newest.received_us[-1]))
 
-    assert f"ωn {answer.wn_rad_s:.4g} ± {answer.wn_std:.2g} rad/s" in line
-    assert "by RML, tracking" in line
+    noise = answer.wn_std if answer.wn_std_noise is None else answer.wn_std_noise
+    assert f"ωn {answer.wn_rad_s:.4g} ± {noise:.2g} rad/s" in line
+    assert "by RML, tracking, ± of noise alone" in line

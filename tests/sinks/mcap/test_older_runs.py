@@ -6,6 +6,7 @@ contact and altitude: the first 30 s of replay_logs/c172p_3211 at 10 Hz, forgett
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from yawid.runs.replay import StopFlag
 from yawid.runs.replay_mcap import replay_run
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, schema_data
+from yawid.sinks.terminal.summary_table import print_summary
 
 OLD_RUN = Path(__file__).with_name("run_of_0_1_0.mcap")
 
@@ -39,6 +41,22 @@ def test_its_samples_are_there_and_what_it_lacks_is_unknown():
         0,
     )
     assert (run.grid.mode_name(np.nan), run.grid.mode_name(10.0)) == ("unknown", "mode 10")
+
+
+def test_what_its_sigmas_say_of_noise_is_unknown_and_it_is_shown_as_noise():
+    summary = open_run(OLD_RUN).summary
+    estimates = (summary.estimates or {}).values()
+    out = io.StringIO()
+    print_summary(summary, out)
+
+    rolls = [each.dutch_roll for each in estimates if each.dutch_roll is not None]
+    gains = [value for each in estimates for value in (each.physics or {}).values()]
+    assert rolls
+    assert gains
+    assert all(roll.wn_std is not None and roll.wn_std_noise is None for roll in rolls)
+    assert all(roll.zeta_std_noise is None for roll in rolls)
+    assert all(value.std_noise is None for value in gains)
+    assert "± is one sigma of noise" in out.getvalue()
 
 
 def test_it_is_estimated_again_to_what_it_said(tmp_path):

@@ -192,8 +192,8 @@ def test_the_dutch_roll_of_a_manoeuvre_is_a_bar_with_its_band_and_ends_with_it(
 def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     [table] = statics(flown, "/manoeuvres", "TextDocument:text")[-1]
     flight = (
-        "The flight: **ωn 10.10 ± 0.30 rad/s, ζ 0.630 ± 0.040** (2σ) at 20.5 m/s, airframe, "
-        "of manoeuvre 1, 3; 2 disagree: usable."
+        "The flight: **ωn 10.10 ± 0.30 rad/s, ζ 0.630 ± 0.040** (2σ; of it noise: ωn ± 0.04, "
+        "ζ ± 0.006) at 20.5 m/s, airframe, of manoeuvre 1, 3; 2 disagree: usable."
     )
     assert table.splitlines() == [
         flight,
@@ -203,7 +203,7 @@ def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
         "| 1 | FBWA | with roll loop | 21.5 | 10.20 ± 0.40 | 0.620 ± 0.060 | usable |",
         "| 2 |  | with roll loop |  | none | none | not usable, not excited |",
         "",
-        "± is two sigma.",
+        "± is two sigma: noise, scatter over the record, structure.",
     ]
     [verdict] = statics(flown, "/verdict", "TextDocument:text")[-1]
     assert verdict == f"# Usable\n{flight}\n"
