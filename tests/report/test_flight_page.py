@@ -35,6 +35,7 @@ from report_page import Page, first_screen
 
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
+from yawid.report.manoeuvres import flight_section
 from yawid.report.picture import mark_events
 from yawid.report.write import report
 from yawid.results.run_summary import RunSummary
@@ -97,8 +98,11 @@ def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:
     assert ["215.0–247.4" in row for row in pale] == [True]
 
 
-def test_the_page_says_what_sigma_is_of(paged: Paged) -> None:
-    both, older = (Page(report(paged(run()))).text for run in (four_of_a_flight, of_older_version))
+def test_the_section_says_what_sigma_is_of() -> None:
+    sections = (
+        flight_section(run(), "half travel") for run in (four_of_a_flight, of_older_version)
+    )
+    both, older = (Page("".join(section)).text for section in sections)
 
     total = "± is one sigma: noise, scatter over the record, structure; of noise alone in brackets."
     assert total in both

@@ -175,6 +175,7 @@ def test_a_tolerance_widens_its_column_or_its_key_and_all_below_and_nothing_else
 def test_counts_and_texts_of_the_summary_are_compared_exactly():
     reference = {"link": {"lost": 3}, "x": 1.0, "y_std": 1.0, "files": {"mcap": "a"}}
     close = {"link": {"lost": 3}, "x": 1.0 + 1e-8, "y_std": 1.0004, "files": {"mcap": "b"}}
+    reference["K"], close["K"] = {"std": 1.0, "std_noise": 1.0}, {"std": 1.0, "std_noise": 1.0004}
 
     assert list(compare_summaries(reference, close)) == []
     assert list(compare_summaries(reference, close | {"link": {"lost": 4}}))
