@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_flights import four_of_a_flight, of_older_version
 from places import REPLAY_LOGS
 
 from yawid.results.run_summary import (
@@ -64,6 +65,16 @@ def test_what_does_not_apply_has_no_key_and_what_is_empty_has():
     assert "dutch_roll" not in told["estimates"]["els"]
     assert told["estimates"]["els"]["theta_std"] == {}
     assert told["verdict"] == {"usable": True, "reasons": []}
+
+
+def test_total_and_noise_sigma_come_back_and_without_the_noise_the_total_stays():
+    both, older = four_of_a_flight(), of_older_version().to_json()["flight"]
+
+    assert RunSummary.from_json(json.dumps(both.to_json()).encode()) == both
+    assert older["dutch_roll"] == {
+        "wn_rad_s": 10.21, "wn_std": 0.16, "zeta": 0.624, "zeta_std": 0.021
+    }  # fmt: skip
+    assert older["kappa_rad_m"] == {"value": 0.4634, "std": 0.0077}
 
 
 def test_scalars_of_numpy_are_numbers_in_json():
