@@ -1,6 +1,7 @@
 """Benches, each printing a Markdown table: python tools/bench.py NAME [options] [--readme].
 
-With ``--readme`` the table is also written to tools/README.md, below its marker.
+With ``--readme`` the table is also written to tools/README.md, below its marker. A bench may print
+more tables, with a blank line between: see ``PLACES``.
 """
 
 from __future__ import annotations
@@ -25,35 +26,45 @@ BENCHES = (
     "memory",
     "aircraft",
     "manoeuvres",
+    "truth",
 )
+PLACES = {"truth": ("truth", "truth_short")}
+"""The markers of a bench's first tables; of all others the first table goes below the own name."""
 
 
-def run(name: str, options: list[str]) -> str:
-    """Run one bench, print the lines of its table as they come, and return them.
+def run(name: str, options: list[str]) -> tuple[str, str | None]:
+    """Run one bench, print the lines of its tables as they come; return them and what it misses.
 
     The first cell of the header, which the bench leaves empty, is what was run (paths without their
-    names) and when.
+    names) and when. What is missed is what the bench's generator returns.
     """
     options_told = list(dict.fromkeys("LOG" if os.sep in each else each for each in options))
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = f"| `{shlex.join([name, *options_told])}`, {today} |"
+    told = importlib.import_module(f"bench_{name}").main(options)
     lines: list[str] = []
-    for line in importlib.import_module(f"bench_{name}").main(options):
+    while True:
+        try:
+            line = next(told)
+        except StopIteration as end:
+            return "\n".join(lines), end.value
         lines.append(line if lines else line.replace("| |", made, 1))
         print(lines[-1], flush=True)
-    return "\n".join(lines)
 
 
 def main(arguments: list[str]) -> int:
-    """Run the bench that is named first; the rest are its options."""
+    """Run the bench that is named first; the rest are its options. Return 1 where it misses."""
     if not arguments or arguments[0] not in BENCHES:
         print(f"usage: bench.py {'|'.join(BENCHES)} [options] [--readme]", file=sys.stderr)
         return 2
     name, *options = arguments
-    table = run(name, [option for option in options if option != "--readme"])
+    tables, missed = run(name, [option for option in options if option != "--readme"])
     if "--readme" in options:
-        put(name, table)
-    return 0
+        for place, table in zip(PLACES.get(name, (name,)), tables.split("\n\n"), strict=False):
+            put(place, table)
+    if missed is not None:
+        print(missed, file=sys.stderr)
+    return 0 if missed is None else 1
 
 
 if __name__ == "__main__":

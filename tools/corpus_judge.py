@@ -21,7 +21,7 @@ from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
 from yawid.results.judge_estimate import judge_methods
 from yawid.results.run_summary import RunSummary
-from yawid.results.summary import method_summary, summarise
+from yawid.results.summary import bank_summaries, summarise
 from yawid.runs.inspect_log import inspect
 from yawid.runs.run_log import open_log, run_log
 from yawid.sources.open_log import Log
@@ -164,7 +164,7 @@ def _judged_methods(pipeline: Pipeline) -> Row:
     bank, intervals = pipeline.bank, pipeline.channels.intervals_us
     if bank is None or intervals is None:
         return {}
-    evidence = {method: method_summary(bank, method)[1] for method in bank.methods}
+    _, evidence = bank_summaries(bank)
     rates_hz = 1e6 / intervals[0], 1e6 / intervals[1]
     judged = judge_methods(bank, evidence, rates_hz, abs(pipeline.channels.surfaces[0].scale))
     row: Row = {"stroke_pct": 100.0 * judged.moved.most_own}

@@ -15,7 +15,11 @@ from pathlib import Path
 from defects import DEFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
-HOMES = {"cases": "replay_logs/README.md", "mutations": "tests/README.md"}
+HOMES = {
+    "cases": "replay_logs/README.md",
+    "mutations": "tests/README.md",
+    "truth_short": "README.md",
+}
 """Where a table stands; all others stand in tools/README.md."""
 
 

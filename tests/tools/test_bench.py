@@ -40,6 +40,22 @@ def test_a_bench_writes_its_table_and_names_no_path(readme: Path, capsys):
     assert readme.read_text(encoding="utf-8") == f"<!-- fake -->\n{table}\nwhat follows\n"
 
 
+def test_a_bench_that_misses_its_aim_exits_with_1_and_its_first_table_is_written(
+    readme: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    def tables(options):
+        yield from ("| | s |", "|---|---|", "", "| more |")
+        return "s is too large"
+
+    monkeypatch.setattr(sys.modules["bench_fake"], "main", tables)
+
+    assert bench.main(["fake", "--readme"]) == 1
+
+    assert "| more |" in (said := capsys.readouterr()).out
+    assert said.err == "s is too large\n"
+    assert readme.read_text(encoding="utf-8").endswith("| s |\n|---|---|\n\nwhat follows\n")
+
+
 def test_without_being_asked_nothing_is_written(readme: Path):
     before = readme.read_text(encoding="utf-8")
 

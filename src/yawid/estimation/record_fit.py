@@ -6,29 +6,39 @@ phi(theta)' eps(theta), which shares nothing with that fit but where both start.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from yawid.blocks import Bools, EstimateBlock, Floats, Status
 from yawid.config.estimator import EstimatorConfig
+from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import lag_depth
 from yawid.estimation.products import cross
 from yawid.estimation.start_fit import RecordFit, stretches_of
 from yawid.estimation.whiteness import ljung_box
+
+BLOCKS = 8
+"""A record is cut into so many to see how much its parts scatter."""
+HELD_BACK_SHARE = 1.0 / 3.0
+LEAST_PER_PARAMETER = 10
+"""Samples that must be left to fit by, where some are held back."""
 
 
 @dataclass(frozen=True, slots=True)
 class FittedModel:
     """What a fit found, in the user's units: as an estimator after its last sample.
 
-    ``theta`` (n,) with ``covariance`` (n, n), 0 and NaN where nothing was found; ``y_hat``
-    (samples,) is the one-step prediction, NaN where there was none; ``updates`` samples were
-    fitted, ``held`` were not.
+    ``theta`` (n,) with ``covariance`` (n, n), 0 and NaN where nothing was found; ``scatter`` (n, n)
+    is the covariance that its parts tell, whatever makes them differ; ``y_hat`` (samples,) is the
+    one-step prediction, NaN where there was none; ``updates`` samples were fitted, ``held`` were
+    not.
     """
 
     config: EstimatorConfig
     theta: Floats
     covariance: Floats
+    scatter: Floats
     y_hat: Floats
     updates: int
     held: int
@@ -44,11 +54,15 @@ class FittedModel:
     @property
     def last(self) -> EstimateBlock:
         """The estimate as a block of one row."""
-        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return self.row(self.covariance)
+
+    def row(self, covariance: Floats) -> EstimateBlock:
+        """Return the estimate as a block of one row, with this covariance (n, n)."""
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         one = np.full(1, np.nan)
         noise, status = np.full(1, self.innovation_std), np.full(1, int(self.status))
         return EstimateBlock.of(
-            self.theta[None], std[None], self.covariance[None], one, one, one, noise, status
+            self.theta[None], std[None], covariance[None], one, one, one, noise, status
         )
 
 
@@ -73,19 +87,42 @@ def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
     found = _solved(config, fit)
     if found is None:
         return _nothing(config, len(y), Status.DIVERGED)
-    theta, covariance = found
+    theta, *covariances = found
     residuals, units = fit.residuals(theta), _units(config, factors)
+    covariance, scatter = (each * np.outer(units, units) for each in covariances)
     eps, y_hat = np.concatenate(residuals), np.full(len(y), np.nan)
     y_hat[np.flatnonzero(good)[_fitted(config, breaks)]] = (fit.y - eps) / factors[0]
     return FittedModel(
-        config, theta * units, covariance * np.outer(units, units), y_hat, n, len(y) - n,
+        config, theta * units, covariance, scatter, y_hat, n, len(y) - n,
         float(np.sqrt(np.mean(eps**2))) / factors[0], _whiteness(residuals, config.residual_lags),
         Status.TRACKING,
     )  # fmt: skip
 
 
-def _solved(config: EstimatorConfig, fit: RecordFit) -> tuple[Floats, Floats] | None:
-    """Return theta (n,) and its covariance (n, n), None where no fit beats theta = 0."""
+def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats) -> float:
+    """Return the fit over the last third of the rudder's energy of a model fitted without it.
+
+    ``u`` (samples, n_inputs) and ``y`` (samples,) as in :func:`fit_record`. NaN where that leaves
+    fewer than ten samples a parameter, or the model was not found.
+    """
+    used = np.flatnonzero(np.isfinite(y) & np.isfinite(u).all(axis=1))
+    if len(used) == 0:
+        return float("nan")
+    rudder = u[used, 0]
+    energy = np.cumsum((rudder - rudder.mean()) ** 2)
+    first = int(np.searchsorted(energy, (1.0 - HELD_BACK_SHARE) * energy[-1]))
+    if first < LEAST_PER_PARAMETER * config.n_theta:
+        return float("nan")
+    row = int(used[first])
+    model = fit_record(config, u[:row], y[:row])
+    if not model.theta.any():
+        return float("nan")
+    u, y = u[row:], y[row:]
+    return fit_percent(y, simulate(model.theta, config.orders, config.bias, u, y))
+
+
+def _solved(config: EstimatorConfig, fit: RecordFit) -> tuple[Floats, Floats, Floats] | None:
+    """Return theta (n,), its covariance and scatter (n, n); None where no fit beats theta = 0."""
     is_rml = config.method == "rml"
     try:
         with np.errstate(all="ignore"):
@@ -93,10 +130,10 @@ def _solved(config: EstimatorConfig, fit: RecordFit) -> tuple[Floats, Floats] | 
             theta = fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)
             if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
                 return None
-            covariance = _covariance(fit, theta, is_rml, config.residual_lags)
+            covariance, scatter = _covariances(fit, theta, is_rml, config.residual_lags)
     except np.linalg.LinAlgError:  # channels that tell nothing apart
         return None
-    return (theta, covariance) if np.isfinite(covariance).all() else None
+    return (theta, covariance, scatter) if np.isfinite(covariance).all() else None
 
 
 def _factors(signals: Floats) -> Floats:
@@ -125,12 +162,14 @@ def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
     return fitted
 
 
-def _covariance(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> Floats:
+def _covariances(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> tuple[Floats, Floats]:
     """Return theta's covariance (n, n): (Z' psi)^-1 S (psi' Z)^-1, Z the instruments of the fit.
 
     Z is psi for RML and phi for ELS. S sums the products of the scores Z eps over as many lags
     either way, under Bartlett's weights (Newey and West 1987): residuals that are not white make
-    sigma larger instead of wrong.
+    sigma larger instead of wrong. The second one has the scores' sums over blocks in S, one step of
+    the jackknife that leaves out a block each time (Shao and Tu 1995, 3.2): what lasts longer than
+    the lags, a gust or another way of flying, is in it.
     """
     psi, eps = fit.gradient(theta)
     z = psi if is_rml else fit.gradient(theta, filtered=False)[0]
@@ -141,7 +180,11 @@ def _covariance(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> Float
         meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     bread = np.linalg.inv(cross(z, psi) + fit.prior)
     covariance: Floats = bread @ meat @ bread.T * (len(eps) / max(len(eps) - len(theta), 1))
-    return covariance
+    ends = np.arange(BLOCKS + 1) * len(scores) // BLOCKS
+    sums = np.array([scores[a:b].sum(axis=0) for a, b in pairwise(ends)])
+    sums -= sums.mean(axis=0)
+    scatter: Floats = bread @ cross(sums, sums) @ bread.T * (BLOCKS / (BLOCKS - 1.0))
+    return covariance, scatter
 
 
 def _whiteness(residuals: list[Floats], lags: int) -> float:
@@ -159,5 +202,6 @@ def _nothing(config: EstimatorConfig, samples: int, status: Status) -> FittedMod
     theta, covariance = np.zeros(n), np.full((n, n), np.nan)
     y_hat = np.full(samples, np.nan)
     return FittedModel(
-        config, theta, covariance, y_hat, updates, samples - updates, np.nan, np.nan, status
-    )
+        config, theta, covariance, covariance, y_hat, updates, samples - updates, np.nan, np.nan,
+        status,
+    )  # fmt: skip

@@ -15,9 +15,8 @@ from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.record_fit import FittedModel, fit_record
+from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.manoeuvres.conditions import conditions
-from yawid.physics.derivatives import summary_of
 from yawid.physics.modes import modes
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
@@ -31,14 +30,12 @@ from yawid.results.judge_samples import (
     turn_correlation,
 )
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import Manoeuvre, Orders, Value
+from yawid.results.run_summary import Manoeuvre, MethodSummary, Orders, Value
+from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
 from yawid.results.summary import as_summary, described
 
-OTHER_ORDERS = (4, 4, 3, 1)
+OTHER_ORDERS = (*NEXT, 1)
 """Beside those of the manoeuvre: which of the two a flight is told by is for all of it to say."""
-HELD_BACK_SHARE = 1.0 / 3.0
-LEAST_PER_PARAMETER = 10
-"""Samples that must be left to fit by, where some are held back."""
 LEAST_SWINGS = 2
 LEAST_PERIODS = 3.0
 LEAST_ALONE_PCT = 60.0
@@ -66,11 +63,15 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """A manoeuvre told by some orders: Dutch roll (4,), K with its sigma, held-back fit in %."""
+    """A manoeuvre told by some orders: Dutch roll (4,), K with its sigma, held-back fit in %.
+
+    These sigmas are of noise; ``beyond`` are those that noise does not explain, of wn, zeta and K.
+    """
 
     dutch_roll: Floats
     gain: tuple[float, float]
     held_back_pct: float
+    beyond: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,25 +127,16 @@ class Fits:
         y_hat = {method: model.y_hat for method, model in self.estimators.items()}
         return History(u=self.u, y=self.y, y_hat=y_hat, **context)
 
-    def held_back_pct(self, config: EstimatorConfig) -> float:
-        """Return the fit over the last third of the rudder's energy of a model fitted without it.
-
-        NaN where that leaves fewer than ten samples a parameter, or the model was not found.
-        """
-        used = np.flatnonzero(np.isfinite(self.y))
-        if len(used) == 0:
-            return math.nan
-        rudder = self.u[used, 0]
-        energy = np.cumsum((rudder - rudder.mean()) ** 2)
-        first = int(np.searchsorted(energy, (1.0 - HELD_BACK_SHARE) * energy[-1]))
-        if first < LEAST_PER_PARAMETER * config.n_theta:
-            return math.nan
-        row = int(used[first])
-        model = fit_record(config, self.u[:row], self.y[:row])
-        if not model.theta.any():
-            return math.nan
-        u, y = self.u[row:], self.y[row:]
-        return fit_percent(y, simulate(model.theta, config.orders, config.bias, u, y))
+    def spread(self) -> Spread:
+        """Return what is known beside the answer; the structures are fitted as RML."""
+        first = self.methods[0]
+        orders, mean_output = self.estimators[first].config.orders, self.config.output == "yaw"
+        found = modes(self.last[first], orders, self.sample_time_s, mean_output=mean_output)
+        wn = float(found.dutch_roll[-1, 0])
+        if not wn > 0.0:
+            return NOTHING_KNOWN
+        own = self.estimators[first] if first == "rml" else None
+        return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own)
 
     def simulation_pct(self) -> float:
         """Return the free-running fit of the method that answers."""
@@ -163,11 +155,12 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
         if both.simulation_pct() > fits.simulation_pct() + WORTH_PCT:
             fits = both
     first, history = fits.methods[0], fits.history()
-    pct = {first: fits.held_back_pct(fits.estimator(first))}
+    pct = {first: held_back_pct(fits.estimator(first), fits.u, fits.y)}
+    spread = fits.spread()
     estimates, evidence = {}, {}
     for method in fits.methods:
         estimates[method], evidence[method] = described(
-            fits, method, history, pct.get(method, math.nan), np.full(2, np.nan)
+            fits, method, history, pct.get(method, math.nan), np.full(2, np.nan), spread
         )
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
@@ -176,12 +169,6 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
         fits, evidence, setting.rates_hz, setting.config.half_travel, alone, first_answers=True
     )
     config = fits.config
-    gain = _gain(estimates[first].physics)
-    structures: dict[tuple[int, ...], Structure] = {
-        config.orders: Structure(evidence[first].dutch_roll, gain, pct[first])
-    }
-    if not config.binds("orders") and verdict.usable:
-        structures[OTHER_ORDERS] = _told_by(OTHER_ORDERS, fits, setting)
     told = Manoeuvre(
         n=n,
         **asdict(found),
@@ -192,6 +179,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
         verdict=as_summary(verdict),
     )
     span_ns = int(samples.unix_ns[0]), int(samples.unix_ns[-1])
+    structures = _structures(fits, estimates[first], evidence[first], spread)
     return Answered(told, verdict, span_ns, structures)
 
 
@@ -266,25 +254,26 @@ def _may_have_aileron(samples: SampleBlock, fits: Fits) -> bool:
     )
 
 
-def _told_by(orders: tuple[int, int, int, int], fits: Fits, setting: Setting) -> Structure:
-    """Return the manoeuvre told by other orders, by the method that answers."""
-    config, method = replace(fits.config, orders=orders), fits.methods[0]
-    estimator = config.estimator(method, setting.sample_time_s)
-    model = fit_record(estimator, fits.u, fits.y)
-    mean_output = config.output == "yaw"
-    found = modes(model.last, estimator.orders, setting.sample_time_s, mean_output=mean_output)
-    physics = summary_of(
-        model.theta, model.covariance, estimator.orders, setting.sample_time_s,
-        mean_output=mean_output, servo_tau_s=config.servo_tau,
-    )  # fmt: skip
-    gain = physics.get("K", {"value": math.nan, "std": math.nan})
-    held_back_pct = fits.held_back_pct(estimator)
-    return Structure(found.dutch_roll[-1], (gain["value"], gain["std"]), held_back_pct)
+def _structures(
+    fits: Fits, found: MethodSummary, evidence: Evidence, spread: Spread
+) -> dict[tuple[int, ...], Structure]:
+    """Return the manoeuvre told by its own orders and, where those were not given, by the next."""
+    K = (found.physics or {}).get("K", Value())  # noqa: N806  the field's name
+    value, noise = (math.nan if x is None else x for x in (K.value, K.std_noise))
+    own = _structure(spread, evidence.dutch_roll, (value, noise), evidence.held_back_pct)
+    structures: dict[tuple[int, ...], Structure] = {fits.config.orders: own}
+    richer = spread.next
+    if richer is not None and not fits.config.binds("orders"):
+        gain_of = richer.values.get("K", math.nan), richer.sigmas.get("K", math.nan)
+        structures[richer.orders] = _structure(
+            spread, richer.dutch_roll, gain_of, richer.held_back_pct
+        )
+    return structures
 
 
-def _gain(physics: Mapping[str, Value] | None) -> tuple[float, float]:
-    """Return K and its sigma, NaN where eq. 23 does not hold."""
-    gain = (physics or {}).get("K")
-    if gain is None or gain.value is None or gain.std is None:
-        return math.nan, math.nan
-    return gain.value, gain.std
+def _structure(
+    spread: Spread, dutch_roll: Floats, gain: tuple[float, float], held_back: float
+) -> Structure:
+    wn = spread.structures_std("wn_rad_s", float(dutch_roll[0]))
+    zeta = spread.structures_std("zeta", float(dutch_roll[2]))
+    return Structure(dutch_roll, gain, held_back, (wn, zeta, spread.structures_std("K", gain[0])))

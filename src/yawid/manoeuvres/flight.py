@@ -2,7 +2,8 @@
 
 Over conditions wn = kappa V, zeta is constant and K is proportional to V (V the equivalent
 airspeed). Manoeuvres scatter more than one fit's sigma tells, so the flight's sigma is that of the
-next manoeuvre: sqrt(tau^2 + se^2), tau the scatter between them (DerSimonian and Laird 1986).
+next manoeuvre: sqrt(tau^2 + se^2), tau the scatter between them (DerSimonian and Laird 1986); and
+what the structure leaves out all of them have in common: that part does not shrink.
 """
 
 import math
@@ -35,22 +36,28 @@ BETTER_PCT = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """A mean over manoeuvres: its standard error, and tau, the scatter between them."""
+    """A mean over manoeuvres: its standard error, and tau, the scatter between them.
+
+    ``noise`` is the standard error that noise alone explains, ``beyond`` what all have in common.
+    """
 
     mean: float
     error: float
     tau: float
+    noise: float
+    beyond: float
 
     @property
     def std(self) -> float:
         """The sigma of what the next manoeuvre will say."""
-        return math.hypot(self.error, self.tau)
+        return math.sqrt(self.error**2 + self.tau**2 + self.beyond**2)
 
 
-def pooled(x: Floats, std: Floats, floor: float) -> Pooled:
-    """Return the random-effects mean of x (n,) with their own sigmas (n,), n >= 1.
+def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
+    """Return the random-effects mean of x (n,) with their own sigmas of noise (n,), n >= 1.
 
     ``floor`` is what tau is at least while n is below four; then it sinks, as 1/sqrt(n - 1).
+    ``beyond`` (n,) are the sigmas that noise does not explain: their root mean square is in common.
     """
     std = np.maximum(std, LEAST_STD * np.abs(x))
     weights = std**-2.0
@@ -62,7 +69,8 @@ def pooled(x: Floats, std: Floats, floor: float) -> Pooled:
     tau = max(math.sqrt(tau2), floor * min(1.0, math.sqrt((FEW - 1) / max(n - 1, 1))))
     weights = 1.0 / (std**2 + tau**2)
     mean = float(weights @ x / weights.sum())
-    return Pooled(mean, float(weights.sum() ** -0.5), tau)
+    common = float(np.sqrt(np.mean(beyond**2)))
+    return Pooled(mean, float(weights.sum() ** -0.5), tau, float(total**-0.5), common)
 
 
 def flight_of(
@@ -131,8 +139,10 @@ def _together(
     apart = [each for each, is_in in zip(alike, agree, strict=True) if not is_in]
     speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
     unit = speed if scaled and speed is not None else 1.0
-    wn = pooled(x[agree], std[agree], TAU_WN_SHARE * float(np.median(x[agree])))
-    zeta = pooled(rolls[agree, 2], rolls[agree, 3], TAU_ZETA)
+    beyond = np.array([each.beyond for each in told])
+    floor = TAU_WN_SHARE * float(np.median(x[agree]))
+    wn = pooled(x[agree], std[agree], floor, (beyond[:, 0] / by)[agree])
+    zeta = pooled(rolls[agree, 2], rolls[agree, 3], TAU_ZETA, beyond[agree, 1])
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
     reasons = [*of_the_log, *_warnings(used)]
     if apart:
@@ -149,9 +159,15 @@ def _together(
         altitude_m=float(np.median(heights)) if heights else None,
         date=used[0].found.date,
         loop=loop,
-        dutch_roll=DutchRoll.of((wn.mean * unit, wn.std * unit, zeta.mean, zeta.std), level),
-        kappa_rad_m=Value(wn.mean, wn.std) if scaled else None,
-        K_per_V=_gain(np.array([each.gain for each in told])[agree], by[agree]) if scaled else None,
+        dutch_roll=DutchRoll.of(
+            (wn.mean * unit, wn.std * unit, zeta.mean, zeta.std),
+            level,
+            (wn.noise * unit, zeta.noise),
+        ),
+        kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if scaled else None,
+        K_per_V=_gain(np.array([(*each.gain, each.beyond[2]) for each in told])[agree], by[agree])
+        if scaled
+        else None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
         disagree=[each.found.n for each in apart],
@@ -161,12 +177,9 @@ def _together(
 
 
 def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
-    """Yield what more than half of the manoeuvres used are warned of.
-
-    Of residuals that are not white no more is said: the flight's sigma is not that of one fit.
-    """
+    """Yield what more than half of the manoeuvres used are warned of."""
     said = [reason for each in used for reason in each.verdict.reasons]
-    counts = Counter(reason.id for reason in said if reason.id != "coloured_residuals")
+    counts = Counter(reason.id for reason in said)
     for reason in said:
         count = counts.pop(reason.id, 0)
         if 2 * count > len(used):
@@ -208,10 +221,13 @@ def _disagreement(
 
 
 def _gain(gains: Floats, speeds: Floats) -> Value | None:
-    """Return K / V of gains K with their sigmas (n, 2) at airspeeds (n,); None where unknown."""
+    """Return K / V of gains at airspeeds (n,); None where unknown.
+
+    ``gains`` (n, 3) are K, its sigma of noise, and the sigma that noise does not explain.
+    """
     known = np.isfinite(gains).all(axis=1) & (gains[:, 1] > 0.0)
     if not known.any():
         return None
-    x, std = (gains[known] / speeds[known, None]).T
-    found = pooled(x, std, TAU_WN_SHARE * abs(float(np.median(x))))
-    return Value(found.mean, found.std)
+    x, std, beyond = (gains[known] / speeds[known, None]).T
+    found = pooled(x, std, TAU_WN_SHARE * abs(float(np.median(x))), beyond)
+    return Value(found.mean, found.std, found.noise)

@@ -49,6 +49,8 @@ NAMES = (
     "servo_tau_s",
 )
 SERVO = NAMES.index("servo_tau_s")
+REDUCTION_ERROR = "reduction_error"
+"""A further number of the summary: how badly eq. 23 fits a model of more poles."""
 LARGEST_ERROR = 0.3
 """Relative misfit over 0.3 to 3 omega above which the model is no yaw channel of eq. 23."""
 _BAND = np.geomspace(0.3, 3.0, 15)
@@ -261,5 +263,5 @@ def summary_of(
         if np.isfinite(value) and np.isfinite(sigma)
     }
     if orders.na > 2:  # it has no sigma
-        found["reduction_error"] = {"value": float(error[0]), "std": 0.0}
+        found[REDUCTION_ERROR] = {"value": float(error[0]), "std": 0.0}
     return found

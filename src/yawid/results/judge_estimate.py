@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -32,7 +32,10 @@ flights have 73 to 95 %."""
 IN_GUSTS_PCT, IN_GUSTS_WN = 20.0, 0.05
 """... but for the simulated fit and the relative sigma of wn of a mode that the rudder clearly
 drives: strong gusts leave 20 to 40 % of fit to answers that are right to 5 %."""
-WHITE_P = 0.01
+WHITE_P, LEAST_COLOUR = 0.01, 0.1
+"""Residuals are coloured where chance cannot make them so, and by a size that could matter: any
+long record fails a test of whiteness."""
+WORTH_A_WORD = 0.01
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
 RATE_OF_BAND = 5.0
@@ -80,22 +83,49 @@ class Estimates(Protocol):
 class Evidence:
     """What one estimator leaves for judgement.
 
-    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std), NaN where there is none; ``early_response`` the
-    mean yaw rate over the first half period after a unit step of the rudder; ``simulation_pct`` how
-    much of the yaw rate the model tells from the inputs alone, ``held_back_pct`` the same of
-    samples that it had not seen; ``before`` is (wn, zeta) as they stood a third of the memory ago;
-    ``roll_p`` the p-value that the residuals know nothing of the roll. NaN is what is not known.
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise, NaN where there is none;
+    ``total_std`` the total sigmas of wn and zeta; ``next_moves`` how far the next richer structure
+    moves the two, ``rate_moves`` how far a low rate does; ``autocorrelation`` the residuals'
+    largest; ``spr_margin`` is above 0 where ELS is sure to be right (1/C - 1/2 is positive real);
+    ``early_response`` the mean yaw rate over the first half period after a unit step of the rudder;
+    ``simulation_pct`` how much of the yaw rate the model tells from the inputs alone,
+    ``held_back_pct`` the same of samples that it had not seen; ``before`` is (wn, zeta) as they
+    stood a third of the memory ago. NaN is what is not known.
     """
 
     status: int
     updates: int
     dutch_roll: Floats
+    total_std: Floats
+    next_moves: Floats
+    rate_moves: Floats
     whiteness_p: float
+    autocorrelation: float
+    spr_margin: float
     early_response: float
     simulation_pct: float
     held_back_pct: float
     before: Floats
-    roll_p: float
+
+    @property
+    def wn_share(self) -> float:
+        """The total sigma of wn as a share of it."""
+        return float(self.total_std[0] / self.dutch_roll[0])
+
+    def matters(self, moves: Floats) -> bool:
+        """Tell whether what moves wn and zeta so far (2,) is worth a word.
+
+        It is where either moves by more than its total sigma or by 1 %, and where nobody knows.
+        """
+        least = np.minimum(self.total_std, WORTH_A_WORD * np.array([self.dutch_roll[0], 1.0]))
+        return bool(np.any(moves > least) or np.isnan(moves).any())
+
+    def said(self, moves: Floats) -> str:
+        """Say how far something moves wn and zeta (2,)."""
+        if np.isnan(moves).any():
+            return "wn and zeta nobody knows how far"
+        share = 100.0 * float(moves[0] / self.dutch_roll[0])
+        return f"about {share:.1f} % of wn and {moves[1]:.3f} of zeta"
 
 
 def estimate_reasons(
@@ -125,7 +155,8 @@ def estimate_reasons(
 
 def _convergence(evidence: Evidence) -> Iterator[Reason]:
     """Judge whether there is a Dutch roll that is known and came to rest."""
-    wn, wn_std, zeta, zeta_std = (float(value) for value in evidence.dutch_roll)
+    wn, _, zeta, _ = evidence.dutch_roll.tolist()
+    wn_std, zeta_std = evidence.total_std.tolist()
     if not math.isfinite(wn):
         yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
     elif not (wn_std < UNCERTAIN_WN * wn and zeta_std < UNCERTAIN_ZETA):
@@ -141,7 +172,7 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
 def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
     """Judge what the model tells of the yaw rate from the inputs alone; absent is not failed."""
     simulated, held_back = evidence.simulation_pct, evidence.held_back_pct
-    wn, wn_std = float(evidence.dutch_roll[0]), float(evidence.dutch_roll[1])
+    wn, wn_std = float(evidence.dutch_roll[0]), float(evidence.total_std[0])
     if is_driven and simulated >= IN_GUSTS_PCT and wn_std < IN_GUSTS_WN * wn:
         return
     low, least = [], []
@@ -163,24 +194,26 @@ def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
 
 
 def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
-    """Judge what the model leaves over."""
-    if evidence.whiteness_p < WHITE_P:
+    """Judge what the model leaves over, by what a richer one makes of it."""
+    is_coloured = evidence.whiteness_p < WHITE_P and evidence.autocorrelation > LEAST_COLOUR
+    if is_coloured and evidence.matters(evidence.next_moves):
         yield Reason(
             "coloured_residuals",
-            f"the residuals are not white ({_p(evidence.whiteness_p)}): "
-            "the model leaves something out",
-        )
-    elif evidence.roll_p < WHITE_P:
-        yield Reason(
-            "coloured_residuals",
-            f"the residuals follow the roll ({_p(evidence.roll_p)}), which the model leaves "
-            "out: sigma may not cover what that does to wn and zeta",
+            f"the residuals are not white (autocorrelation {evidence.autocorrelation:.2f}): the "
+            f"model leaves something out; a richer one moves {evidence.said(evidence.next_moves)}",
         )
 
 
-def _p(value: float) -> str:
-    """Write a p-value; what a float cannot tell from 0 is below its least."""
-    return f"p = {value:.1e}" if value > 0.0 else "p < 1e-300"
+def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason]:
+    """Yield what is fatal, and of warnings those that matter, with how much."""
+    for reason in reasons:
+        is_rate = reason.id == "rate_low"
+        moves = evidence.rate_moves if is_rate else evidence.next_moves
+        what = "at a higher rate than this it moves" if is_rate else "a richer model moves"
+        if reason.exit_code:
+            yield reason
+        elif evidence.matters(moves):
+            yield replace(reason, text=f"{reason.text}; {what} {evidence.said(moves)}")
 
 
 def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:
@@ -218,25 +251,34 @@ def _still_moving(evidence: Evidence) -> Iterator[Reason]:
 
 
 def agreement_reasons(
-    evidence: Mapping[str, Evidence], refused: Mapping[str, list[Reason]]
+    evidence: Mapping[str, Evidence], refused: Mapping[str, list[Reason]], answers: str
 ) -> Iterator[Reason]:
-    """Compare the Dutch rolls of ELS and RML; ``refused`` has what makes a method unusable."""
+    """Compare the Dutch rolls of ELS and RML; ``refused`` has what makes a method unusable.
+
+    Where 1/C - 1/2 is not positive real ELS need not lead to the truth: beside an answer of RML it
+    tells of itself alone then, and so does an ELS that may not be used.
+    """
     if not {"els", "rml"} <= evidence.keys():
         return
-    if len(refused) == 1:
-        ((method, reasons),) = refused.items()
-        why = next(reason for reason in reasons if reason.exit_code)
-        text = f"{method.upper()} beside it cannot be used ({why.id}: {why.text})"
+    other = "els" if answers == "rml" else "rml"
+    is_doubtful = other in refused or not evidence[other].spr_margin > 0.0
+    if other == "els" and is_doubtful:
+        return
+    if other in refused:
+        why = next(reason for reason in refused[other] if reason.exit_code)
+        text = f"{other.upper()} beside it cannot be used ({why.id}: {why.text})"
         yield Reason("els_rml_disagree", text)
         return
-    els, rml = evidence["els"].dutch_roll, evidence["rml"].dutch_roll
+    own, els, rml = (evidence[name].dutch_roll for name in (answers, "els", "rml"))
     for name, i in (("wn", 0), ("zeta", 2)):
         difference = abs(float(els[i] - rml[i]))
         sigma = math.hypot(float(els[i + 1]), float(rml[i + 1]))
-        if difference > DISAGREE_SIGMAS * sigma and difference > DISAGREE_SHARE * abs(els[i]):
+        total = float(evidence[answers].total_std[i // 2])
+        if difference > max(DISAGREE_SIGMAS * sigma, DISAGREE_SHARE * abs(own[i]), total):
             yield Reason(
                 "els_rml_disagree",
-                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML: the noise model matters",
+                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML, ± {total:.2g} in all: the "
+                f"noise model matters, by {100.0 * difference / abs(own[i]):.0f} %",
             )
             return
 
@@ -289,7 +331,7 @@ def judge_methods(
         coherence[method] = found
         is_driven = excites and found is not None and found.squared > found.limit + CLEAR
         reasons[method] = [
-            *rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode),
+            *_by_effect(rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode), evidence[method]),
             *estimate_reasons(method, evidence[method], is_driven=is_driven),
             *coherence_reasons(wn, found),
         ]
@@ -315,17 +357,17 @@ def bank_verdict(
     sound = [method for method in bank.methods if method not in judged.refused]
     answers = bank.methods[0] if first_answers or not sound else sound[0]
     for method in [] if first_answers else sound[1:]:
-        if evidence[method].dutch_roll[1] < BETTER * evidence[answers].dutch_roll[1]:
+        if evidence[method].total_std[0] < BETTER * evidence[answers].total_std[0]:
             answers = method
     reasons = [
         *others,
         *excitation_reasons(judged.moved),
         *input_reasons(config.inputs, history.u, travel_unit),
-        *flight_reasons(history, config.turn),
-        *feedback_reasons(config.inputs, history),
+        *flight_reasons(history, config.turn, evidence[answers].wn_share),
+        *_by_effect(feedback_reasons(config.inputs, history), evidence[answers]),
         *damper_reasons(judged.reacts, evidence[answers].early_response),
         *judged.reasons[answers],
     ]
     if not (first_answers and answers in judged.refused):
-        reasons += agreement_reasons(evidence, judged.refused)
+        reasons += agreement_reasons(evidence, judged.refused, answers)
     return Verdict.of(reasons, answers)

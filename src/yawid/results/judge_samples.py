@@ -136,8 +136,11 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Ite
             )
 
 
-def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
-    """Judge the flying: turns that hide the rudder, another airspeed."""
+def flight_reasons(history: History, turn: str, wn_share: float = math.nan) -> Iterator[Reason]:
+    """Judge the flying: turns that hide the rudder, another airspeed.
+
+    ``wn_share`` is the total sigma of wn as a share of it: a change within that needs no word.
+    """
     y, u = history.y, history.u[:, 0]
     rows = np.isfinite(y) & np.isfinite(u)
     r = turn_correlation(np.where(rows, y, np.nan), history.turn)
@@ -151,10 +154,13 @@ def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
     speed = history.airspeed[rows & np.isfinite(history.airspeed)]
     if len(speed) > 1:
         low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
-        if high - low > 2.0 * AIRSPEED_SHARE * middle:
+        share = (high - low) / (2.0 * middle)
+        # Written so that a sigma which is NaN says nothing.
+        if share > AIRSPEED_SHARE and not share <= wn_share:
             yield Reason(
                 "airspeed_changed",
-                f"the airspeed went from {low:.1f} to {high:.1f} m/s: wn and the gain go with it",
+                f"the airspeed went from {low:.1f} to {high:.1f} m/s: wn and the gain go with it, "
+                f"by ± {100.0 * share:.0f} %",
             )
 
 

@@ -130,12 +130,21 @@ class DutchRoll(Part, frozen=True, kw_only=True):
     level: Count | None = None
 
     @staticmethod
-    def of(row: Sequence[float], level: int | None = None) -> "DutchRoll | None":
-        """Return it of wn, its sigma, zeta and its sigma, None where wn or zeta is unknown: NaN."""
-        wn, wn_std, zeta, zeta_std = (float(x) if math.isfinite(x) else None for x in row)
+    def of(
+        row: Sequence[float], level: int | None = None, noise: Sequence[float] = (math.nan,) * 2
+    ) -> "DutchRoll | None":
+        """Return it of wn, its sigma, zeta and its sigma, None where wn or zeta is unknown: NaN.
+
+        ``noise`` are the two sigmas that noise explains.
+        """
+        numbers = (float(x) if math.isfinite(x) else None for x in (*row, *noise))
+        wn, wn_std, zeta, zeta_std, wn_noise, zeta_noise = numbers
         if wn is None or zeta is None or not wn > 0.0:
             return None
-        return DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=zeta, zeta_std=zeta_std, level=level)
+        return DutchRoll(
+            wn_rad_s=wn, wn_std=wn_std, wn_std_noise=wn_noise,
+            zeta=zeta, zeta_std=zeta_std, zeta_std_noise=zeta_noise, level=level,
+        )  # fmt: skip
 
 
 class Value(Part, frozen=True):

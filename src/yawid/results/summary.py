@@ -21,7 +21,8 @@ from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, History, PastModels
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
-from yawid.physics.derivatives import summary_of
+from yawid.estimation.whiteness import largest_autocorrelation
+from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
 from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
@@ -29,7 +30,6 @@ from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
 from yawid.results.judge_samples import changed_rates
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.roll_test import roll_p
 from yawid.results.run_summary import (
     BootSpan,
     ChannelFound,
@@ -46,6 +46,13 @@ from yawid.results.run_summary import (
     Value,
     VehicleSeen,
     VerdictSummary,
+)
+from yawid.results.structures import (
+    NEWEST,
+    NOTHING_KNOWN,
+    SPREAD_MEMORIES,
+    Spread,
+    spread_of,
 )
 from yawid.sources.mavlink.link_stats import LinkStats
 
@@ -87,8 +94,7 @@ def summarise(
     evidence: dict[str, Evidence] = {}
     has_estimates = bank is not None and bool(channels.surfaces)
     if bank is not None and channels.surfaces:
-        for method in bank.methods:
-            estimates[method], evidence[method] = method_summary(bank, method)
+        estimates, evidence = bank_summaries(bank)
     verdict = _verdict(pipeline, link, evidence)
     flight = pipeline.flight([r for r in verdict.reasons if r.kind.origin in ("run", "log")])
     summary = RunSummary(
@@ -244,35 +250,50 @@ def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[tuple[
         yield "channel_stand_in", f"{surface.source} is the pilot's stick, not the {name} itself"
 
 
-def method_summary(bank: Bank, method: str) -> tuple[MethodSummary, Evidence]:
-    """Return the summary of one method of a stream, and what the verdict needs of it."""
+def bank_summaries(bank: Bank) -> tuple[dict[str, MethodSummary], dict[str, Evidence]]:
+    """Return by method the summary of a stream, and what the verdict needs of it."""
     history = bank.history()
-    earlier = _shortly_before(bank, history)
-    before = np.full(2, np.nan)
-    if earlier is not None:
-        before = dutch_roll_of(
-            earlier.theta[method],
-            bank.estimators[method].config.orders,
-            bank.sample_time_s,
-            mean_output=bank.config.output == "yaw",
+    earlier, spread = _shortly_before(bank, history), stream_spread(bank, history)
+    summaries, evidence = {}, {}
+    for method in bank.methods:
+        before = np.full(2, np.nan)
+        if earlier is not None:
+            before = dutch_roll_of(
+                earlier.theta[method],
+                bank.estimators[method].config.orders,
+                bank.sample_time_s,
+                mean_output=bank.config.output == "yaw",
+            )
+        held_back_pct = _held_back_pct(bank, method, history)
+        summaries[method], evidence[method] = described(
+            bank, method, history, held_back_pct, before, spread
         )
-    return described(bank, method, history, _held_back_pct(bank, method, history), before)
+    return summaries, evidence
 
 
 def described(
-    bank: Estimates, method: str, history: History, held_back_pct: float, before: Floats
+    bank: Estimates,
+    method: str,
+    history: History,
+    held_back_pct: float,
+    before: Floats,
+    spread: Spread,
 ) -> tuple[MethodSummary, Evidence]:
     """Return the summary of one method, and what the verdict needs of it.
 
     ``held_back_pct`` is the fit of samples that the model had not seen, ``before`` (wn, zeta) as
-    they stood some time ago; NaN where unknown.
+    they stood some time ago, NaN where unknown; ``spread`` what noise does not explain.
     """
     estimator, last = bank.estimators[method], bank.last[method]
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
     mean_output = bank.config.output == "yaw"
     found = modes(last, orders, sample_time_s, mean_output=mean_output)
-    wn, zeta = (float(value) for value in found.dutch_roll[-1, ::2])
+    noise = found.dutch_roll[-1]
+    wn, wn_noise, zeta, zeta_noise = noise.tolist()
     theta = last.theta[-1]
+    total = np.array(
+        [spread.total("wn_rad_s", wn, wn_noise), spread.total("zeta", zeta, zeta_noise)]
+    )
     physics = summary_of(
         theta, estimator.covariance, orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
@@ -289,23 +310,58 @@ def described(
         theta=finite(dict(zip(names, theta, strict=True))),
         theta_std=finite(dict(zip(names, last.theta_std[-1], strict=True))),
         modes=[Mode(**each) for each in mode_list(found)],
-        dutch_roll=DutchRoll.of(found.dutch_roll[-1], dutch_roll_level(wn, zeta)),
-        physics={name: Value(**each) for name, each in physics.items()} or None,
+        dutch_roll=DutchRoll.of(
+            (wn, total[0], zeta, total[1]), dutch_roll_level(wn, zeta), (wn_noise, zeta_noise)
+        ),
+        physics={name: _value(name, each, spread) for name, each in physics.items()} or None,
         fit=Fit(**finite(fit)),
     )
     evidence = Evidence(
-        int(last.status[-1]),
-        estimator.updates,
-        found.dutch_roll[-1],
-        estimator.whiteness_p,
-        early_response(theta, orders, sample_time_s, wn),
-        fit["simulation_pct"],
-        fit["simulation_held_back_pct"],
-        before,
-        # With a band the roll is another signal: it has not passed the filter.
-        math.nan if bank.config.band is not None else roll_p(theta, estimator.config, history),
+        status=int(last.status[-1]),
+        updates=estimator.updates,
+        dutch_roll=noise,
+        total_std=total,
+        next_moves=spread.next_moves(wn, zeta),
+        rate_moves=spread.rate_moves(wn, zeta),
+        whiteness_p=estimator.whiteness_p,
+        autocorrelation=largest_autocorrelation((history.y - history.y_hat[method])[-NEWEST:]),
+        spr_margin=fit["spr_margin"],
+        early_response=early_response(theta, orders, sample_time_s, wn),
+        simulation_pct=fit["simulation_pct"],
+        held_back_pct=held_back_pct,
+        before=before,
     )
     return described, evidence
+
+
+def _value(name: str, each: dict[str, float], spread: Spread) -> Value:
+    """Return a number of eq. 22-23 with both its sigmas; the reduction's error has none."""
+    if name == REDUCTION_ERROR:
+        return Value(**each)
+    total = spread.total(name, each["value"], each["std"])
+    return Value(value=each["value"], std=total, std_noise=each["std"])
+
+
+def stream_spread(bank: Bank, history: History) -> Spread:
+    """Return what is known beside the stream's answers: of its newest two memories of samples.
+
+    The fit of all of them by the estimators' own orders is one of the structures: a recursion may
+    not have arrived where its samples lead.
+    """
+    wn = next((w for w in (_wn(bank, method) for method in bank.methods) if w > 0.0), math.nan)
+    if not math.isfinite(wn):
+        return NOTHING_KNOWN
+    forgotten = 1.0 - bank.config.forgetting_factor(bank.sample_time_s)
+    rows = min(NEWEST, math.ceil(SPREAD_MEMORIES / forgotten) if forgotten > 0.0 else NEWEST)
+    u, y = history.u[-rows:], history.y[-rows:]
+    return spread_of(bank.config, bank.sample_time_s, u, y, wn)
+
+
+def _wn(bank: Bank, method: str) -> float:
+    """Return the Dutch roll's wn in rad/s as it stands, NaN where there is none."""
+    orders, mean_output = bank.estimators[method].config.orders, bank.config.output == "yaw"
+    theta = bank.last[method].theta[-1]
+    return float(dutch_roll_of(theta, orders, bank.sample_time_s, mean_output=mean_output)[0])
 
 
 def _fit(bank: Estimates, method: str, history: History) -> dict[str, float]:

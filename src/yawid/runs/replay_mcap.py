@@ -22,7 +22,7 @@ from yawid.pipeline import Pipeline
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.run_summary import MethodSummary, RunSummary
-from yawid.results.summary import as_summary, method_summary
+from yawid.results.summary import as_summary, bank_summaries
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import to_files
@@ -154,9 +154,7 @@ def _conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSumm
     reasons = [Reason(r.id, r.text) for r in said]
     of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
     if bank is not None:
-        estimates = {}
-        for method in bank.methods:
-            estimates[method], evidence[method] = method_summary(bank, method)
+        estimates, evidence = bank_summaries(bank)
         rates_hz, unit = run.rates_hz(config.inputs[0]), config.half_travel
         assert rates_hz is not None  # there was a grid to make a bank for
         verdict = bank_verdict(bank, evidence, rates_hz, unit, of_the_log)

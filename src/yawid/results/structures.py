@@ -1,0 +1,216 @@
+"""The part of sigma that noise does not explain: what other structures say of the same samples.
+
+Sigma of a fit tells how far noise moves it, if the structure is right. It never is: the roll and
+its loop, the rudder's servo and the air are left out, and each structure bends to them in its own
+way. So a few others are fitted to the same samples, two of them on the same grid and three on a
+coarser one, of twelve samples a period: a fine grid weighs fast misfit, a coarse one slow misfit,
+and measured over JSBSim's aircraft the two differ about as much as either is wrong. Each counts by
+how well it tells what was held back. The model average's variance (Buckland and others 1997) is
+that of noise and the weighted square of the distances from the answer.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, Floats
+from yawid.config.estimator import EstimatorConfig
+from yawid.config.run import RunConfig
+from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
+from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
+from yawid.physics.modes import modes
+
+NEXT = (4, 4, 3)
+"""The structure (na, nb, nc) that a richer one is asked of, on the same grid."""
+FINE, COARSE = ((2, 2, 2), NEXT), ((3, 3, 2), (4, 4, 3), (5, 5, 4))
+COARSE_ALREADY = (*FINE, (5, 5, 4))
+COARSE_PER_PERIOD = 12
+ALIKE = 2.0
+"""A structure whose wn differs by more than this factor found another mode."""
+WEIGHT_PCT = 3.0
+"""Points of the held-back fit that cost a structure all but 1/e of its weight."""
+LEAST = {"wn_rad_s": 0.005, "omega_beta": 0.005, "zeta": 0.005, "xi_beta": 0.005}
+"""What is left where all structures agree: of wn in proportion, of zeta as it stands."""
+SPREAD_MEMORIES, NEWEST = 2.0, 2**13
+"""Of a stream the newest two memories are looked at, 7 minutes at 20 Hz at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one structure says, on a grid ``every`` samples wide.
+
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise; ``values`` and ``sigmas``
+    are those of eq. 22-23 by name, and of ``wn_rad_s`` and ``zeta``.
+    """
+
+    orders: tuple[int, int, int, int]
+    every: int
+    dutch_roll: Floats
+    values: Mapping[str, float]
+    sigmas: Mapping[str, float]
+    held_back_pct: float
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """What is known beside the answer: other structures, and how much the record's parts scatter.
+
+    ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``half`` is the
+    own structure at half the rate, where the rate is low.
+    """
+
+    told: tuple[Told, ...]
+    scatter: Mapping[str, float]
+    half: Told | None = None
+
+    @property
+    def weights(self) -> Floats:
+        """The structures' weights (n,), 1 for the best; what held nothing back counts fully."""
+        pct = np.array([each.held_back_pct for each in self.told])
+        best = np.nanmax(pct, initial=-np.inf)
+        weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
+        return weights
+
+    @property
+    def next(self) -> Told | None:
+        """The next richer structure on the same grid, where there is one."""
+        return next((e for e in self.told if e.orders[:3] == NEXT and e.every == 1), None)
+
+    def next_moves(self, wn: float, zeta: float) -> Floats:
+        """Return how far the next richer structure moves wn and zeta (2,); NaN for none."""
+        return _apart(self.next, wn, zeta)
+
+    def rate_moves(self, wn: float, zeta: float) -> Floats:
+        """Return how far about the rate moves wn in rad/s and zeta (2,); NaN where unknown.
+
+        An error that goes with the square of the interval is a third of what half the rate adds.
+        """
+        return _apart(self.half, wn, zeta) / 3.0
+
+    def structures_std(self, name: str, value: float) -> float:
+        """Return how far the structures are from this value, as a sigma; at least the least one."""
+        pairs = zip(self.weights.tolist(), self.told, strict=True)
+        known = [(w, each.values[name]) for w, each in pairs if name in each.values]
+        total = sum(w for w, _ in known)
+        squares = sum(w * (x - value) ** 2 for w, x in known)
+        apart = math.sqrt(squares / total) if total > 0.0 else 0.0
+        share = abs(value) if name in ("wn_rad_s", "omega_beta") else 1.0
+        return math.hypot(apart, LEAST.get(name, 0.0) * share)
+
+    def total(self, name: str, value: float, noise: float) -> float:
+        """Return the total sigma of a value whose sigma of noise is known; NaN stays NaN."""
+        scatter = self.scatter.get(name, 0.0)
+        own = max(noise, scatter) if math.isfinite(scatter) else noise
+        return math.hypot(own, self.structures_std(name, value))
+
+
+def _apart(told: Told | None, wn: float, zeta: float) -> Floats:
+    if told is None:
+        return np.full(2, np.nan)
+    return np.asarray(np.abs(told.dutch_roll[[0, 2]] - (wn, zeta)))
+
+
+def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorConfig:
+    """Return RML of the configuration's orders, every sample counting alike."""
+    return replace(config, memory=None, forgetting=1.0).estimator("rml", sample_time_s)
+
+
+def _told(
+    config: RunConfig, sample_time_s: float, model: FittedModel, u: Floats, y: Floats, every: int
+) -> Told | None:
+    """Return what a fit of the configuration's orders to u (n, inputs) and y (n,) says.
+
+    None where it found no Dutch roll.
+    """
+    dutch_roll, values, sigmas = _said(config, sample_time_s, model, model.covariance)
+    if not np.isfinite(dutch_roll[0]):
+        return None
+    pct = held_back_pct(model.config, u, y)
+    return Told(config.orders, every, dutch_roll, values, sigmas, pct)
+
+
+def _said(
+    config: RunConfig, sample_time_s: float, model: FittedModel, covariance: Floats
+) -> tuple[Floats, dict[str, float], dict[str, float]]:
+    """Return the Dutch roll (4,), all values and all sigmas by name, with this covariance."""
+    row: EstimateBlock = model.row(covariance)
+    mean_output, orders = config.output == "yaw", model.config.orders
+    dutch_roll = modes(row, orders, sample_time_s, mean_output=mean_output).dutch_roll[-1]
+    physics = summary_of(
+        model.theta, covariance, orders, sample_time_s,
+        mean_output=mean_output, servo_tau_s=config.servo_tau,
+    )  # fmt: skip
+    physics.pop(REDUCTION_ERROR, None)
+    wn, wn_std, zeta, zeta_std = dutch_roll.tolist()
+    values = {name: each["value"] for name, each in physics.items()}
+    sigmas = {name: each["std"] for name, each in physics.items()}
+    values |= {"wn_rad_s": wn, "zeta": zeta}
+    return dutch_roll, values, sigmas | {"wn_rad_s": wn_std, "zeta": zeta_std}
+
+
+NOTHING_KNOWN = Spread((), {})
+
+
+def spread_of(
+    config: RunConfig,
+    sample_time_s: float,
+    u: Floats,
+    y: Floats,
+    wn: float,
+    own: FittedModel | None = None,
+) -> Spread:
+    """Return what is known of the samples u (n, inputs) and y (n,) beside an answer of wn rad/s.
+
+    ``own`` is the fit of the configuration's own orders over them, if that is the answer: where it
+    is not, it is one more structure. The others have the same nk.
+    """
+    tell = partial(_others, config, sample_time_s, u, y)
+    every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
+    is_fine = every > 1
+    told = [*tell(FINE, 1), *tell(COARSE, every)] if is_fine else tell(COARSE_ALREADY, 1)
+    half = [] if is_fine else tell([config.orders[:3]], 2)
+    if own is None:
+        own = fit_record(_forgetting_nothing(config, sample_time_s), u, y)
+        told += [each for each in [_told(config, sample_time_s, own, u, y, 1)] if each is not None]
+    _, _, scatter = _said(config, sample_time_s, own, own.scatter)
+    alike = tuple(each for each in told if 1.0 / ALIKE < each.dutch_roll[0] / wn < ALIKE)
+    return Spread(alike, scatter, half[0] if half else None)
+
+
+def _others(
+    config: RunConfig,
+    sample_time_s: float,
+    u: Floats,
+    y: Floats,
+    structures: Iterable[tuple[int, int, int]],
+    every: int,
+) -> list[Told]:
+    """Return what these structures say, on a grid that is so many times as wide; not the own."""
+    nk = (config.orders[3] - 1) // every + 1
+    if every > 1:
+        u, y = coarser(u, y, every, mean_output=config.output == "yaw")
+    sample_time_s *= every
+    found = []
+    for each in structures:
+        other = replace(config, orders=(*each, nk))
+        if every > 1 or other.orders != config.orders:
+            model = fit_record(_forgetting_nothing(other, sample_time_s), u, y)
+            found.append(_told(other, sample_time_s, model, u, y, every))
+    return [each for each in found if each is not None]
+
+
+def coarser(u: Floats, y: Floats, every: int, *, mean_output: bool) -> tuple[Floats, Floats]:
+    """Return the channels of a grid ``every`` times as wide: u (m, inputs) and y (m,).
+
+    u(k) is the mean over the interval that follows t_k, y(k) stands at t_k, or is the mean over the
+    interval before (``mean_output``). A held sample holds the whole interval.
+    """
+    m = len(y) // every
+    u = u[: m * every].reshape(m, every, u.shape[1]).mean(axis=1)
+    if not mean_output:
+        return u, y[: m * every : every]
+    before = np.concatenate([np.full(every - 1, np.nan), y])[: m * every]
+    return u, before.reshape(m, every).mean(axis=1)

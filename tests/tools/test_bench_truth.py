@@ -1,0 +1,165 @@
+"""The bench of the truth: what it counts of an estimate, and when a criterion is not met."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import bench_truth as bench
+import pytest
+import truth_rows
+from places import ROOT
+
+from yawid.results.run_summary import (
+    DutchRoll,
+    Fit,
+    Flight,
+    LinkCounts,
+    Manoeuvre,
+    MethodSummary,
+    Orders,
+    ReasonSummary,
+    RunSummary,
+    VerdictSummary,
+)
+
+ORDERS = Orders(3, 3, 2, 1)
+CONDITIONS: dict[str, Any] = {
+    "aircraft": "c172p", "severity": 0, "gyro": "clean", "rate_hz": 25, "manoeuvre": "3211",
+}  # fmt: skip
+
+
+def verdict(*reasons: str, weight: str = "warning") -> VerdictSummary:
+    told = [ReasonSummary(each, weight, "") for each in reasons]
+    usable = not told or weight == "warning"
+    return VerdictSummary(method="rml", usable=usable, reasons=told)
+
+
+def found(n: int, airspeed: float, wn: float, of: VerdictSummary) -> Manoeuvre:
+    """A manoeuvre whose RML has a total sigma of .05, .03 of noise; ELS found no Dutch roll."""
+    roll = DutchRoll(
+        wn_rad_s=wn, wn_std=0.05, wn_std_noise=0.03, zeta=0.2, zeta_std=0.04, zeta_std_noise=0.01
+    )
+    rml, els = (
+        MethodSummary(
+            method=method, orders=ORDERS, sample_time_s=0.05, updates=800, held=0, theta={},
+            theta_std={}, dutch_roll=mode, fit=Fit(),
+        )
+        for method, mode in (("rml", roll), ("els", None))
+    )  # fmt: skip
+    return Manoeuvre(
+        n=n, from_s=100.0 * n, to_s=100.0 * n + 40.0, duration_s=40.0, date="", loop="unknown",
+        airspeed_m_s=airspeed, inputs=["rudder"], orders=ORDERS, turn_removed=False,
+        estimates={"rml": rml, "els": els}, verdict=of,
+    )  # fmt: skip
+
+
+def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[truth_rows.Row]:
+    """The rows of a flight: wn is 2.0 at 40 m/s and 2.5 at 50, zeta .2, each with its sigma."""
+    truth = {
+        "manoeuvres": [
+            {"from_s": 100.0 * n, "to_s": 100.0 * n + 40.0, "dutch_roll": mode}
+            for n, wn in ((1, 2.0), (2, 2.5))
+            for mode in [{"wn_rad_s": wn, "wn_std": 0.04, "zeta": 0.2, "zeta_std": 0.03}]
+        ]
+    }
+    summary = RunSummary(
+        log="", duration_s=300.0, link=LinkCounts(), channels={}, verdict=verdict(),
+        manoeuvres=list(manoeuvres), flight=flight,
+    )  # fmt: skip
+    rows = truth_rows.compared(summary, truth, None)
+    return [{"number": number} | CONDITIONS | row for row in rows]
+
+
+def answered(wn: float, wn_std: float, *warnings: str) -> Flight:
+    roll = DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=0.2, zeta_std=0.04)
+    return Flight(
+        airspeed_m_s=45.0, dutch_roll=roll, used=[1, 2], disagree=[], verdict=verdict(*warnings)
+    )
+
+
+def refused() -> Flight:
+    return Flight(used=[], disagree=[], verdict=verdict("poor_fit", weight="fatal"))
+
+
+def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
+    pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
+
+    rml, els, _, _, flight = rows_of(0, answered(2.295, 0.03), *pair)
+
+    assert rml["wn_error_pct"] == pytest.approx(6.4)
+    assert rml["wn_z"] == pytest.approx(0.128 / 0.0640312, rel=1e-5)  # .05 and the truth's .04
+    assert rml["wn_z_noise"] == pytest.approx(0.128 / 0.05)  # .03 and .04
+    assert els["wn"] is els["wn_z"] is None
+    assert flight["wn_true"] == pytest.approx(2.25)  # at 45 m/s, as 2.0 at 40 and 2.5 at 50 say
+    assert flight["wn_true_sigma"] == pytest.approx(0.0407, abs=0.001)
+    assert flight["wn_error_pct"] == pytest.approx(2.0)
+
+
+def test_the_figures_of_two_rows_are_those_by_hand() -> None:
+    pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
+    unfit = found(1, 40.0, 2.128, verdict("poor_fit", weight="fatal"))
+    rows = rows_of(0, answered(2.295, 0.03), *pair) + rows_of(1, refused(), unfit)
+
+    line = bench.condition_line("two", rows)
+    met = {what: is_met for what, _, _, is_met in bench.criteria(rows)}
+
+    assert line == "| two | 2 | 50 | 3.20 / - | 2.17 / - | 1.41 / - | 0.00 / - | 100 100 / - - |"
+    assert not met["answered, calm"]
+    assert not met["RML, RMS z of wn"]  # 1.4135
+    assert not met["ELS, RMS z of wn"]  # nothing was measured
+    assert met["RML, wn within 2 sigma"]
+    assert not met["RML, median sigma of wn, calm"]
+
+
+def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() -> None:
+    wrong = found(1, 40.0, 2.6, verdict())
+    silent = rows_of(0, answered(2.6, 0.03), wrong)
+    told = rows_of(1, answered(2.6, 0.03, "poor_fit"), wrong)
+    gone = rows_of(2, refused(), wrong)
+    right = rows_of(3, answered(2.26, 0.03), found(1, 40.0, 2.0, verdict("coloured_residuals")))
+    right_and_told = rows_of(4, answered(2.26, 0.03, "rate_low"), found(1, 40.0, 2.0, verdict()))
+
+    said = list(bench.warning_criteria([*silent, *told, *gone, *right, *right_and_told]))
+
+    assert [(measured, met) for _, _, measured, met in said] == [
+        ("50 % (1 of 2)", False),
+        ("67 % (2 of 3)", False),
+        ("50 % (1 of 2)", True),  # by manoeuvres: told, not held to
+        ("0 % (0 of 3)", True),
+    ]
+    assert [met for *_, met in bench.warning_criteria([*told, *gone, *right])][:2] == [True, True]
+
+
+def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
+    rows = truth_rows.flight_rows(tmp_path, 161, 2)
+    stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
+    again = truth_rows.flight_rows(tmp_path, 161, 2)
+    bench.write(tmp_path / "rows.csv", rows)
+
+    assert {row["kind"] for row in rows} == {"rml", "els", "flight", "stream rml", "stream els"}
+    assert again == rows
+    assert (tmp_path / "002.tlog").stat().st_mtime_ns == stamp
+    flight = next(row for row in rows if row["kind"] == "flight")
+    assert flight["usable"]
+    assert abs(flight["wn_error_pct"]) < 5.0
+    assert 0.0 < flight["wn_true_sigma"] < 0.02 * flight["wn_true"]
+    with (tmp_path / "rows.csv").open() as file:
+        assert [float(row["wn_true"]) for row in csv.DictReader(file)] == pytest.approx(
+            [row["wn_true"] for row in rows], rel=1e-5
+        )
+    with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
+        truth_rows.flight_rows(tmp_path, 162, 2)
+
+
+def test_a_record_has_its_truth_and_one_that_cannot_be_read_its_error(tmp_path: Path) -> None:
+    (tmp_path / "empty.tlog").touch()
+
+    *_, flight = truth_rows.record_rows(ROOT / "replay_logs" / "c172p_3211" / "log.tlog")
+    (broken,) = truth_rows.record_rows(tmp_path / "empty.tlog")
+    lines = list(bench.record_lines([flight, broken]))
+
+    assert lines[2].startswith("| c172p_3211 (replay_logs) | 2.4")
+    assert abs(flight["wn_error_pct"]) < 3.0
+    assert lines[3] == "| empty (records) | unknown |  |  |  | refused: SourceError |"
