@@ -100,11 +100,18 @@ class Spread:
         share = abs(value) if name in ("wn_rad_s", "omega_beta") else 1.0
         return math.hypot(apart, LEAST.get(name, 0.0) * share)
 
-    def total(self, name: str, value: float, noise: float) -> float:
-        """Return the total sigma of a value whose sigma of noise is known; NaN stays NaN."""
+    def total(self, method: str, name: str, value: float, noise: float) -> float:
+        """Return the total sigma of a value whose sigma of noise is known; NaN stays NaN.
+
+        The structures are fitted as RML. How far they are from what ELS says has ELS's noise in it,
+        which must not count twice.
+        """
         scatter = self.scatter.get(name, 0.0)
         own = max(noise, scatter) if math.isfinite(scatter) else noise
-        return math.hypot(own, self.structures_std(name, value))
+        apart = self.structures_std(name, value)
+        if method == "els":
+            return max(own, apart) if math.isfinite(own) else own
+        return math.hypot(own, apart)
 
 
 def _apart(told: Told | None, wn: float, zeta: float) -> Floats:

@@ -291,9 +291,8 @@ def described(
     noise = found.dutch_roll[-1]
     wn, wn_noise, zeta, zeta_noise = noise.tolist()
     theta = last.theta[-1]
-    total = np.array(
-        [spread.total("wn_rad_s", wn, wn_noise), spread.total("zeta", zeta, zeta_noise)]
-    )
+    known = (("wn_rad_s", wn, wn_noise), ("zeta", zeta, zeta_noise))
+    total = np.array([spread.total(method, *each) for each in known])
     physics = summary_of(
         theta, estimator.covariance, orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
@@ -313,7 +312,7 @@ def described(
         dutch_roll=DutchRoll.of(
             (wn, total[0], zeta, total[1]), dutch_roll_level(wn, zeta), (wn_noise, zeta_noise)
         ),
-        physics={name: _value(name, each, spread) for name, each in physics.items()} or None,
+        physics={n: _value(method, n, each, spread) for n, each in physics.items()} or None,
         fit=Fit(**finite(fit)),
     )
     evidence = Evidence(
@@ -334,11 +333,11 @@ def described(
     return described, evidence
 
 
-def _value(name: str, each: dict[str, float], spread: Spread) -> Value:
+def _value(method: str, name: str, each: dict[str, float], spread: Spread) -> Value:
     """Return a number of eq. 22-23 with both its sigmas; the reduction's error has none."""
     if name == REDUCTION_ERROR:
         return Value(**each)
-    total = spread.total(name, each["value"], each["std"])
+    total = spread.total(method, name, each["value"], each["std"])
     return Value(value=each["value"], std=total, std_noise=each["std"])
 
 
