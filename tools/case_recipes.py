@@ -14,7 +14,7 @@ import fly_jsbsim
 import numpy as np
 from case_changes import no_rudder, px4_controls, px4_outputs, two_vehicles, vtail, with_gaps
 from jsbsim_flight import Flight, FlightPlan, excitation
-from jsbsim_truth import truth
+from jsbsim_truth import after_lead_in, linear_dutch_rolls, truth
 from log_surgery import Record, after, join, littered, rewrite, split
 from telemetry import Link, telemetry
 from trim_tlog import ESSENTIAL, trim
@@ -129,9 +129,14 @@ def with_aileron(scratch: Path, flights: Path) -> Made:
     """
     plan = FlightPlan(seconds=100.0, roll_gain=0.3, roll_rate_gain=0.0)
     link = Link(attitude_hz=25.0, servo_hz=25.0, seed=11)
-    log = join(telemetry(plan, link, StirredFlight(plan, 0.12, 12)))
-    found = truth(plan)
-    return Made(log, found | {"dutch_roll": found["dutch_roll_open_loop"], "seed": link.seed})
+    flight = StirredFlight(plan, 0.12, 12)
+    log = join(telemetry(plan, link, flight))
+    found = truth(plan, after_lead_in(flight.flown))
+    bare = {
+        "dutch_roll": found["dutch_roll_open_loop"],
+        "dutch_roll_at_trim": linear_dutch_rolls(plan)["dutch_roll_open_loop"],
+    }
+    return Made(log, found | bare | {"seed": link.seed})
 
 
 FLY = "--manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from case_recipes import Made
 from jsbsim_flight import LEAD_IN_S, STEP_S, Flight, FlightPlan, excitation
-from jsbsim_truth import linear_dutch_rolls
+from jsbsim_truth import after_lead_in, flown_dutch_rolls, linear_dutch_rolls
 from log_surgery import join
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -22,7 +22,6 @@ MILSPEC = 3
 """JSBSim's atmosphere/turb-type of MIL-F-8785C."""
 PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
 """Elevator units per rad and rad/s that keep the nose where it was trimmed, and so the airspeed."""
-NOTED_MS = 250
 SEED = 13
 """Of all that is drawn by chance: a log's generator is that of (SEED, kind, number)."""
 
@@ -64,10 +63,7 @@ class Hands:
 
 
 class FreeFlight(Flight):
-    """A flight in turbulence of a MIL-F-8785C severity (0: calm), its pitch held, hands on it.
-
-    ``flown`` collects (calibrated airspeed in kt, altitude in ft) four times a second.
-    """
+    """A flight in turbulence of a MIL-F-8785C severity (0: calm), its pitch held, hands on it."""
 
     def __init__(self, plan: FlightPlan, hands: Hands, severity: int = 0, seed: int = 1) -> None:
         n = count(plan.seconds)
@@ -77,7 +73,6 @@ class FreeFlight(Flight):
         self._moves = [_listed(column) for column in (hands.aileron, hands.bank)]
         fdm = self._fdm
         self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
-        self.flown: list[tuple[float, float]] = []
         if severity:
             fdm["atmosphere/randomseed"] = seed
             fdm["atmosphere/turb-type"] = MILSPEC
@@ -105,8 +100,6 @@ class FreeFlight(Flight):
         damping = PITCH_RATE_GAIN * fdm["velocities/q-rad_sec"]
         fdm["fcs/elevator-cmd-norm"] = self._elevator + PITCH_GAIN * nose + damping
         super()._step()
-        if ms % NOTED_MS == 0:
-            self.flown.append((fdm["velocities/vc-kts"], fdm["position/h-sl-ft"]))
 
 
 def _listed(column: Floats | None) -> list[float] | None:
@@ -114,7 +107,7 @@ def _listed(column: Floats | None) -> list[float] | None:
 
 
 def flown_log(plan: FlightPlan, link: Link, hands: Hands, severity: int = 0, **told: Any) -> Made:
-    """Fly; return the log and its truth: the Dutch roll at the mean airspeed and altitude flown.
+    """Fly; return the log and its truth: the Dutch roll at the airspeeds and the altitude flown.
 
     The linearisation is closed with the roll hold that was flown, and with nothing that ``hands``
     feed back; ``dutch_roll_open_loop``, that of the airframe alone, is what a model finds that has
@@ -125,13 +118,13 @@ def flown_log(plan: FlightPlan, link: Link, hands: Hands, severity: int = 0, **t
     """
     flight = FreeFlight(plan, hands, severity, seed=link.seed)
     log = join(telemetry(plan, link, flight))
-    speed_kt, altitude_ft = np.mean(flight.flown, axis=0).tolist()
-    mean = replace(plan, speed_kt=speed_kt, altitude_ft=altitude_ft)
+    flown = after_lead_in(flight.flown)
+    speed_kt, altitude_ft = flown[:, 1:3].mean(axis=0).tolist()
     return Made(
         log,
         {
             "aircraft": plan.aircraft,
-            **linear_dutch_rolls(mean),
+            **flown_dutch_rolls(plan, flown),
             "severity": severity,
             "seed": link.seed,
             "airspeed_m_s": round(speed_kt * KNOT, 3),

@@ -25,7 +25,7 @@ from typing import Any
 
 from flight_legs import PLANS, LegPlan, read_plan
 from jsbsim_flight import MANOEUVRES, Flight, FlightError, FlightPlan, Servo, excitation
-from jsbsim_truth import disagreement, truth
+from jsbsim_truth import after_lead_in, disagreement, truth
 from leg_flight import LegFlight, leg_truth
 from telemetry import Link, telemetry
 
@@ -163,10 +163,10 @@ def main(argv: Sequence[str]) -> int:
             fly_legs(read_plan(own["plan"]), link, own, argv)
             return 0
         plan = FlightPlan(**options)
+        flight = Flight(plan, excitation(plan))
+        deliver(telemetry(plan, link, flight), own)
         if own["truth"]:
-            write_truth(plan, link, own["truth"], argv)
-        if own["out"] or own["udp"]:
-            deliver(fly(plan, link), own)
+            write_truth(plan, link, flight, own["truth"], argv)
     except (FlightError, ValueError, OSError) as error:
         print(f"fly_jsbsim: {error}", file=sys.stderr)
         return 2
@@ -182,9 +182,11 @@ def fly_legs(plan: LegPlan, link: Link, own: dict[str, Any], argv: Sequence[str]
         write_json(leg_truth(plan, link, flight) | {"plan": own["plan"]}, path, argv)
 
 
-def write_truth(plan: FlightPlan, link: Link, path: Path, argv: Sequence[str]) -> None:
-    """Write the truth and how the log beside it was made."""
-    found = truth(plan)
+def write_truth(
+    plan: FlightPlan, link: Link, flight: Flight, path: Path, argv: Sequence[str]
+) -> None:
+    """Write the truth of a finished flight and how the log beside it was made."""
+    found = truth(plan, after_lead_in(flight.flown))
     if warning := disagreement(found):
         print(f"fly_jsbsim: {warning}", file=sys.stderr)
     found["seconds"], found["manoeuvre"], found["seed"] = plan.seconds, plan.manoeuvre, link.seed
@@ -198,7 +200,7 @@ def write_json(found: dict[str, Any], path: Path, argv: Sequence[str]) -> None:
 
 
 def deliver(frames: Iterator[Stamped], own: dict[str, Any]) -> None:
-    """Write and send as asked, and say how much."""
+    """Fly, write and send as asked, and say how much."""
     if own["out"]:
         frames = record(frames, own["out"])
     count = send(frames, own["udp"], own["speedup"]) if own["udp"] else sum(1 for _ in frames)

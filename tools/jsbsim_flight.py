@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
 STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
+NOTED_MS = 250
 LEAD_IN_S = 5.0  # at trim, while a receiver finds the vehicle and its parameters
 FULL_TRIM = 1
 MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
@@ -174,7 +175,9 @@ def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]
 class Flight:
     """A flight in progress: ``advance_to`` a millisecond after the start, then read.
 
-    ``rudder`` (n,) is the rudder about trim, in units, for every simulation step.
+    ``rudder`` (n,) is the rudder about trim, in units, for every simulation step. ``flown``
+    collects seconds, calibrated airspeed in kt, altitude in ft and equivalent airspeed in kt, four
+    times a second from the start.
 
     The command of an instant is set before the run that arrives there: JSBSim propagates first and
     evaluates controls and forces at the new state, so that the command acts from that instant on.
@@ -190,6 +193,8 @@ class Flight:
         if max(map(abs, self._rudder)) > 1.0:
             raise FlightError("trim and amplitude together pass the rudder's stop")
         self._ms = 0
+        self.flown: list[tuple[float, float, float, float]] = []
+        self._note()
         self.rudder_us = plan.rudder.pulse(self._rudder[0])
         self.aileron_us = plan.aileron.pulse(self._aileron_trim)
 
@@ -198,6 +203,13 @@ class Flight:
         while self._ms < ms:
             self._ms += 1
             self._step()
+            if self._ms % NOTED_MS == 0:
+                self._note()
+
+    def _note(self) -> None:
+        names = "velocities/vc-kts", "position/h-sl-ft", "velocities/ve-kts"
+        calibrated, feet, equivalent = (self[name] for name in names)
+        self.flown.append((self._ms * STEP_S, calibrated, feet, equivalent))
 
     def _step(self) -> None:
         fdm, plan = self._fdm, self._plan

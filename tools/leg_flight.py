@@ -18,10 +18,10 @@ import jsbsim
 import numpy as np
 from flight_legs import MODES, Floats, Leg, LegPlan, aileron_moves, rudder_moves
 from jsbsim_flight import STEP_S, Flight, jsbsim_rudder
-from jsbsim_truth import linear_dutch_rolls, yaw_channels
+from jsbsim_truth import flown_yaw_channels, linear_dutch_rolls, yaw_channels
 from telemetry import FOOT, KNOT, Link
 
-GUIDE_MS, NOTED_MS = 20, 100
+GUIDE_MS = 20
 LEVEL = ("idle", "climb", "speed")
 """Legs in which the aileron that keeps the wings level is learnt, which MANUAL leaves it at."""
 MILSPEC = 3
@@ -41,8 +41,7 @@ WINDOW_S = (1.0, 4.0)
 class LegFlight(Flight):
     """A flight of legs in progress; ``seed`` draws turbulence and gusts.
 
-    ``flown`` (n, 4) collects ms, calibrated airspeed in kt, equivalent airspeed in m/s and altitude
-    in ft ten times a second; ``starts_ms`` are the legs' beginnings and the end of the last.
+    ``starts_ms`` are the legs' beginnings and the end of the last.
     """
 
     def __init__(self, plan: LegPlan, seed: int) -> None:
@@ -52,7 +51,6 @@ class LegFlight(Flight):
         fdm = self._fdm
         lengths = [round(leg.seconds / STEP_S) for leg in plan.legs]
         self.starts_ms = np.concatenate([[0], np.cumsum(lengths)]).tolist()
-        self.flown: list[tuple[float, float, float, float]] = []
         self._stir = np.append(self.aileron_moves, 0.0).tolist()
         self._number, self._speeds = -1, plan.speeds_kt()
         self._speed, self._height = plan.speed_kt, plan.altitude_ft
@@ -111,9 +109,6 @@ class LegFlight(Flight):
         fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
         fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
         fdm.run()
-        if ms % NOTED_MS == 0:
-            speeds = fdm["velocities/vc-kts"], fdm["velocities/ve-kts"] * KNOT
-            self.flown.append((ms, *speeds, fdm["position/h-sl-ft"]))
 
     def _guide(self) -> None:
         """Say what nose, throttle and bank are to be, fifty times a second."""
@@ -202,8 +197,9 @@ def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
 
     Times are boot seconds, ``from_s`` and ``to_s`` the rudder's first and last movement. Means are
     over the manoeuvre, 1 s before to 4 s after; there it is linearised, for the loop that was flown
-    (``dutch_roll``), bare and with the roll hold; ``dutch_roll_at_trim`` is that of the airspeed at
-    its beginning. ``legs`` holds every leg, so that what is found elsewhere can be judged.
+    (``dutch_roll``), bare and with the roll hold, each with its sigmas; ``dutch_roll_at_trim`` is
+    that of the airspeed at its beginning. ``legs`` holds every leg, so that what is found elsewhere
+    can be judged.
     """
     flown = np.array(flight.flown)
     found: list[dict[str, Any]] = []
@@ -233,10 +229,11 @@ def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
 
 def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int]) -> dict[str, Any]:
     first, last = (ends_ms[0] - 1e3 * WINDOW_S[0], ends_ms[1] + 1e3 * WINDOW_S[1])
-    inside = flown[(flown[:, 0] >= first) & (flown[:, 0] <= last)]
-    _, knots, equivalent, feet = inside.mean(axis=0).tolist()
+    at_ms = flown[:, 0] / STEP_S
+    inside = flown[(at_ms >= first) & (at_ms <= last)]
+    _, knots, feet, equivalent_kt = inside.mean(axis=0).tolist()
     trim = replace(plan.trim_plan(), altitude_ft=feet)
-    mean = yaw_channels(replace(trim, speed_kt=knots))
+    mean = flown_yaw_channels(trim, inside)
     before = yaw_channels(replace(trim, speed_kt=float(inside[0, 1])))
     loop = "airframe" if leg.mode == "MANUAL" else "with_roll_loop"
     return {
@@ -247,8 +244,8 @@ def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int])
         "loop": loop,
         "amplitude": leg.amplitude,
         "aileron": leg.aileron,
-        "airspeed_m_s": round(equivalent, 3),
-        "airspeed_from_to_m_s": [round(float(x), 3) for x in _ends(inside[:, 2])],
+        "airspeed_m_s": round(equivalent_kt * KNOT, 3),
+        "airspeed_from_to_m_s": [round(float(x), 3) for x in _ends(inside[:, 3] * KNOT)],
         "calibrated_kt": round(knots, 3),
         "calibrated_kt_at_trim": round(float(inside[0, 1]), 3),
         "altitude_m": round(feet * FOOT, 1),
