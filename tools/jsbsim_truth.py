@@ -46,7 +46,7 @@ def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
         "jsbsim": jsbsim.__version__,
         "speed_kt": plan.speed_kt,
         "altitude_ft": plan.altitude_ft,
-        "flown": {
+        "mean_flown": {
             "speed_kt": mean.speed_kt,
             "speed_std_kt": round(float(flown[:, 1].std()), 3),
             "altitude_ft": mean.altitude_ft,

@@ -238,7 +238,7 @@ def test_the_command_writes_a_tlog_and_its_truth(
     assert log.read_bytes() == b"".join(struct.pack(">Q", stamp) + f for stamp, f in frames)
     found = json.loads(truth.read_text())
     assert found["command"].startswith("python tools/fly_jsbsim.py --seconds 12")
-    assert found["flown"]["speed_kt"] < found["speed_kt"] == 100.0
+    assert found["mean_flown"]["speed_kt"] < found["speed_kt"] == 100.0
     assert found["dutch_roll"]["wn_rad_s"] < found["dutch_roll_at_trim"]["wn_rad_s"]
     assert 0.0 < found["dutch_roll"]["wn_std"] < 0.01 * found["dutch_roll"]["wn_rad_s"]
     assert found["rudder_travel_rad"]["nose_left"] == pytest.approx(0.279, abs=0.001)
