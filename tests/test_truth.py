@@ -32,14 +32,3 @@ def test_wn_and_zeta_lie_within_three_sigma_and_sigma_is_the_scatter():
     within = np.abs(values - [WN, ZETA]) < 3.0 * sigma
     assert (within.mean(axis=0) >= 0.98).all()
     assert np.median(sigma, axis=0) == pytest.approx(values.std(axis=0), rel=0.2)
-
-
-@pytest.mark.slow
-def test_aircraft_nobody_here_wrote_are_found_as_their_own_linearisation_says():
-    import bench_aircraft
-
-    for flight in (("J3Cub", 60.0, 2000.0), ("t6texan2", 150.0, 5000.0)):
-        true, estimates = bench_aircraft.fly(*flight)
-        found = estimates["rml"].dutch_roll
-        assert found.wn_rad_s == pytest.approx(true["wn_rad_s"], rel=0.025)
-        assert found.zeta == pytest.approx(true["zeta"], abs=0.02)

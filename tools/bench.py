@@ -23,12 +23,10 @@ BENCHES = (
     "live",
     "replay",
     "aliasing",
-    "memory",
-    "aircraft",
     "manoeuvres",
     "truth",
 )
-PLACES = {"truth": ("truth", "truth_short")}
+PLACES = {"truth": ("truth", "truth_by", "truth_short")}
 """The markers of a bench's first tables; of all others the first table goes below the own name."""
 
 

@@ -135,19 +135,28 @@ def condition_line(name: str, rows: Sequence[Row]) -> str:
     return _line(name, [*counted, *cells(rows, METHODS)])
 
 
-def condition_lines(
-    first: str, rows: Sequence[Row], recorded: Sequence[Row], names: Iterable[str]
-) -> Iterator[str]:
-    """Yield a table by condition, RML / ELS, what is needed, and the logs with a known truth."""
+def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
+    """Yield a table by condition, RML / ELS, and what is needed."""
     yield f"|{first}| " + " | ".join(COLUMNS) + " |"
     yield "|---" * (1 + len(COLUMNS)) + "|"
     for name in names:
         if some := [row for row in rows if GROUPS[name](row)]:
             yield condition_line(name, some)
     yield _line("needed", NEEDED)
-    for name, of in (("SITL as recorded", "records"), ("replay_logs", "replay_logs")):
-        if some := [row for row in recorded if row["from"] == of and row["wn_true"] is not None]:
-            yield condition_line(name, some)
+
+
+def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
+    """Yield a table of RML alone with a column for each condition."""
+    short = [name.replace("severity", "s").removesuffix(" gyro").replace(" ", "") for name in names]
+    yield "|RML|" + "|".join(short) + "|"
+    yield "|---" * (1 + len(names)) + "|"
+    columns = [cells([row for row in rows if GROUPS[name](row)], METHODS[:1]) for name in names]
+    for name, values in zip(COLUMNS[2:], zip(*columns, strict=True), strict=True):
+        yield (
+            f"|{name}|"
+            + "|".join(each.removeprefix("0").replace(" ", ", ") for each in values)
+            + "|"
+        )
 
 
 def _wrong(row: Row) -> bool:
@@ -214,7 +223,9 @@ def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
         for name, most in SIGMA_PCT.items():
             sigma = sigma_pct(estimates(air[name], method))
             what = f"{method.upper()}, median sigma of wn, {name}"
-            yield what, f"<= {most:g} %", f"{sigma:.2f} %", sigma <= most
+            # ELS is the check: its sigma tells honestly how far off it is.
+            needed = f"<= {most:g} %" if method == METHODS[0] else ""
+            yield what, needed, f"{sigma:.2f} %", sigma <= most or not needed
     yield from warning_criteria(rows)
 
 
@@ -332,7 +343,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
-    """Yield the table of tools/README.md, that of README.md, and all others, a blank line between.
+    """Yield the two tables of tools/README.md, that of README.md, and all others, a blank between.
 
     Returns which criteria fail, None where all are met.
     """
@@ -344,9 +355,12 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     if options.csv:
         write(options.csv, [*rows, *recorded])
     found = list(criteria(rows))
-    yield from condition_lines(" ", rows, recorded, GROUPS)
+    air = ("all", *ANSWERED_PCT)
+    yield from condition_lines(" ", rows, air)
     yield ""
-    yield from condition_lines(" JSBSim flights ", rows, [], ("all", "calm", "turbulence"))
+    yield from across_lines(rows, [name for name in GROUPS if name not in air])
+    yield ""
+    yield from condition_lines(" 240 flights, RML / ELS ", rows, air)
     for lines in (criteria_lines(found), answer_lines(rows), warning_lines(rows)):
         yield ""
         yield from lines

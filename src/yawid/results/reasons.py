@@ -143,7 +143,7 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "coloured_residuals", 0, "estimate",
-        "Compare structures: yawid orders. Until then take sigma as too small.",
+        "A richer model says something else: compare them by yawid orders.",
     ),
     ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
     ReasonKind(
