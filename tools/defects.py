@@ -222,7 +222,7 @@ DEFECTS = (
         "results/judge_samples.py",
         "if close > COLLINEAR:",
         "if close > 1.0 + COLLINEAR:",
-        "tests/results/test_verdict.py::test_inputs_must_be_there_and_not_move_together_nor_at_their_stops",
+        "tests/results/test_judge_samples.py::test_inputs_must_be_there_and_not_move_together_nor_at_their_stops",
     ),
     Defect(
         "a replayed signature accepted once more",
