@@ -136,13 +136,12 @@ def condition_line(name: str, rows: Sequence[Row]) -> str:
 
 
 def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
-    """Yield a table by condition, RML / ELS, and what is needed."""
+    """Yield a table by condition, RML / ELS."""
     yield f"|{first}| " + " | ".join(COLUMNS) + " |"
     yield "|---" * (1 + len(COLUMNS)) + "|"
     for name in names:
         if some := [row for row in rows if GROUPS[name](row)]:
             yield condition_line(name, some)
-    yield _line("needed", NEEDED)
 
 
 def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
@@ -357,10 +356,11 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
     yield from condition_lines(" ", rows, air)
+    yield _line("needed", NEEDED)
     yield ""
     yield from across_lines(rows, [name for name in GROUPS if name not in air])
     yield ""
-    yield from condition_lines(" 240 flights, RML / ELS ", rows, air)
+    yield from condition_lines(" flights of JSBSim, RML / ELS ", rows, air)
     for lines in (criteria_lines(found), answer_lines(rows), warning_lines(rows)):
         yield ""
         yield from lines
