@@ -34,7 +34,7 @@ def test_the_file_holds_the_yaw_channel_with_sigma_at_every_sample(capsys, tmp_p
         values, sigmas = column(rows, name), column(rows, f"{name}_std")
         # The last whole second's, of an estimate that has come to rest.
         assert values[-1] == pytest.approx(physics[name]["value"], rel=0.01)
-        assert sigmas[-1] == pytest.approx(physics[name]["std"], rel=0.05)
+        assert sigmas[-1] == pytest.approx(physics[name]["std_noise"], rel=0.05)
         known = np.isfinite(values)
         assert known[2000:].all()
         np.testing.assert_array_equal(known, np.isfinite(sigmas))

@@ -53,11 +53,10 @@ def test_the_first_screen_answers_the_four_questions(good: Path) -> None:
     mode = run.summary.dutch_roll
     text = first_screen(report(run))
     assert f"Natural frequency ωn {mode.wn_rad_s:.3f} rad/s ± {2 * mode.wn_std:.3f}" in text
-    assert f"Damping ratio ζ {mode.zeta:.4f} ± {2 * mode.zeta_std:.4f}" in text
+    assert f"Damping ratio ζ {mode.zeta:.3f} ± {2 * mode.zeta_std:.3f}" in text
     wn_pct, zeta_pct = (200 * getattr(mode, s) / getattr(mode, v) for v, s in PAIRS)
-    assert f"How sure? Fairly ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
-    assert "Can I use it? Yes, with care 1 warning" in text
-    assert "coloured residuals" in text
+    assert f"How sure? Very ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
+    assert "Can I use it? Yes nothing speaks against it" in text
 
 
 def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(still: Path) -> None:
@@ -219,5 +218,5 @@ def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -
 def test_the_two_other_flights_make_reports_too(tmp_path: Path) -> None:
     log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
     html = report(open_run(replayed(log, tmp_path, "--forgetting", 0.99, *STREAM)))
-    assert "rate low" in first_screen(html)
+    assert "Can I use it? Yes, with care 1 warning, see below rate low" in first_screen(html)
     assert Page(html).tags.count("svg") == len(PICTURES)

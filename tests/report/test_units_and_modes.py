@@ -19,7 +19,7 @@ from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
-OPTIONS = ("--rate", 10, "--forgetting", 1)
+OPTIONS = ("--rate", 25, "--forgetting", 1)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_without_it_every_place_does(in_half_travel: Path) -> None:
 def test_a_run_estimated_again_and_one_viewed_keep_unit_and_names(
     in_rad: Path, tmp_path: Path
 ) -> None:
-    assert main(["replay", str(in_rad), "--orders", "2,2,2,1", "--out", str(tmp_path)]) == 0
+    assert main(["replay", str(in_rad), "--orders", "3,3,3,1", "--out", str(tmp_path)]) == 0
     again = tmp_path / "log.mcap"
     first, second = open_run(in_rad).grid, open_run(again).grid
     assert first is not None

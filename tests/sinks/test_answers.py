@@ -78,7 +78,7 @@ def test_its_pictures_are_those_of_that_method(by_rml: McapRun) -> None:
     np.testing.assert_allclose(data.model.theta, list(rml.theta.values()))
     shown = data.track.dutch_roll[-1]  # within a thinned row of the end
     assert shown[0] == pytest.approx(rml.dutch_roll.wn_rad_s, rel=1e-2)
-    assert shown[1] == pytest.approx(rml.dutch_roll.wn_std, rel=0.1)
+    assert shown[1] == pytest.approx(rml.dutch_roll.wn_std_noise, rel=0.1)
 
 
 def test_the_terminal_marks_its_column_and_the_viewer_shows_its_numbers(by_rml: McapRun) -> None:

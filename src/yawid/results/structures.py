@@ -32,7 +32,10 @@ ALIKE = 2.0
 """A structure whose wn differs by more than this factor found another mode."""
 WEIGHT_PCT = 3.0
 """Points of the held-back fit that cost a structure all but 1/e of its weight."""
-LEAST = {"wn_rad_s": 0.005, "omega_beta": 0.005, "zeta": 0.005, "xi_beta": 0.005}
+EQUAL = {"omega_beta": "wn_rad_s", "xi_beta": "zeta"}
+"""Names of eq. 23 for the Dutch roll's own numbers: they have its sigmas. Not every structure's
+model is a yaw channel."""
+LEAST = {"wn_rad_s": 0.005, "zeta": 0.005}
 """What is left where all structures agree: of wn in proportion, of zeta as it stands."""
 SPREAD_MEMORIES, NEWEST = 2.0, 2**13
 """Of a stream the newest two memories are looked at, 7 minutes at 20 Hz at most."""
@@ -97,7 +100,7 @@ class Spread:
         total = sum(w for w, _ in known)
         squares = sum(w * (x - value) ** 2 for w, x in known)
         apart = math.sqrt(squares / total) if total > 0.0 else 0.0
-        share = abs(value) if name in ("wn_rad_s", "omega_beta") else 1.0
+        share = abs(value) if name == "wn_rad_s" else 1.0
         return math.hypot(apart, LEAST.get(name, 0.0) * share)
 
     def total(self, method: str, name: str, value: float, noise: float) -> float:
@@ -106,6 +109,7 @@ class Spread:
         The structures are fitted as RML. How far they are from what ELS says has ELS's noise in it,
         which must not count twice.
         """
+        name = EQUAL.get(name, name)
         scatter = self.scatter.get(name, 0.0)
         own = max(noise, scatter) if math.isfinite(scatter) else noise
         apart = self.structures_std(name, value)
