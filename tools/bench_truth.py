@@ -153,7 +153,7 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
     for name, values in zip(COLUMNS[2:], zip(*columns, strict=True), strict=True):
         yield (
             f"|{name}|"
-            + "|".join(each.removeprefix("0").replace(" ", ", ") for each in values)
+            + "|".join(each.removeprefix("0").replace(" ", ",") for each in values)
             + "|"
         )
 
