@@ -154,7 +154,8 @@ def flight_reasons(history: History, turn: str, wn_share: float = math.nan) -> I
     speed = history.airspeed[rows & np.isfinite(history.airspeed)]
     if len(speed) > 1:
         low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
-        share = (high - low) / (2.0 * middle)
+        # A sensor that stands still may say 0.
+        share = (high - low) / (2.0 * middle) if middle > 0.0 else float(high > low)
         # Written so that a sigma which is NaN says nothing.
         if share > AIRSPEED_SHARE and not share <= wn_share:
             yield Reason(
