@@ -6,11 +6,12 @@ from estimation.armax_plants import S1, S2, S3, Floats, Plant, config, simulate,
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares, root
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax, Status
 from yawid.estimation.polynomials import c_of, lag_depth, spr_margin
 from yawid.estimation.record_fit import FittedModel, fit_record
+from yawid.physics.modes import modes
 
 PLANTS = pytest.mark.parametrize("plant", [S1, S2, S3], ids=["S1", "S2", "S3"])
 METHODS = pytest.mark.parametrize("method", ["els", "rml"])
@@ -159,6 +160,47 @@ def test_sigma_covers_the_limit_where_the_residuals_are_coloured():
 
 
 @METHODS
+@PLANTS
+def test_the_parts_of_a_record_scatter_on_the_mean_as_noise_lets_them(plant: Plant, method: str):
+    """Eight blocks of one record tell it roughly, those of forty records well"""
+    models = [fitted(plant, method, *simulate(plant, 500, seed)) for seed in range(40)]
+    variances = [np.diag(np.mean([m.scatter for m in models], axis=0))]
+    variances.append(np.diag(np.mean([m.covariance for m in models], axis=0)))
+
+    ratio = np.sqrt(variances[0] / variances[1])
+    assert ratio.min() > 0.8
+    assert ratio.max() < 1.2
+
+
+def yawing(wn: float, seed: int) -> tuple[Floats, Floats]:
+    """A Dutch roll of this wn at 20 Hz, moved by pulses of .3 s, 40 s long"""
+    b, a, _ = cont2discrete((0.3 * wn**2 * np.array([0.3, 1.0]), [1.0, 0.6 * wn, wn**2]), 0.05)
+    rng = np.random.default_rng(seed)
+    u = 0.2 * np.repeat(rng.choice([-1.0, 1.0], 134), 6)[:800]
+    coloured = lfilter([1.0, -0.5], [1.0, -1.5, 0.7], rng.standard_normal(800))
+    return u, lfilter(b[0], a, u) + 0.003 * coloured
+
+
+@METHODS
+def test_the_parts_of_a_record_scatter_more_than_noise_where_the_aircraft_changed(method: str):
+    """wn 6, then 6.6: what lasts half the record is beyond the lags that noise is summed over"""
+    for_ever, changed = [], []
+    for seed in range(8):
+        (u, y), (_, other) = yawing(6.0, seed), yawing(6.6, seed)
+        halves = np.concatenate([y[:400], other[400:]])
+        for ratios, output in ((for_ever, y), (changed, halves)):
+            model = fit_record(config(ArmaxOrders(3, 3, 2, 1), method=method), u[:, None], output)
+            noise, scatter = (
+                modes(model.row(each), model.config.orders, 0.05).dutch_roll[-1, 1]
+                for each in (model.covariance, model.scatter)
+            )
+            ratios.append(scatter / noise)
+
+    assert min(changed) > 1.4
+    assert min(changed) > max(for_ever)
+
+
+@METHODS
 def test_a_record_without_noise_gives_the_truth(method: str):
     u, y = simulate(S1, 300, 17, noise=0.0)
     model = fitted(S1, method, u, y)
@@ -193,6 +235,8 @@ def test_units_change_nothing_but_the_units(method: str, of_u: float, of_y: floa
     miss = np.abs(other.theta / units - one.theta) / sigma(one)
     assert miss.max() < 1e-3
     np.testing.assert_allclose(sigma(other) / units, sigma(one), rtol=1e-3)
+    scatter = (np.sqrt(np.diag(model.scatter)) for model in (one, other))
+    np.testing.assert_allclose(next(scatter), next(scatter) / units, rtol=1e-3)
     np.testing.assert_allclose(other.y_hat / of_y, one.y_hat, atol=1e-3)
     assert other.innovation_std / of_y == pytest.approx(one.innovation_std, rel=1e-4)
     assert other.whiteness_p == pytest.approx(one.whiteness_p, abs=1e-3)
@@ -279,6 +323,9 @@ def test_it_says_what_an_estimator_says_after_its_last_sample(method: str):
     np.testing.assert_array_equal(last.theta[0], model.theta)
     np.testing.assert_array_equal(last.theta_std[0], sigma(model))
     np.testing.assert_array_equal(last.covariance[0], model.covariance)
+    wider = model.row(4.0 * model.covariance)
+    np.testing.assert_array_equal(wider.theta[0], model.theta)
+    np.testing.assert_allclose(wider.theta_std[0], 2.0 * sigma(model))
     assert last.noise_std[0] == model.innovation_std
     assert last.status[0] == Status.TRACKING
 
@@ -317,6 +364,7 @@ def assert_nothing(model: FittedModel, updates: int) -> None:
     assert not model.theta.any()
     assert np.isnan(model.y_hat).all()
     assert np.isnan(model.covariance).all()
+    assert np.isnan(model.scatter).all()
     assert model.status == (Status.DIVERGED if updates else Status.WARMING_UP)
 
 
@@ -341,6 +389,7 @@ def test_absurd_values_raise_nothing_and_tell_no_number_that_is_none(
     if model.status == Status.TRACKING:
         assert np.isfinite(model.theta).all()
         assert np.isfinite(model.covariance).all()
+        assert np.isfinite(model.scatter).all()
         assert np.isfinite(model.innovation_std)
     else:
         assert_nothing(model, model.updates)

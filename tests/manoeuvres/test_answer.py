@@ -1,6 +1,7 @@
 """The answer of one manoeuvre, on a plant whose Dutch roll is known."""
 
 import json
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -167,6 +168,22 @@ def test_the_other_structure_tells_the_same_plant():
 
     assert other.dutch_roll[0] == pytest.approx(WN, rel=0.03)
     assert other.gain[0] == pytest.approx(0.3, rel=0.1)
+
+
+def test_each_structure_bears_its_own_distance_from_the_others():
+    """Of wn, zeta and K, as a sigma: what a flight adds to noise and scatter"""
+    found = told(flight())
+    own, other = found.structures[(3, 3, 2, 1)], found.structures[OTHER_ORDERS]
+    rml = found.found.estimates["rml"]
+
+    for each in (own, other):
+        assert each.beyond[0] >= 0.005 * each.dutch_roll[0]
+        assert each.beyond[1] >= 0.005
+    assert own.beyond != other.beyond
+    assert rml.dutch_roll.wn_std_noise == own.dutch_roll[1]
+    assert rml.dutch_roll.wn_std >= math.hypot(own.dutch_roll[1], own.beyond[0]) * (1.0 - 1e-12)
+    assert own.gain == (rml.physics["K"].value, rml.physics["K"].std_noise)
+    assert rml.physics["K"].std >= math.hypot(own.gain[1], own.beyond[2]) * (1.0 - 1e-12)
 
 
 def test_els_answers_where_it_is_asked_for_alone():
