@@ -360,7 +360,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield ""
     yield from across_lines(rows, [name for name in GROUPS if name not in air])
     yield ""
-    yield from condition_lines(" flights of JSBSim, RML / ELS ", rows, air)
+    yield from condition_lines(" JSBSim, RML / ELS ", rows, air)
     for lines in (criteria_lines(found), answer_lines(rows), warning_lines(rows)):
         yield ""
         yield from lines
