@@ -1,4 +1,4 @@
-"""Forty-four seeded defects (tools/defects.py), and the test that must notice each."""
+"""Forty-eight seeded defects (tools/defects.py), and the test that must notice each."""
 
 from __future__ import annotations
 

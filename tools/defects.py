@@ -1,4 +1,4 @@
-"""Forty-four small defects as a hurried change might bring them in: where, what, and why."""
+"""Forty-eight small defects as a hurried change might bring them in: where, what, and why."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ YAW = "tests/channels/test_yaw_reader.py::"
 RESULTS = "tests/results/"
 FIND = "tests/manoeuvres/test_find.py::"
 FLIGHT = "tests/manoeuvres/test_flight.py::"
+STRUCTURES = RESULTS + "test_structures.py::"
 RECORD = "tests/estimation/test_record_fit.py::"
 
 
@@ -336,5 +337,35 @@ DEFECTS = (
         "fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)",
         "fit.gauss_newton(begin)",
         RECORD + "test_els_rests_where_scipy_finds_the_root_of_its_own_equations",
+    ),
+    Defect(
+        "what other structures say left out of the total sigma",
+        "results/structures.py",
+        "return math.hypot(own, apart)",
+        "return own",
+        STRUCTURES + "test_noise_or_what_the_parts_scatter_and_the_structures_beside_it",
+    ),
+    Defect(
+        "rudder of a coarser grid picked at the instant for its mean",
+        "results/structures.py",
+        "u = u[: m * every].reshape(m, every, u.shape[1]).mean(axis=1)",
+        "u = u[: m * every : every]",
+        STRUCTURES + "test_a_coarser_grid_has_the_rudders_mean_and_the_yaw_rate_at_the_instant",
+    ),
+    Defect(
+        "residuals called coloured by their p-value alone",
+        "results/judge_estimate.py",
+        "if is_coloured and evidence.matters(evidence.next_moves):",
+        "if evidence.whiteness_p < WHITE_P:",
+        RESULTS + "test_verdict.py::"
+        "test_residuals_are_coloured_by_their_size_and_by_what_a_richer_model_makes_of_it",
+    ),
+    Defect(
+        "what all manoeuvres leave out shrinks with their count",
+        "manoeuvres/flight.py",
+        "np.sqrt(np.mean(beyond**2))",
+        "np.sqrt(np.mean(beyond**2) / n)",
+        "tests/manoeuvres/test_pooled.py::"
+        "test_what_noise_does_not_explain_is_in_common_and_weighs_nothing",
     ),
 )

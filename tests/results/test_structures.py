@@ -182,6 +182,16 @@ def test_noise_or_what_the_parts_scatter_and_the_structures_beside_it(noise, sca
 
 
 @METHODS
+def test_omega_and_xi_of_eq_23_are_the_dutch_rolls_and_have_its_total_sigma(method: str):
+    """Though a structure's model need not be a yaw channel, and then does not tell them"""
+    found = spread(told(6.4, 0.35), told(6.1, 0.3, omega_beta=9.0, xi_beta=0.9), wn_rad_s=0.2)
+
+    for own, equal, value in (("wn_rad_s", "omega_beta", 6.0), ("zeta", "xi_beta", 0.3)):
+        expected = found.total(method, own, value, 0.01)
+        assert found.total(method, equal, value, 0.01) == expected > 0.01
+
+
+@METHODS
 @pytest.mark.parametrize("scatter", [0.2, math.nan])
 def test_a_sigma_of_noise_that_nobody_knows_has_no_total(method: str, scatter: float):
     found = spread(told(6.4), wn_rad_s=scatter)
