@@ -17,6 +17,7 @@ from yawid.runs.regress.check import check_case
 from yawid.runs.regress.compare import (
     NOT_COMPARED,
     SPREAD_TOLERANCE,
+    TOTAL_TOLERANCE,
     VALUE_TOLERANCE,
     compare_summaries,
     compare_tables,
@@ -105,6 +106,7 @@ def bend(value: Any, keys: tuple[Any, ...]) -> Any:
         return value + 1
     spread = any("std" in str(key) for key in keys) or keys[-1] == "whiteness_p"
     tolerance = SPREAD_TOLERANCE if spread else VALUE_TOLERANCE
+    tolerance = TOTAL_TOLERANCE if keys[-1] in ("wn_std", "zeta_std", "std") else tolerance
     return value + TEN * tolerance * (1.0 if keys[-1] == "whiteness_p" else abs(value) or 1.0)
 
 
@@ -175,12 +177,16 @@ def test_a_tolerance_widens_its_column_or_its_key_and_all_below_and_nothing_else
 def test_counts_and_texts_of_the_summary_are_compared_exactly():
     reference = {"link": {"lost": 3}, "x": 1.0, "y_std": 1.0, "files": {"mcap": "a"}}
     close = {"link": {"lost": 3}, "x": 1.0 + 1e-8, "y_std": 1.0004, "files": {"mcap": "b"}}
-    reference["K"], close["K"] = {"std": 1.0, "std_noise": 1.0}, {"std": 1.0, "std_noise": 1.0004}
+    reference["K"], close["K"] = {"std": 1.0, "std_noise": 1.0}, {"std": 1.004, "std_noise": 1.0004}
 
     assert list(compare_summaries(reference, close)) == []
     assert list(compare_summaries(reference, close | {"link": {"lost": 4}}))
     assert list(compare_summaries(reference, close | {"x": 1.0001}))
     assert list(compare_summaries(reference, {"link": {"lost": 3}, "x": 1.0}))
+    for sigmas in ({"std": 1.02}, {"std_noise": 1.004}):
+        assert list(compare_summaries(reference, close | {"K": close["K"] | sigmas}))
+    assert list(compare_summaries(reference, close, {"K": 1e-3})) == []
+    assert list(compare_summaries(reference, close, {"K": 1e-3, "K.std": 1e-3}))
     assert list(compare_summaries({"usable": True}, {"usable": 1}))
 
 
