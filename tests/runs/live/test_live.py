@@ -181,7 +181,7 @@ def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
     with listening(tmp_path) as session:
         sent = frames(20.0)
         send(sent[:300] + sent[320:], session.port)
-        session.screen.wait_for("tracking, lost 20 on the link, 0 dropped here")
+        session.screen.wait_for("tracking, ± of noise alone, lost 20 on the link, 0 dropped here")
     line = next(text for text in session.screen.getvalue().splitlines() if "tracking" in text)
     for word in ("msg/s", "samples", "ωn", "rad/s", "ζ", "±"):
         assert word in line
