@@ -40,7 +40,8 @@ def clean() -> Summary:
 def dutch_roll(summary: Summary, method: str) -> np.ndarray:
     """Return wn, zeta and their sigmas of noise: a fault may not hide behind what is left out."""
     found = summary["estimates"][method]["dutch_roll"]
-    return np.array([found[name] for name in ("wn_rad_s", "zeta", "wn_std_noise", "zeta_std_noise")])
+    names = ("wn_rad_s", "zeta", "wn_std_noise", "zeta_std_noise")
+    return np.array([found[name] for name in names])
 
 
 def assert_same(log: bytes) -> Summary:

@@ -15,7 +15,7 @@ from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import lag_depth
 from yawid.estimation.products import cross
-from yawid.estimation.start_fit import RecordFit, stretches_of
+from yawid.estimation.start_fit import SETTLED, RecordFit, stretches_of
 from yawid.estimation.whiteness import ljung_box
 
 BLOCKS = 8
@@ -67,12 +67,15 @@ class FittedModel:
 
 
 @np.errstate(all="ignore")
-def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
+def fit_record(
+    config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED
+) -> FittedModel:
     """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); NaN rows are held and break it.
 
     Of the configuration orders, method, bias and residual lags count; nothing is forgotten. Where
     there are no two samples for each parameter, or a channel does not move, ``updates`` is 0; where
-    the fit finds nothing the status is diverged.
+    the fit finds nothing the status is diverged. RML's fit ends when its loss gains a smaller share
+    than ``settled``.
     """
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     signals = np.column_stack([y, u])[good]
@@ -84,7 +87,7 @@ def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
     # The standard deviation of what stands still is rounding, and not always 0.
     if n <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
         return _nothing(config, len(y), Status.WARMING_UP)
-    found = _solved(config, fit)
+    found = _solved(config, fit, settled)
     if found is None:
         return _nothing(config, len(y), Status.DIVERGED)
     theta, *covariances = found
@@ -99,11 +102,11 @@ def fit_record(config: EstimatorConfig, u: Floats, y: Floats) -> FittedModel:
     )  # fmt: skip
 
 
-def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats) -> float:
+def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED) -> float:
     """Return the fit over the last third of the rudder's energy of a model fitted without it.
 
-    ``u`` (samples, n_inputs) and ``y`` (samples,) as in :func:`fit_record`. NaN where that leaves
-    fewer than ten samples a parameter, or the model was not found.
+    ``u`` (samples, n_inputs), ``y`` (samples,), ``settled`` as in :func:`fit_record`. NaN where that
+    leaves fewer than ten samples a parameter, or the model was not found.
     """
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(u).all(axis=1))
     if len(used) == 0:
@@ -114,20 +117,22 @@ def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats) -> float:
     if first < LEAST_PER_PARAMETER * config.n_theta:
         return float("nan")
     row = int(used[first])
-    model = fit_record(config, u[:row], y[:row])
+    model = fit_record(config, u[:row], y[:row], settled)
     if not model.theta.any():
         return float("nan")
     u, y = u[row:], y[row:]
     return fit_percent(y, simulate(model.theta, config.orders, config.bias, u, y))
 
 
-def _solved(config: EstimatorConfig, fit: RecordFit) -> tuple[Floats, Floats, Floats] | None:
+def _solved(
+    config: EstimatorConfig, fit: RecordFit, settled: float
+) -> tuple[Floats, Floats, Floats] | None:
     """Return theta (n,), its covariance and scatter (n, n); None where no fit beats theta = 0."""
     is_rml = config.method == "rml"
     try:
         with np.errstate(all="ignore"):
             begin = fit.first_guess()
-            theta = fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)
+            theta = fit.gauss_newton(begin, settled) if is_rml else fit.fixed_point(begin)
             if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
                 return None
             covariance, scatter = _covariances(fit, theta, is_rml, config.residual_lags)

@@ -132,8 +132,11 @@ class RecordFit:
             columns.append(older)
         return np.hstack(columns)
 
-    def gauss_newton(self, theta: Floats) -> Floats:
-        """Return the theta of least loss that damped Gauss-Newton steps from here lead to."""
+    def gauss_newton(self, theta: Floats, settled: float = SETTLED) -> Floats:
+        """Return the theta of least loss that damped Gauss-Newton steps from here lead to.
+
+        They end when the loss gains a smaller share than ``settled``.
+        """
         loss = self.loss(theta)
         for _ in range(ITERATIONS):
             psi, eps = self.gradient(theta)
@@ -148,7 +151,7 @@ class RecordFit:
                 if is_stable(c_of(trial, self.orders)) and (better := self.loss(trial)) < loss:
                     break
                 step, better = 0.5 * step, loss
-            if not better < loss * (1.0 - SETTLED):
+            if not better < loss * (1.0 - settled):
                 break
             theta, loss = trial, better
         return theta
