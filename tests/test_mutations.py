@@ -6,8 +6,6 @@ import pytest
 from defects import DEFECTS, Defect
 from mutate import Copy, misplaced
 
-TESTS = sorted({defect.test for defect in DEFECTS})
-
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
@@ -20,7 +18,7 @@ def test_each_defect_stands_exactly_once_where_it_should():
 
 @pytest.mark.mutation
 def test_without_a_defect_every_test_that_hunts_one_passes(copy: Copy):
-    code, told = copy.run(*TESTS)
+    code, told = copy.run_all(DEFECTS)
     assert code == 0, told
 
 
