@@ -334,8 +334,8 @@ DEFECTS = (
     Defect(
         "ELS over a record is RML's fit once more",
         "estimation/record_fit.py",
-        "fit.gauss_newton(begin) if is_rml else fit.fixed_point(begin)",
-        "fit.gauss_newton(begin)",
+        "fit.gauss_newton(begin, settled) if is_rml else fit.fixed_point(begin)",
+        "fit.gauss_newton(begin, settled)",
         RECORD + "test_els_rests_where_scipy_finds_the_root_of_its_own_equations",
     ),
     Defect(
