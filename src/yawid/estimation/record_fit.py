@@ -105,8 +105,8 @@ def fit_record(
 def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED) -> float:
     """Return the fit over the last third of the rudder's energy of a model fitted without it.
 
-    ``u`` (samples, n_inputs), ``y`` (samples,), ``settled`` as in :func:`fit_record`. NaN where that
-    leaves fewer than ten samples a parameter, or the model was not found.
+    ``u`` (samples, n_inputs), ``y`` (samples,), ``settled`` as in :func:`fit_record`. NaN where
+    that leaves fewer than ten samples a parameter, or the model was not found.
     """
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(u).all(axis=1))
     if len(used) == 0:

@@ -274,6 +274,9 @@ def _structures(
 def _structure(
     spread: Spread, dutch_roll: Floats, gain: tuple[float, float], held_back: float
 ) -> Structure:
+    if not math.isfinite(dutch_roll[0]):
+        return Structure(dutch_roll, gain, held_back, (math.nan,) * 3)
+    spread = spread.around(float(dutch_roll[0]))
     wn = spread.structures_std("wn_rad_s", float(dutch_roll[0]))
     zeta = spread.structures_std("zeta", float(dutch_roll[2]))
     return Structure(dutch_roll, gain, held_back, (wn, zeta, spread.structures_std("K", gain[0])))

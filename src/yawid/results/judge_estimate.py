@@ -49,7 +49,8 @@ REACTS = 0.7
 ALIKE = 1.1
 """Methods whose wn differ by less than this factor agree on it."""
 BETTER = 0.5
-"""Another method answers in place of the first where its sigma of wn is below this part of it."""
+"""Another method answers in place of the first where its sigma of wn is below this part of it, of
+noise or in all: what structures leave open is much the same for both."""
 
 
 class Estimates(Protocol):
@@ -107,10 +108,10 @@ class Evidence:
     held_back_pct: float
     before: Floats
 
-    @property
-    def wn_share(self) -> float:
-        """The total sigma of wn as a share of it."""
-        return float(self.total_std[0] / self.dutch_roll[0])
+    def knows_better(self, other: "Evidence") -> bool:
+        """Tell whether this one knows wn twice as well."""
+        noise = float(self.dutch_roll[1]) < BETTER * float(other.dutch_roll[1])
+        return noise or float(self.total_std[0]) < BETTER * float(other.total_std[0])
 
     def matters(self, moves: Floats) -> bool:
         """Tell whether what moves wn and zeta so far (2,) is worth a word.
@@ -357,13 +358,13 @@ def bank_verdict(
     sound = [method for method in bank.methods if method not in judged.refused]
     answers = bank.methods[0] if first_answers or not sound else sound[0]
     for method in [] if first_answers else sound[1:]:
-        if evidence[method].total_std[0] < BETTER * evidence[answers].total_std[0]:
+        if evidence[method].knows_better(evidence[answers]):
             answers = method
     reasons = [
         *others,
         *excitation_reasons(judged.moved),
         *input_reasons(config.inputs, history.u, travel_unit),
-        *flight_reasons(history, config.turn, evidence[answers].wn_share),
+        *flight_reasons(history, config.turn),
         *_by_effect(feedback_reasons(config.inputs, history), evidence[answers]),
         *damper_reasons(judged.reacts, evidence[answers].early_response),
         *judged.reasons[answers],

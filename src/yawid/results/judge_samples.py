@@ -136,11 +136,8 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Ite
             )
 
 
-def flight_reasons(history: History, turn: str, wn_share: float = math.nan) -> Iterator[Reason]:
-    """Judge the flying: turns that hide the rudder, another airspeed.
-
-    ``wn_share`` is the total sigma of wn as a share of it: a change within that needs no word.
-    """
+def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
+    """Judge the flying: turns that hide the rudder, another airspeed."""
     y, u = history.y, history.u[:, 0]
     rows = np.isfinite(y) & np.isfinite(u)
     r = turn_correlation(np.where(rows, y, np.nan), history.turn)
@@ -156,8 +153,8 @@ def flight_reasons(history: History, turn: str, wn_share: float = math.nan) -> I
         low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
         # A sensor that stands still may say 0.
         share = (high - low) / (2.0 * middle) if middle > 0.0 else float(high > low)
-        # Written so that a sigma which is NaN says nothing.
-        if share > AIRSPEED_SHARE and not share <= wn_share:
+        # By more than the sigma of any answer that may be used.
+        if share > AIRSPEED_SHARE:
             yield Reason(
                 "airspeed_changed",
                 f"the airspeed went from {low:.1f} to {high:.1f} m/s: wn and the gain go with it, "

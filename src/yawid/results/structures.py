@@ -22,11 +22,12 @@ from yawid.config.run import RunConfig
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
 from yawid.physics.modes import modes
+from yawid.results.judge_samples import UNCERTAIN_WN
 
-NEXT = (4, 4, 3)
-"""The structure (na, nb, nc) that a richer one is asked of, on the same grid."""
-FINE, COARSE = ((2, 2, 2), NEXT), ((3, 3, 2), (4, 4, 3), (5, 5, 4))
-COARSE_ALREADY = (*FINE, (5, 5, 4))
+NEXT, AFTER_NEXT = (4, 4, 3), (5, 5, 4)
+"""The structure (na, nb, nc) that tells on the same grid what a richer one says; the second where
+the first answers."""
+SIMPLE, COARSE = (2, 2, 2), ((3, 3, 2), NEXT, AFTER_NEXT)
 COARSE_PER_PERIOD = 12
 ALIKE = 2.0
 """A structure whose wn differs by more than this factor found another mode."""
@@ -63,13 +64,27 @@ class Told:
 class Spread:
     """What is known beside the answer: other structures, and how much the record's parts scatter.
 
-    ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``half`` is the
-    own structure at half the rate, where the rate is low.
+    ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``next`` is the
+    richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
     """
 
     told: tuple[Told, ...]
     scatter: Mapping[str, float]
-    half: Told | None = None
+    next: Told | None = None
+    slower: Told | None = None
+
+    def around(self, wn: float) -> "Spread":
+        """Return what tells of a mode of wn rad/s, and knows it itself."""
+
+        def tells(each: Told | None) -> bool:
+            if each is None:
+                return False
+            own, sigma = float(each.dutch_roll[0]), float(each.dutch_roll[1])
+            return 1.0 / ALIKE < own / wn < ALIKE and sigma < UNCERTAIN_WN * own
+
+        told = tuple(each for each in self.told if tells(each))
+        slower = self.slower if tells(self.slower) else None
+        return replace(self, told=told, slower=slower)
 
     @property
     def weights(self) -> Floats:
@@ -79,11 +94,6 @@ class Spread:
         weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
         return weights
 
-    @property
-    def next(self) -> Told | None:
-        """The next richer structure on the same grid, where there is one."""
-        return next((e for e in self.told if e.orders[:3] == NEXT and e.every == 1), None)
-
     def next_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far the next richer structure moves wn and zeta (2,); NaN for none."""
         return _apart(self.next, wn, zeta)
@@ -91,9 +101,11 @@ class Spread:
     def rate_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far about the rate moves wn in rad/s and zeta (2,); NaN where unknown.
 
-        An error that goes with the square of the interval is a third of what half the rate adds.
+        Of an error that goes with the square of the interval half the rate adds three times as
+        much.
         """
-        return _apart(self.half, wn, zeta) / 3.0
+        every = 1 if self.slower is None else self.slower.every
+        return _apart(self.slower, wn, zeta) / max(every**2 - 1.0, 1.0)
 
     def structures_std(self, name: str, value: float) -> float:
         """Return how far the structures are from this value, as a sigma; at least the least one."""
@@ -180,17 +192,23 @@ def spread_of(
     ``own`` is the fit of the configuration's own orders over them, if that is the answer: where it
     is not, it is one more structure. The others have the same nk.
     """
-    tell = partial(_others, config, sample_time_s, u, y)
+    tell, orders = partial(_others, config, sample_time_s, u, y), config.orders[:3]
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
-    is_fine = every > 1
-    told = [*tell(FINE, 1), *tell(COARSE, every)] if is_fine else tell(COARSE_ALREADY, 1)
-    half = [] if is_fine else tell([config.orders[:3]], 2)
+    richer = tell([AFTER_NEXT if orders == NEXT else NEXT], 1)
+    if every > 1:
+        coarse = tell(COARSE, every)
+        told = [*tell([SIMPLE], 1), *richer, *coarse]
+        slower = [each for each in coarse if each.orders[:3] == orders] or coarse
+    else:
+        told = [*richer, *tell(sorted({SIMPLE, *COARSE} - {each.orders[:3] for each in richer}), 1)]
+        slower = tell([orders], 2)
     if own is None:
         own = fit_record(_forgetting_nothing(config, sample_time_s), u, y, NEAR_ENOUGH)
         told += [each for each in [_told(config, sample_time_s, own, u, y, 1)] if each is not None]
     _, _, scatter = _said(config, sample_time_s, own, own.scatter)
-    alike = tuple(each for each in told if 1.0 / ALIKE < each.dutch_roll[0] / wn < ALIKE)
-    return Spread(alike, scatter, half[0] if half else None)
+    return Spread(
+        tuple(told), scatter, richer[0] if richer else None, slower[0] if slower else None
+    )
 
 
 def _others(

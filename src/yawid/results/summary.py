@@ -288,11 +288,11 @@ def described(
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
     mean_output = bank.config.output == "yaw"
     found = modes(last, orders, sample_time_s, mean_output=mean_output)
-    noise = found.dutch_roll[-1]
+    noise, theta = found.dutch_roll[-1], last.theta[-1]
     wn, wn_noise, zeta, zeta_noise = noise.tolist()
-    theta = last.theta[-1]
-    known = (("wn_rad_s", wn, wn_noise), ("zeta", zeta, zeta_noise))
-    total = np.array([spread.total(method, *each) for each in known])
+    spread = spread.around(wn)
+    pairs = (("wn_rad_s", wn, wn_noise), ("zeta", zeta, zeta_noise))
+    total = np.array([spread.total(method, *pair) for pair in pairs])
     physics = summary_of(
         theta, estimator.covariance, orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
