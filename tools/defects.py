@@ -346,14 +346,14 @@ DEFECTS = (
         STRUCTURES + "test_noise_or_what_the_parts_scatter_and_the_structures_beside_it",
     ),
     Defect(
-        "rudder of a coarser grid picked at the instant for its mean",
+        "rudder of a coarser grid picked, not its mean",
         "results/structures.py",
         "u = u[: m * every].reshape(m, every, u.shape[1]).mean(axis=1)",
         "u = u[: m * every : every]",
         STRUCTURES + "test_a_coarser_grid_has_the_rudders_mean_and_the_yaw_rate_at_the_instant",
     ),
     Defect(
-        "residuals called coloured by their p-value alone",
+        "residuals called coloured by p alone",
         "results/judge_estimate.py",
         "if is_coloured and evidence.matters(evidence.next_moves):",
         "if evidence.whiteness_p < WHITE_P:",
