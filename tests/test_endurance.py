@@ -244,7 +244,7 @@ def test_a_link_that_says_nothing_for_a_day_is_one_gap():
 def test_a_thousand_reboots():
     """Each life lasts ten seconds and has a clock of its own; what was learned is kept."""
     log = b"".join(lives(1000, 100))
-    found = summary_of(log, forgetting=1.0)
+    found = summary_of(log, forgetting=1.0, manoeuvres="off")
 
     assert found["link"]["reboots"] == 999
     assert found["estimates"]["els"]["updates"] > 85_000

@@ -261,6 +261,7 @@ def decay_modes(
     return np.log(z) / sample_time_s, amplitudes
 
 
+@lru_cache(maxsize=32)
 def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
     """Return the Dutch roll seen in the decay after a rudder pulse, without any linearisation."""
     poles, amplitudes = decay_modes(pulse_response(plan), 0.05)

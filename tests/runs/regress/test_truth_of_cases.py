@@ -158,5 +158,7 @@ def test_the_tool_makes_every_log_again_byte_for_byte(tmp_path: Path):
 
     assert sys.modules["make_cases"].ROOT == ROOT
     flights = ROOT / ".." / "shared" / "flights"
-    names = [name for name in make_cases.RECIPES if name != "c172p_three_speeds"]  # 30 s of it
+    # The first takes 30 s, the others are flown as c172p_vtail is, by another option of the link.
+    left_out = {"c172p_three_speeds", "c172p_mavlink1", "c172p_reversed", "c172p_uint32_wrap"}
+    names = [name for name in make_cases.RECIPES if name not in left_out]
     assert make_cases.main(["--check", "--flights", str(flights), *names]) == 0
