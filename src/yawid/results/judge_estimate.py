@@ -246,7 +246,8 @@ def _still_moving(evidence: Evidence) -> Iterator[Reason]:
             yield Reason(
                 "not_converged",
                 f"{name} still moves: {before:.3g} a third of the memory ago, now {now:.3g} ± "
-                f"{sigma:.2g}; another way of flying, such as a turn? Choose --from and --to",
+                f"{evidence.total_std[i // 2]:.2g}; another way of flying, such as a turn? Choose "
+                "--from and --to",
             )
             return
 
