@@ -95,8 +95,8 @@ DEFECTS = (
     Defect(
         "lags kept across a gap",
         "estimation/kernel/recursion.py",
-        "if s.broken > 0.0:\n        _open(at.packed)",
-        "if s.broken > 1.0:\n        _open(at.packed)",
+        "if s.broken > 0.0:\n        _open(s, at)",
+        "if s.broken > 1.0:\n        _open(s, at)",
         CONTRACT + "test_what_lies_before_a_gap_is_no_neighbour_of_what_follows",
     ),
     Defect(

@@ -119,7 +119,7 @@ class RecursiveArmax:
         self._header, self._parts = slots.named(state), slots.cut(state)
         self._moving = state[: len(state) - len(self._parts.samples)]
         self._inputs = config.orders.n_inputs
-        self._input_at = len(self._moving) - self._inputs
+        self._row = np.empty((1, 1 + self._inputs))
         self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
@@ -129,10 +129,12 @@ class RecursiveArmax:
             ConfigError: u or y is infinite, or u has another number of inputs.
         """
         if self._inputs == 1 and isinstance(u, float):
-            if came := entry.step(self._state, u, y):
-                if came == entry.INFINITE:
+            row = self._row
+            row[0, 0], row[0, 1] = y, u
+            if (done := entry.run(self._state, row, 0)) < 1:
+                if done < 0:
                     raise ConfigError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
-                self._start()
+                self._after_stop()
         else:
             row = checked_u(u, y, self._inputs)
             self.run(row.reshape(1, -1), [y], keep="last")
@@ -156,29 +158,53 @@ class RecursiveArmax:
         if keep not in ("all", "last"):
             raise ConfigError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self._inputs)
-        n = self._n
-        rows = np.empty((len(y) if keep == "all" else 1, estimate_width(n, covariance)))
-        done = entry.run(self._state, u, y, rows, 0)
+        width, given = estimate_width(self._n, covariance), 1 + self._inputs
+        rows = np.empty((len(y), width if keep == "all" else given))
+        rows[:, 0], rows[:, 1:given] = y, u
+        self._take(rows)
+        if keep == "all":
+            return EstimateBlock(rows, self._n)
+        return _reading(self._state, covariance=covariance)
+
+    def _take(self, rows: Floats) -> None:
+        done = entry.run(self._state, rows, 0)
         if done < 0:
             raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
-        if done < len(y):  # a start fit is due, once in a life
-            self._start()
-            if keep == "all":
+        while done < len(rows):
+            self._after_stop()
+            if rows.shape[1] > 1 + self._inputs:
                 entry.read(self._state, rows[done])
-            entry.run(self._state, u, y, rows, done + 1)
-        return EstimateBlock(rows, n)
+            done = entry.run(self._state, rows, done + 1)
 
-    def _start(self) -> None:
-        window, parts = int(self._header.window), self._parts
-        rows = np.roll(parts.samples.reshape(window, -1), -int(self._header.head), 0)
-        rows[:, 1:] *= parts.factors
-        start = fit_start(self.config, rows)
+    def _after_stop(self) -> None:
+        if self._header.phase == slots.RESTARTING:
+            entry.restart(self._state)
+        else:
+            self._release()
+
+    def _release(self) -> None:
+        """Run through the window's samples, oldest first, and recurse from now on."""
+        s, parts, start = self._header, self._parts, None
+        rows = np.roll(parts.samples.reshape(int(s.window), -1), -int(s.head), 0)
+        if self.config.start_buffer:
+            scaled = rows.copy()
+            scaled[:, 1:] *= parts.factors
+            start = fit_start(self.config, scaled)
+        s.phase = slots.RUNNING
         if start is not None:
             parts.theta[:] = start.theta
             factorise(start.P, parts.d, parts.upper)
             if self.config.residual_lags:
                 parts.covariance[:] = start.covariance.ravel()
-        entry.release(self._state, float(start is not None))
+            s.phase = slots.FROZEN
+        gaps = np.flatnonzero(rows[:, 0])
+        self._take(np.insert(rows[:, 1:], gaps, np.nan, axis=0))
+        s.held -= len(gaps)
+        if start is not None:
+            s.phase, s.lam = slots.RUNNING, s.lam_end
+        s.count = 0.0
+        parts.samples[:] = 0.0
+        s.y_hat = s.innovation = math.nan  # nothing could be predicted before this sample
 
     def predict(self, u: ArrayLike = math.nan) -> float:
         """Return y_hat(k) = phi' theta, in y's unit (eq. 30); NaN while it is not known.
@@ -189,11 +215,14 @@ class RecursiveArmax:
         Raises:
             ConfigError: nk = 0 and u has another number of inputs or is infinite.
         """
+        row, nk = np.zeros((1, 1 + self._inputs)), np.array(self.config.orders.nk)
+        if not nk.all():
+            row[0, 1:] = np.where(nk > 0, 0.0, checked_u(u, 0.0, self._inputs))
+        if self._header.phase != slots.RUNNING:
+            return math.nan
         scratch = self._moving.copy()
-        if not all(self.config.orders.nk):
-            u = checked_u(u, 0.0, self._inputs)
-            scratch[self._input_at :] = u
-        return float(entry.predict(scratch))
+        entry.run(scratch, row, 0)  # whatever y is, it comes after y_hat
+        return float(slots.named(scratch).y_hat) / self._scale
 
     def to_bytes(self) -> bytes:
         """Save everything; the estimator that comes back resumes bit for bit.

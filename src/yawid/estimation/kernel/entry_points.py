@@ -1,29 +1,28 @@
-"""What is called from outside: a sample, a block, a release, a prediction, a row of results."""
+"""What is called from outside: samples, a row of results, and what is rare, in Python."""
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 import math
 
-from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
-from yawid.estimation.kernel.forgetting import noise_variance
-from yawid.estimation.kernel.linear_algebra import hot, jit, p_entry
-from yawid.estimation.kernel.recursion import expect, take
+from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT, Floats
+from yawid.estimation.kernel import state as slots
+from yawid.estimation.kernel.forgetting import noise_of
+from yawid.estimation.kernel.linear_algebra import entry_of_p, hot, jit
+from yawid.estimation.kernel.recursion import take
 from yawid.estimation.kernel.state import (
     FITTING,
     HOLDING,
+    RESTARTING,
     RUNNING,
     WARMING_UP,
     header,
     parts,
 )
 
-TAKEN, FIT_DUE, INFINITE = 0, 1, 2  # what step returns
 
-
-@jit
-def _scale(packed):
+@hot
+def _scale(s, at):
     """Set the factors from the full window; False where a channel in use moves too little."""
-    s, at = header(packed), parts(packed)
     w, width = int(s.window), int(s.m) + 2
     for j in range(int(s.m) + 1):
         mean, spread = 0.0, 0.0
@@ -33,7 +32,8 @@ def _scale(packed):
             spread += (at.samples[i * width + 1 + j] - mean) ** 2 / w
         used = j == 0 or at.heads[j + 1] > at.heads[j]
         if used and not s.minimum <= math.sqrt(spread) < math.inf:
-            at.factors[:] = 1.0
+            for i in range(len(at.factors)):
+                at.factors[i] = 1.0
             return False
         if s.scaled > 0.0 and spread > 0.0:  # a power of two scales without rounding
             at.factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
@@ -47,28 +47,8 @@ def _scale(packed):
 
 
 @jit
-def release(packed, frozen):
-    """Run through the window's samples, oldest first, and recurse from now on."""
-    s, at = header(packed), parts(packed)
-    w, width = int(s.window), int(s.m) + 2
-    s.phase = RUNNING
-    for i in range(w):
-        row = ((int(s.head) + i) % w) * width
-        s.broken = max(s.broken, at.samples[row])
-        s.y = at.samples[row + 1]
-        for j in range(int(s.m)):
-            at.inputs[j] = at.samples[row + 2 + j]
-        take(s, at, frozen)
-    if frozen > 0.0:
-        s.lam = s.lam_end
-    s.count = 0.0
-    at.samples[:] = 0.0
-    s.y_hat, s.innovation = math.nan, math.nan  # nothing could be predicted before this sample
-
-
-@jit
 def _collect(packed):
-    """Keep the sample in the window; when the window is full and moves, scale and release it."""
+    """Keep the sample in the window; when the window is full and moves, scale it."""
     s, at = header(packed), parts(packed)
     w, width, head = int(s.window), int(s.m) + 2, int(s.head)
     if s.count == s.window:
@@ -82,11 +62,8 @@ def _collect(packed):
     s.broken = 0.0
     s.y_hat, s.innovation, s.residual = math.nan, math.nan, math.nan
     s.status = WARMING_UP
-    if s.count == s.window and _scale(packed):
-        if s.start_fit > 0.0:
-            s.phase = FITTING
-        else:
-            release(packed, 0.0)
+    if s.count == s.window and _scale(s, at):
+        s.phase = FITTING
 
 
 @hot
@@ -98,45 +75,14 @@ def _sample(s, at):
         s.held += 1.0
         s.broken = 1.0
         s.y_hat, s.innovation, s.residual, s.status = math.nan, math.nan, math.nan, HOLDING
-    elif s.phase == RUNNING:
-        take(s, at, 0.0)
+    elif s.phase >= RUNNING:
+        take(s, at)
     else:
         _collect(at.packed)
 
 
-@jit
-def step(packed, u, y):
-    """Take one sample of one input, or nothing if it is infinite; return what came of it."""
-    if abs(u) == math.inf or abs(y) == math.inf:
-        return INFINITE
-    s, at = header(packed), parts(packed)
-    at.inputs[0] = u
-    s.y = y
-    _sample(s, at)
-    return FIT_DUE if s.phase == FITTING else TAKEN
-
-
 @hot
-def _finite_or_nan(u, y):
-    """Tell whether nothing in u (samples, M) and y (samples,) is infinite."""
-    for k in range(len(y)):
-        if abs(y[k]) == math.inf:
-            return False
-        for j in range(u.shape[1]):
-            if abs(u[k, j]) == math.inf:
-                return False
-    return True
-
-
-@jit
-def predict(packed):
-    """Return y_hat for the inputs in their slots; spoils the state, so give it a copy."""
-    s, at = header(packed), parts(packed)
-    return expect(s, at) / at.factors[0] if s.phase == RUNNING else math.nan
-
-
-@hot
-def covariance_entry(s, at, i, j):
+def _covariance_entry(s, at, i, j):
     """Covariance of theta[i] and theta[j], i <= j, in the user's units."""
     n = len(at.theta)
     if s.s1 == 0.0:
@@ -144,8 +90,8 @@ def covariance_entry(s, at, i, j):
     if s.lags > 0.0:
         return at.covariance[i * n + j] * at.units[i] * at.units[j]
     # cov = sigma^2 P S2 / S1: sigma^2 P for lambda = 1, sigma^2 P / (1 + lambda) in steady state
-    p = p_entry(at.d, at.upper, i, j)
-    return noise_variance(s) * p * s.s2 / s.s1 * at.units[i] * at.units[j]
+    p = entry_of_p(at.d, at.upper, i, j)
+    return noise_of(s) * p * s.s2 / s.s1 * at.units[i] * at.units[j]
 
 
 @jit
@@ -155,43 +101,59 @@ def read(packed, row):
     Its length says whether the covariance of theta belongs to it.
     """
     s, at = header(packed), parts(packed)
-    n = len(at.theta)
+    n, last = len(at.theta), 2 * len(at.theta) + SCALARS
     for i in range(n):
-        variance = covariance_entry(s, at, i, i)
-        row[i] = at.theta[i] * at.units[i]
-        row[n + i] = 0.0 if variance < 0.0 else math.sqrt(variance)
-    scale, last = 1.0 / at.factors[0], 2 * n + SCALARS
-    row[2 * n + Y_HAT], row[2 * n + INNOVATION] = s.y_hat * scale, s.innovation * scale
-    row[2 * n + RESIDUAL] = s.residual * scale
-    row[2 * n + NOISE_STD] = math.sqrt(noise_variance(s)) * scale
-    row[2 * n + STATUS] = s.status
-    if len(row) > last:
-        for i in range(n):
-            for j in range(i, n):
-                entry = covariance_entry(s, at, i, j)
+        for j in range(i, n if len(row) > last else i + 1):
+            entry = _covariance_entry(s, at, i, j)
+            if i == j:
+                row[i] = at.theta[i] * at.units[i]
+                row[n + i] = 0.0 if entry < 0.0 else math.sqrt(entry)
+            if len(row) > last:
                 row[last + i * n + j] = entry
                 row[last + j * n + i] = entry
+    scale = 1.0 / at.factors[0]
+    row[2 * n + Y_HAT], row[2 * n + INNOVATION] = s.y_hat * scale, s.innovation * scale
+    row[2 * n + RESIDUAL] = s.residual * scale
+    row[2 * n + NOISE_STD] = math.sqrt(noise_of(s)) * scale
+    row[2 * n + STATUS] = s.status
 
 
 @jit
-def run(packed, u, y, out, first):
-    """Take samples from the first on into rows of out (or only the last); stop where a fit is due.
+def run(packed, rows, first):
+    """Take samples from the first on: rows (samples, M + 1) of y and the inputs.
 
-    u (samples, M), y (samples,). Returns the number of samples taken; -1, and takes none, where
-    one of them all is infinite.
+    What comes of each overwrites its row where rows are wider, as :func:`read` fills them.
+    Returns the number of samples taken, or the place of one that has left something to be done in
+    Python: a window to be released, a restart. -1, and takes none, where one of all is infinite.
     """
-    if first == 0 and not _finite_or_nan(u, y):
-        return -1
     s, at = header(packed), parts(packed)
-    for k in range(first, len(y)):
-        s.y = y[k]
-        for j in range(u.shape[1]):
-            at.inputs[j] = u[k, j]
+    given = len(at.inputs) + 1
+    for k in range(0 if first == 0 else len(rows), len(rows)):
+        for j in range(given):
+            if abs(rows[k, j]) == math.inf:
+                return -1
+    for k in range(first, len(rows)):
+        s.y = rows[k, 0]
+        for j in range(len(at.inputs)):
+            at.inputs[j] = rows[k, 1 + j]
         _sample(s, at)
-        if s.phase == FITTING:
+        if s.phase == FITTING or s.phase == RESTARTING:
             return k
-        if len(out) == len(y):
-            read(packed, out[k])
-    if len(out) != len(y):
-        read(packed, out[0])
-    return len(y)
+        if rows.shape[1] > given:
+            read(packed, rows[k])
+    return len(rows)
+
+
+def restart(packed: Floats) -> None:
+    """Forget theta, P and the statistics after a sample with a result that was not finite."""
+    s, at = slots.named(packed), slots.cut(packed)
+    for forgotten in (at.theta, at.upper, at.covariance, at.products):
+        forgotten[:] = 0.0
+    for known in (at.d, at.least, at.best, at.covariance[:: int(s.n) + 1]):
+        known[:] = s.P0
+    s.lam = s.lam_start
+    s.s1 = s.s2 = s.loss = s.e2 = s.eps2 = s.y2 = s.fast_e2 = s.fast_y2 = 0.0
+    s.since, s.broken = 0.0, 1.0
+    s.diverged = 1.0
+    s.restarts += 1.0
+    s.phase, s.status = RUNNING, slots.DIVERGING

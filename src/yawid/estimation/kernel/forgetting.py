@@ -4,7 +4,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 import math
 
-from yawid.estimation.kernel.linear_algebra import correlate, drift_entry, floor, hot, jit, p_entry
+from yawid.estimation.kernel.linear_algebra import correlate, drift_entry, entry_of_p, floor, hot
 from yawid.estimation.kernel.state import FAST, FAST_FALL, MOST_RISE, SETTLING, SLACK, SLOW_RISE
 
 
@@ -20,7 +20,7 @@ def _keep_information(s, at):
     """
     k, n = int(s.next), len(at.d)
     s.next = 0.0 if k + 1 == n else k + 1.0
-    p = p_entry(at.d, at.upper, k, k)
+    p = entry_of_p(at.d, at.upper, k, k)
     if p >= at.least[k]:
         rise = 1.0 + SLOW_RISE * n * (1.0 - s.lam_end)
         at.least[k] = min(at.least[k] * rise, MOST_RISE * at.best[k])
@@ -32,12 +32,14 @@ def _keep_information(s, at):
         floor(at.d, at.upper, k, 1.0 / limit - 1.0 / p, at.gain)
 
 
-@jit
 def noise_variance(s):
     """Return the variance of the innovation on scaled signals; NaN before the first update."""
     if s.s1 == 0.0:
         return math.nan
     return s.loss / max(s.s1 - s.n * s.s2 / s.s1, 1.0)
+
+
+noise_of = hot(noise_variance)
 
 
 @hot
@@ -49,7 +51,7 @@ def adapt(s, at, lam):
             if at.drift[i] > 0.0:
                 drift_entry(at.d, at.upper, i, at.drift[i], at.scratch)
                 if s.lags > 0.0:
-                    noise = noise_variance(s) if s.s1 > 0.0 else 0.0
+                    noise = noise_of(s) if s.s1 > 0.0 else 0.0
                     at.covariance[i * n + i] += at.drift[i] * noise
     if s.floor > 0.0:
         _keep_information(s, at)

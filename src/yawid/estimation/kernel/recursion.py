@@ -7,17 +7,17 @@ import math
 import numpy as np
 
 from yawid.estimation.kernel.forgetting import account, adapt
-from yawid.estimation.kernel.linear_algebra import bierman, follow_covariance, hot, jit, stable
+from yawid.estimation.kernel.linear_algebra import bierman, clear, follow_covariance, hot, stable
 from yawid.estimation.kernel.state import (
     DIVERGING,
     FEW,
+    FROZEN,
     HALVINGS,
     HOLDING,
     PSI_FROM,
+    RESTARTING,
     TRACKING,
     WARMING_UP,
-    header,
-    parts,
 )
 
 ONE = np.uint64(1)
@@ -57,37 +57,15 @@ def _filter(s, at):
     _shift(at.filtered, at.heads, at.scratch[: len(at.fresh)])
 
 
-@jit
-def _open(packed):
+@hot
+def _open(s, at):
     """Empty the registers: the samples before are not the neighbours of those that follow."""
-    s, at = header(packed), parts(packed)
-    at.raw[:] = 0.0
-    at.filtered[:] = 0.0
-    at.echo[:] = 0.0
-    at.residuals[:] = 0.0
-    at.fresh[:] = 0.0
+    clear(at.raw)
+    clear(at.filtered)
+    clear(at.echo)
+    clear(at.residuals)
+    clear(at.fresh)
     s.filled, s.broken = 0.0, 0.0
-
-
-@jit
-def _restart(packed):
-    """Forget theta, P and the statistics after a non-finite result."""
-    s, at = header(packed), parts(packed)
-    n = len(at.theta)
-    at.theta[:] = 0.0
-    at.d[:] = s.P0
-    at.upper[:] = 0.0
-    at.least[:] = s.P0
-    at.best[:] = s.P0
-    at.covariance[:] = 0.0
-    for i in range(n if s.lags > 0.0 else 0):
-        at.covariance[i * n + i] = s.P0
-    at.products[:] = 0.0
-    s.lam = s.lam_start
-    s.s1 = s.s2 = s.loss = s.e2 = s.eps2 = s.y2 = s.fast_e2 = s.fast_y2 = 0.0
-    s.since, s.broken = 0.0, 1.0
-    s.diverged = 1.0
-    s.restarts += 1.0
 
 
 @hot
@@ -106,8 +84,11 @@ def _stable_step(s, theta, gain, scratch, step):
 
 
 @hot
-def _learn(s, at, y, e):
-    """Update theta and P by the innovation and phi, psi; return the residual, NaN for a failure."""
+def _learn(s, at, e):
+    """Update theta and P by the innovation and phi, psi.
+
+    Return the residual, NaN for a failure, and the share of e^2 that the loss counts.
+    """
     psi = at.phi
     if s.rml > 0.0 and s.since >= PSI_FROM:
         psi = at.psi
@@ -132,20 +113,19 @@ def _learn(s, at, y, e):
             at.theta[i] += step * at.gain[i]
         eps = e * share  # gain' phi = alpha - lambda where psi = phi
     if not (inverse > 0.0 and e * e + eps * eps < math.inf):
-        return math.nan
+        return math.nan, share
     if s.lags > 0.0:
         memory = 1.0 - min(1.0, max(1.0 / s.lags, FEW / (s.s1 + 1.0)))
         follow_covariance(at.covariance, at.echo, psi, at.gain, at.scratch, inverse, e, memory)
     adapt(s, at, lam)
-    account(s, at, y, e, eps, lam, share)
-    return eps
+    return eps, share
 
 
 @hot
 def expect(s, at):
     """Enter what is known before y and return the scaled y_hat, NaN while the lags are not full."""
     if s.broken > 0.0:
-        _open(at.packed)
+        _open(s, at)
     for j in range(len(at.inputs)):
         at.fresh[1 + j] = at.inputs[j] * at.factors[1 + j]
     at.fresh[len(at.fresh) - 1] = 1.0
@@ -163,21 +143,24 @@ def expect(s, at):
 
 
 @hot
-def take(s, at, frozen):
-    """Take the sample in its slots through the recursion; frozen leaves theta and P as they are."""
+def take(s, at):
+    """Take the sample in its slots through the recursion; FROZEN leaves theta and P as they are."""
     y = s.y * at.factors[0]
     y_hat = expect(s, at)
     e = y - y_hat
-    eps = e if frozen > 0.0 or s.since > 0.0 else 0.0
+    frozen = s.phase == FROZEN
+    eps = e if frozen or s.since > 0.0 else 0.0
     learning = s.filled > s.depth + s.nc
-    if learning and frozen > 0.0:
-        account(s, at, y, e, e, s.lam_end, 1.0)
-    elif learning:
-        eps = _learn(s, at, y, e)
+    lam, share = s.lam_end, 1.0
+    if learning and not frozen:
+        lam = s.lam
+        eps, share = _learn(s, at, e)
         if not abs(eps) < math.inf:
-            _restart(at.packed)
+            s.phase = RESTARTING
             learning = False
-    if not learning:
+    if learning:
+        account(s, at, y, e, eps, lam, share)
+    else:
         s.held += 1.0
     at.fresh[0] = -y
     at.fresh[len(at.fresh) - 2] = eps if s.filled > s.depth else 0.0

@@ -68,7 +68,8 @@ class Parts(NamedTuple):
     samples: Floats  # (window (m + 2),) rows of break flag, y, u
 
 
-GATHERING, FITTING, RUNNING = 0.0, 1.0, 2.0  # phase: fill the window, await the start fit, recurse
+# phase: fill the window, await its release, recurse, await a restart, recurse but for theta and P
+GATHERING, FITTING, RUNNING, RESTARTING, FROZEN = 0.0, 1.0, 2.0, 3.0, 4.0
 WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # status, as blocks.Status
 PSI_FROM = 150  # rml: updates with psi = phi, until C is good enough to filter by
 HALVINGS = 12  # of a step that would make C unstable; then it is not taken at all
