@@ -22,6 +22,7 @@ from yawid.estimation.whiteness import ljung_box
 
 VERSION = "yawid-armax-2"
 """Of a saved estimator: changes whenever the meaning or place of anything in the state does."""
+NO_ROWS = np.empty((0, 0))
 
 
 class Estimate:
@@ -119,7 +120,8 @@ class RecursiveArmax:
         self._header, self._parts = slots.named(state), slots.cut(state)
         self._moving = state[: len(state) - len(self._parts.samples)]
         self._inputs = config.orders.n_inputs
-        self._row = np.empty((1, 1 + self._inputs))
+        self._u, self._y = np.empty((1, self._inputs)), np.empty(1)  # of one sample
+        self._input = self._u[0]
         self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
@@ -129,9 +131,8 @@ class RecursiveArmax:
             ConfigError: u or y is infinite, or u has another number of inputs.
         """
         if self._inputs == 1 and isinstance(u, float):
-            row = self._row
-            row[0, 0], row[0, 1] = y, u
-            if (done := entry.run(self._state, row, 0)) < 1:
+            self._input[0], self._y[0] = u, y
+            if (done := entry.run(self._state, self._u, self._y, NO_ROWS, 0)) < 1:
                 if done < 0:
                     raise ConfigError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
                 self._after_stop()
@@ -158,23 +159,20 @@ class RecursiveArmax:
         if keep not in ("all", "last"):
             raise ConfigError(f'keep must be "all" or "last", got {keep!r}')
         u, y = checked_samples(u, y, self._inputs)
-        width, given = estimate_width(self._n, covariance), 1 + self._inputs
-        rows = np.empty((len(y), width if keep == "all" else given))
-        rows[:, 0], rows[:, 1:given] = y, u
-        self._take(rows)
-        if keep == "all":
-            return EstimateBlock(rows, self._n)
-        return _reading(self._state, covariance=covariance)
+        n = self._n
+        rows = np.empty((len(y) if keep == "all" else 1, estimate_width(n, covariance)))
+        self._take(u, y, rows)
+        return EstimateBlock(rows, n)
 
-    def _take(self, rows: Floats) -> None:
-        done = entry.run(self._state, rows, 0)
+    def _take(self, u: Floats, y: Floats, rows: Floats) -> None:
+        done = entry.run(self._state, u, y, rows, 0)
         if done < 0:
             raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
-        while done < len(rows):
+        while done < len(y):
             self._after_stop()
-            if rows.shape[1] > 1 + self._inputs:
+            if len(rows) == len(y):
                 entry.read(self._state, rows[done])
-            done = entry.run(self._state, rows, done + 1)
+            done = entry.run(self._state, u, y, rows, done + 1)
 
     def _after_stop(self) -> None:
         if self._header.phase == slots.RESTARTING:
@@ -198,7 +196,8 @@ class RecursiveArmax:
                 parts.covariance[:] = start.covariance.ravel()
             s.phase = slots.FROZEN
         gaps = np.flatnonzero(rows[:, 0])
-        self._take(np.insert(rows[:, 1:], gaps, np.nan, axis=0))
+        rows = np.insert(rows, gaps, np.nan, axis=0)
+        self._take(rows[:, 2:].copy(), rows[:, 1].copy(), NO_ROWS)
         s.held -= len(gaps)
         if start is not None:
             s.phase, s.lam = slots.RUNNING, s.lam_end
@@ -215,13 +214,13 @@ class RecursiveArmax:
         Raises:
             ConfigError: nk = 0 and u has another number of inputs or is infinite.
         """
-        row, nk = np.zeros((1, 1 + self._inputs)), np.array(self.config.orders.nk)
+        row, nk = np.zeros((1, self._inputs)), np.array(self.config.orders.nk)
         if not nk.all():
-            row[0, 1:] = np.where(nk > 0, 0.0, checked_u(u, 0.0, self._inputs))
+            row[:] = np.where(nk > 0, 0.0, checked_u(u, 0.0, self._inputs))
         if self._header.phase != slots.RUNNING:
             return math.nan
         scratch = self._moving.copy()
-        entry.run(scratch, row, 0)  # whatever y is, it comes after y_hat
+        entry.run(scratch, row, np.zeros(1), NO_ROWS, 0)  # whatever y is, it comes after y_hat
         return float(slots.named(scratch).y_hat) / self._scale
 
     def to_bytes(self) -> bytes:

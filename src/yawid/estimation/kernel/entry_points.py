@@ -7,7 +7,7 @@ import math
 from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT, Floats
 from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.forgetting import noise_of
-from yawid.estimation.kernel.linear_algebra import entry_of_p, hot, jit
+from yawid.estimation.kernel.linear_algebra import entry_of_p, hot, jit, merged
 from yawid.estimation.kernel.recursion import take
 from yawid.estimation.kernel.state import (
     FITTING,
@@ -20,7 +20,7 @@ from yawid.estimation.kernel.state import (
 )
 
 
-@hot
+@merged
 def _scale(s, at):
     """Set the factors from the full window; False where a channel in use moves too little."""
     w, width = int(s.window), int(s.m) + 2
@@ -66,7 +66,7 @@ def _collect(packed):
         s.phase = FITTING
 
 
-@hot
+@merged
 def _sample(s, at):
     finite = abs(s.y) < math.inf
     for j in range(len(at.inputs)):
@@ -79,6 +79,18 @@ def _sample(s, at):
         take(s, at)
     else:
         _collect(at.packed)
+
+
+@hot
+def _finite_or_nan(u, y):
+    """Tell whether nothing in u (samples, M) and y (samples,) is infinite."""
+    for k in range(len(y)):
+        if abs(y[k]) == math.inf:
+            return False
+        for j in range(u.shape[1]):
+            if abs(u[k, j]) == math.inf:
+                return False
+    return True
 
 
 @hot
@@ -101,17 +113,17 @@ def read(packed, row):
     Its length says whether the covariance of theta belongs to it.
     """
     s, at = header(packed), parts(packed)
-    n, last = len(at.theta), 2 * len(at.theta) + SCALARS
+    n = len(at.theta)
+    scale, last = 1.0 / at.factors[0], 2 * n + SCALARS
     for i in range(n):
+        row[i] = at.theta[i] * at.units[i]
         for j in range(i, n if len(row) > last else i + 1):
             entry = _covariance_entry(s, at, i, j)
             if i == j:
-                row[i] = at.theta[i] * at.units[i]
                 row[n + i] = 0.0 if entry < 0.0 else math.sqrt(entry)
             if len(row) > last:
                 row[last + i * n + j] = entry
                 row[last + j * n + i] = entry
-    scale = 1.0 / at.factors[0]
     row[2 * n + Y_HAT], row[2 * n + INNOVATION] = s.y_hat * scale, s.innovation * scale
     row[2 * n + RESIDUAL] = s.residual * scale
     row[2 * n + NOISE_STD] = math.sqrt(noise_of(s)) * scale
@@ -119,29 +131,28 @@ def read(packed, row):
 
 
 @jit
-def run(packed, rows, first):
-    """Take samples from the first on: rows (samples, M + 1) of y and the inputs.
+def run(packed, u, y, out, first):
+    """Take samples from the first on into rows of out, or only the last if there is but one row.
 
-    What comes of each overwrites its row where rows are wider, as :func:`read` fills them.
-    Returns the number of samples taken, or the place of one that has left something to be done in
-    Python: a window to be released, a restart. -1, and takes none, where one of all is infinite.
+    u (samples, M), y (samples,). Returns the number of samples taken, or the place of one that
+    leaves something to be done in Python: to release the window, to restart. -1, and takes none,
+    where one of them all is infinite.
     """
+    if first == 0 and not _finite_or_nan(u, y):
+        return -1
     s, at = header(packed), parts(packed)
-    given = len(at.inputs) + 1
-    for k in range(0 if first == 0 else len(rows), len(rows)):
-        for j in range(given):
-            if abs(rows[k, j]) == math.inf:
-                return -1
-    for k in range(first, len(rows)):
-        s.y = rows[k, 0]
-        for j in range(len(at.inputs)):
-            at.inputs[j] = rows[k, 1 + j]
+    for k in range(first, len(y)):
+        s.y = y[k]
+        for j in range(u.shape[1]):
+            at.inputs[j] = u[k, j]
         _sample(s, at)
         if s.phase == FITTING or s.phase == RESTARTING:
             return k
-        if rows.shape[1] > given:
-            read(packed, rows[k])
-    return len(rows)
+        if len(out) == len(y):
+            read(packed, out[k])
+    if len(out) > 0 and len(out) != len(y):
+        read(packed, out[0])
+    return len(y)
 
 
 def restart(packed: Floats) -> None:

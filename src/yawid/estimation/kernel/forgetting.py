@@ -3,6 +3,7 @@
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 import math
+from typing import Any
 
 from yawid.estimation.kernel.linear_algebra import correlate, drift_entry, entry_of_p, floor, hot
 from yawid.estimation.kernel.state import FAST, FAST_FALL, MOST_RISE, SETTLING, SLACK, SLOW_RISE
@@ -32,7 +33,7 @@ def _keep_information(s, at):
         floor(at.d, at.upper, k, 1.0 / limit - 1.0 / p, at.gain)
 
 
-def noise_variance(s):
+def noise_variance(s: Any) -> Any:
     """Return the variance of the innovation on scaled signals; NaN before the first update."""
     if s.s1 == 0.0:
         return math.nan

@@ -36,27 +36,33 @@ def jit(function: Callable[..., Any]) -> Any:
     """Compile with numba's cache, or without where it finds no directory to write to."""
     if settings.DISABLE_JIT:  # compiled code does not warn of an overflow either
         return np.errstate(all="ignore")(function)
-    return _compile(function, inline=False)
+    return _compile(function)
 
 
 def unlocked(function: Callable[..., Any]) -> Any:
     """Compile what goes over a whole record: without the lock that would keep other threads."""
     if settings.DISABLE_JIT:
         return jit(function)
-    return _compile(function, inline=False, nogil=True)
+    return _compile(function, nogil=True)
 
 
 def hot(function: Callable[..., Any]) -> Any:
     """Compile into each caller: for what runs at every sample, where calls cost most."""
-    return _compile(function, inline=True)
+    return _compile(function, forceinline=True, no_cpython_wrapper=True)
 
 
-def _compile(function: Callable[..., Any], inline: bool, nogil: bool = False) -> Any:
-    inner = inline or function.__name__.startswith("_")  # not called from Python: no wrapper
-    options: dict[str, Any] = {
-        "error_model": "numpy", "inline": "always" if inline else "never", "nogil": nogil,
-        "no_cfunc_wrapper": True, "no_cpython_wrapper": inner,
-    }  # fmt: skip
+def merged(function: Callable[..., Any]) -> Any:
+    """Let numba write it into its one caller, for what is long and would else be compiled twice.
+
+    For what is short :func:`hot` costs less: numba copies the caller for each.
+    """
+    return _compile(function, inline="always")
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Any:
+    if function.__name__.startswith("_"):  # not called from Python
+        options["no_cpython_wrapper"] = True
+    options |= {"error_model": "numpy", "no_cfunc_wrapper": True}
     given, settings.CACHE_DIR = settings.CACHE_DIR, FOLDER
     try:
         return numba.njit(cache=True, **options)(function)
@@ -278,7 +284,7 @@ def correlate(residuals, products, eps, lam):
     push(residuals, 0, len(residuals), eps)
 
 
-def p_entry(d, upper, i, j):
+def p_entry(d: Any, upper: Any, i: int, j: int) -> Any:
     """P[i, j] of P = U D U', i <= j."""
     total = d[j] if i == j else upper[j * (j - 1) // 2 + i] * d[j]
     for k in range(j + 1, len(d)):

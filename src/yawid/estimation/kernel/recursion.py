@@ -7,7 +7,14 @@ import math
 import numpy as np
 
 from yawid.estimation.kernel.forgetting import account, adapt
-from yawid.estimation.kernel.linear_algebra import bierman, clear, follow_covariance, hot, stable
+from yawid.estimation.kernel.linear_algebra import (
+    bierman,
+    clear,
+    follow_covariance,
+    hot,
+    merged,
+    stable,
+)
 from yawid.estimation.kernel.state import (
     DIVERGING,
     FEW,
@@ -83,7 +90,7 @@ def _stable_step(s, theta, gain, scratch, step):
     return 0.0
 
 
-@hot
+@merged
 def _learn(s, at, e):
     """Update theta and P by the innovation and phi, psi.
 
@@ -142,7 +149,7 @@ def expect(s, at):
     return y_hat
 
 
-@hot
+@merged
 def take(s, at):
     """Take the sample in its slots through the recursion; FROZEN leaves theta and P as they are."""
     y = s.y * at.factors[0]
