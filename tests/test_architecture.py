@@ -155,8 +155,7 @@ def test_the_kernel_is_a_private_room_of_the_estimators() -> None:
         inside = {name for name in imports(path) if name.startswith("yawid.estimation.kernel.")}
         own = path.relative_to(SRC).as_posix()
         if not own.startswith("estimation/"):
-            # Whether the compiler has been here is the command line's to say.
-            assert not inside or own == "cli/main.py", f"{own} reaches into the kernel"
+            assert not inside, f"{own} reaches into the kernel"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: p.relative_to(SRC).as_posix())

@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from places import ROOT
@@ -65,9 +66,31 @@ def test_without_a_writable_cache_it_compiles_anew(compiled, tmp_path):
     program = PROGRAM.replace("import numpy", "import numba.core.caching as c\n"
         "def refuse(self): raise OSError('read-only')\n"
         "c._CacheLocator.ensure_cache_path = refuse\nimport numpy")  # fmt: skip
+    program += "from yawid.cli.main import main\nprint(main(['warm']))"
     run = subprocess.run(
         [sys.executable, "-c", program],
         env={**os.environ, "PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(blocked)},
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    assert run.stdout.strip() == compiled
+    assert run.stdout.split() == [compiled, "6"]
+    assert "set NUMBA_CACHE_DIR" in run.stderr
+
+
+@pytest.mark.slow
+def test_warm_compiles_all_that_an_estimator_needs_and_once(tmp_path):
+    def warm() -> str:
+        run = subprocess.run(
+            [sys.executable, "-m", "yawid", "warm"],
+            env={**os.environ, "PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        return run.stdout
+
+    def code() -> set[Path]:
+        return set(tmp_path.rglob("*.nbc"))
+
+    assert warm().startswith("compiled 4 functions in ")
+    first = code()
+    digest(NUMBA_CACHE_DIR=str(tmp_path))
+    assert code() == first
+    assert warm().startswith("nothing to do: 4 compiled functions are in ")

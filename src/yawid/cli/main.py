@@ -32,6 +32,7 @@ from yawid.cli.options import (
 from yawid.cli.paper import add_commands
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready, mute, show
+from yawid.cli.warm import add_warm
 from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
 
@@ -70,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     add_commands(commands)
     add_finished_run(commands)
     add_regress(commands)
+    add_warm(commands)
     return parser
 
 
@@ -112,10 +114,10 @@ def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
 
 
 def _warn_of_compiling() -> None:
-    from yawid.estimation.kernel.linear_algebra import compiled_before
+    from yawid.estimation.compiled import compiled_before
 
     if sys.stderr.isatty() and not compiled_before():
-        _say("compiling the estimator, once per installation: some 20 seconds")
+        _say("compiling the estimator, once per installation: some 7 seconds")
 
 
 def _orders(arguments: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite.binding import get_host_cpu_name
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
@@ -27,6 +28,9 @@ def _cache_folder() -> str:
     """Name a folder by what is compiled: numba sees changes of a function's own file only."""
     here = Path(__file__).parent
     digest = hashlib.sha256(b"".join((here / name).read_bytes() for name in COMPILED))
+    # Versions side by side, and machines that share the folder, keep apart.
+    machine = (numba.__version__, settings.CPU_NAME or get_host_cpu_name(), settings.CPU_FEATURES)
+    digest.update(repr(machine).encode())
     digest.update(repr((Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS)).encode())
     base = Path(settings.CACHE_DIR or here / "__pycache__")
     return str(base / digest.hexdigest()[:16])
@@ -73,11 +77,6 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
 
 
 FOLDER = _cache_folder()
-
-
-def compiled_before() -> bool:
-    """Tell whether an earlier run has left compiled code: without, the first estimate waits."""
-    return bool(settings.DISABLE_JIT) or Path(FOLDER).is_dir()
 
 
 def cutter(header: np.dtype[Any], parts: Any, indices: frozenset[str]) -> tuple[Any, Any]:
