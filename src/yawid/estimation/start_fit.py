@@ -81,15 +81,20 @@ class RecordFit:
         c, rest = c_of(theta, self.orders), np.zeros(self.orders.nc)
         return [all_pole(c, y - along(phi, theta), rest) for y, phi in self.stretches]
 
-    def loss(self, theta: Floats) -> float:
+    def loss(self, theta: Floats, residuals: list[Floats] | None = None) -> float:
         """Return the weighted sum of squared residuals with the ridge's share, or inf."""
-        eps = np.concatenate(self.residuals(theta))
+        eps = np.concatenate(self.residuals(theta) if residuals is None else residuals)
         loss = float(np.sum(self.weights * eps**2) + theta @ self.prior @ theta)
         return loss if np.isfinite(loss) else np.inf
 
-    def gradient(self, theta: Floats, filtered: bool = True) -> tuple[Floats, Floats]:
-        """Return psi (n, n_theta), or phi where not filtered, and eps (n,) at theta."""
-        residuals = self.residuals(theta)
+    def gradient(
+        self, theta: Floats, filtered: bool = True, residuals: list[Floats] | None = None
+    ) -> tuple[Floats, Floats]:
+        """Return psi (n, n_theta), or phi where not filtered, and eps (n,) at theta.
+
+        Here as in the loss ``residuals`` are those at theta, where they are known already.
+        """
+        residuals = self.residuals(theta) if residuals is None else residuals
         rows = self.regressors(residuals)
         if filtered:
             c, rest = c_of(theta, self.orders), np.zeros((self.orders.nc, len(theta)))
@@ -137,9 +142,10 @@ class RecordFit:
 
         They end when the loss gains a smaller share than ``settled``.
         """
-        loss = self.loss(theta)
+        residuals = self.residuals(theta)
+        loss = self.loss(theta, residuals)
         for _ in range(ITERATIONS):
-            psi, eps = self.gradient(theta)
+            psi, eps = self.gradient(theta, residuals=residuals)
             weighted = psi * self.weights[:, None]
             information = self.prior + cross(weighted, psi)
             score = cross(weighted, eps) - self.prior @ theta
@@ -148,12 +154,14 @@ class RecordFit:
             step, better = np.linalg.solve(information, score), loss
             for _ in range(HALVINGS):
                 trial = theta + step
-                if is_stable(c_of(trial, self.orders)) and (better := self.loss(trial)) < loss:
-                    break
+                if is_stable(c_of(trial, self.orders)):
+                    tried = self.residuals(trial)
+                    if (better := self.loss(trial, tried)) < loss:
+                        break
                 step, better = 0.5 * step, loss
             if not better < loss * (1.0 - settled):
                 break
-            theta, loss = trial, better
+            theta, loss, residuals = trial, better, tried
         return theta
 
     def fixed_point(self, theta: Floats) -> Floats | None:
@@ -181,8 +189,9 @@ class RecordFit:
 
     def _pseudo_linear_step(self, theta: Floats) -> tuple[float, Floats]:
         """Return how far phi' eps is from 0, in squared standard deviations, and Newton's step."""
-        phi, eps = self.gradient(theta, filtered=False)
-        psi, _ = self.gradient(theta)
+        residuals = self.residuals(theta)
+        phi, eps = self.gradient(theta, filtered=False, residuals=residuals)
+        psi, _ = self.gradient(theta, residuals=residuals)
         weighted = phi * self.weights[:, None]
         score = cross(weighted, eps) - self.prior @ theta
         noise = float(np.sum(self.weights * eps**2)) / len(eps)

@@ -40,9 +40,7 @@ def discrete_poles(a: Floats) -> Complexes:
     with np.errstate(divide="ignore", invalid="ignore"):
         key = np.nan_to_num(np.abs(np.log(z)), posinf=1e3)
     # Conjugates differ in the last bits of |ln z|; rounding keeps them side by side.
-    row = np.arange(n)[:, None] + np.zeros((1, na), int)
-    by_frequency = np.lexsort((z.imag.ravel(), np.round(key, 9).ravel(), row.ravel()))
-    z = z.ravel()[by_frequency].reshape(n, na)
+    z = np.take_along_axis(z, np.lexsort((z.imag, np.round(key, 9))), axis=1)
     z[~good] = np.nan
     return z
 

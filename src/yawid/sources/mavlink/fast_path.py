@@ -49,8 +49,8 @@ class PlainReader:
 
     def __init__(self, known: Definitions) -> None:
         self._known = known
-        rows = enumerate(known.row_of.tolist())
-        self._row_of = {number: row for number, row in rows if row != UNKNOWN}
+        numbers = np.flatnonzero(known.row_of != UNKNOWN)
+        self._row_of = dict(zip(numbers.tolist(), known.row_of[numbers].tolist(), strict=True))
         self._extra = [bytes([byte]).translate(REVERSED) for byte in known.crc_extra.tolist()]
 
     def read(self, data: bytes, last_us: int) -> list[PlainRecord] | None:
