@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from yawid import __version__
+from yawid.cli.completion import add_completion
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.live import add_live
 from yawid.cli.options import (
@@ -72,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     add_finished_run(commands)
     add_regress(commands)
     add_warm(commands)
+    add_completion(commands, parser)
     return parser
 
 

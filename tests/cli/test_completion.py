@@ -1,0 +1,74 @@
+"""``yawid completion``: what it prints is a script that the shell takes, and it completes."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from yawid.cli import main as command_line
+
+COMMANDS = {
+    command
+    for action in command_line._parser()._actions
+    if isinstance(action, argparse._SubParsersAction)
+    for command in action.choices
+}
+PRESS_TAB = """
+source "$1"; shift
+COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))
+eval "$(complete -p yawid | sed 's/.*-F \\([^ ]*\\).*/\\1/') yawid"
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
+@pytest.fixture
+def script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    assert command_line.main(["completion", "bash"]) == 0
+    path = tmp_path / "yawid.bash"
+    path.write_text(capsys.readouterr().out)
+    return path
+
+
+def offered(script: Path, *words: str) -> set[str]:
+    """Return what bash offers for the last of these words of a command line."""
+    done = subprocess.run(
+        ["bash", "-c", PRESS_TAB, "bash", script, "yawid", *words],
+        cwd=script.parent, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return set(done.stdout.split())
+
+
+def test_bash_takes_the_script_and_offers_every_command(script: Path):
+    assert subprocess.run(["bash", "-n", script], check=False).returncode == 0
+    assert offered(script, "") >= COMMANDS >= {"replay", "live", "completion"}
+
+
+def test_bash_offers_options_choices_and_files(script: Path):
+    assert offered(script, "replay", "--rudder-") == {"--rudder-sign", "--rudder-max-deg"}
+    assert offered(script, "step", "--model", "") == {"first", "second"}
+    assert offered(script, "replay", "--config", "yawid.b") == {"yawid.bash"}
+
+
+def test_zsh_takes_its_script_with_every_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert command_line.main(["completion", "zsh"]) == 0
+    text = capsys.readouterr().out
+
+    assert text.startswith("#compdef yawid\n")
+    assert all(f"    {command}:" in text for command in COMMANDS)
+    if shutil.which("zsh"):
+        (tmp_path / "_yawid").write_text(text)
+        assert subprocess.run(["zsh", "-n", tmp_path / "_yawid"], check=False).returncode == 0
+
+
+def test_another_shell_is_refused_by_name(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        command_line.main(["completion", "fish"])
+
+    assert ended.value.code == 2
+    assert "fish" in capsys.readouterr().err
