@@ -2,9 +2,9 @@
 
     python tools/check.py [--fast | --long]
 
-``--fast`` leaves out what is marked slow or mutation; ``--long`` adds what is marked long, which is
-to be run before an issue is called resolved. All of them run; the exit code is that of the first
-that fails.
+``--fast`` leaves out what is marked slow or mutation; ``--long`` adds what is marked long and
+check_install.py, which are to be run before an issue is called resolved. All of them run; the exit
+code is that of the first that fails.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     return [
         [*tests, "-m", "not slow and not mutation and not long"] if fast else tests,
         *([[python, "-m", "pytest", "-m", "long"]] if long else []),
+        *([[python, "tools/check_install.py"]] if long else []),
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],
         [python, "-m", "mypy", "--strict", *TYPED],
