@@ -30,7 +30,8 @@ LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
 DATA = {"yawid/py.typed", "yawid/report/report.css"}
 BESIDE = {"LICENSE", "MANIFEST.in", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 BESIDE |= {"tools/yawid.service"}
-TESTS = ("tests/test_pipeline.py", "tests/estimation", "tests/sinks/mcap", "tests/cli/test_main.py")
+TESTS = ("tests/test_pipeline.py", "tests/estimation", "tests/sinks/mcap")
+TESTS += ("tests/cli/test_completion.py", "tests/report/test_report.py")
 NEWER = ("3.12", "3.13")
 WHEELS_ONLY = "--only-binary=:all:"
 AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64")
@@ -94,6 +95,7 @@ def oldest(wheel: Path, scratch: Path) -> str:
     cases = run(python, "-m", "yawid", "regress", cwd=clone).count("    ok  ")
     run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
     options = ("-q", "-p", "no:cacheprovider", "-m", "not slow and not long and not mutation")
+    options += ("-o", "filterwarnings=")  # old libraries with new ones below them do warn
     last = run(python, "-m", "pytest", *options, *TESTS, cwd=clone).splitlines()[-1]
     return f"{cases} cases as their references; {last}"
 
@@ -109,7 +111,10 @@ def pythons(wheel: Path, scratch: Path) -> str:
     found = []
     for version in NEWER:
         interpreter = shutil.which(f"python{version}")
-        if interpreter is None:
+        if (
+            interpreter is None
+            or subprocess.run([interpreter, "--version"], check=False).returncode
+        ):
             found.append(f"{version}: not on the PATH, not tried")
             continue
         python = environment(scratch / version, interpreter)
