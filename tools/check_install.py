@@ -111,16 +111,18 @@ def pythons(wheel: Path, scratch: Path) -> str:
     found = []
     for version in NEWER:
         interpreter = shutil.which(f"python{version}")
-        if (
-            interpreter is None
-            or subprocess.run([interpreter, "--version"], check=False).returncode
-        ):
+        if interpreter is None or not works(interpreter):
             found.append(f"{version}: not on the PATH, not tried")
             continue
         python = environment(scratch / version, interpreter)
         install(python, wheel)
         found.append(f"{version}: {answers(python, scratch)}")
     return "; ".join(found)
+
+
+def works(interpreter: str) -> bool:
+    """Tell a Python from what only stands for one on the PATH."""
+    return subprocess.run([interpreter, "-c", ""], capture_output=True, check=False).returncode == 0
 
 
 def aarch64(wheel: Path, scratch: Path) -> str:
