@@ -1,4 +1,4 @@
-"""The systemd unit and the Dockerfile name what there is: options, files, an endpoint that opens."""
+"""The systemd unit and the Dockerfile name what there is: options, files, an endpoint."""
 
 from __future__ import annotations
 
