@@ -30,8 +30,14 @@ LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
 DATA = {"yawid/py.typed", "yawid/report/report.css"}
 BESIDE = {"LICENSE", "MANIFEST.in", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 BESIDE |= {"tools/yawid.service"}
-TESTS = ("tests/test_pipeline.py", "tests/estimation", "tests/sinks/mcap")
-TESTS += ("tests/cli/test_completion.py", "tests/report/test_report.py")
+TESTS = (
+    "tests/test_pipeline.py",
+    "tests/estimation",
+    "tests/sinks/mcap",
+    "tests/cli/test_completion.py",
+    "tests/report/test_report.py",
+)
+OLDEST = (3, 11)
 NEWER = ("3.12", "3.13")
 WHEELS_ONLY = "--only-binary=:all:"
 AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64")
@@ -52,7 +58,8 @@ def main() -> int:
             for name in names:
                 print(f"{name}: {steps[name](wheel, scratch)}", flush=True)
         except (AssertionError, subprocess.CalledProcessError) as error:
-            print(f"{error}\n{getattr(error, 'stderr', '') or ''}", file=sys.stderr)
+            said = (getattr(error, "stdout", ""), getattr(error, "stderr", ""))
+            print(error, *said, sep="\n", file=sys.stderr)
             return 1
     return 0
 
@@ -87,6 +94,8 @@ def built(wheel: Path, scratch: Path) -> str:
 
 def oldest(wheel: Path, scratch: Path) -> str:
     """Install the oldest libraries allowed; run the cases and some tests."""
+    if sys.version_info[:2] != OLDEST:
+        return "not tried: the oldest libraries have wheels for the oldest Python only"
     constraints = scratch / "oldest.txt"
     constraints.write_text("\n".join(oldest_allowed()))
     python = environment(scratch / "oldest", sys.executable)
@@ -94,8 +103,8 @@ def oldest(wheel: Path, scratch: Path) -> str:
     clone = scratch / "clone"  # a case that fails leaves a picture beside it
     cases = run(python, "-m", "yawid", "regress", cwd=clone).count("    ok  ")
     run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
-    options = ("-q", "-p", "no:cacheprovider", "-m", "not slow and not long and not mutation")
-    options += ("-o", "filterwarnings=")  # old libraries with new ones below them do warn
+    options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long and not mutation"]
+    options += ["-o", "filterwarnings="]  # old libraries with new ones below them do warn
     last = run(python, "-m", "pytest", *options, *TESTS, cwd=clone).splitlines()[-1]
     return f"{cases} cases as their references; {last}"
 

@@ -1,0 +1,19 @@
+"""What tools/check_install.py goes by, without installing: that is for tools/check.py --long."""
+
+from __future__ import annotations
+
+import re
+
+from check_install import DATA, oldest_allowed
+from places import SRC
+
+
+def test_every_library_has_a_lower_bound_that_can_be_tried():
+    assert [each for each in oldest_allowed() if not re.fullmatch(r"[\w-]+==\d[\d.]*", each)] == []
+
+
+def test_what_the_package_holds_besides_modules_is_known_and_packed():
+    files = {path for path in SRC.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    others = {path for path in files if path.suffix != ".py"}
+
+    assert {path.relative_to(SRC.parent).as_posix() for path in others} == DATA
