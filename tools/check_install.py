@@ -28,8 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SRC = ROOT / "src"
 LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
 DATA = {"yawid/py.typed", "yawid/report/report.css"}
-BESIDE = {"LICENSE", "MANIFEST.in", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
-BESIDE |= {"tools/yawid.service"}
+BESIDE = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 TESTS = (
     "tests/test_pipeline.py",
     "tests/estimation",
@@ -85,7 +84,9 @@ def built(wheel: Path, scratch: Path) -> str:
     with tarfile.open(next(wheel.parent.glob("*.tar.gz"))) as archive:
         files = {member.name.partition("/")[2] for member in archive if member.isfile()}
     files = {name for name in files if "src/yawid.egg-info/" not in name}
-    wanted = {f"src/{name}" for name in package} | BESIDE
+    # setuptools packs the tests' root too, without asking; they need the logs of a clone.
+    tests = {f"tests/{path.name}" for path in (ROOT / "tests").glob("test*.py")}
+    wanted = {f"src/{name}" for name in package} | BESIDE | tests
     assert files == wanted, f"the sdist: {sorted(files ^ wanted)}"
     python = environment(scratch / "bare", sys.executable)
     install(python, wheel)
