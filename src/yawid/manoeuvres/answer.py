@@ -17,7 +17,6 @@ from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.manoeuvres.conditions import conditions
-from yawid.physics.modes import modes
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_samples import (
@@ -32,7 +31,7 @@ from yawid.results.judge_samples import (
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import Manoeuvre, MethodSummary, Orders, Value
 from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
-from yawid.results.summary import as_summary, described
+from yawid.results.summary import as_summary, described, dutch_roll_told
 
 OTHER_ORDERS = (*NEXT, 1)
 """Beside those of the manoeuvre: which of the two a flight is told by is for all of it to say."""
@@ -130,12 +129,11 @@ class Fits:
     def spread(self) -> Spread:
         """Return what is known beside the answer; the structures are fitted as RML."""
         first = self.methods[0]
-        orders, mean_output = self.estimators[first].config.orders, self.config.output == "yaw"
-        found = modes(self.last[first], orders, self.sample_time_s, mean_output=mean_output)
-        wn = float(found.dutch_roll[-1, 0])
+        model = self.estimators[first]
+        wn = float(dutch_roll_told(self, first, model.theta)[0])
         if not wn > 0.0:
             return NOTHING_KNOWN
-        own = self.estimators[first] if first == "rml" else None
+        own = model if first == "rml" else None
         return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own)
 
     def simulation_pct(self) -> float:

@@ -258,12 +258,7 @@ def bank_summaries(bank: Bank) -> tuple[dict[str, MethodSummary], dict[str, Evid
     for method in bank.methods:
         before = np.full(2, np.nan)
         if earlier is not None:
-            before = dutch_roll_of(
-                earlier.theta[method],
-                bank.estimators[method].config.orders,
-                bank.sample_time_s,
-                mean_output=bank.config.output == "yaw",
-            )
+            before = dutch_roll_told(bank, method, earlier.theta[method])
         held_back_pct = _held_back_pct(bank, method, history)
         summaries[method], evidence[method] = described(
             bank, method, history, held_back_pct, before, spread
@@ -347,7 +342,10 @@ def stream_spread(bank: Bank, history: History) -> Spread:
     The fit of all of them by the estimators' own orders is one of the structures: a recursion may
     not have arrived where its samples lead.
     """
-    wn = next((w for w in (_wn(bank, method) for method in bank.methods) if w > 0.0), math.nan)
+    found = (
+        dutch_roll_told(bank, method, bank.last[method].theta[-1])[0] for method in bank.methods
+    )
+    wn = next((float(each) for each in found if each > 0.0), math.nan)
     if not math.isfinite(wn):
         return NOTHING_KNOWN
     forgotten = 1.0 - bank.config.forgetting_factor(bank.sample_time_s)
@@ -356,11 +354,10 @@ def stream_spread(bank: Bank, history: History) -> Spread:
     return spread_of(bank.config, bank.sample_time_s, u, y, wn)
 
 
-def _wn(bank: Bank, method: str) -> float:
-    """Return the Dutch roll's wn in rad/s as it stands, NaN where there is none."""
+def dutch_roll_told(bank: Estimates, method: str, theta: Floats) -> Floats:
+    """Return wn in rad/s and zeta (2,) that a method's theta (p,) tells; NaN without a mode."""
     orders, mean_output = bank.estimators[method].config.orders, bank.config.output == "yaw"
-    theta = bank.last[method].theta[-1]
-    return float(dutch_roll_of(theta, orders, bank.sample_time_s, mean_output=mean_output)[0])
+    return dutch_roll_of(theta, orders, bank.sample_time_s, mean_output=mean_output)
 
 
 def _fit(bank: Estimates, method: str, history: History) -> dict[str, float]:

@@ -19,7 +19,7 @@ MOST_HELD = 64 << 20
 
 
 class Warming:
-    """The warm-up in a thread of its own: with nothing compiled yet it takes most of a minute.
+    """The warm-up in a thread of its own: with nothing compiled yet it takes seconds.
 
     ``held`` counts the bytes that wait for it, of all sessions together.
     """
