@@ -59,7 +59,8 @@ ONLY_IN = {
     },
     "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},
     "filterpy": {"estimation/reference", "channels/yaw_reader.py"},
-    "numba": {"estimation/kernel/linear_algebra.py"},
+    "numba": {"estimation/machine/compiler.py"},
+    "llvmlite": {"estimation/machine"},
 }
 MODULES = sorted(SRC.rglob("*.py"))
 NAMES = {

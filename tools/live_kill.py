@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from send_tlog import stamped_frames
 
 from yawid.config.run import RunConfig
-from yawid.runs.live.warm_up import warm_up
+from yawid.estimation.machine.runner import RUNNER
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sinks.mcap.recover import recover
@@ -79,7 +79,8 @@ def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: f
         "--out",
         str(folder),
     ]
-    warm_up(RunConfig())  # a compiler would still be at work when the session is killed
+    if not RUNNER.is_compiled():  # a compiler would still be at work when the session is killed
+        RUNNER.compile()
     with subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ) as process:
         assert process.stderr is not None
         assert b"listening" in process.stderr.readline()

@@ -1,9 +1,8 @@
-"""The recursive filter and the chi-square tail against SciPy's."""
+"""The recursive filter, products of records and the chi-square tail against SciPy and NumPy."""
 
 from __future__ import annotations
 
 import math
-import os
 import threading
 
 import numpy as np
@@ -14,7 +13,8 @@ from scipy.signal import lfilter, lfiltic
 from scipy.special import gammaincc
 
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.kernel.linear_algebra import over_a
+from yawid.estimation.machine.loops import over_a
+from yawid.estimation.products import cross
 from yawid.estimation.whiteness import chi_square_tail
 
 lengths = st.sampled_from([0, 1, 2, 63, 400])
@@ -41,10 +41,9 @@ def test_what_is_not_stable_overflows_without_a_warning():
     assert not np.isfinite(x[1100:]).any()
 
 
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="plain Python has its lock")
 def test_a_long_record_is_filtered_beside_other_threads():
     drive, times, is_over = np.ones(10_000_000), [0], threading.Event()
-    all_pole(np.array([-0.5]), drive[:10], np.zeros(1))  # compiled by now
+    all_pole(np.array([-0.5]), drive[:10], np.zeros(1))  # loaded by now
 
     def count() -> None:
         while not is_over.wait(0.001):
@@ -80,3 +79,17 @@ def test_the_tail_of_chi_square_is_the_incomplete_gamma_function(q, degrees):
 
 def test_a_statistic_that_is_not_a_number_has_no_tail():
     assert math.isnan(chi_square_tail(math.nan, 20))
+
+
+@given(
+    shape=st.tuples(st.integers(0, 300), st.integers(1, 12), st.integers(1, 12)),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_product_is_numpys_summed_row_after_row(shape, seed):
+    n, m, width = shape
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(n, m)), rng.normal(size=(n, width))
+    rows = (a[:, :, None] * b[:, None, :]).reshape(n, m * width)
+    expected = np.add.accumulate(np.vstack([np.zeros((1, m * width)), rows]))[-1]
+    assert np.array_equal(cross(a, b), expected.reshape(m, width))
+    assert np.array_equal(cross(a, b[:, 0]), expected.reshape(m, width)[:, 0])

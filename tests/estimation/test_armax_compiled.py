@@ -1,96 +1,208 @@
-"""Compiled or plain Python, cached or not: the same bits."""
+"""Compiled or plain Python, kept or not, changing over at any sample: the same bits."""
 
 from __future__ import annotations
 
-import hashlib
 import os
+import pty
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from finished_runs import messages
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from places import ROOT
 
-SOURCE = ROOT / "src"
-PROGRAM = """
-import hashlib, warnings
-warnings.simplefilter("error")
-import numpy as np
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
-rng = np.random.default_rng(0)
-u, y = rng.standard_normal((2, 420))
-y[[250, 300]] = np.nan
-y[380] = 1e200
-digest = hashlib.sha256()
-for options in (
-    dict(method="els", forgetting_factor=0.98),
-    dict(method="rml", start_buffer=150, forgetting_factor=0.99),
-    dict(method="rml", drift=0.01),
-):
-    config = EstimatorConfig(orders=ArmaxOrders(2, 2, 3, 1), sample_time_s=0.05, **options)
-    armax = RecursiveArmax(config)
-    block = armax.run(u[:-2], y[:-2], covariance=True)
-    e = armax.update(float(u[-1]), float(y[-1]))
-    digest.update(block.theta.tobytes() + e.theta_std.tobytes() + armax.P.tobytes())
-    digest.update(armax.to_bytes())
-    digest.update(np.float64(armax.predict(0.1)).tobytes())
-print(digest.hexdigest())
-"""
+from yawid.cli.main import main
+from yawid.estimation import armax
+from yawid.estimation.machine import kept
+from yawid.estimation.machine.object_code import RUN
+from yawid.estimation.machine.runner import Runner
 
-
-def digest(**environment: str) -> str:
-    run = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        env={**os.environ, "PYTHONPATH": str(SOURCE), **environment},
-        capture_output=True,
-        text=True,
-        check=True,
+SOURCE = ROOT / "src"
+LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
+CONFIGS = [
+    EstimatorConfig(orders=ArmaxOrders(2, 2, 3, 1), sample_time_s=0.05, **options)
+    for options in (
+        {"method": "els", "forgetting_factor": 0.98},
+        {"method": "rml", "start_buffer": 150, "forgetting_factor": 0.99},
+        {"method": "rml", "drift": 0.01, "residual_lags": 0},
     )
-    return run.stdout.strip()
+]
+U, Y = np.random.default_rng(0).standard_normal((2, 420))
+Y[[250, 300]] = np.nan
+Y[380] = 1e200
 
 
-@pytest.fixture(scope="module")
-def compiled() -> str:
-    return digest()
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("yawid.estimation.machine.runner.LOOK_S", 0.0)
 
 
-def test_plain_python_gives_the_same_bits(compiled):
-    assert len(compiled) == len(hashlib.sha256().hexdigest())
-    assert digest(NUMBA_DISABLE_JIT="1") == compiled
+def interpreting(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Runner:
+    """Have the estimators taken on by one that finds nothing compiled in this folder."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    runner = Runner()
+    monkeypatch.setattr(armax, "RUNNER", runner)
+    return runner
 
 
-@pytest.mark.slow
-def test_without_a_writable_cache_it_compiles_anew(compiled, tmp_path):
+def code() -> bytes:
+    """Return the compiled code that all tests run on."""
+    found = kept.find(RUN)
+    assert found is not None
+    return found
+
+
+def run(config: EstimatorConfig, *cuts: int) -> bytes:
+    """Return all that becomes of the samples, taken in pieces."""
+    estimator, told = RecursiveArmax(config), b""
+    for u, y in zip(np.split(U, sorted(cuts)), np.split(Y, sorted(cuts)), strict=True):
+        told += estimator.run(u, y, covariance=True).rows.tobytes()
+    estimate = estimator.update(float(U[-1]), 0.1)
+    told += estimate.theta_std.tobytes() + estimator.P.tobytes() + estimator.to_bytes()
+    return told + np.float64(estimator.predict(0.1)).tobytes()
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_plain_python_gives_the_same_bits(config, tmp_path, monkeypatch):
+    compiled = run(config)
+    runner = interpreting(monkeypatch, tmp_path)
+    assert run(config) == compiled
+    assert not runner.is_compiled()
+
+
+@settings(max_examples=20, deadline=None)
+@given(config=st.sampled_from(CONFIGS), change=st.integers(0, 419), cut=st.integers(0, 419))
+def test_it_changes_over_at_any_sample_with_the_same_bits(tmp_path_factory, config, change, cut):
+    compiled, compiled_code = run(config, cut), code()
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        runner = interpreting(monkeypatch, tmp_path_factory.mktemp("cache"))
+        taken = [0]
+        interpret = runner.run
+
+        def counted(packed, u, y, out, first):
+            taken[0] += len(y)
+            if taken[0] > change and kept.find(RUN) is None:
+                kept.keep(RUN, compiled_code)
+            return interpret(packed, u, y, out, first)
+
+        monkeypatch.setattr(runner, "run", counted)
+        assert run(config, cut, change) == run(config, cut) == compiled
+        assert runner.is_compiled()
+
+
+def without_patience(monkeypatch: pytest.MonkeyPatch, compiled: Callable[[], bytes]) -> None:
+    """Have a process that interprets compile at its next block, by this."""
+    monkeypatch.setattr("yawid.estimation.machine.runner.PATIENCE_S", 0.0)
+    monkeypatch.setattr("yawid.estimation.machine.compiler.compiled", compiled)
+
+
+def test_a_process_that_interprets_for_long_compiles_and_keeps_it(tmp_path, monkeypatch):
+    expected, compiled_code = run(CONFIGS[0], 100), code()
+    runner = interpreting(monkeypatch, tmp_path)
+    without_patience(monkeypatch, lambda: compiled_code)
+    assert run(CONFIGS[0], 100) == expected
+    assert runner.is_compiled()
+    assert kept.find(RUN) == compiled_code
+
+
+def test_a_numba_that_cannot_compile_leaves_plain_python_at_work(tmp_path, monkeypatch):
+    expected = run(CONFIGS[0], 100)
+    runner = interpreting(monkeypatch, tmp_path)
+
+    def fail() -> bytes:
+        raise RuntimeError("no such instruction")
+
+    without_patience(monkeypatch, fail)
+    assert run(CONFIGS[0], 100) == expected
+    assert not runner.is_compiled()
+
+
+def test_a_folder_that_cannot_be_written_to_harms_nothing_and_warm_says_what_to_do(
+    tmp_path, monkeypatch, capsys
+):
+    expected, compiled_code = run(CONFIGS[0], 100), code()
     blocked = tmp_path / "file"
     blocked.write_text("a file where a folder is wanted")
-    program = PROGRAM.replace("import numpy", "import numba.core.caching as c\n"
-        "def refuse(self): raise OSError('read-only')\n"
-        "c._CacheLocator.ensure_cache_path = refuse\nimport numpy")  # fmt: skip
-    program += "from yawid.cli.main import main\nprint(main(['warm']))"
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(blocked)},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert run.stdout.split() == [compiled, "6"]
-    assert "set NUMBA_CACHE_DIR" in run.stderr
+    interpreting(monkeypatch, blocked)
+    without_patience(monkeypatch, lambda: compiled_code)
+    assert run(CONFIGS[0], 100) == expected
+    with kept.alone(RUN) as worth_it:
+        assert not worth_it
+    monkeypatch.setattr("yawid.estimation.machine.runner.RUNNER", Runner())
+    assert main(["warm"]) == 6
+    assert "set NUMBA_CACHE_DIR" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", [lambda code: code[:-1], lambda code: code[:40], lambda _: b""])
+def test_damaged_code_is_not_loaded_but_made_anew(tmp_path, monkeypatch, damage):
+    compiled_code = code()
+    interpreting(monkeypatch, tmp_path)
+    kept.keep(RUN, compiled_code)
+    [path] = tmp_path.glob("*.code")
+    path.write_bytes(damage(path.read_bytes()))
+    assert kept.find(RUN) is None
+    kept.keep(RUN, compiled_code)
+    assert kept.find(RUN) == compiled_code
+
+
+def test_other_versions_and_processors_have_files_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    kept.keep(RUN, b"of this one")
+    monkeypatch.setattr(kept, "_version", lambda: "another")
+    assert kept.find(RUN) is None
+    kept.keep(RUN, b"of the other")
+    monkeypatch.undo()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert kept.find(RUN) == b"of this one"
+
+
+def test_only_one_process_compiles_and_one_that_was_killed_is_in_nobodys_way(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    hold = "from yawid.estimation.machine import kept, object_code\n"
+    hold += "with kept.alone(object_code.RUN) as alone: print(alone, flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "True\n"
+        with kept.alone(RUN) as first:
+            assert not first
+        other.kill()
+        other.wait()
+    with kept.alone(RUN) as first:
+        assert first
+
+
+def replayed(folder: Path, cache: Path) -> str:
+    """Run README's first command as somebody at a terminal; return what stands in it."""
+    terminal, own = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "yawid", "replay", str(LOG), "--out", str(folder)],
+        env={**os.environ, "PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(cache)},
+        stdout=subprocess.DEVNULL, stderr=own,
+    ) as process:  # fmt: skip
+        assert process.wait(120.0) == 0
+    os.close(own)
+    said = os.read(terminal, 10_000).decode()
+    os.close(terminal)
+    return said
 
 
 @pytest.mark.slow
-def test_warm_compiles_all_that_an_estimator_needs_and_once(tmp_path):
-    def warm() -> str:
-        run = subprocess.run(
-            [sys.executable, "-m", "yawid", "warm"],
-            env={**os.environ, "PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        return run.stdout
-
-    def code() -> set[Path]:
-        return set(tmp_path.rglob("*.nbc"))
-
-    assert warm().startswith("compiled 4 functions in ")
-    first = code()
-    digest(NUMBA_CACHE_DIR=str(tmp_path))
-    assert code() == first
-    assert warm().startswith("nothing to do: 4 compiled functions are in ")
+def test_a_first_run_answers_at_once_and_is_followed_by_compiled_ones(tmp_path):
+    cache = tmp_path / "cache"
+    assert "the first run" in replayed(tmp_path / "first", cache)
+    assert not list(cache.glob(f"{RUN}*.code"))  # it did not wait
+    end_s = time.monotonic() + 120.0
+    while not list(cache.glob(f"{RUN}*.code")):
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
+    assert "the first run" not in replayed(tmp_path / "second", cache)
+    assert messages(tmp_path / "first" / "log.mcap") == messages(tmp_path / "second" / "log.mcap")

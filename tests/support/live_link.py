@@ -9,7 +9,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +18,6 @@ from scipy.signal import lfilter
 
 from yawid.config.run import RunConfig
 from yawid.runs.live import Console, Ended, LiveOptions, live
-from yawid.runs.live.warm_up import warm_up
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sources.open_log import ReadOptions
@@ -99,12 +97,6 @@ class Session(SimpleNamespace):
         return self.folder / f"{name}.{suffix}.part"
 
 
-@cache
-def compiled() -> None:
-    """Have the estimators compiled: no test but those of the compiler is to wait for one."""
-    warm_up(CONFIG)
-
-
 @contextmanager
 def listening(
     folder: Path,
@@ -115,7 +107,6 @@ def listening(
     **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
-    compiled()
     port = free_port()
     stop, screen, ended = StopFlag(), Screen(), []
     asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)

@@ -84,7 +84,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     from yawid.sinks.mcap.reader import is_mcap
 
     automatic, config = auto_orders(arguments), config_of(arguments)
-    _warn_of_compiling()
+    _compile_behind()
     read_options = read_options_of(arguments)
     codes: list[int] = []
     unreached: list[Path] = []
@@ -115,11 +115,12 @@ def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
     print_summary(summary, stream)
 
 
-def _warn_of_compiling() -> None:
-    from yawid.estimation.compiled import compiled_before
+def _compile_behind() -> None:
+    """Have a first run followed by compiled ones, where somebody is there to start them."""
+    from yawid.estimation.machine.runner import RUNNER
 
-    if sys.stderr.isatty() and not compiled_before():
-        _say("compiling the estimator, once per installation: some 7 seconds")
+    if sys.stderr.isatty() and not RUNNER.is_compiled() and RUNNER.compile_behind():
+        _say("the first run: the estimators are being compiled beside it, once per installation")
 
 
 def _orders(arguments: argparse.Namespace) -> int:

@@ -16,18 +16,22 @@ def add_warm(commands: Any) -> None:
 
 
 def _warm(_: argparse.Namespace) -> int:
-    from yawid.estimation.compiled import compile_all, is_switched_off
+    from yawid.estimation.machine.kept import folders
+    from yawid.estimation.machine.runner import RUNNER, is_plain
 
-    if is_switched_off():
+    if is_plain():
         print("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
         return 0
+    if RUNNER.is_compiled():
+        print("nothing to do: the estimators are compiled")
+        return 0
     start = time.perf_counter()
-    compiled = compile_all()
-    if compiled.folder is None:
-        raise SinkError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder to write to")
-    if compiled.made:
-        taken_s = time.perf_counter() - start
-        print(f"compiled {compiled.made} functions in {taken_s:.1f} s: {compiled.folder}")
-    else:
-        print(f"nothing to do: {compiled.found} compiled functions are in {compiled.folder}")
+    folder = RUNNER.compile()
+    if folder is None:
+        tried = ", ".join(map(str, folders()))
+        raise SinkError(
+            f"compiled code cannot be kept, no folder can be written to: {tried}; "
+            "set NUMBA_CACHE_DIR to one that can"
+        )
+    print(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
     return 0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.kernel.linear_algebra import over_a
+from yawid.estimation.machine.loops import over_a
 
 
 def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:

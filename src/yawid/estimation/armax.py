@@ -12,17 +12,18 @@ from yawid.blocks import EstimateBlock, Floats, Status, estimate_width
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.checks import checked_samples, checked_u
-from yawid.estimation.kernel import entry_points as entry
-from yawid.estimation.kernel import linear_algebra as kernel
 from yawid.estimation.kernel import state as slots
+from yawid.estimation.kernel.entry_points import restart
 from yawid.estimation.kernel.forgetting import noise_variance
+from yawid.estimation.kernel.linear_algebra import entry_of_p
 from yawid.estimation.kernel.new_state import new_state
+from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box
 
 VERSION = "yawid-armax-2"
 """Of a saved estimator: changes whenever the meaning or place of anything in the state does."""
-NO_ROWS = np.empty((0, 0))
+NO_SAMPLE, NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class Estimate:
@@ -34,7 +35,7 @@ class Estimate:
         self._saved = saved
 
     def _block(self, *, covariance: bool = False) -> EstimateBlock:
-        # The compiled code reads writable arrays only.
+        # Whoever takes samples writes to the state.
         return _reading(np.frombuffer(self._saved).copy(), covariance=covariance)
 
     @property
@@ -87,7 +88,7 @@ def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
     """Return one row of what came of the last sample."""
     n = int(slots.named(state).n)
     row = np.empty(estimate_width(n, covariance))
-    entry.read(state, row)
+    RUNNER.run(state, NO_SAMPLE, NO_SAMPLE, row[np.newaxis], 0)
     return EstimateBlock(row[np.newaxis], n)
 
 
@@ -120,8 +121,7 @@ class RecursiveArmax:
         self._header, self._parts = slots.named(state), slots.cut(state)
         self._moving = state[: len(state) - len(self._parts.samples)]
         self._inputs = config.orders.n_inputs
-        self._u, self._y = np.empty((1, self._inputs)), np.empty(1)  # of one sample
-        self._input = self._u[0]
+        self._u, self._y = np.empty(self._inputs), np.empty(1)  # of one sample
         self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
@@ -131,8 +131,8 @@ class RecursiveArmax:
             ConfigError: u or y is infinite, or u has another number of inputs.
         """
         if self._inputs == 1 and isinstance(u, float):
-            self._input[0], self._y[0] = u, y
-            if (done := entry.run(self._state, self._u, self._y, NO_ROWS, 0)) < 1:
+            self._u[0], self._y[0] = u, y
+            if (done := RUNNER.run(self._state, self._u, self._y, NO_ROWS, 0)) < 1:
                 if done < 0:
                     raise ConfigError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
                 self._after_stop()
@@ -165,18 +165,19 @@ class RecursiveArmax:
         return EstimateBlock(rows, n)
 
     def _take(self, u: Floats, y: Floats, rows: Floats) -> None:
-        done = entry.run(self._state, u, y, rows, 0)
+        flat = u.reshape(-1)
+        done = RUNNER.run(self._state, flat, y, rows, 0)
         if done < 0:
             raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
         while done < len(y):
             self._after_stop()
             if len(rows) == len(y):
-                entry.read(self._state, rows[done])
-            done = entry.run(self._state, u, y, rows, done + 1)
+                RUNNER.run(self._state, NO_SAMPLE, NO_SAMPLE, rows[done : done + 1], 0)
+            done = RUNNER.run(self._state, flat, y, rows, done + 1)
 
     def _after_stop(self) -> None:
         if self._header.phase == slots.RESTARTING:
-            entry.restart(self._state)
+            restart(self._state)
         else:
             self._release()
 
@@ -220,7 +221,7 @@ class RecursiveArmax:
         if self._header.phase != slots.RUNNING:
             return math.nan
         scratch = self._moving.copy()
-        entry.run(scratch, row, np.zeros(1), NO_ROWS, 0)  # whatever y is, it comes after y_hat
+        RUNNER.run(scratch, row[0], np.zeros(1), NO_ROWS, 0)  # whatever y is, it comes after y_hat
         return float(slots.named(scratch).y_hat) / self._scale
 
     def to_bytes(self) -> bytes:
@@ -279,7 +280,7 @@ class RecursiveArmax:
         P = np.empty((n, n))
         for j in range(n):
             for i in range(j + 1):
-                P[i, j] = P[j, i] = kernel.p_entry(d, upper, i, j)
+                P[i, j] = P[j, i] = entry_of_p(d, upper, i, j)
         units = self._parts.units * self._parts.factors[0]
         return P * np.outer(units, units)
 

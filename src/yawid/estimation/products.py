@@ -7,7 +7,7 @@ for each other many times longer than one alone would need.
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.kernel.linear_algebra import add_products
+from yawid.estimation.machine.loops import add_products
 
 
 def cross(a: Floats, b: Floats) -> Floats:

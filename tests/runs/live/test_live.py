@@ -19,7 +19,6 @@ from jsbsim_flight import FlightPlan
 from live_link import (
     CONFIG,
     Screen,
-    compiled,
     frames,
     free_port,
     listening,
@@ -113,7 +112,6 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path: Path):
-    compiled()
     port = free_port()
     arguments = [f"udpin:127.0.0.1:{port}", "--out", str(tmp_path), "--json"]
     process = subprocess.Popen(

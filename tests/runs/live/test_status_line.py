@@ -112,7 +112,7 @@ def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
     assert pipeline.modes is not None
     assert pipeline.newest is not None
 
-    line = Standing().line(pipeline, decoder.link.frames, 0, int(pipeline.newest.received_us[-1]))
+    line = Standing().line(pipeline, decoder.link.frames, int(pipeline.newest.received_us[-1]))
 
     assert "no Dutch roll yet" in line
     assert "nan" not in line
@@ -127,7 +127,7 @@ def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
     answer = summary.estimates[verdict.method].dutch_roll
     assert verdict.method == "rml" != pipeline.config.method
 
-    line = Standing().line(pipeline, source.link.frames, 0, int(pipeline.newest.received_us[-1]))
+    line = Standing().line(pipeline, source.link.frames, int(pipeline.newest.received_us[-1]))
 
     noise = answer.wn_std if answer.wn_std_noise is None else answer.wn_std_noise
     assert f"ωn {answer.wn_rad_s:.4g} ± {noise:.2g} rad/s" in line

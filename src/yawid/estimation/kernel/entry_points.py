@@ -1,4 +1,4 @@
-"""What is called from outside: samples, a row of results, and what is rare, in Python."""
+"""What is called from outside: samples and rows of results; a restart, always in Python."""
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -6,8 +6,9 @@ import math
 
 from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT, Floats
 from yawid.estimation.kernel import state as slots
-from yawid.estimation.kernel.forgetting import noise_of
-from yawid.estimation.kernel.linear_algebra import entry_of_p, hot, jit, merged
+from yawid.estimation.kernel.forgetting import noise_variance
+from yawid.estimation.kernel.linear_algebra import entry_of_p
+from yawid.estimation.kernel.marks import called, hot, merged
 from yawid.estimation.kernel.recursion import take
 from yawid.estimation.kernel.state import (
     FITTING,
@@ -46,7 +47,7 @@ def _scale(s, at):
     return True
 
 
-@jit
+@called
 def _collect(packed):
     """Keep the sample in the window; when the window is full and moves, scale it."""
     s, at = header(packed), parts(packed)
@@ -83,13 +84,13 @@ def _sample(s, at):
 
 @hot
 def _finite_or_nan(u, y):
-    """Tell whether nothing in u (samples, M) and y (samples,) is infinite."""
+    """Tell whether nothing in u (samples M,) and y (samples,) is infinite."""
     for k in range(len(y)):
         if abs(y[k]) == math.inf:
             return False
-        for j in range(u.shape[1]):
-            if abs(u[k, j]) == math.inf:
-                return False
+    for k in range(len(u)):  # noqa: SIM110 # numba compiles no generators
+        if abs(u[k]) == math.inf:
+            return False
     return True
 
 
@@ -103,11 +104,11 @@ def _covariance_entry(s, at, i, j):
         return at.covariance[i * n + j] * at.units[i] * at.units[j]
     # cov = sigma^2 P S2 / S1: sigma^2 P for lambda = 1, sigma^2 P / (1 + lambda) in steady state
     p = entry_of_p(at.d, at.upper, i, j)
-    return noise_of(s) * p * s.s2 / s.s1 * at.units[i] * at.units[j]
+    return noise_variance(s) * p * s.s2 / s.s1 * at.units[i] * at.units[j]
 
 
-@jit
-def read(packed, row):
+@called
+def _read(packed, row):
     """Fill a row of an :class:`EstimateBlock` with what came of the last sample.
 
     Its length says whether the covariance of theta belongs to it.
@@ -126,32 +127,33 @@ def read(packed, row):
                 row[last + j * n + i] = entry
     row[2 * n + Y_HAT], row[2 * n + INNOVATION] = s.y_hat * scale, s.innovation * scale
     row[2 * n + RESIDUAL] = s.residual * scale
-    row[2 * n + NOISE_STD] = math.sqrt(noise_of(s)) * scale
+    row[2 * n + NOISE_STD] = math.sqrt(noise_variance(s)) * scale
     row[2 * n + STATUS] = s.status
 
 
-@jit
+@merged
 def run(packed, u, y, out, first):
     """Take samples from the first on into rows of out, or only the last if there is but one row.
 
-    u (samples, M), y (samples,). Returns the number of samples taken, or the place of one that
-    leaves something to be done in Python: to release the window, to restart. -1, and takes none,
-    where one of them all is infinite.
+    u (samples M,), y (samples,); no sample and one row reads what came of the last one. Returns the
+    number of samples taken, or the place of one that leaves something to be done in Python: to
+    release the window, to restart. -1, and takes none, where one of them all is infinite.
     """
     if first == 0 and not _finite_or_nan(u, y):
         return -1
     s, at = header(packed), parts(packed)
+    m = len(at.inputs)
     for k in range(first, len(y)):
         s.y = y[k]
-        for j in range(u.shape[1]):
-            at.inputs[j] = u[k, j]
+        for j in range(m):
+            at.inputs[j] = u[k * m + j]
         _sample(s, at)
         if s.phase == FITTING or s.phase == RESTARTING:
             return k
         if len(out) == len(y):
-            read(packed, out[k])
+            _read(packed, out[k])
     if len(out) > 0 and len(out) != len(y):
-        read(packed, out[0])
+        _read(packed, out[0])
     return len(y)
 
 

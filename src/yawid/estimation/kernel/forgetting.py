@@ -3,9 +3,9 @@
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 import math
-from typing import Any
 
-from yawid.estimation.kernel.linear_algebra import correlate, drift_entry, entry_of_p, floor, hot
+from yawid.estimation.kernel.linear_algebra import correlate, drift_entry, entry_of_p, floor
+from yawid.estimation.kernel.marks import hot
 from yawid.estimation.kernel.state import FAST, FAST_FALL, MOST_RISE, SETTLING, SLACK, SLOW_RISE
 
 
@@ -33,14 +33,12 @@ def _keep_information(s, at):
         floor(at.d, at.upper, k, 1.0 / limit - 1.0 / p, at.gain)
 
 
-def noise_variance(s: Any) -> Any:
+@hot
+def noise_variance(s):
     """Return the variance of the innovation on scaled signals; NaN before the first update."""
     if s.s1 == 0.0:
         return math.nan
     return s.loss / max(s.s1 - s.n * s.s2 / s.s1, 1.0)
-
-
-noise_of = hot(noise_variance)
 
 
 @hot
@@ -52,7 +50,7 @@ def adapt(s, at, lam):
             if at.drift[i] > 0.0:
                 drift_entry(at.d, at.upper, i, at.drift[i], at.scratch)
                 if s.lags > 0.0:
-                    noise = noise_of(s) if s.s1 > 0.0 else 0.0
+                    noise = noise_variance(s) if s.s1 > 0.0 else 0.0
                     at.covariance[i * n + i] += at.drift[i] * noise
     if s.floor > 0.0:
         _keep_information(s, at)

@@ -1,143 +1,11 @@
-"""The arithmetic of the recursion, compiled by numba: the one file that imports it.
+"""The arithmetic of the recursion: plain Python, which numba compiles as it stands.
 
-The functions run as plain Python under ``NUMBA_DISABLE_JIT=1``; without fastmath both give the
-same bits.
+Compiled without fastmath, so that both give the same bits.
 """
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-import hashlib
-import sys
-from collections.abc import Callable
-from importlib import import_module
-from pathlib import Path
-from types import ModuleType
-from typing import Any
-
-import numba
-import numpy as np
-from llvmlite.binding import get_host_cpu_name
-from numba.core import cgutils, types
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
-
-from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
-
-settings: Any = numba.config  # it makes its attributes as it goes
-_BLAS = "scipy.linalg.cython_blas"
-COMPILED = ("linear_algebra.py", "state.py", "forgetting.py", "recursion.py", "entry_points.py")
-
-
-def _cache_folder() -> str:
-    """Name a folder by what is compiled: numba sees changes of a function's own file only."""
-    here = Path(__file__).parent
-    digest = hashlib.sha256(b"".join((here / name).read_bytes() for name in COMPILED))
-    # Versions side by side, and machines that share the folder, keep apart.
-    machine = (numba.__version__, settings.CPU_NAME or get_host_cpu_name(), settings.CPU_FEATURES)
-    digest.update(repr(machine).encode())
-    digest.update(repr((Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS)).encode())
-    base = Path(settings.CACHE_DIR or here / "__pycache__")
-    return str(base / digest.hexdigest()[:16])
-
-
-def _look_for_blas() -> None:
-    """Have numba find SciPy's BLAS without its import, which takes 0.07 s.
-
-    numba only looks whether it is there, and imports it itself when code needs it; none here does.
-    """
-    if _BLAS not in sys.modules:
-        sys.modules[_BLAS] = ModuleType(_BLAS)
-        import_module("numba.np.arraymath")
-        del sys.modules[_BLAS]
-
-
-def jit(function: Callable[..., Any]) -> Any:
-    """Compile with numba's cache, or without where it finds no directory to write to."""
-    if settings.DISABLE_JIT:  # compiled code does not warn of an overflow either
-        return np.errstate(all="ignore")(function)
-    return _compile(function)
-
-
-def unlocked(function: Callable[..., Any]) -> Any:
-    """Compile what goes over a whole record: without the lock that would keep other threads."""
-    if settings.DISABLE_JIT:
-        return jit(function)
-    return _compile(function, nogil=True)
-
-
-def hot(function: Callable[..., Any]) -> Any:
-    """Compile into each caller: for what runs at every sample, where calls cost most."""
-    return _compile(function, forceinline=True, no_cpython_wrapper=True)
-
-
-def merged(function: Callable[..., Any]) -> Any:
-    """Let numba write it into its one caller, for what is long and would else be compiled twice.
-
-    For what is short :func:`hot` costs less: numba copies the caller for each.
-    """
-    return _compile(function, inline="always")
-
-
-def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    if function.__name__.startswith("_"):  # not called from Python
-        options["no_cpython_wrapper"] = True
-    options |= {"error_model": "numpy", "no_cfunc_wrapper": True}
-    given, settings.CACHE_DIR = settings.CACHE_DIR, FOLDER
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:
-        return numba.njit(**options)(function)
-    finally:
-        settings.CACHE_DIR = given
-
-
-FOLDER = _cache_folder()
-_look_for_blas()
-
-
-def cutter(header: np.dtype[Any], parts: Any, indices: frozenset[str]) -> tuple[Any, Any]:
-    """Return what reads the header of a packed state by name, and what cuts it into its parts.
-
-    The first takes the state, the second the state and the lengths of the parts between the whole,
-    which comes first, and the rest, which comes last. Views are unchecked and not counted: the
-    caller keeps the state alive; a slice's checks and counts cost more than the arithmetic.
-    """
-    first = header.itemsize // 8
-    record: Any = numba.from_dtype(header)
-
-    @intrinsic
-    def named(_context, packed):
-        def generate(context, builder, _signature, values):
-            whole = context.make_array(packed)(context, builder, values[0])
-            return builder.bitcast(whole.data, context.get_value_type(record))
-
-        return record(packed), generate
-
-    @intrinsic
-    def cut(_context, packed, lengths):
-        whole_numbers = packed.copy(dtype=types.uint64)
-        kinds = [whole_numbers if name in indices else packed for name in parts._fields]
-        made = types.NamedTuple(kinds, parts)
-
-        def generate(context, builder, _signature, values):
-            whole = context.make_array(packed)(context, builder, values[0])
-            sizes = cgutils.unpack_tuple(builder, values[1])
-            starts, at = [whole.nitems.type(0)], whole.nitems.type(first)
-            for size in sizes:
-                starts.append(at)
-                at = builder.add(at, size)
-            sizes = [whole.nitems, *sizes, builder.sub(whole.nitems, at)]
-            views = []
-            for kind, start, size in zip(kinds, [*starts, at], sizes, strict=True):
-                view = context.make_array(kind)(context, builder)
-                data = builder.bitcast(builder.gep(whole.data, [start]), view.data.type)
-                populate_array(view, data, [size], [whole.itemsize], whole.itemsize, None)
-                views.append(view._getvalue())
-            return context.make_tuple(builder, made, views)
-
-        return made(packed, lengths), generate
-
-    return named, cut
+from yawid.estimation.kernel.marks import hot
 
 
 @hot
@@ -240,27 +108,6 @@ def stable(a):
     return True
 
 
-@unlocked
-def over_a(a, rows):
-    """Filter each column of the rows (na + n, m) by 1/A(q) in place; the first na rows are past."""
-    for k in range(len(a), rows.shape[0]):
-        for j in range(rows.shape[1]):
-            x = rows[k, j]
-            for i in range(len(a)):
-                x -= a[i] * rows[k - 1 - i, j]
-            rows[k, j] = x
-
-
-@unlocked
-def add_products(a, b, out):
-    """Add a' b (m, l) of a (n, m) and b (n, l) to out, row after row."""
-    for k in range(a.shape[0]):
-        for i in range(a.shape[1]):
-            x = a[k, i]
-            for j in range(b.shape[1]):
-                out[i, j] += x * b[k, j]
-
-
 @hot
 def follow_covariance(covariance, echo, psi, gain, h, inverse, e, memory):
     """Follow the covariance of theta from the innovations as they come, white or coloured.
@@ -299,13 +146,11 @@ def correlate(residuals, products, eps, lam):
     push(residuals, 0, len(residuals), eps)
 
 
-def p_entry(d: Any, upper: Any, i: int, j: int) -> Any:
+@hot
+def entry_of_p(d, upper, i, j):
     """P[i, j] of P = U D U', i <= j."""
     total = d[j] if i == j else upper[j * (j - 1) // 2 + i] * d[j]
     for k in range(j + 1, len(d)):
         column = k * (k - 1) // 2
         total += upper[column + i] * d[k] * upper[column + j]
     return total
-
-
-entry_of_p = hot(p_entry)

@@ -7,14 +7,8 @@ import math
 import numpy as np
 
 from yawid.estimation.kernel.forgetting import account, adapt
-from yawid.estimation.kernel.linear_algebra import (
-    bierman,
-    clear,
-    follow_covariance,
-    hot,
-    merged,
-    stable,
-)
+from yawid.estimation.kernel.linear_algebra import bierman, clear, follow_covariance, stable
+from yawid.estimation.kernel.marks import hot, merged
 from yawid.estimation.kernel.state import (
     DIVERGING,
     FEW,
@@ -76,10 +70,12 @@ def _open(s, at):
 
 
 @hot
-def _stable_step(s, theta, gain, scratch, step):
-    """Halve the step along the gain until it leaves C(q) stable; return it, 0 at worst."""
-    nc = int(s.nc)
-    trial = scratch[:nc]
+def _stable_step(s, theta, gain, trial, step):
+    """Halve the step along the gain until it leaves C(q) stable; return it, 0 at worst.
+
+    ``trial`` (nc,) is overwritten.
+    """
+    nc = len(trial)
     first = len(theta) - nc - int(s.bias)
     for _ in range(HALVINGS):
         for i in range(nc):
@@ -106,7 +102,7 @@ def _learn(s, at, e):
     step, share = e * inverse, lam * inverse
     if s.rml > 0.0:
         if s.nc > 0.0:
-            possible = _stable_step(s, at.theta, at.gain, at.scratch, step)
+            possible = _stable_step(s, at.theta, at.gain, at.c, step)
             if possible != step:
                 s.halved += 1.0
             step = possible

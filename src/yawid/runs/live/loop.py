@@ -8,10 +8,10 @@ from pathlib import Path
 
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
+from yawid.estimation.machine.runner import RUNNER
 from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
-from yawid.runs.live.warm_up import Warming
 from yawid.runs.live.worker import Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
@@ -32,7 +32,6 @@ SWITCH_S = 0.001
 
 With 1 ms the latency of the stream's estimates is the same while a fit runs.
 """
-WARMING_S = 1.0
 """Estimators that were compiled before are ready sooner than this, and nothing is said of it."""
 
 
@@ -90,11 +89,13 @@ def live(
     worker, switch_s = Worker(), sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     try:
-        # The tap comes first: it queues what is sent while a compiler or a viewer takes its time.
+        # The tap comes first: it queues what is sent while a viewer takes its time.
         with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
+            if not RUNNER.is_compiled():
+                RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, Warming(config), worker,
+                stamps.now, worker,
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
     finally:
@@ -150,8 +151,6 @@ class _Loop:
         console: Console,
     ) -> None:
         self._tap = tap
-        self._warming: Warming | None = setting.warming
-        self._warming_said = False
         self._sessions = sessions
         self._console = console
         self._events: list[str] = []
@@ -186,11 +185,6 @@ class _Loop:
         """Take what is still queued, then finish every session; the tap is closed."""
         while len(self._tap.inbox):
             self._feed(0.0)
-        if self._warming is not None and self._warming.held and not self._warming.is_over():
-            self._console.say(
-                "ending as soon as the estimator is ready and has what was recorded; "
-                "a second signal ends at once"
-            )
         for line in self._tap.news:
             self._tell(line)
         if self._tap.inbox.dropped or self._tap.socket_dropped:
@@ -238,25 +232,9 @@ class _Loop:
             seconds = SILENT_US // 1_000_000
             text = f"no data for {seconds} s" if self._is_silent else "the link is back"
             self._tell(f"{text} on {self._tap.endpoint}")
-        self._watch_warming()
         if self._rates is not None:
             for line in self._rates.tick(time.monotonic(), self._vehicle()):
                 self._tell(line)
-
-    def _watch_warming(self) -> None:
-        """Say that the estimators are not ready yet, where that takes long, and when they are."""
-        if self._warming is None:
-            return
-        if self._warming.is_over():
-            self._warming = None
-            if self._warming_said:
-                self._console.say("the estimator is ready")
-        elif not self._warming_said and time.monotonic() - self._begun_s > WARMING_S:
-            self._warming_said = True
-            self._console.say(
-                "the estimator is being made ready (compiled, the first time: up to a minute); "
-                "recording goes on, and what was recorded is estimated then"
-            )
 
     def _tell(self, text: str) -> None:
         if len(self._events) < MOST_EVENTS:

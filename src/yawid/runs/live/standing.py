@@ -28,12 +28,8 @@ class Standing:
         self._rate_from = time.monotonic(), 0
         self._is_idle = False
 
-    def skip(self, frames: int) -> None:
-        """Count the rate from here: so many frames have been read, and not at the link's pace."""
-        self._rate_from = time.monotonic(), frames
-
-    def line(self, pipeline: Pipeline, frames: int, waiting: int, now_us: int) -> str:
-        """Return how much comes and what it gives; ``frames`` are read, ``waiting`` bytes not yet.
+    def line(self, pipeline: Pipeline, frames: int, now_us: int) -> str:
+        """Return how much comes and what it gives; ``frames`` have been read.
 
         Where nothing comes any more that stands first: a narrow terminal cuts the rest off.
         """
@@ -41,8 +37,6 @@ class Standing:
         since_s, before = self._rate_from
         self._rate_from = now_s, frames
         quiet = self._quiet(pipeline, now_us)
-        if waiting:
-            return ", ".join([*quiet, f"{waiting} bytes wait for the estimator"])
         rate = (frames - before) / max(now_s - since_s, 1e-9)
         parts = [*quiet, f"{rate:.0f} msg/s", f"{pipeline.samples} samples"]
         if pipeline.bank is None or not pipeline.bank.last:

@@ -22,7 +22,6 @@ from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
 from yawid.runs.live.viewer_thread import Viewer
-from yawid.runs.live.warm_up import MOST_HELD, Warming
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
@@ -30,7 +29,6 @@ from yawid.sources.open_log import ReadOptions
 
 INPUT_OR_OUTPUT_FAILED = 6
 MOST_EVENTS = 100
-_CHUNK = 1 << 20  # bytes: what waited for the estimators is not decoded all at once
 
 
 class Ended(NamedTuple):
@@ -51,7 +49,6 @@ class Setting(NamedTuple):
     state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
-    warming: Warming
     worker: Executor
 
 
@@ -82,7 +79,6 @@ class LiveSession:
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
         self._opened = False
-        self._waiting = bytearray()
         self._seen = 0
         self._others: set[int] = set()
         self._signing_said = setting.read_options.key is not None
@@ -101,25 +97,13 @@ class LiveSession:
         self._setting.say(f"{self._label}{text}")
 
     def feed(self, data: bytes) -> None:
-        """Record the bytes, then estimate; the files are opened with the first of them.
-
-        While the estimators are being made ready the bytes wait in memory, and where that is full,
-        in the tap's queue.
-        """
+        """Record the bytes, then estimate; the files are opened with the first of them."""
         if not self._opened:
             self._open()
         self._sha256.update(data)
         if self._tlog is not None:
             self._tlog.write(data)
         self._standing.received_us = self._setting.now_us()
-        warming = self._setting.warming
-        if warming.held + len(data) > MOST_HELD:
-            warming.wait()
-        if not warming.is_over():
-            self._waiting += data
-            warming.held += len(data)
-            return
-        self.catch_up()
         before = self.pipeline.samples
         self.pipeline.feed(self.decoder.feed(data))
         newest = self.pipeline.newest
@@ -127,20 +111,8 @@ class LiveSession:
             # Not the first samples of all: they wait for the rate to be known.
             self.latency.add(self._setting.now_us() - newest.received_us)
 
-    def catch_up(self) -> None:
-        """Estimate what waited; it says nothing of the latency."""
-        if not self._waiting:
-            return
-        waited, self._waiting = bytes(self._waiting), bytearray()
-        self._setting.warming.held -= len(waited)
-        for first in range(0, len(waited), _CHUNK):
-            self.pipeline.feed(self.decoder.feed(waited[first : first + _CHUNK]))
-        self._standing.skip(self.decoder.link.frames)
-
     def tick(self) -> None:
         """Bring out what is complete; made to be called several times a second."""
-        if self._waiting and self._setting.warming.is_over():
-            self.catch_up()
         if self._tlog is not None:
             self._tlog.look()
         self._tell_of(self.pipeline.collect())
@@ -155,9 +127,6 @@ class LiveSession:
 
     def settle(self) -> None:
         """Estimate all there is, what was held back for want of more too."""
-        if self._waiting:
-            self._setting.warming.wait()
-            self.catch_up()
         self.pipeline.feed(self.decoder.finish())
         self._tell_of(self.pipeline.finish())
 
@@ -168,7 +137,7 @@ class LiveSession:
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
         link, now_us = self.decoder.link, self._setting.now_us()
-        stands = self._standing.line(self.pipeline, link.frames, len(self._waiting), now_us)
+        stands = self._standing.line(self.pipeline, link.frames, now_us)
         return f"{self._label}{stands}, lost {link.lost} on the link, {lost}"
 
     def finish(self, live: LiveFacts) -> Ended:
