@@ -31,9 +31,11 @@ from yawid.blocks import Floats, Ints
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.modes import (
     Complexes,
+    Poles,
     dutch_roll_index,
     numerator_terms,
-    poles_and_residues,
+    poles_of,
+    residues_of,
     rows_at_once,
 )
 
@@ -70,10 +72,11 @@ def yaw_channel(
     *,
     mean_output: bool = False,
     servo_tau_s: float | None = None,
+    poles: Poles | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the numbers (n, 9), in the order of NAMES, and the reduction's error (n,).
 
-    ``theta`` (n, p); eq. 22-23. ``mean_output``: the output is the mean rate over the interval
+    ``theta`` (n, p) and its ``poles``, where they are known; eq. 22-23. ``mean_output``: the output is the mean rate over the interval
     before, as with the yaw angle. ``servo_tau_s`` names the servo's lag, for na > 2. NaN where
     there is no mode or no servo of that lag or, for na < 2, no such model; the servo's lag alone is
     NaN where no pole is left.
@@ -81,13 +84,18 @@ def yaw_channel(
     n, at_once = len(theta), rows_at_once(orders, len(_BAND))
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
         return np.full((n, len(NAMES)), np.nan), np.full(n, np.nan)
+    if poles is None:
+        poles = poles_of(theta[:, : orders.na], orders, sample_time_s)
     if n > at_once:
         settings: dict[str, Any] = {"mean_output": mean_output, "servo_tau_s": servo_tau_s}
-        pieces = np.split(theta, range(at_once, n, at_once))
-        found = [yaw_channel(piece, orders, sample_time_s, **settings) for piece in pieces]
+        found = [
+            yaw_channel(theta[i], orders, sample_time_s, **settings, poles=poles.select(i))
+            for i in (slice(first, first + at_once) for first in range(0, n, at_once))
+        ]
         values, error = (np.concatenate(columns) for columns in zip(*found, strict=True))
         return values, error
-    z, p, residues = poles_and_residues(theta, orders, sample_time_s, mean_output=mean_output)
+    z, p = poles.z, poles.s
+    residues = residues_of(theta, poles, orders, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
         if orders.na > 2:
@@ -212,9 +220,14 @@ def with_sigma(
     shifts = np.zeros((count, n, theta.shape[1]))
     shifts[np.arange(count), :, np.arange(count)] = steps.T
     stack = np.concatenate([theta[None], theta + shifts, theta - shifts])
+    # B moves no pole: most of the time would go into finding the same ones again.
+    moved = np.r_[0, 1 : orders.na + 1, count + 1 : count + 1 + orders.na]
+    same = np.zeros((len(stack), 1), int)
+    same[moved, 0] = np.arange(len(moved))
+    poles = poles_of(stack[moved, :, : orders.na].reshape(-1, orders.na), orders, sample_time_s)
     values, error = yaw_channel(
-        stack.reshape(-1, theta.shape[1]), orders, sample_time_s,
-        mean_output=mean_output, servo_tau_s=servo_tau_s,
+        stack.reshape(-1, theta.shape[1]), orders, sample_time_s, mean_output=mean_output,
+        servo_tau_s=servo_tau_s, poles=poles.select((same * n + np.arange(n)).ravel()),
     )  # fmt: skip
     values = values.reshape(2 * count + 1, n, len(NAMES))
     jacobian = (values[1 : count + 1] - values[count + 1 :]) / (2.0 * steps.T[:, :, None])

@@ -7,12 +7,13 @@ delta method: with A(z) = z^na + a1 z^(na-1) + ... and its derivative A'(z) at a
     dz/da_i = -z^(na-i) / A'(z),   ds = dz / (z Ts),   dwn = Re(conj(s) ds) / |s|.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock
+from yawid.blocks import Columns, EstimateBlock, Floats, Ints, ModesBlock
 from yawid.config.estimator import ArmaxOrders
 
 Complexes = NDArray[np.complex128]
@@ -29,20 +30,53 @@ def discrete_poles(a: Floats) -> Complexes:
     Rows are sorted by frequency, then by the sign of the imaginary part; a row of theta not yet
     estimated or not finite is NaN.
     """
+    return _sorted_poles(a)[0]
+
+
+def _sorted_poles(a: Floats) -> tuple[Complexes, Complexes]:
+    """Return what :func:`discrete_poles` does, and its logarithm."""
     n, na = a.shape
     if na == 0:
-        return np.zeros((n, 0), np.complex128)
+        return np.zeros((n, 0), np.complex128), np.zeros((n, 0), np.complex128)
     companion = np.zeros((n, na, na))
     good = np.isfinite(a).all(axis=1) & (a != 0.0).any(axis=1)
     companion[:, 0, :] = np.where(good[:, None], -a, 0.0)
     companion[:, np.arange(1, na), np.arange(na - 1)] = 1.0
     z: Complexes = np.linalg.eigvals(companion).astype(np.complex128)
     with np.errstate(divide="ignore", invalid="ignore"):
-        key = np.nan_to_num(np.abs(np.log(z)), posinf=1e3)
+        ln_z = np.log(z)
+    key = np.nan_to_num(np.abs(ln_z), posinf=1e3)
     # Conjugates differ in the last bits of |ln z|; rounding keeps them side by side.
-    z = np.take_along_axis(z, np.lexsort((z.imag, np.round(key, 9))), axis=1)
+    order = np.lexsort((z.imag, np.round(key, 9)))
+    z, ln_z = (np.take_along_axis(x, order, axis=1) for x in (z, ln_z))
     z[~good] = np.nan
-    return z
+    return z, ln_z
+
+
+@dataclass(frozen=True, slots=True)
+class Poles(Columns):
+    """The poles of rows of a (n, na): discrete ``z``, continuous ``s`` in rad/s, and A'(z)."""
+
+    z: Complexes
+    s: Complexes
+    slopes: Complexes
+
+
+def poles_of(a: Floats, orders: ArmaxOrders, sample_time_s: float) -> Poles:
+    """Return the poles (n, na) of coefficients ``a`` (n, na), sorted as :func:`discrete_poles`.
+
+    ``s`` is NaN where z has no continuous counterpart: on the negative real axis or at zero.
+    """
+    at_once = rows_at_once(orders)
+    if len(a) > at_once:
+        pieces = np.split(a, range(at_once, len(a), at_once))
+        return Poles.joined([poles_of(piece, orders, sample_time_s) for piece in pieces])
+    z, ln_z = _sorted_poles(a)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # NaN only the pole itself: the others' slopes still need its distance.
+        continuous = (z.imag != 0.0) | (z.real > 0.0)
+        s = np.where(continuous, ln_z / sample_time_s, np.nan).astype(np.complex128)
+        return Poles(z, s, _slopes(z))
 
 
 def modes(
@@ -57,19 +91,20 @@ def modes(
     Sigma is NaN where the estimates carry no covariance.
     The yaw channel is left empty, see :mod:`yawid.physics.stage`.
     A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
-    poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`poles_and_residues`.
+    poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`residues_of`.
     """
     n, na = len(estimates), orders.na
-    z, s, residues = poles_and_residues(
-        estimates.theta, orders, sample_time_s, mean_output=mean_output
-    )
+    theta = estimates.theta
+    poles = poles_of(theta[:, :na], orders, sample_time_s)
+    residues = residues_of(theta, poles, orders, sample_time_s, mean_output=mean_output)
+    s = poles.s
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         wn = np.abs(s)
         zeta = -s.real / wn
         wn_std, zeta_std = np.full((n, na), np.nan), np.full((n, na), np.nan)
         if estimates.covariance is not None:
             covariance = estimates.covariance[:, :na, :na]
-            wn_std, zeta_std = _sigmas(z, s, covariance, sample_time_s)
+            wn_std, zeta_std = _sigmas(poles, covariance, sample_time_s)
     best = dutch_roll_index(s, residues, sample_time_s)
     columns = (wn, wn_std, zeta, zeta_std)
     for column in (s, *columns):
@@ -86,11 +121,12 @@ def dutch_roll_of(
     theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
 ) -> Floats:
     """Return wn in rad/s and zeta (2,) of the Dutch roll of one theta (p,); NaN without one."""
-    _, s, residues = poles_and_residues(theta[None], orders, sample_time_s, mean_output=mean_output)
-    best = int(dutch_roll_index(s, residues, sample_time_s)[0])
+    poles = poles_of(theta[None, : orders.na], orders, sample_time_s)
+    residues = residues_of(theta[None], poles, orders, sample_time_s, mean_output=mean_output)
+    best = int(dutch_roll_index(poles.s, residues, sample_time_s)[0])
     if best < 0:
         return np.full(2, np.nan)
-    pole = s[0, best]
+    pole = poles.s[0, best]
     return np.array([abs(pole), -pole.real / abs(pole)])
 
 
@@ -100,36 +136,38 @@ def _leave_one_nan(values: Complexes | Floats) -> None:
     parts[np.isnan(parts)] = np.nan
 
 
-def poles_and_residues(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
-) -> tuple[Complexes, Complexes, Complexes]:
-    """Return z and s (n, na), the discrete and continuous poles, and R (n, na) of the first input.
+def residues_of(
+    theta: Floats,
+    poles: Poles,
+    orders: ArmaxOrders,
+    sample_time_s: float,
+    *,
+    mean_output: bool = False,
+) -> Complexes:
+    """Return R (n, na) of the first input; ``theta`` (n, p), of which these are the poles.
 
-    ``theta`` (n, p); s in rad/s.
     The continuous model is the sum of R/(s - p). A zero-order hold makes of each term
     R (z_p - 1)/p / (z - z_p); where the output is the mean over the interval before
     (``mean_output``), the residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are undone here,
     exactly.
     """
-    at_once = rows_at_once(orders)
-    if len(theta) > at_once:
-        pieces = [
-            poles_and_residues(piece, orders, sample_time_s, mean_output=mean_output)
-            for piece in np.split(theta, range(at_once, len(theta), at_once))
-        ]
-        z, s, residues = (np.concatenate(columns) for columns in zip(*pieces, strict=True))
-        return z, s, residues
-    na = orders.na
-    z = discrete_poles(theta[:, :na])
+    n, at_once = len(theta), rows_at_once(orders)
+    if n > at_once:
+        pieces = [slice(i, i + at_once) for i in range(0, n, at_once)]
+        settings = orders, sample_time_s
+        return np.concatenate(
+            [
+                residues_of(theta[i], poles.select(i), *settings, mean_output=mean_output)
+                for i in pieces
+            ]
+        )
+    z, s = poles.z, poles.s
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # NaN only the pole itself: the others' slopes still need its distance.
-        continuous = (z.imag != 0.0) | (z.real > 0.0)
-        s = np.where(continuous, np.log(z) / sample_time_s, np.nan).astype(np.complex128)
-        discrete = numerator_terms(theta, orders, z).sum(axis=2) * z**na / _slopes(z)
-        residues = discrete * s / (z - 1.0)
+        discrete = numerator_terms(theta, orders, z).sum(axis=2) * z**orders.na / poles.slopes
+        residues: Complexes = discrete * s / (z - 1.0)
         if mean_output:
             residues = residues * s * sample_time_s * z / (z - 1.0)
-    return z, s, residues
+    return residues
 
 
 def numerator_terms(theta: Floats, orders: ArmaxOrders, z: Complexes) -> Complexes:
@@ -176,13 +214,11 @@ def _slopes(z: Complexes) -> Complexes:
     return slope
 
 
-def _sigmas(
-    z: Complexes, s: Complexes, covariance: Floats, sample_time_s: float
-) -> tuple[Floats, Floats]:
+def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Floats, Floats]:
     """Return sigma of wn and zeta (n, na) of every pole by the delta method."""
-    na = z.shape[1]
+    z, s, na = poles.z, poles.s, poles.z.shape[1]
     powers = z[:, :, None] ** np.arange(na - 1, -1, -1)
-    ds = -powers / _slopes(z)[:, :, None] / (z[:, :, None] * sample_time_s)
+    ds = -powers / poles.slopes[:, :, None] / (z[:, :, None] * sample_time_s)
     wn = np.abs(s)[:, :, None]
     dwn = (np.conj(s)[:, :, None] * ds).real / wn
     dzeta = -ds.real / wn + s.real[:, :, None] / wn**2 * dwn
