@@ -5,7 +5,6 @@ Both are causal and see only samples that are used. Held ones say why they are h
 
 import math
 from dataclasses import dataclass, field, replace
-from itertools import accumulate
 
 import numpy as np
 
@@ -77,14 +76,12 @@ class Notes:
             return other
         speed = block.airspeed[rows]
         forgetting = math.exp(-self.sample_time_s / DEFAULT_MEMORY_S)
-        sums = accumulate(
-            speed.tolist(),
-            lambda old, x: (forgetting * old[0] + x, forgetting * old[1] + 1.0),
-            initial=self._sums,
-        )
-        total, weight = np.array([*sums][1:]).T
-        self._sums = float(total[-1]), float(weight[-1])
-        mean = total / weight
+        total, weight = self._sums
+        means = []
+        for x in speed.tolist():
+            total, weight = forgetting * total + x, forgetting * weight + 1.0
+            means.append(total / weight)
+        self._sums, mean = (total, weight), np.array(means)
         other[rows] = np.abs(speed - mean) > AIRSPEED_SHARE * mean
         return other
 
