@@ -124,9 +124,12 @@ class _Section:
         found: list[SampleBlock] = []
         self._pass_rest(int(samples.k[-1]))
         while self._next_stride + self._reach <= samples.k[-1]:
+            was_open = self._open is not None
             found += self._step(self._next_stride - 1)
             # Over a gap there may be strides without a sample.
             self._next_stride += self._stride
+            if was_open:
+                self._pass_rest(int(samples.k[-1]))
         return found
 
     def finish(self) -> list[SampleBlock]:
@@ -185,15 +188,18 @@ class _Section:
         """
         seen = np.concatenate([self._past, _measured(rows, self._unit)])
         first_k = int(max(seen[0, 0], last_k - self._chunk - self._window))
-        rudder, aileron = _on_grid(seen, first_k, last_k + self._reach + 1).T
         places = rows.k[rows.k <= last_k] - first_k
         if not len(places):
             return np.empty(0)
         oldest = max(int(places[0]) - self._window + 1, 0)
         end = last_k - first_k + 1
-        whole = _stroke(rudder[oldest:end], self._window)[places - oldest]
+        newest = _on_grid(seen, first_k + oldest, last_k + 1)[:, 0]
+        whole = _stroke(newest, self._window)[places - oldest]
+        if whole.max() <= MOVES:
+            return whole
+        rudder, aileron = _on_grid(seen, first_k, last_k + self._reach + 1).T
         known = aileron[np.isfinite(aileron)]
-        if whole.max() <= MOVES or not len(known) or float(np.ptp(known)) == 0.0:
+        if not len(known) or float(np.ptp(known)) == 0.0:
             return whole
         lags = [shifted(aileron, i) for i in range(-self._reach, self._reach + 1)]
         columns = np.column_stack([*lags, np.ones(len(rudder))])
@@ -229,8 +235,10 @@ class _Section:
     def _remember(self, rows: SampleBlock) -> None:
         """Keep the newest second, with which a manoeuvre begins."""
         if len(rows):
-            both = rows if self._before is None else SampleBlock.joined([self._before, rows])
-            self._before = both.select(both.k > both.k[-1] - self._lead)
+            older_k = rows.k[-1] - self._lead
+            if self._before is not None and rows.k[0] > older_k + 1:
+                rows = SampleBlock.joined([self._before, rows])
+            self._before = rows.select(slice(int(np.searchsorted(rows.k, older_k + 1)), None))
 
 
 class _Candidate:
@@ -287,8 +295,8 @@ def _measured(rows: SampleBlock, unit: float) -> Floats:
 def _on_grid(seen: Floats, first_k: int, stop_k: int) -> Floats:
     """Return rudder and aileron (stop_k - first_k, 2) of rows (n, 3), NaN where there is none."""
     table = np.full((stop_k - first_k, 2), np.nan)
-    inside = (seen[:, 0] >= first_k) & (seen[:, 0] < stop_k)
-    table[seen[inside, 0].astype(np.int64) - first_k] = seen[inside, 1:]
+    inside = seen[slice(*np.searchsorted(seen[:, 0], (first_k, stop_k)))]
+    table[inside[:, 0].astype(np.int64) - first_k] = inside[:, 1:]
     return table
 
 
