@@ -25,6 +25,7 @@ BENCHES = (
     "aliasing",
     "manoeuvres",
     "truth",
+    "start",
 )
 PLACES = {"truth": ("truth", "truth_by", "truth_short")}
 """The markers of a bench's first tables; of all others the first table goes below the own name."""
@@ -36,7 +37,11 @@ def run(name: str, options: list[str]) -> tuple[str, str | None]:
     The first cell of the header, which the bench leaves empty, is what was run (paths without their
     names) and when. What is missed is what the bench's generator returns.
     """
-    options_told = list(dict.fromkeys("LOG" if os.sep in each else each for each in options))
+    options_told = []
+    for option in options:
+        told_option = "LOG" if os.sep in option else option
+        if told_option != "LOG" or "LOG" not in options_told:
+            options_told.append(told_option)
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = f"| `{shlex.join([name, *options_told])}`, {today} |"
     told = importlib.import_module(f"bench_{name}").main(options)

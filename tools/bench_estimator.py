@@ -7,7 +7,6 @@ what the code costs, the mean what the neighbours do.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -21,14 +20,6 @@ from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
 
 SAMPLES = 4_000
 CHUNK = 50
-FIRST = (
-    "import time; t = time.perf_counter()\n"
-    "from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax\n"
-    "orders = ArmaxOrders(2, 2, 2, 1)\n"
-    "armax = RecursiveArmax(EstimatorConfig(orders=orders, sample_time_s=0.05, scale_window=0))\n"
-    "armax.run([0.1] * 20, [0.1] * 20)\n"
-    "print(time.perf_counter() - t)"
-)
 
 
 def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
@@ -101,15 +92,6 @@ def measure(runs: dict[str, tuple[Callable[[], object], int]], rounds: int) -> d
     return best
 
 
-def first_result() -> float:
-    """Return the seconds from import to the first estimate in a new process, cache warm."""
-    taken = [
-        float(subprocess.run([sys.executable, "-c", FIRST], capture_output=True, check=True).stdout)
-        for _ in range(4)
-    ]
-    return min(taken)
-
-
 def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
     """Return a row: ns per update and how many times faster than NumPy, by number of parameters."""
     cells = []
@@ -135,4 +117,3 @@ def main(arguments: list[str]) -> Iterator[str]:
         yield row(f"els / rml {path}", [f"els {path}", f"rml {path}"], best)
     names = [name for name in PEERS if all(name in each for each in best)]
     yield row(" / ".join(names), names, best)
-    yield f"| first result after import, warm cache | {first_result():.2f} s | | | |"

@@ -32,10 +32,10 @@ def readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_bench_writes_its_table_and_names_no_path(readme: Path, capsys):
     paths = [os.sep + name for name in ("one", "two")]
 
-    assert bench.main(["fake", "--readme", "--runs", "4", *paths]) == 0
+    assert bench.main(["fake", "--readme", "--runs", "4", "--turns", "4", *paths]) == 0
 
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    table = f"| `fake --runs 4 LOG`, {today} | s |\n|---|---|\n| 4 | 2 |\n"
+    table = f"| `fake --runs 4 --turns 4 LOG`, {today} | s |\n|---|---|\n| 6 | 2 |\n"
     assert capsys.readouterr().out == table
     assert readme.read_text(encoding="utf-8") == f"<!-- fake -->\n{table}\nwhat follows\n"
 
