@@ -80,8 +80,7 @@ def _parser() -> argparse.ArgumentParser:
 def _replay(arguments: argparse.Namespace) -> int:
     from yawid.runs.outputs import output_names
     from yawid.runs.replay import replay
-    from yawid.runs.replay_mcap import replay_run
-    from yawid.sinks.mcap.reader import is_mcap
+    from yawid.sinks.mcap.chunks import is_mcap
 
     automatic, config = auto_orders(arguments), config_of(arguments)
     _compile_behind()
@@ -96,6 +95,8 @@ def _replay(arguments: argparse.Namespace) -> int:
             outputs = outputs_of(arguments, name)
             run = partial(replay, log, config, outputs, stop, read_options)
             if is_mcap(log):
+                from yawid.runs.replay_mcap import replay_run
+
                 run = partial(replay_run, log, settings_of(arguments), outputs, stop)
             try:
                 run = partial(run, automatic=automatic)

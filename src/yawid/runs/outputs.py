@@ -1,12 +1,10 @@
 """Where a run writes, and what every output says of its own origin."""
 
 import json
-import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -15,13 +13,13 @@ from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
 from yawid.results.run_summary import RunSummary
+from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.part_file import check_free
 from yawid.sinks.rerun.sink import RerunSink
 
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"
-LIBRARIES = ("numpy", "numba", "scipy", "pymavlink", "mcap", "protobuf", "rerun-sdk", "filterpy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,9 +146,3 @@ def parameters_of(pipeline: Pipeline) -> bytes:
     """Return the vehicle's parameters, a line each, as they are attached to a run's file."""
     values = pipeline.channels.parameters.values
     return "".join(f"{name} {value!r}\n" for name, value in sorted(values.items())).encode()
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of yawid, Python and the libraries a result depends on."""
-    found = {name: version(name) for name in LIBRARIES}
-    return {"yawid": version("yawid"), "python": platform.python_version()} | found

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -13,7 +14,6 @@ from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.results.summary import summarise
-from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import (
     Outputs,
     finish,
@@ -25,9 +25,11 @@ from yawid.runs.outputs import (
 from yawid.runs.run_log import open_log, run_log
 from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
-from yawid.sinks.mcap.reader import McapRun
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import Log, ReadOptions, Source
+
+if TYPE_CHECKING:
+    from yawid.sinks.mcap.reader import McapRun
 
 Conclude = Callable[[Pipeline, bool], tuple[RunSummary, Verdict]]
 """From a pipeline that has had what was read, and whether that is all, to its summary."""
@@ -56,6 +58,8 @@ def replay(
         source = open_log(log, read_options, again=automatic)
     with closing(source):
         if automatic:
+            from yawid.runs.choose_orders import with_orders  # few ask for it
+
             with stop.raising():
                 config = with_orders(source, config)
         return to_files(source, log, config, outputs, stop, partial(_conclude, source))
@@ -77,7 +81,7 @@ def to_files(
     outputs: Outputs,
     stop: StopFlag,
     conclude: Conclude,
-    run: McapRun | None = None,
+    run: "McapRun | None" = None,
 ) -> tuple[RunSummary, Verdict]:
     """Run a source at ``path`` to its files; return the summary and the verdict.
 

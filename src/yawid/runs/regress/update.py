@@ -10,10 +10,10 @@ from pathlib import Path
 import tomli_w
 
 from yawid.errors import ConfigError, SinkError
-from yawid.runs.outputs import versions
 from yawid.runs.regress.case import Case, Replayed, find_cases
 from yawid.runs.regress.table import csv_of
 from yawid.runs.stop import Interrupted
+from yawid.runs.versions import versions
 from yawid.sinks.part_file import write_whole
 
 

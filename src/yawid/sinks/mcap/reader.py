@@ -152,15 +152,6 @@ class McapRun:
                 yield checked(_joined(layouts, waiting), self.grid), np.array(log_ns, np.int64)
 
 
-def is_mcap(path: Path) -> bool:
-    """Tell whether a file begins as an MCAP file does."""
-    try:
-        with path.open("rb") as stream:
-            return stream.read(len(MAGIC)) == MAGIC
-    except OSError:
-        return False
-
-
 def open_run(path: Path) -> McapRun:
     """Return what the file of a finished run says of itself.
 

@@ -25,6 +25,14 @@ _PX4_MODES = {
     14: (6, 0), 15: (7, 0), 17: (4, 2), 18: (4, 6), 19: (4, 8),
 }  # fmt: skip
 """PX4's main and sub mode of each nav_state of its own (px4_custom_mode.h, VehicleStatus.msg)."""
+_ARDUPLANE_TYPES = (FIXED_WING, 19, 20, 21)
+_ARDUPLANE_MODES = (
+    "MANUAL", "CIRCLE", "STABILIZE", "TRAINING", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE", None,
+    "AUTO", "RTL", "LOITER", "TAKEOFF", "AVOID_ADSB", "GUIDED", "INITIALISING", "QSTABILIZE",
+    "QHOVER", "QLOITER", "QLAND", "QRTL", "QAUTOTUNE", "QACRO", "THERMAL", "LOITERALTQLAND",
+    "AUTOLAND",
+)  # fmt: skip
+"""ArduPlane's modes by HEARTBEAT.custom_mode (ArduPlane/mode.h), as mavutil calls them."""
 ARDUPLANE_HOVER = range(17, 24)
 """ArduPlane's modes that hover, QSTABILIZE to QACRO, as HEARTBEAT.custom_mode."""
 
@@ -35,7 +43,11 @@ def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
 
     ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers (MAV_AUTOPILOT, MAV_TYPE).
     """
-    # Importing mavutil changes the environment and takes 0.1 s: only those pay who need it.
+    is_plane = autopilot == ARDUPILOT and vehicle_type in _ARDUPLANE_TYPES
+    if is_plane and custom_mode in range(len(_ARDUPLANE_MODES)):
+        return _ARDUPLANE_MODES[custom_mode] or f"mode {custom_mode}"
+    # Importing mavutil changes the environment and takes a third of NumPy's import: only those pay
+    # who fly something else.
     from pymavlink import mavutil
 
     name = None
