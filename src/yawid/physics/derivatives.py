@@ -76,10 +76,10 @@ def yaw_channel(
 ) -> tuple[Floats, Floats]:
     """Return the numbers (n, 9), in the order of NAMES, and the reduction's error (n,).
 
-    ``theta`` (n, p) and its ``poles``, where they are known; eq. 22-23. ``mean_output``: the output is the mean rate over the interval
-    before, as with the yaw angle. ``servo_tau_s`` names the servo's lag, for na > 2. NaN where
-    there is no mode or no servo of that lag or, for na < 2, no such model; the servo's lag alone is
-    NaN where no pole is left.
+    ``theta`` (n, p) and its ``poles``, where they are known; eq. 22-23. ``mean_output``: the output
+    is the mean rate over the interval before, as with the yaw angle. ``servo_tau_s`` names the
+    servo's lag, for na > 2. NaN where there is no mode or no servo of that lag or, for na < 2, no
+    such model; the servo's lag alone is NaN where no pole is left.
     """
     n, at_once = len(theta), rows_at_once(orders, len(_BAND))
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
