@@ -168,9 +168,9 @@ def test_references_of_this_machine_hold_on_instructions_of_another(tmp_path: Pa
         (folder / path.parent.name / "case.toml").write_text(lowered)
     assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
 
-    other = run_yawid(
-        "regress", "--json", "--folder", folder, **other_instructions(tmp_path / "cache")
-    )
+    environment = other_instructions(tmp_path / "cache")
+    assert run_yawid("warm", **environment).returncode == 0
+    other = run_yawid("regress", "--json", "--folder", folder, **environment)
 
     told = json.loads(other.stdout)
     assert {c["name"]: c["wrong"] for c in told["cases"] if not c["ok"]} == {}
