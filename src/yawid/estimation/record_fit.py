@@ -5,6 +5,7 @@ prediction-error fit of all samples (Ljung 1999, 10.2), and ELS its own fixed po
 phi(theta)' eps(theta), which shares nothing with that fit but where both start.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -66,7 +67,19 @@ class FittedModel:
         )
 
 
-@np.errstate(all="ignore")
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """A record made ready: which rows are ``good`` (samples,), and its parts for the fit.
+
+    ``breaks`` (n,) are the good rows that follow a held one; ``factors`` scale y and the inputs.
+    """
+
+    good: Bools
+    breaks: Bools
+    factors: Floats
+    fit: RecordFit
+
+
 def fit_record(
     config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED
 ) -> FittedModel:
@@ -77,31 +90,53 @@ def fit_record(
     the fit finds nothing the status is diverged. RML's fit ends when its loss gains a smaller share
     than ``settled``.
     """
+    return fit_methods([config], u, y, settled)[0]
+
+
+@np.errstate(all="ignore")
+def fit_methods(
+    configs: Sequence[EstimatorConfig], u: Floats, y: Floats, settled: float = SETTLED
+) -> list[FittedModel]:
+    """Fit a record by configurations that differ in their method only: they begin alike."""
+    record = _made_ready(configs[0], u, y)
+    if record is None:
+        return [_nothing(config, len(y), Status.WARMING_UP) for config in configs]
+    return [_fitted_model(config, record, settled) for config in configs]
+
+
+def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None:
+    """Return the record scaled and cut; None where it is too short or a channel stands still."""
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     signals = np.column_stack([y, u])[good]
     factors = _factors(signals)
     breaks = np.diff(good.astype(int), prepend=0)[good] > 0
     rows = np.column_stack([breaks, signals * factors])
     fit = RecordFit(config, list(stretches_of(config, rows)))
-    n = len(fit.y)
     # The standard deviation of what stands still is rounding, and not always 0.
-    if n <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
-        return _nothing(config, len(y), Status.WARMING_UP)
-    found = _solved(config, fit, settled)
-    if found is None:
-        return _nothing(config, len(y), Status.DIVERGED)
-    theta, *covariances = found
-    residuals, units = fit.residuals(theta), _units(config, factors)
-    covariance, scatter = (each * np.outer(units, units) for each in covariances)
-    eps, y_hat = np.concatenate(residuals), np.full(len(y), np.nan)
-    y_hat[np.flatnonzero(good)[_fitted(config, breaks)]] = (fit.y - eps) / factors[0]
+    if len(fit.y) <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
+        return None
+    return _Record(good, breaks, factors, fit)
+
+
+def _fitted_model(config: EstimatorConfig, record: _Record, settled: float) -> FittedModel:
+    fit, good, factors, n = record.fit, record.good, record.factors, len(record.fit.y)
+    theta = _theta(config, fit, settled)
+    residuals = [] if theta is None else fit.residuals(theta)
+    found = None if theta is None else _covariances(config, fit, theta, residuals)
+    if theta is None or found is None:
+        return _nothing(config, len(good), Status.DIVERGED)
+    units = _units(config, factors)
+    covariance, scatter = (each * np.outer(units, units) for each in found)
+    eps, y_hat = np.concatenate(residuals), np.full(len(good), np.nan)
+    y_hat[np.flatnonzero(good)[_fitted(config, record.breaks)]] = (fit.y - eps) / factors[0]
     return FittedModel(
-        config, theta * units, covariance, scatter, y_hat, n, len(y) - n,
+        config, theta * units, covariance, scatter, y_hat, n, len(good) - n,
         float(np.sqrt(np.mean(eps**2))) / factors[0], _whiteness(residuals, config.residual_lags),
         Status.TRACKING,
     )  # fmt: skip
 
 
+@np.errstate(all="ignore")
 def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED) -> float:
     """Return the fit over the last third of the rudder's energy of a model fitted without it.
 
@@ -117,28 +152,25 @@ def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats, settled: float 
     if first < LEAST_PER_PARAMETER * config.n_theta:
         return float("nan")
     row = int(used[first])
-    model = fit_record(config, u[:row], y[:row], settled)
-    if not model.theta.any():
+    record = _made_ready(config, u[:row], y[:row])
+    theta = None if record is None else _theta(config, record.fit, settled)
+    if record is None or theta is None:
         return float("nan")
-    u, y = u[row:], y[row:]
-    return fit_percent(y, simulate(model.theta, config.orders, config.bias, u, y))
+    theta, u, y = theta * _units(config, record.factors), u[row:], y[row:]
+    return fit_percent(y, simulate(theta, config.orders, config.bias, u, y))
 
 
-def _solved(
-    config: EstimatorConfig, fit: RecordFit, settled: float
-) -> tuple[Floats, Floats, Floats] | None:
-    """Return theta (n,), its covariance and scatter (n, n); None where no fit beats theta = 0."""
-    is_rml = config.method == "rml"
+def _theta(config: EstimatorConfig, fit: RecordFit, settled: float) -> Floats | None:
+    """Return theta (n,) of the scaled signals; None where no fit beats theta = 0."""
     try:
-        with np.errstate(all="ignore"):
-            begin = fit.first_guess()
-            theta = fit.gauss_newton(begin, settled) if is_rml else fit.fixed_point(begin)
-            if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
-                return None
-            covariance, scatter = _covariances(fit, theta, is_rml, config.residual_lags)
+        begin = fit.first_guess
+        is_rml = config.method == "rml"
+        theta = fit.gauss_newton(begin, settled) if is_rml else fit.fixed_point(begin)
     except np.linalg.LinAlgError:  # channels that tell nothing apart
         return None
-    return (theta, covariance, scatter) if np.isfinite(covariance).all() else None
+    if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
+        return None
+    return theta
 
 
 def _factors(signals: Floats) -> Floats:
@@ -167,8 +199,12 @@ def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
     return fitted
 
 
-def _covariances(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> tuple[Floats, Floats]:
+def _covariances(
+    config: EstimatorConfig, fit: RecordFit, theta: Floats, residuals: list[Floats]
+) -> tuple[Floats, Floats] | None:
     """Return theta's covariance (n, n): (Z' psi)^-1 S (psi' Z)^-1, Z the instruments of the fit.
+
+    ``residuals`` are those at theta. None where the covariance is not finite.
 
     Z is psi for RML and phi for ELS. S sums the products of the scores Z eps over as many lags
     either way, under Bartlett's weights (Newey and West 1987): residuals that are not white make
@@ -176,20 +212,24 @@ def _covariances(fit: RecordFit, theta: Floats, is_rml: bool, lags: int) -> tupl
     the jackknife that leaves out a block each time (Shao and Tu 1995, 3.2): what lasts longer than
     the lags, a gust or another way of flying, is in it.
     """
-    psi, eps = fit.gradient(theta)
-    z = psi if is_rml else fit.gradient(theta, filtered=False)[0]
+    psi, eps = fit.gradient(theta, residuals=residuals)
+    is_rml, lags = config.method == "rml", config.residual_lags
+    z = psi if is_rml else fit.gradient(theta, filtered=False, residuals=residuals)[0]
     scores = z * eps[:, None]
     meat = cross(scores, scores)
     for lag in range(1, min(lags, len(scores) - 1) + 1):
         product = cross(scores[lag:], scores[:-lag])
         meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    bread = np.linalg.inv(cross(z, psi) + fit.prior)
+    try:
+        bread = np.linalg.inv(cross(z, psi) + fit.prior)
+    except np.linalg.LinAlgError:
+        return None
     covariance: Floats = bread @ meat @ bread.T * (len(eps) / max(len(eps) - len(theta), 1))
     ends = np.arange(BLOCKS + 1) * len(scores) // BLOCKS
     sums = np.array([scores[a:b].sum(axis=0) for a, b in pairwise(ends)])
     sums -= sums.mean(axis=0)
     scatter: Floats = bread @ cross(sums, sums) @ bread.T * (BLOCKS / (BLOCKS - 1.0))
-    return covariance, scatter
+    return (covariance, scatter) if np.isfinite(covariance).all() else None
 
 
 def _whiteness(residuals: list[Floats], lags: int) -> float:

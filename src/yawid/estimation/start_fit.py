@@ -5,6 +5,7 @@ It works on the scaled samples of the window and hands theta and P to the recurs
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
     if len(fit.y) <= 2 * config.n_theta:
         return None
     with np.errstate(all="ignore"):
-        theta = fit.gauss_newton(fit.first_guess())
+        theta = fit.gauss_newton(fit.first_guess)
         psi, _ = fit.gradient(theta, filtered=config.method == "rml")
         better = fit.loss(theta) < fit.loss(np.zeros_like(theta))
     P = np.asarray(np.linalg.inv(fit.prior + cross(psi * fit.weights[:, None], psi)), np.float64)
@@ -109,8 +110,9 @@ class RecordFit:
                 column[i + 1 :] = eps[: -i - 1]
         return full
 
+    @cached_property
     def first_guess(self) -> Floats:
-        """Return theta by Hannan and Rissanen: a long ARX gives eps, then least squares on phi."""
+        """Theta by Hannan and Rissanen: a long ARX gives eps, then least squares on phi."""
         if not self.orders.nc:
             phi = np.concatenate([phi for _, phi in self.stretches])
             return _least_squares(phi, self.y, self.prior)

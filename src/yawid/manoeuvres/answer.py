@@ -15,7 +15,7 @@ from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
+from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
 from yawid.manoeuvres.conditions import conditions
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
@@ -104,9 +104,9 @@ class Fits:
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         self._samples = samples
         self.u, self.y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
-        self.estimators: dict[str, FittedModel] = {
-            method: fit_record(self.estimator(method), self.u, self.y) for method in self.methods
-        }
+        configs = [self.estimator(method) for method in self.methods]
+        models: list[FittedModel] = fit_methods(configs, self.u, self.y)
+        self.estimators = dict(zip(self.methods, models, strict=True))
 
     def estimator(self, method: str) -> EstimatorConfig:
         """Return the configuration of a fit that forgets nothing."""
