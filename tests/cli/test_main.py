@@ -255,7 +255,7 @@ def test_a_replay_loads_only_what_it_uses(tmp_path: Path):
         "yawid.cli.main.main(sys.argv[1:])\n"
         "unused = ('scipy.linalg', 'scipy.signal', 'scipy.stats', 'matplotlib', 'filterpy',\n"
         "          'pandas', 'rich', 'jsbsim', 'rerun', 'numba', 'yawid.offline',\n"
-        "          'pymavlink.mavutil', 'mcap.reader')\n"
+        "          'pymavlink.mavutil', 'mcap.reader', 'email')\n"
         "print([name for name in unused if name in sys.modules], file=sys.stderr)"
     )
     arguments = ["replay", str(C172P), "--rate", "10", "--out", str(tmp_path), "--json"]
