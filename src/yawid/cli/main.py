@@ -7,6 +7,7 @@ wait until a command needs them.
 """
 
 import argparse
+import gc
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
 
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130
+GARBAGE_AFTER = 50_000
+"""Allocations until garbage is searched for: what is imported stays, and by Python's own 700 a
+short replay searches it a hundred times, for a thirtieth of its CPU."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -178,6 +182,7 @@ def _explained(error: YawidError) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
+    gc.set_threshold(GARBAGE_AFTER)
     try:
         make_ready()
         with StopFlag(raises=True).installed():
