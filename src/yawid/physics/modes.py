@@ -217,7 +217,9 @@ def _slopes(z: Complexes) -> Complexes:
 def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Floats, Floats]:
     """Return sigma of wn and zeta (n, na) of every pole by the delta method."""
     z, s, na = poles.z, poles.s, poles.z.shape[1]
-    powers = z[:, :, None] ** np.arange(na - 1, -1, -1)
+    powers = np.empty((*z.shape, na), np.complex128)
+    for i in range(na):  # a column at a time: in one go it takes three times as long
+        np.power(z, na - 1 - i, out=powers[:, :, i])
     ds = -powers / poles.slopes[:, :, None] / (z[:, :, None] * sample_time_s)
     wn = np.abs(s)[:, :, None]
     dwn = (np.conj(s)[:, :, None] * ds).real / wn

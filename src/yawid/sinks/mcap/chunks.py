@@ -138,7 +138,7 @@ class ChunkWriter:
         data, row = records.view(np.uint8).data, 0
         while row < len(log_ns):
             start_ns = int(log_ns[row]) if self._start_ns is None else self._start_ns
-            stop = int(np.searchsorted(log_ns, start_ns + self._chunk_ns))
+            stop = int(log_ns.searchsorted(start_ns + self._chunk_ns))
             if stop > row:
                 moved = places[:, row:stop] + (self._size - size * row)
                 self._index(channels, log_ns[row:stop], moved)
@@ -213,7 +213,7 @@ class ChunkWriter:
         self._summary[opcode].append(data)
         self._write(data)
 
-    def _write(self, data: bytes | bytearray) -> None:
+    def _write(self, data: bytes) -> None:
         self._stream.write(data)
         self._offset += len(data)
 
@@ -240,14 +240,14 @@ class ChunkWriter:
         content = _CHUNK.size - _RECORD + len(packed)
         sizes = len(data), zlib.crc32(data), _COMPRESSION, len(packed)
         start, length = self._offset, _RECORD + content
-        self._write(_CHUNK.pack(Opcode.CHUNK, content, low, high, *sizes) + packed)
+        chunk = _CHUNK.pack(Opcode.CHUNK, content, low, high, *sizes)
         indexes, places = bytearray(), bytearray()
         for channel, parts in self._indexes.items():
             pairs = b"".join(parts)
-            places += _PLACE.pack(channel, self._offset + len(indexes))
+            places += _PLACE.pack(channel, start + length + len(indexes))
             indexes += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(pairs), channel, len(pairs))
             indexes += pairs
-        self._write(indexes)
+        self._write(b"".join((chunk, packed, indexes)))  # one call of the system instead of two
         content = _CHUNK_INDEX.size - _RECORD + len(places) + _CHUNK_SIZES.size
         head = _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, content, low, high, start, length, len(places))
         tail = _CHUNK_SIZES.pack(len(indexes), _COMPRESSION, len(packed), len(data))
