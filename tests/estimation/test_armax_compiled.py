@@ -19,6 +19,7 @@ from places import ROOT
 
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
 from yawid.cli.main import main
+from yawid.errors import ConfigError
 from yawid.estimation import armax
 from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import RUN
@@ -69,8 +70,10 @@ def run(config: EstimatorConfig, *cuts: int) -> bytes:
     return told + np.float64(estimator.predict(0.1)).tobytes()
 
 
+@pytest.mark.parametrize("piece", [7, 1000])
 @pytest.mark.parametrize("config", CONFIGS)
-def test_plain_python_gives_the_same_bits(config, tmp_path, monkeypatch):
+def test_plain_python_gives_the_same_bits(config, piece, tmp_path, monkeypatch):
+    monkeypatch.setattr("yawid.estimation.machine.runner.PIECE", piece)
     compiled = run(config)
     runner = interpreting(monkeypatch, tmp_path)
     assert run(config) == compiled
@@ -78,23 +81,32 @@ def test_plain_python_gives_the_same_bits(config, tmp_path, monkeypatch):
 
 
 @settings(max_examples=20, deadline=None)
-@given(config=st.sampled_from(CONFIGS), change=st.integers(0, 419), cut=st.integers(0, 419))
-def test_it_changes_over_at_any_sample_with_the_same_bits(tmp_path_factory, config, change, cut):
-    compiled, compiled_code = run(config, cut), code()
+@given(config=st.sampled_from(CONFIGS), looks=st.integers(1, 90), cut=st.integers(0, 419))
+def test_it_changes_over_at_any_sample_with_the_same_bits(tmp_path_factory, config, looks, cut):
+    expected, compiled_code, looked = run(config, cut), code(), [0]
+
+    def find(_: str) -> bytes | None:
+        looked[0] += 1
+        return compiled_code if looked[0] > looks else None
+
     with pytest.MonkeyPatch.context() as monkeypatch:
-        runner = interpreting(monkeypatch, tmp_path_factory.mktemp("cache"))
-        taken = [0]
-        interpret = runner.run
+        runner = interpreting(monkeypatch, tmp_path_factory.getbasetemp())
+        monkeypatch.setattr("yawid.estimation.machine.runner.PIECE", 5)
+        monkeypatch.setattr(kept, "find", find)
+        assert run(config, cut) == expected
+        assert runner.is_compiled() == (looked[0] > looks)
 
-        def counted(packed, u, y, out, first):
-            taken[0] += len(y)
-            if taken[0] > change and kept.find(RUN) is None:
-                kept.keep(RUN, compiled_code)
-            return interpret(packed, u, y, out, first)
 
-        monkeypatch.setattr(runner, "run", counted)
-        assert run(config, cut, change) == run(config, cut) == compiled
-        assert runner.is_compiled()
+def test_the_last_row_alone_and_infinite_samples_are_told_alike(tmp_path, monkeypatch):
+    compiled = RecursiveArmax(CONFIGS[0])
+    expected = compiled.run(U, Y, keep="last").rows.tobytes()
+    interpreting(monkeypatch, tmp_path)
+    monkeypatch.setattr("yawid.estimation.machine.runner.PIECE", 50)
+    plain = RecursiveArmax(CONFIGS[0])
+    with pytest.raises(ConfigError, match="infinite"):
+        plain.run(U, np.append(Y[:-1], np.inf))
+    assert plain.run(U, Y, keep="last").rows.tobytes() == expected
+    assert plain.to_bytes() == compiled.to_bytes()
 
 
 def without_patience(monkeypatch: pytest.MonkeyPatch, compiled: Callable[[], bytes]) -> None:

@@ -24,6 +24,8 @@ PATIENCE_S = 6.0
 """A process that has interpreted for so long compiles: that takes about as long."""
 LOOK_S = 1.0
 """How often a process that interprets looks whether another has compiled."""
+PIECE = 1000
+"""Samples between two looks."""
 _BEHIND = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
 
 
@@ -60,12 +62,18 @@ class Runner:
 
         All are contiguous float64; the compiled function does not look.
         """
-        if self._found():
-            return self.run(packed, u, y, out, first)
-        start = time.perf_counter()
-        done = _interpret(packed, u, y, out, first)
-        self._interpreted_s += time.perf_counter() - start
-        return done
+        if first == 0 and (np.isinf(u).any() or np.isinf(y).any()):
+            return -1
+        while not self._found():
+            end = min(first + PIECE, len(y))
+            rows = out[first:end] if len(out) == len(y) else out[: int(end == len(y))]
+            start = time.perf_counter()
+            done = first + _interpret(packed, u, y, rows, first, end)
+            self._interpreted_s += time.perf_counter() - start
+            if done < end or end == len(y):
+                return done
+            first = end
+        return self.run(packed, u, y, out, first)
 
     def is_compiled(self) -> bool:
         """Tell whether compiled code is there, from now or from an earlier process."""
@@ -121,13 +129,16 @@ class Runner:
         self.run = run  # type: ignore[method-assign] # from now on without a way round
 
 
-def _interpret(packed: Floats, u: Floats, y: Floats, out: Floats, first: int) -> int:
+def _interpret(packed: Floats, u: Floats, y: Floats, out: Floats, first: int, end: int) -> int:
+    """Take the samples from the first to before the end; return how many were taken."""
+    inputs = len(u) // max(len(y), 1)
+    samples = u[first * inputs : end * inputs].tolist(), y[first:end].tolist()
     state = Unpacked(packed)
     try:
-        done = int(entry_points.run(state, u.tolist(), y.tolist(), out, first))
-    except ArithmeticError:  # Python raises where the others overflow
+        done = int(entry_points.run(state, *samples, out, 0))
+    except ArithmeticError:  # Python raises where an array's float overflows
         with np.errstate(all="ignore"):
-            return int(entry_points.run(packed, u, y, out, first))
+            return int(entry_points.run(packed, *samples, out, 0))
     state.pack()
     return done
 
