@@ -67,9 +67,16 @@ def _engine() -> Any:
 
 
 def loaded(code: bytes, *names: str) -> list[int]:
-    """Load an object for the rest of the process; return the addresses of its functions."""
+    """Load an object for the rest of the process; return the addresses of its functions.
+
+    Raises:
+        RuntimeError: it has no function of such a name.
+    """
     with _LOADING:
         engine = _engine()
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
-        return [engine.get_function_address(name) for name in names]
+        found = [engine.get_function_address(name) for name in names]
+    if not all(found):
+        raise RuntimeError(f"the object code has not all of {', '.join(names)}")
+    return found

@@ -46,6 +46,8 @@ class _Method(ctypes.Structure):
 
 
 _FASTCALL = 0x80
+_METHODS: list[_Method] = []
+"""Must outlive the functions that Python made of them."""
 
 
 class Runner:
@@ -55,7 +57,7 @@ class Runner:
         self._interpreted_s = 0.0
         self._looked = -LOOK_S
         self._child: subprocess.Popen[bytes] | None = None
-        self._method: _Method | None = None
+        self._is_compiled = False
 
     def run(self, packed: Floats, u: Floats, y: Floats, out: Floats, first: int) -> int:
         """Take samples as ``entry_points.run`` does: u (samples M,), y (samples,), out (rows, n).
@@ -77,7 +79,7 @@ class Runner:
 
     def is_compiled(self) -> bool:
         """Tell whether compiled code is there, from now or from an earlier process."""
-        return self._method is not None or self._found()
+        return self._is_compiled or self._found()
 
     def compile(self) -> Path | None:
         """Compile, for this process and those to come; return the folder, None if it is not kept.
@@ -115,18 +117,20 @@ class Runner:
             self._interpreted_s = 0.0
             with suppress(Exception):  # a numba that cannot: Python goes on
                 self.compile()
-        return self._method is not None
+        return self._is_compiled
 
     def _is_under_way(self) -> bool:
         return self._child is not None and self._child.poll() is None
 
     def _take(self, code: bytes) -> None:
         (address,) = loaded(code, RUN)
-        self._method = _Method(RUN.encode(), address, _FASTCALL, None)
+        method = _Method(RUN.encode(), address, _FASTCALL, None)
+        _METHODS.append(method)
         make = ctypes.pythonapi.PyCFunction_NewEx
         make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p] * 3
-        run: Any = make(ctypes.addressof(self._method), None, None)
+        run: Any = make(ctypes.addressof(method), None, None)
         self.run = run  # type: ignore[method-assign] # from now on without a way round
+        self._is_compiled = True
 
 
 def _interpret(packed: Floats, u: Floats, y: Floats, out: Floats, first: int, end: int) -> int:
