@@ -16,7 +16,7 @@ from yawid.results.run_summary import RunSummary
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.sink import McapSink
-from yawid.sinks.part_file import check_free
+from yawid.sinks.part_file import Disk, check_free
 from yawid.sinks.rerun.sink import RerunSink
 
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"
@@ -93,7 +93,7 @@ def keep_as_interrupted(sinks: Sequence[Sink], outputs: Outputs) -> dict[str, st
     return kept.files()
 
 
-def open_mcap(config: RunConfig, outputs: Outputs) -> McapSink:
+def open_mcap(config: RunConfig, outputs: Outputs, disk: Disk | None = None) -> McapSink:
     """Open the MCAP file with what is known before the first frame."""
     metadata: dict[str, str | Mapping[str, object]] = {
         "configuration": asdict(config),
@@ -101,7 +101,7 @@ def open_mcap(config: RunConfig, outputs: Outputs) -> McapSink:
         "sign": SIGN,
     }
     _make_folder(outputs.folder)
-    return McapSink(outputs.path(".mcap"), metadata, force=outputs.force)
+    return McapSink(outputs.path(".mcap"), metadata, force=outputs.force, disk=disk)
 
 
 def open_rerun(outputs: Outputs) -> list[Sink]:

@@ -68,6 +68,22 @@ def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
             part.unlink(missing_ok=True)
 
 
+class Disk:
+    """Brings files to the disk while who writes them waits; a subclass may do so later."""
+
+    def sync_soon(self, stream: BinaryIO) -> None:
+        """Hand what was written to the operating system at once, and to the disk soon.
+
+        Raises:
+            OSError: it could not be written, now or when this was last asked for.
+        """
+        sync(stream)
+
+    def sync_now(self, stream: BinaryIO) -> None:
+        """Return when all that was written is on the disk; raises as :meth:`sync_soon` does."""
+        sync(stream)
+
+
 def sync(stream: BinaryIO) -> None:
     """Bring what was written to ``stream`` through every buffer to the disk."""
     stream.flush()

@@ -148,7 +148,7 @@ def test_a_process_does_not_wait_for_the_worker_when_it_exits():
     begun_s = time.monotonic()
     script = (
         "import time; from yawid.runs.live.worker import Worker; "
-        "print(Worker().submit(time.sleep, 300).done())"
+        "print(Worker('fits').submit(time.sleep, 300).done())"
     )
     ended = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, timeout=100, check=True

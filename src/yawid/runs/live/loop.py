@@ -12,7 +12,7 @@ from yawid.estimation.machine.runner import RUNNER
 from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
-from yawid.runs.live.worker import Worker
+from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sinks.part_file import os_errors_as_sink_error
@@ -86,7 +86,7 @@ def live(
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
-    worker, switch_s = Worker(), sys.getswitchinterval()
+    fits, disk, switch_s = Worker("yawid-manoeuvres"), Worker("yawid-disk"), sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     try:
         # The tap comes first: it queues what is sent while a viewer takes its time.
@@ -95,12 +95,13 @@ def live(
                 RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, worker,
+                stamps.now, fits, DiskBeside(disk),
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
     finally:
         sys.setswitchinterval(switch_s)
-        worker.shutdown()
+        fits.shutdown()
+        disk.shutdown()
         console.close()
 
 

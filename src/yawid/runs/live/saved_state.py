@@ -4,7 +4,9 @@ import json
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,7 @@ class StateFile:
         self._tell = tell
         self._pace = Pace(SAVE_S)
         self._keep_old = False
+        self._writing: Future[None] | None = None
         check_place(path, config)
         self._head, self._saved = _read(path)
         if self._head is not None:
@@ -74,16 +77,36 @@ class StateFile:
         updates = bank.estimators[bank.methods[0]].updates
         self._tell(f"resumed from {self._path}: {updates} updates, saved {minutes:.0f} min ago")
 
-    def tick(self, pipeline: Pipeline) -> None:
-        """Save every ``SAVE_S``."""
-        if pipeline.bank is not None and self._pace.due():
-            self.save(pipeline)
+    def tick(self, pipeline: Pipeline, worker: Executor) -> None:
+        """Have the worker save every ``SAVE_S``; a file that cannot be written is said one time."""
+        if self._writing is not None:
+            if not self._writing.done():
+                return
+            self._attempt(self._writing.result)
+            self._writing = None
+        if pipeline.bank is not None and self.failure is None and self._pace.due():
+            self._writing = worker.submit(self._write, self._content(pipeline))
 
     def save(self, pipeline: Pipeline) -> None:
-        """Save now, if there is anything; a file that cannot be written is said one time."""
+        """Save now, if there is anything."""
+        if self._writing is not None:
+            self._attempt(self._writing.result)
+        if pipeline.bank is not None:
+            self._attempt(partial(self._write, self._content(pipeline)))
+
+    def _attempt(self, act: Callable[[], None]) -> None:
+        """Do it, unless there was a failure before; a failure is said one time."""
+        if self.failure is None:
+            try:
+                act()
+            except SinkError as error:
+                self.failure = str(error)
+                self._tell(f"{self.failure}: the state is not kept")
+
+    def _content(self, pipeline: Pipeline) -> bytes:
+        """Return the file as it is to be now; the pipeline has a bank."""
         bank = pipeline.bank
-        if bank is None or self.failure is not None:
-            return
+        assert bank is not None
         saved = {m: e.to_bytes() for m, e in bank.estimators.items()}  # type: ignore[union-attr]
         # The reference engine, which has no bytes, was refused when this was built.
         head = {
@@ -92,16 +115,14 @@ class StateFile:
             "saved_s": time.time(),
             "sizes": {method: len(data) for method, data in saved.items()},
         }
-        data = json.dumps(head).encode() + b"\n" + b"".join(saved.values())
-        try:
-            with os_errors_as_sink_error(self._path):
-                if self._keep_old:
-                    self._keep_old = False
-                    self._path.replace(self._path.with_name(self._path.name + ".old"))
-                write_whole({self._path: data}, force=True)
-        except SinkError as error:
-            self.failure = str(error)
-            self._tell(f"{self.failure}: the state is not kept")
+        return json.dumps(head).encode() + b"\n" + b"".join(saved.values())
+
+    def _write(self, data: bytes) -> None:
+        with os_errors_as_sink_error(self._path):
+            if self._keep_old:
+                self._keep_old = False
+                self._path.replace(self._path.with_name(self._path.name + ".old"))
+            write_whole({self._path: data}, force=True)
 
 
 def check_place(path: Path, config: RunConfig) -> None:

@@ -22,6 +22,7 @@ from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
 from yawid.runs.live.viewer_thread import Viewer
+from yawid.runs.live.worker import DiskBeside
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
@@ -49,7 +50,8 @@ class Setting(NamedTuple):
     state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
-    worker: Executor
+    fits: Executor
+    disk: DiskBeside
 
 
 class LiveSession:
@@ -72,9 +74,7 @@ class LiveSession:
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
         self.decoder = setting.read_options.decoder(WANTED)
-        self.pipeline = Pipeline(
-            setting.config, self._sinks, self._make_bank, worker=setting.worker
-        )
+        self.pipeline = Pipeline(setting.config, self._sinks, self._make_bank, worker=setting.fits)
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
@@ -119,7 +119,7 @@ class LiveSession:
         for sink in self._sinks:
             sink.flush()
         if self._state is not None:
-            self._state.tick(self.pipeline)
+            self._state.tick(self.pipeline, self._setting.disk.worker)
         if self._setting.config.sysid is None:
             self._look_for_others()
         if not self._signing_said:
@@ -182,8 +182,8 @@ class LiveSession:
 
     def _open(self) -> None:
         self._opened = True
-        outputs = self._setting.outputs
-        self._guard("mcap", lambda: open_mcap(self._setting.config, outputs))
+        outputs, disk = self._setting.outputs, self._setting.disk
+        self._guard("mcap", lambda: open_mcap(self._setting.config, outputs, disk))
         if outputs.rerun == "save":
             self._guard("rrd", lambda: open_rerun(outputs)[0])
         if outputs.record:

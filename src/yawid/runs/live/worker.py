@@ -1,11 +1,14 @@
-"""The thread on which a live session has its manoeuvres answered."""
+"""Threads that do for all sessions what none may wait for: one for fits, one for the disk."""
 
+import os
 import queue
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
-from typing import ParamSpec, TypeVar
+from typing import BinaryIO, ParamSpec, TypeVar
+
+from yawid.sinks.part_file import Disk, sync
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -18,9 +21,9 @@ class Worker(Executor):
     daemon, for which Python does not wait when it exits.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        threading.Thread(target=self._run, name="yawid-manoeuvres", daemon=True).start()
+        threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> "Future[_T]":
         """See :class:`concurrent.futures.Executor`."""
@@ -42,3 +45,41 @@ def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
         future.set_result(act())
     except BaseException as error:
         future.set_exception(error)
+
+
+class DiskBeside(Disk):
+    """Has a thread bring files to the disk, which takes milliseconds each: no loop waits for it.
+
+    A file waits there one time at most: what is written meanwhile is for the next call. ``worker``
+    also writes for those who need more.
+    """
+
+    def __init__(self, worker: Executor) -> None:
+        self.worker = worker
+        self._syncing: dict[BinaryIO, Future[None]] = {}
+
+    def sync_soon(self, stream: BinaryIO) -> None:
+        """See :meth:`yawid.sinks.part_file.Disk.sync_soon`."""
+        stream.flush()
+        before = self._syncing.get(stream)
+        if before is not None and not before.done():
+            return
+        if before is not None:
+            del self._syncing[stream]
+            before.result()
+        # A descriptor of its own: the stream may be closed before its turn comes.
+        self._syncing[stream] = self.worker.submit(_sync_and_close, os.dup(stream.fileno()))
+
+    def sync_now(self, stream: BinaryIO) -> None:
+        """See :meth:`yawid.sinks.part_file.Disk.sync_now`; it is the last call for a stream."""
+        before = self._syncing.pop(stream, None)
+        if before is not None:
+            before.result()
+        sync(stream)
+
+
+def _sync_and_close(descriptor: int) -> None:
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

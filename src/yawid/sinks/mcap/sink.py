@@ -37,7 +37,7 @@ from yawid.sinks.mcap.schemas import (
     schema_data,
     units,
 )
-from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
+from yawid.sinks.part_file import Disk, open_part, os_errors_as_sink_error
 
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
@@ -73,7 +73,7 @@ class McapSink:
     under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
     topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
     estimates, modes; before it the flight mode where it is another. A manoeuvre stands where it was
-    reported, behind samples that are newer.
+    reported, behind samples that are newer. ``disk`` says when what is flushed is on the disk.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -85,8 +85,10 @@ class McapSink:
         metadata: Mapping[str, str | Mapping[str, object]],
         *,
         force: bool = False,
+        disk: Disk | None = None,
     ) -> None:
         self.path = path
+        self._disk = disk or Disk()
         self._part, self._stream = open_part(path, force=force)
         self._pace = Pace(FLUSH_S)
         self._schemas: dict[str, int] = {}
@@ -206,7 +208,7 @@ class McapSink:
             self._write_waiting()
             with os_errors_as_sink_error(self._part):
                 self._writer.end_chunk()
-                sync(self._stream)
+                self._disk.sync_soon(self._stream)
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """Write verdict, provenance and attachments, then rename; see the protocol."""
@@ -224,7 +226,7 @@ class McapSink:
                 self._writer.add_attachment(last_ns, name, media_type, data)
             self._writer.finish()
             self._writer.close()
-            sync(self._stream)
+            self._disk.sync_now(self._stream)
             self._stream.close()
             self._part.replace(self.path)
 
