@@ -27,11 +27,20 @@ PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "S
 A, B = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01)
 
 
-def frames(seconds: float, sysid: int = 1, hz: int = 50, first_s: float = 100.0) -> list[bytes]:
-    """What a vehicle sends in so many seconds of its own time: a yaw that answers its rudder."""
+def frames(
+    seconds: float, sysid: int = 1, hz: int = 50, first_s: float = 100.0, doublet_s: float = 0.0
+) -> list[bytes]:
+    """What a vehicle sends in so many seconds of its own time: a yaw that answers its rudder.
+
+    The rudder never rests, or makes one doublet so many seconds after the first.
+    """
     rng = np.random.default_rng(sysid)
     count = int(seconds * hz)
-    rudder_us = 1500 + 300 * np.sign(np.sin(np.arange(count) / hz * 3.0 + rng.normal(0, 1, count)))
+    moves = np.sign(np.sin(np.arange(count) / hz * 3.0 + rng.normal(0, 1, count)))
+    if doublet_s:
+        since_s = np.arange(count) / hz - doublet_s
+        moves = np.select([since_s < 0.0, since_s < 0.8, since_s < 1.6], [0.0, 1.0, -1.0], 0.0)
+    rudder_us = 1500 + 300 * moves
     rate = lfilter(B, A, (rudder_us - 1500) / 400) + rng.normal(0, 0.001, count)
     link = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)
     messages = [

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import shutil
 import subprocess
+import threading
 import time
 from pathlib import Path
 
@@ -52,6 +55,26 @@ def test_a_full_disk_under_the_mcap_is_one_line_and_the_tlog_goes_on(tmp_path: P
     assert ended.exit_code == 6
     assert set(ended.summary.files) == {"tlog"}
     assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent)
+
+
+def test_a_disk_that_fails_as_a_file_is_brought_to_it_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    fsync = os.fsync
+
+    def fail(descriptor: int) -> None:
+        if threading.current_thread().name == "yawid-disk":
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        fsync(descriptor)
+
+    monkeypatch.setattr("os.fsync", fail)
+    with listening(tmp_path) as session:
+        send(frames(20.0), session.port)
+        session.screen.wait_for("live.mcap.part: Input/output error: the session goes on")
+        session.screen.wait_for("tracking")
+    [ended] = session.ended
+    assert len(lines_with("Input/output error", session.screen)) == 1
+    assert (ended.exit_code, set(ended.summary.files)) == (6, {"tlog"})
 
 
 def test_a_removed_folder_is_one_line_for_each_file_and_the_estimate_goes_on(tmp_path: Path):

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import threading
+import time
 from dataclasses import replace
+from functools import partial
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 
+import pytest
+from finished_runs import messages
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.channels.stage import WANTED
+from yawid.runs.live.overload import Overload
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.inbox import Stamps
+from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
@@ -46,6 +57,83 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
         assert again.estimates == summary.estimates
         assert again.estimates["els"].updates > 100
         assert again.link.lost == 0
+
+
+def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    sent = {sysid: frames(20.0, sysid=sysid, doublet_s=9.0) for sysid in range(1, 7)}
+    at_once, syncing = mixed(*sent.values()), []
+    fsync = os.fsync
+
+    def noted(descriptor: int) -> None:
+        syncing.append(threading.current_thread().name)
+        fsync(descriptor)
+
+    monkeypatch.setattr("os.fsync", noted)
+    with listening(tmp_path, every_vehicle=True) as session:
+        for first in range(0, len(at_once), 500):  # some 100 times as fast as it was flown
+            send(at_once[first : first + 500], session.port)
+            time.sleep(0.02)
+        session.screen.wait_for("6 vehicles, ")
+        session.screen.wait_for(": 6 tracking")
+        wait_for_size(session.part("tlog", "live-6"), tlog_size(sent[6]))
+        own = {each.name for each in threading.enumerate() if each.name.startswith("yawid-")}
+        in_the_loop = set(syncing) - {"yawid-disk"}
+
+    assert own == {"yawid-tap", "yawid-manoeuvres", "yawid-disk"}
+    assert (in_the_loop, "yawid-disk" in syncing) == (set(), True)
+    assert [each.summary.vehicle.sysid for each in session.ended] == [*sent]
+    for summary in (each.summary for each in session.ended):
+        name = f"live-{summary.vehicle.sysid}"
+        again, _ = replay(
+            tmp_path / f"{name}.tlog", CONFIG, Outputs(tmp_path, f"{name}-again"), StopFlag()
+        )
+        assert (summary.link.lost, sum(summary.live.dropped.values())) == (0, 0)
+        told, own_told = summary.to_json(), again.to_json()
+        assert len(told["manoeuvres"]) == 1
+        for key in ("estimates", "manoeuvres", "flight", "verdict"):
+            assert told[key] == own_told[key]
+        live, replayed = (
+            sorted(messages(tmp_path / f"{name}{end}.mcap"), key=itemgetter(0))
+            for end in ("", "-again")
+        )
+        assert live == replayed
+
+
+def test_what_has_no_room_is_counted_and_said_and_nothing_else_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("yawid.runs.live.loop.UdpTap", partial(UdpTap, queue_size=300))
+    sent = frames(10.0)
+    with listening(tmp_path) as session:
+        send(sent, session.port)
+        session.screen.wait_for("datagrams dropped so far")
+    [ended] = session.ended
+    dropped = sum(ended.summary.live.dropped.values())
+    assert dropped > 0
+    assert ended.summary.link.frames + dropped == len(sent)
+    assert any("in no file and no estimate" in line for line in ended.summary.live.events)
+    assert f"not everything could be taken: {dropped} dropped here" in session.screen.getvalue()
+
+
+def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_up():
+    ahead_ns = [0]
+    stamps = Stamps(steady_ns=lambda: time.monotonic_ns() + ahead_ns[0])
+    with UdpTap(Endpoint("127.0.0.1", 0), stamps=stamps) as tap:
+        overload = Overload(tap)
+        send(frames(1.0)[:2], tap.address[1])
+        assert tap.inbox.wait(10.0)
+        tap.read(1.0)
+        assert list(overload.lines()) == []
+        tap.inbox.put([stamps.now()], [b""], [("127.0.0.1", 1)])
+        ahead_ns[0] = 5_000_000_000
+        [line] = overload.lines()
+        assert "5 s behind the link: 1 datagrams wait" in line
+        assert list(overload.lines()) == []
+        while len(tap.inbox):
+            tap.read(1.0)
+        assert list(overload.lines()) == ["the estimates have caught up with the link"]
 
 
 def test_each_vehicle_s_tlog_has_the_ground_station_but_no_other_vehicle(tmp_path: Path):

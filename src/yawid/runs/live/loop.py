@@ -10,6 +10,7 @@ from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
 from yawid.estimation.machine.runner import RUNNER
 from yawid.results.run_summary import LiveFacts
+from yawid.runs.live.overload import Overload
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.worker import DiskBeside, Worker
@@ -20,7 +21,7 @@ from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.rate_requests import RateRequests
-from yawid.sources.link.tap import Tap
+from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.open_log import ReadOptions
@@ -32,7 +33,12 @@ SWITCH_S = 0.001
 
 With 1 ms the latency of the stream's estimates is the same while a fit runs.
 """
-"""Estimators that were compiled before are ready sooner than this, and nothing is said of it."""
+LOAD, LOAD_BESIDE_FITS, LONGEST_PAUSE_S = 1 / 3, 1 / 8, 0.5
+"""How much of the time the loop may take, before reads are further apart, up to half a second.
+
+A block costs much the same whether it has two samples of a vehicle or ten: many vehicles are
+estimated in larger ones, which leaves the time that their fits need. Fits that wait have it first.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +162,8 @@ class _Loop:
         self._console = console
         self._events: list[str] = []
         self._is_silent = self._has_failed = False
+        self._overload, self._fits = Overload(tap), setting.fits
+        self._read_s = self._busy_s = 0.0
         self._begun_us = tap.stamps.now()
         self._begun_s = time.monotonic()
         seconds = options.seconds
@@ -172,15 +180,14 @@ class _Loop:
             left_s = self._end_s - time.monotonic()
             if left_s <= 0.0:
                 return
-            self._feed(min(READ_S, left_s))
+            fed = self._feed(min(READ_S, left_s))
             self._sessions.tick()
             self._watch()
-            running = self._sessions.running()
-            stopped = [session for session in running if session.stopped()]
+            stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
-                lost = self._dropped()
-                lines = [session.line(lost) for session in running]
-                self._console.show(" | ".join(lines) or "no vehicle yet")
+                self._console.show(self._sessions.line(self._dropped()) or "no vehicle yet")
+            if fed:
+                self._keep_apart(time.monotonic() - self._read_s)
 
     def finish(self) -> list[Ended]:
         """Take what is still queued, then finish every session; the tap is closed."""
@@ -204,19 +211,27 @@ class _Loop:
             ended = [e._replace(exit_code=INPUT_OR_OUTPUT_FAILED) for e in ended]
         return ended
 
-    def _feed(self, timeout_s: float) -> None:
-        """Read and hand on what there is."""
+    def _feed(self, timeout_s: float) -> bool:
+        """Read and hand on what there is; return whether there was anything."""
         try:
             data = self._tap.read(timeout_s)
         except SourceError as error:
             if not self._has_failed:
                 self._has_failed = True
                 self._tell(str(error))
-            return
+            return False
+        self._read_s = time.monotonic()
         if data:
             self._sessions.feed(data)
             if self._rates is not None:
                 self._rates.feed(data, self._vehicle())
+        return bool(data)
+
+    def _keep_apart(self, busy_s: float) -> None:
+        """Set how far reads are apart by what was done since the last; one long pass is no rule."""
+        usual_s, self._busy_s = min(busy_s, self._busy_s), busy_s
+        load = LOAD_BESIDE_FITS if self._fits.waiting else LOAD
+        self._tap.pause_s = min(max(BATCH_S, usual_s / load), LONGEST_PAUSE_S)
 
     def _watch(self) -> None:
         """Say what is new: senders, silence, a clock that was set, rates."""
@@ -233,6 +248,8 @@ class _Loop:
             seconds = SILENT_US // 1_000_000
             text = f"no data for {seconds} s" if self._is_silent else "the link is back"
             self._tell(f"{text} on {self._tap.endpoint}")
+        for line in self._overload.lines():
+            self._tell(line)
         if self._rates is not None:
             for line in self._rates.tick(time.monotonic(), self._vehicle()):
                 self._tell(line)

@@ -16,6 +16,7 @@ SOUND = (Status.TRACKING, Status.HELD)
 """An estimator that says this of itself may answer."""
 QUIET_S = 1.5
 """So long without anything, and what was last estimated is no longer how things stand."""
+SILENT = "silent"
 _STEP_US = 250
 _BINS = 4000  # to 1 s; what takes longer counts as that
 
@@ -51,6 +52,14 @@ class Standing:
         if math.isfinite(wn):  # last: it matters least where a narrow terminal cuts
             parts.append("± of noise alone")
         return ", ".join(parts)
+
+    def word(self, pipeline: Pipeline, now_us: int) -> str:
+        """Return how things stand in a word or two: the method's status where samples come."""
+        if self._quiet(pipeline, now_us):
+            return SILENT
+        if pipeline.bank is None or not pipeline.bank.last:
+            return "waiting"
+        return words(Status(int(pipeline.bank.last[pipeline.config.method].status[-1])))
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
         """Whether samples have stopped since this was last asked."""

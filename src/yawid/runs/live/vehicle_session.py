@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +21,7 @@ from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
 from yawid.runs.live.viewer_thread import Viewer
-from yawid.runs.live.worker import DiskBeside
+from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
@@ -50,7 +49,7 @@ class Setting(NamedTuple):
     state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
-    fits: Executor
+    fits: Worker
     disk: DiskBeside
 
 
@@ -97,13 +96,21 @@ class LiveSession:
         self._setting.say(f"{self._label}{text}")
 
     def feed(self, data: bytes) -> None:
-        """Record the bytes, then estimate; the files are opened with the first of them."""
+        """Record the bytes, then estimate."""
+        self.record(data)
+        self.estimate(data)
+
+    def record(self, data: bytes) -> None:
+        """Record the bytes; the files are opened with the first of them."""
         if not self._opened:
             self._open()
         self._sha256.update(data)
         if self._tlog is not None:
             self._tlog.write(data)
         self._standing.received_us = self._setting.now_us()
+
+    def estimate(self, data: bytes) -> None:
+        """Estimate what was recorded."""
         before = self.pipeline.samples
         self.pipeline.feed(self.decoder.feed(data))
         newest = self.pipeline.newest
@@ -139,6 +146,10 @@ class LiveSession:
         link, now_us = self.decoder.link, self._setting.now_us()
         stands = self._standing.line(self.pipeline, link.frames, now_us)
         return f"{self._label}{stands}, lost {link.lost} on the link, {lost}"
+
+    def word(self) -> str:
+        """Return one word or two on where the session stands."""
+        return self._standing.word(self.pipeline, self._setting.now_us())
 
     def finish(self, live: LiveFacts) -> Ended:
         """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""

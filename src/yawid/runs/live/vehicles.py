@@ -1,6 +1,7 @@
 """Which session gets which records: one takes everything, or each vehicle has its own."""
 
-from collections import deque
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -9,6 +10,7 @@ from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import ConfigError, SinkError
 from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.saved_state import check_states
+from yawid.runs.live.standing import SILENT
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sources.link.tap import sysid_of
 from yawid.sources.mavlink.enums import AUTOPILOT_INVALID
@@ -16,6 +18,8 @@ from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
 
 KEPT = 8192
 """Records kept of systems that have not said that they are vehicles, for who does say so later."""
+FEW = 4
+"""Vehicles of which each has its own part of the line."""
 _HEARTBEAT = 0
 
 
@@ -36,6 +40,10 @@ class Single:
     def running(self) -> list[LiveSession]:
         """Return the sessions there are."""
         return [self._session]
+
+    def line(self, lost: str) -> str:
+        """Return a line on where they stand, "" before the first; ``lost`` is the tap's part."""
+        return self._session.line(lost)
 
     def finish(self, live: LiveFacts) -> list[Ended]:
         """Finish them all; ``live`` is what the tap adds to their summaries."""
@@ -65,6 +73,8 @@ class Fleet:
         self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
         self._refused: set[int] = set()
         self._unsigned: set[int] = set()
+        self._records = 0
+        self._rate_from = time.monotonic(), 0
 
     def feed(self, data: bytes) -> None:
         """See :class:`Single`."""
@@ -72,6 +82,7 @@ class Fleet:
             sysid: [] for sysid in self._sessions.keys() | self._refused
         }
         for record in records(data):
+            self._records += 1
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
             if sysid not in parts and self._is_vehicle(record[STAMP_SIZE:]):
                 parts[sysid] = [r for of, r in self._early if of == sysid or of not in parts]
@@ -82,9 +93,10 @@ class Fleet:
                 self._early.append((sysid, record))
                 for own in parts.values():
                     own.append(record)
-        for sysid, own in parts.items():
-            if own:
-                self._guard(sysid, partial(LiveSession.feed, data=b"".join(own)))
+        joined = {sysid: b"".join(own) for sysid, own in parts.items() if own}
+        for act in (LiveSession.record, LiveSession.estimate):  # on record first, all of it
+            for sysid, own_data in joined.items():
+                self._guard(sysid, partial(act, data=own_data))
 
     def tick(self) -> None:
         """See :class:`Single`."""
@@ -94,6 +106,23 @@ class Fleet:
     def running(self) -> list[LiveSession]:
         """See :class:`Single`."""
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
+
+    def line(self, lost: str) -> str:
+        """See :class:`Single`; of more than ``FEW`` it counts how many stand how."""
+        running = self.running()
+        if len(running) <= FEW:
+            return " | ".join(session.line(lost) for session in running)
+        now_s, (since_s, before) = time.monotonic(), self._rate_from
+        self._rate_from = now_s, self._records
+        rate = (self._records - before) / max(now_s - since_s, 1e-9)
+        words = {sysid: s.word() for sysid, s in self._sessions.items() if s in running}
+        parts = [f"{count} {word}" for word, count in Counter(words.values()).most_common()]
+        silent = [str(sysid) for sysid, word in words.items() if word == SILENT]
+        if 0 < len(silent) <= FEW:
+            parts.append(f"system {' and '.join(silent)} is silent")
+        gaps = sum(session.decoder.link.lost for session in running)
+        told = ", ".join(parts)
+        return f"{len(running)} vehicles, {rate:.0f} msg/s: {told}, lost {gaps} on the link, {lost}"
 
     def finish(self, live: LiveFacts) -> list[Ended]:
         """See :class:`Single`; where there was no vehicle, one summary says so."""

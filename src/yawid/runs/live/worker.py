@@ -25,6 +25,11 @@ class Worker(Executor):
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
+    @property
+    def waiting(self) -> int:
+        """How many calls wait for the one being done."""
+        return self._calls.qsize()
+
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> "Future[_T]":
         """See :class:`concurrent.futures.Executor`."""
         future: Future[_T] = Future()

@@ -51,6 +51,8 @@ class Tap(ABC):
         self.senders = Addresses()
         self.news: deque[str] = deque()
         self.inbox = Inbox(queue_size)
+        self.pause_s = BATCH_S
+        self.read_us = 0
         self._next_read_s = 0.0
         self._closing = threading.Event()
         self._failure: OSError | None = None
@@ -82,8 +84,8 @@ class Tap(ABC):
     def read(self, timeout_s: float) -> bytes:
         """Return the records received since the last call; wait for the first up to ``timeout_s``.
 
-        Calls are kept ``BATCH_S`` apart while datagrams keep coming, so that one call takes many;
-        a backlog is taken without a pause.
+        Reads are kept ``pause_s`` apart while datagrams keep coming, so that one call takes many;
+        a call that comes much too early returns none. A backlog is taken without a pause.
 
         Raises:
             SourceError: the endpoint failed; what was received before has been returned.
@@ -91,11 +93,13 @@ class Tap(ABC):
         if self.inbox.wait(timeout_s) and not self._closing.is_set():
             early_s = self._next_read_s - time.monotonic()
             if early_s > 0.0 and len(self.inbox) < MOST_AT_ONCE:
-                time.sleep(early_s)
-            self._next_read_s = time.monotonic() + BATCH_S
+                time.sleep(min(early_s, max(timeout_s, BATCH_S)))
+                if early_s > max(timeout_s, BATCH_S):
+                    return b""
+            self._next_read_s = time.monotonic() + self.pause_s
         parts: list[bytes] = []
         pairs: set[tuple[int, Address]] = set()
-        stamp, pack = 0, _STAMP.pack
+        stamp, pack = self.read_us, _STAMP.pack
         for stamp, datagram, address in self.inbox.get():
             prefix = pack(stamp)
             if frame_size(datagram) == len(datagram):
@@ -107,6 +111,7 @@ class Tap(ABC):
             for frame in frames:
                 parts += (prefix, frame)
                 pairs.add((sysid_of(frame), address))
+        self.read_us = stamp
         self.news.extend(self.senders.observe(pairs, stamp))
         if not parts and self._failure is not None:
             raise SourceError(f"{self.endpoint} failed: {self._failure}")

@@ -1,0 +1,41 @@
+"""What a session says where more comes than it can estimate: nothing is dropped in silence."""
+
+from collections.abc import Iterator
+
+from yawid.sinks.base import Pace
+from yawid.sources.link.tap import Tap
+
+BEHIND_S, CAUGHT_UP_S = 3.0, 1.0
+AGAIN_S = 10.0
+"""How often the count of what was dropped is said again while it grows."""
+
+
+class Overload:
+    """Watches how far the reading of a tap is behind its link, and what it had no room for."""
+
+    def __init__(self, tap: Tap) -> None:
+        self._tap = tap
+        self._is_behind = False
+        self._said = 0
+        self._again = Pace(AGAIN_S)
+
+    def lines(self) -> Iterator[str]:
+        """Yield what is new; made to be called when a read has been estimated."""
+        inbox, now_us = self._tap.inbox, self._tap.stamps.now()
+        behind_s = (now_us - self._tap.read_us) / 1e6 if len(inbox) else 0.0
+        if behind_s > BEHIND_S and not self._is_behind:
+            self._is_behind = True
+            yield (
+                f"the estimates are {behind_s:.0f} s behind the link: {len(inbox)} datagrams wait, "
+                "and what the queue has no room for will be dropped"
+            )
+        elif behind_s < CAUGHT_UP_S and self._is_behind:
+            self._is_behind = False
+            yield "the estimates have caught up with the link"
+        queue, system = inbox.dropped, self._tap.socket_dropped or 0
+        if queue + system > self._said and self._again.due():
+            self._said = queue + system
+            yield (
+                f"more comes than can be read: {queue + system} datagrams dropped so far ({queue} "
+                f"by the queue, {system} by the operating system), in no file and no estimate"
+            )
