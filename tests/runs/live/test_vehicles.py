@@ -71,6 +71,7 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
         fsync(descriptor)
 
     monkeypatch.setattr("os.fsync", noted)
+    before = set(threading.enumerate())
     with listening(tmp_path, every_vehicle=True) as session:
         for first in range(0, len(at_once), 500):  # some 100 times as fast as it was flown
             send(at_once[first : first + 500], session.port)
@@ -78,10 +79,11 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
         session.screen.wait_for("6 vehicles, ")
         session.screen.wait_for(": 6 tracking")
         wait_for_size(session.part("tlog", "live-6"), tlog_size(sent[6]))
-        own = {each.name for each in threading.enumerate() if each.name.startswith("yawid-")}
+        own = {each.name for each in set(threading.enumerate()) - before}
         in_the_loop = set(syncing) - {"yawid-disk"}
 
-    assert own == {"yawid-tap", "yawid-manoeuvres", "yawid-disk"}
+    threads = {name for name in own if name.startswith("yawid-")}
+    assert threads == {"yawid-tap", "yawid-manoeuvres", "yawid-disk"}
     assert (in_the_loop, "yawid-disk" in syncing) == (set(), True)
     assert [each.summary.vehicle.sysid for each in session.ended] == [*sent]
     for summary in (each.summary for each in session.ended):
@@ -126,7 +128,9 @@ def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_
         assert tap.inbox.wait(10.0)
         tap.read(1.0)
         assert list(overload.lines()) == []
-        tap.inbox.put([stamps.now()], [b""], [("127.0.0.1", 1)])
+        came_us = stamps.now()
+        tap.inbox.put([came_us], [b""], [("127.0.0.1", 1)])
+        assert tap.reached_us() == came_us  # until then a vehicle is not called silent
         ahead_ns[0] = 5_000_000_000
         [line] = overload.lines()
         assert "5 s behind the link: 1 datagrams wait" in line

@@ -101,7 +101,7 @@ def live(
                 RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, fits, DiskBeside(disk),
+                stamps.now, tap.reached_us, fits, DiskBeside(disk),
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
     finally:

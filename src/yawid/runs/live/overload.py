@@ -21,8 +21,8 @@ class Overload:
 
     def lines(self) -> Iterator[str]:
         """Yield what is new; made to be called when a read has been estimated."""
-        inbox, now_us = self._tap.inbox, self._tap.stamps.now()
-        behind_s = (now_us - self._tap.read_us) / 1e6 if len(inbox) else 0.0
+        inbox = self._tap.inbox
+        behind_s = (self._tap.stamps.now() - self._tap.reached_us()) / 1e6
         if behind_s > BEHIND_S and not self._is_behind:
             self._is_behind = True
             yield (

@@ -49,6 +49,7 @@ class Setting(NamedTuple):
     state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
+    reached_us: Callable[[], int]
     fits: Worker
     disk: DiskBeside
 
@@ -139,17 +140,17 @@ class LiveSession:
 
     def stopped(self) -> bool:
         """Whether samples have stopped since this was last asked: the line is due at once."""
-        return self._standing.stopped(self.pipeline, self._setting.now_us())
+        return self._standing.stopped(self.pipeline, self._setting.reached_us())
 
     def line(self, lost: str) -> str:
         """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
-        link, now_us = self.decoder.link, self._setting.now_us()
+        link, now_us = self.decoder.link, self._setting.reached_us()
         stands = self._standing.line(self.pipeline, link.frames, now_us)
         return f"{self._label}{stands}, lost {link.lost} on the link, {lost}"
 
     def word(self) -> str:
         """Return one word or two on where the session stands."""
-        return self._standing.word(self.pipeline, self._setting.now_us())
+        return self._standing.word(self.pipeline, self._setting.reached_us())
 
     def finish(self, live: LiveFacts) -> Ended:
         """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""

@@ -82,6 +82,11 @@ class Inbox:
     def __len__(self) -> int:
         return self.received - self.dropped - self._taken
 
+    @property
+    def oldest_us(self) -> int | None:
+        """The stamp of the oldest datagram that waits, for the thread that takes."""
+        return self._queue[0][0][0] if self._queue else None
+
     def put(self, stamps: list[int], datagrams: list[bytes], senders: list[Address]) -> None:
         """Queue datagrams, those that have room; count the others as dropped."""
         room, count = max(self._size - len(self), 0), len(datagrams)

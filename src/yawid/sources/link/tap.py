@@ -52,7 +52,6 @@ class Tap(ABC):
         self.news: deque[str] = deque()
         self.inbox = Inbox(queue_size)
         self.pause_s = BATCH_S
-        self.read_us = 0
         self._next_read_s = 0.0
         self._closing = threading.Event()
         self._failure: OSError | None = None
@@ -81,6 +80,11 @@ class Tap(ABC):
         """How many datagrams the operating system had no room for; None where it does not say."""
         return None
 
+    def reached_us(self) -> int:
+        """Return the stamp up to which all that came has been read: now, where nothing waits."""
+        oldest_us = self.inbox.oldest_us
+        return self.stamps.now() if oldest_us is None else oldest_us
+
     def read(self, timeout_s: float) -> bytes:
         """Return the records received since the last call; wait for the first up to ``timeout_s``.
 
@@ -99,7 +103,7 @@ class Tap(ABC):
             self._next_read_s = time.monotonic() + self.pause_s
         parts: list[bytes] = []
         pairs: set[tuple[int, Address]] = set()
-        stamp, pack = self.read_us, _STAMP.pack
+        stamp, pack = 0, _STAMP.pack
         for stamp, datagram, address in self.inbox.get():
             prefix = pack(stamp)
             if frame_size(datagram) == len(datagram):
@@ -111,7 +115,6 @@ class Tap(ABC):
             for frame in frames:
                 parts += (prefix, frame)
                 pairs.add((sysid_of(frame), address))
-        self.read_us = stamp
         self.news.extend(self.senders.observe(pairs, stamp))
         if not parts and self._failure is not None:
             raise SourceError(f"{self.endpoint} failed: {self._failure}")
