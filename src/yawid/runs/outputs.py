@@ -32,6 +32,11 @@ class Outputs:
     force: bool = False
     record: bool = True
 
+    @property
+    def has_viewer(self) -> bool:
+        """Whether the run is shown as it goes on."""
+        return self.rerun not in ("off", "save")
+
     def path(self, suffix: str) -> Path:
         """Return the absolute path of one output."""
         return (self.folder / f"{self.name}{suffix}").absolute()

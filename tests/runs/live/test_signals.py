@@ -10,6 +10,7 @@ from live_link import SENT, attend, interrupt, left, tlog_size
 
 from yawid.blocks import ModesBlock, SampleBlock
 from yawid.runs.live.viewer_thread import Viewer
+from yawid.runs.live.worker import Worker
 from yawid.sinks.base import LogLevel
 
 
@@ -46,7 +47,7 @@ class Stuck:
 
 def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):
     stuck = Stuck()
-    viewer = Viewer(lambda _: stuck, print)
+    viewer = Viewer(lambda _: stuck, print, Worker("viewers"))
     viewer.log(0, "info", "hello")
     assert stuck.asked.wait(10.0)
     ender = threading.Thread(target=viewer.abort)

@@ -92,7 +92,9 @@ def live(
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
-    fits, disk, switch_s = Worker("yawid-manoeuvres"), Worker("yawid-disk"), sys.getswitchinterval()
+    fits, disk = Worker("yawid-manoeuvres"), Worker("yawid-disk")
+    viewers = Worker("yawid-viewers") if outputs.has_viewer else None
+    switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     try:
         # The tap comes first: it queues what is sent while a viewer takes its time.
@@ -101,13 +103,14 @@ def live(
                 RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, tap.reached_us, fits, DiskBeside(disk),
+                stamps.now, tap.reached_us, fits, DiskBeside(disk), viewers,
             )  # fmt: skip
             return _attend(tap, setting, options, stop, console)
     finally:
         sys.setswitchinterval(switch_s)
-        fits.shutdown()
-        disk.shutdown()
+        for worker in (fits, disk, viewers):
+            if worker is not None:
+                worker.shutdown()
         console.close()
 
 

@@ -52,6 +52,7 @@ class Setting(NamedTuple):
     reached_us: Callable[[], int]
     fits: Worker
     disk: DiskBeside
+    viewers: Worker | None
 
 
 class LiveSession:
@@ -242,11 +243,11 @@ class LiveSession:
         self.tell(f"{error}: the session goes on without it")
 
     def _open_viewer(self) -> Viewer | None:
-        outputs = self._setting.outputs
-        if outputs.rerun in ("off", "save"):
+        outputs, viewers = self._setting.outputs, self._setting.viewers
+        if viewers is None or not outputs.has_viewer:
             return None
         return Viewer(
-            lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.tell
+            lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.tell, viewers
         )
 
     def _make_bank(self, config: RunConfig, sample_time_s: float) -> Bank:

@@ -1,16 +1,14 @@
 """A Rerun viewer beside a live session: it may be slow, go away and come back."""
 
-import contextlib
-import queue
-import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future, wait
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 
 WAITING = 512
-"""Calls that may wait for the viewer; what comes on top is skipped and counted."""
+"""Calls of a session that may wait for the viewer; what comes on top is skipped and counted."""
 AGAIN_S = 10.0
 """How often a viewer that has gone is looked for."""
 CLOSE_S = 5.0
@@ -19,7 +17,7 @@ Call = Callable[[Sink], None]
 
 
 class Viewer:
-    """A sink that hands everything to a thread of its own: the session never waits for a viewer.
+    """A sink that hands everything to the worker of all viewers: no session waits for a viewer.
 
     ``connect`` returns a new sink and calls its argument with one line when the viewer is lost,
     then or later. ``skipped`` counts the samples that were not shown. The first connection is made
@@ -27,19 +25,21 @@ class Viewer:
     """
 
     def __init__(
-        self, connect: Callable[[Callable[[str], None]], Sink], tell: Callable[[str], None]
+        self,
+        connect: Callable[[Callable[[str], None]], Sink],
+        tell: Callable[[str], None],
+        worker: Executor,
     ) -> None:
         self._not_taken = self._not_shown = 0  # counted by the caller's and by the viewer's thread
+        self._handed = self._done = 0  # so are these
+        self._worker = worker
         self._connect = connect
         self._tell = tell
         self._lost = self._was_lost = False
         self._begin: Call | None = None
         self._again = Pace(AGAIN_S)
         self._again.due()
-        self._calls: queue.Queue[Call | None] = queue.Queue(WAITING)
         self._sink = connect(self._gone)
-        self._thread = threading.Thread(target=self._run, name="yawid-viewer", daemon=True)
-        self._thread.start()
 
     @property
     def skipped(self) -> int:
@@ -74,34 +74,34 @@ class Viewer:
 
     def flush(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.flush`."""
-        if self._calls.empty():
+        if self._handed == self._done:
             self._hand(lambda sink: sink.flush())
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :meth:`yawid.sinks.base.Sink.finish`; a viewer that does not take it is left."""
-        with contextlib.suppress(queue.Full):
-            self._calls.put(lambda sink: sink.finish(summary, attachments), timeout=CLOSE_S)
-            self._calls.put(None, timeout=CLOSE_S)
-            self._thread.join(CLOSE_S)
+        wait([self._submit(lambda sink: sink.finish(summary, attachments))], CLOSE_S)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`; what ends at once waits for no viewer."""
-        for call in (lambda sink: sink.abort(), None):
-            with contextlib.suppress(queue.Full):
-                self._calls.put_nowait(call)
+        self._hand(lambda sink: sink.abort())
 
     def _hand(self, call: Call) -> bool:
-        try:
-            self._calls.put_nowait(call)
-        except queue.Full:
-            return False
-        return True
+        has_room = self._handed - self._done < WAITING
+        if has_room:
+            self._submit(call)
+        return has_room
 
-    def _run(self) -> None:
-        while (call := self._calls.get()) is not None:
+    def _submit(self, call: Call) -> "Future[None]":
+        self._handed += 1
+        return self._worker.submit(self._run, call)
+
+    def _run(self, call: Call) -> None:
+        try:
             if self._lost and self._again.due():
                 self._seek()
             call(self._sink)
+        finally:
+            self._done += 1
 
     def _seek(self) -> None:
         self._lost = False
