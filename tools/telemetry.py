@@ -12,7 +12,7 @@ import numpy as np
 from jsbsim_flight import FlightPlan, Servo
 
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
-VEHICLE, GCS = (1, 1), (255, 190)
+GCS = (255, 190)
 FBWA, GCS_MODE = 5, 0
 KNOT, FOOT = 0.514444, 0.3048
 AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos 1 to 4
@@ -48,6 +48,7 @@ class Link:
     boot_s: float = 30.0
     mavlink1: bool = False
     seed: int = 1
+    sysid: int = 1
 
     def __post_init__(self) -> None:
         for name in ("attitude_hz", "servo_hz"):
@@ -94,11 +95,12 @@ def telemetry(plan: FlightPlan, link: Link, flight: Flying) -> Iterator[tuple[in
     version = "v10" if link.mavlink1 else "v20"
     dialect = importlib.import_module(f"pymavlink.dialects.{version}.ardupilotmega")
     messages = Messages(dialect, plan, link, flight, rng)
-    senders = {ids: Sender(dialect, ids) for ids in (VEHICLE, GCS)}
+    vehicle = link.sysid, 1
+    senders = {ids: Sender(dialect, ids) for ids in (vehicle, GCS)}
     receiver = Receiver(rng)
     for ms, name, index in schedule(plan, link, rng):
         flight.advance_to(ms)
-        ids = GCS if name == "gcs_heartbeat" else VEHICLE
+        ids = GCS if name == "gcs_heartbeat" else vehicle
         frame = senders[ids].frame(getattr(messages, name)(ms, index))
         yield receiver.stamp(EPOCH_US + 1000 * ms), frame
 
