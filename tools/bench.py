@@ -21,6 +21,7 @@ BENCHES = (
     "confidence",
     "link",
     "live",
+    "vehicles",
     "replay",
     "aliasing",
     "manoeuvres",
