@@ -40,6 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sinks", "sinks/rerun", "sinks/terminal"},
     "runs/regress": {"config", "channels", "pipeline", "results", "runs", "sinks"}
     | {"sources", WIRE, LOGS},
+    "fleet": set(),
     "cli": {"config", "estimation", "offline", "plant", "report", "results", "runs"}
     | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", WIRE, LOGS},
     "__main__": {"cli"},

@@ -1,0 +1,260 @@
+"""A data set on disk: Parquet files by table and month, and a manifest that names them.
+
+    DATASET/manifest.json                          which files count, and how many rows they have
+    DATASET/logs/part-000001-0.parquet
+    DATASET/flights/month=2026-03/part-000001-0.parquet          runs, manoeuvres, modes likewise
+
+New rows are merged into new files, written beside; the manifest is renamed last, and what it does
+not name is removed: killed at any moment, a data set is as before or as after. A log has one
+outcome: its newest replaces its older one with all its rows. Rows are dicts by column name, times
+in microseconds since 1970.
+"""
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from yawid.errors import SinkError, SourceError
+from yawid.fleet.schema import FORMAT, ID, TABLES, TIME, Table
+
+MANIFEST: Final = "manifest.json"
+MOST_ROWS: Final = 1_000_000
+"""In a file; one that holds half of them is not merged with new rows any more."""
+NO_MONTH: Final = "__HIVE_DEFAULT_PARTITION__"
+"""Of rows without a date, as Hive calls it."""
+
+Row = Mapping[str, Any]
+Entry = Mapping[str, Sequence[Row]]
+"""All rows of one log, by table; ``logs`` has exactly one."""
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest: ``tables`` by name with ``rows`` and ``files``; ``outcomes`` counted.
+
+    Raises:
+        SourceError: there is no data set, or one of another format.
+    """
+    path = folder / MANIFEST
+    try:
+        found = json.loads(path.read_bytes())
+        is_ours = found["format"] == FORMAT
+    except FileNotFoundError:
+        raise SourceError(f"{folder} is not a data set: it has no {MANIFEST}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SourceError(f"{path} cannot be read: {error}") from error
+    if not is_ours:
+        raise SourceError(f"{path} has format {found['format']}, this version reads {FORMAT}")
+    manifest: dict[str, Any] = found
+    return manifest
+
+
+def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return a table of a data set, all columns or some; ids are dictionaries.
+
+    Rows come month by month, each month by the table's own order.
+
+    Raises:
+        SourceError: there is no data set, or a file that its manifest names cannot be read.
+    """
+    files = read_manifest(folder)["tables"].get(name, {"files": []})["files"]
+    return _read(folder, TABLES[name], [each["path"] for each in files], columns)
+
+
+def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
+    """Merge logs with all their rows into a data set, made where there is none.
+
+    Return the new manifest. Entries of one path: the last counts. Logs of the same bytes have
+    their rows in ``flights`` and below once.
+
+    Raises:
+        SourceError: what is there cannot be read.
+        SinkError: it cannot be written.
+    """
+    by_path = {entry["logs"][0]["path"]: entry for entry in entries}
+    if (folder / MANIFEST).exists():
+        before = read_manifest(folder)
+    else:
+        before = {"generation": 0, "tables": {}}
+    generation = before["generation"] + 1
+    logs = _logs(folder, before, by_path)
+    by_sha = {entry["logs"][0]["log_sha256"]: entry for _, entry in sorted(by_path.items())}
+    by_sha.pop(None, None)
+    is_alive = set(pc.unique(logs["log_sha256"].drop_null()).to_pylist())
+    tables: dict[str, list[dict[str, Any]]] = {}
+    try:
+        tables["logs"] = _write(folder, TABLES["logs"], "logs", logs, generation)
+        for table in TABLES.values():
+            if table.by_month:
+                new = [row for entry in by_sha.values() for row in entry.get(table.name, ())]
+                files = before["tables"].get(table.name, {"files": []})["files"]
+                tables[table.name] = _merged(
+                    folder, table, files, new, by_sha.keys(), is_alive, generation
+                )
+        manifest = _manifest(tables, logs, generation)
+        write_whole(folder / MANIFEST, json.dumps(manifest, indent=1).encode() + b"\n")
+    except OSError as error:
+        raise SinkError(f"cannot write {folder}: {error.strerror or error}") from error
+    sweep(folder, manifest)
+    return manifest
+
+
+def sweep(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Remove the files of a data set that its manifest does not name: a run was killed."""
+    named = {each["path"] for table in manifest["tables"].values() for each in table["files"]}
+    for name in TABLES:
+        for pattern in ("*.parquet", "*.part"):
+            for path in (folder / name).rglob(pattern):
+                if path.relative_to(folder).as_posix() not in named:
+                    path.unlink(missing_ok=True)
+        for month in (folder / name).glob("month=*"):
+            if not any(month.iterdir()):
+                month.rmdir()
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file beside its place, bring it to the disk, and give it its name."""
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+
+
+def finite(value: Any) -> Any:
+    """Return a value as a row may hold it: None in place of a number that is not finite."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, list):
+        return [finite(each) for each in value]
+    return value
+
+
+def table_of(table: Table, rows: Sequence[Row]) -> pa.Table:
+    """Return rows as a table, ids still as plain strings; columns they do not have are NULL."""
+    clean = [{name: finite(value) for name, value in row.items()} for row in rows]
+    if unknown := {name for row in clean for name in row} - set(table.schema.names):
+        raise ValueError(f"{table.name} has no column {', '.join(sorted(unknown))}")
+    return pa.Table.from_pylist(clean, _plain(table.schema))
+
+
+def _plain(schema: pa.Schema) -> pa.Schema:
+    """Return a schema with strings in place of dictionaries: what can be sorted and joined."""
+    fields = [each.with_type(pa.string()) if each.type == ID else each for each in schema]
+    return pa.schema(fields)
+
+
+def _read(
+    folder: Path, table: Table, files: Sequence[str], columns: Sequence[str] | None = None
+) -> pa.Table:
+    names = table.schema.names if columns is None else list(columns)
+    schema = pa.schema([table.schema.field(name) for name in names])
+    found = []
+    for name in files:
+        try:
+            # Of an older version a column may be missing: it is NULL.
+            with pq.ParquetFile(folder / name) as file:
+                has = set(file.schema_arrow.names)
+                part = file.read([each for each in names if each in has])
+        except (OSError, pa.ArrowException) as error:
+            raise SourceError(f"{folder / name} cannot be read: {error}") from error
+        for column in schema:
+            if column.name not in has:
+                part = part.append_column(column, pa.nulls(len(part), column.type))
+        found.append(part.select(names).cast(schema))
+    return pa.concat_tables(found) if found else schema.empty_table()
+
+
+def _logs(folder: Path, before: Mapping[str, Any], by_path: Mapping[str, Entry]) -> pa.Table:
+    """Return the table of logs with those of ``by_path`` in the place of older ones."""
+    table = TABLES["logs"]
+    files = [each["path"] for each in before["tables"].get("logs", {"files": []})["files"]]
+    old = _read(folder, table, files).cast(_plain(table.schema))
+    old = old.filter(pc.invert(pc.is_in(old["path"], pa.array(list(by_path), pa.string()))))
+    new = table_of(table, [entry["logs"][0] for entry in by_path.values()])
+    return pa.concat_tables([old, new])
+
+
+def _merged(
+    folder: Path,
+    table: Table,
+    files: Sequence[Mapping[str, Any]],
+    new: Sequence[Row],
+    replaced: Iterable[str],
+    is_alive: set[str],
+    generation: int,
+) -> list[dict[str, Any]]:
+    """Return the files of one table after the merge, those that change written anew.
+
+    Rows of a log go where it is among ``replaced`` or not among those that are alive.
+    """
+    rows_of: dict[str, list[Row]] = {}
+    for row in new:
+        rows_of.setdefault(_month(row.get("date")), []).append(row)
+    files_of: dict[str, list[Mapping[str, Any]]] = {}
+    for file in files:
+        files_of.setdefault(Path(file["path"]).parent.name.removeprefix("month="), []).append(file)
+    keeps = pa.array(sorted(is_alive - set(replaced)), pa.string())
+    after: list[dict[str, Any]] = []
+    for month in sorted({*rows_of, *files_of}):
+        parts = [table_of(table, rows_of.get(month, []))]
+        for file in files_of.get(month, []):
+            shas = _read(folder, table, [file["path"]], ["log_sha256"])["log_sha256"]
+            kept = pc.is_in(shas.cast(pa.string()), keeps)
+            is_whole = bool(pc.all(kept).as_py())
+            if is_whole and (month not in rows_of or 2 * file["rows"] >= MOST_ROWS):
+                after.append(dict(file))
+                continue
+            parts.append(_read(folder, table, [file["path"]]).filter(kept).cast(parts[0].schema))
+        place = f"{table.name}/month={month}"
+        if rows := pa.concat_tables(parts):
+            after += _write(folder, table, place, rows, generation)
+    return after
+
+
+def _write(
+    folder: Path, table: Table, place: str, rows: pa.Table, generation: int
+) -> list[dict[str, Any]]:
+    """Write rows, sorted, as files of at most ``MOST_ROWS``; return what the manifest says."""
+    rows = rows.sort_by([(name, "ascending") for name in table.order]).cast(table.schema)
+    files = []
+    for i, first in enumerate(range(0, len(rows), MOST_ROWS)):
+        name = f"{place}/part-{generation:06d}-{i}.parquet"
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part")
+        piece = rows.slice(first, MOST_ROWS)
+        pq.write_table(piece, part, compression="zstd")
+        with part.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        part.replace(path)
+        files.append({"path": name, "rows": len(piece)})
+    return files
+
+
+def _month(date_us: int | None) -> str:
+    if date_us is None:
+        return NO_MONTH
+    return str(pa.scalar(date_us, TIME).as_py().strftime("%Y-%m"))
+
+
+def _manifest(
+    tables: Mapping[str, list[dict[str, Any]]], logs: pa.Table, generation: int
+) -> dict[str, Any]:
+    counted = pc.value_counts(logs["outcome"]).to_pylist()
+    return {
+        "format": FORMAT,
+        "generation": generation,
+        "outcomes": {each["values"]: each["counts"] for each in counted},
+        "tables": {
+            name: {"rows": sum(file["rows"] for file in files), "files": files}
+            for name, files in tables.items()
+        },
+    }
