@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 from yawid import __version__
 from yawid.cli.completion import add_completion
 from yawid.cli.finished_run import add_finished_run
+from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
 from yawid.cli.options import (
     OneLineParser,
@@ -76,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     add_commands(commands)
     add_finished_run(commands)
     add_regress(commands)
+    add_fleet(commands)
     add_warm(commands)
     add_completion(commands, parser)
     return parser

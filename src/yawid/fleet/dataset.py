@@ -11,7 +11,6 @@ in microseconds since 1970.
 """
 
 import json
-import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -23,16 +22,13 @@ import pyarrow.parquet as pq
 
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.schema import FORMAT, ID, TABLES, TIME, Table
+from yawid.fleet.values import Entry, Row, plain
 
 MANIFEST: Final = "manifest.json"
 MOST_ROWS: Final = 1_000_000
 """In a file; one that holds half of them is not merged with new rows any more."""
 NO_MONTH: Final = "__HIVE_DEFAULT_PARTITION__"
 """Of rows without a date, as Hive calls it."""
-
-Row = Mapping[str, Any]
-Entry = Mapping[str, Sequence[Row]]
-"""All rows of one log, by table; ``logs`` has exactly one."""
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -128,24 +124,15 @@ def write_whole(path: Path, data: bytes) -> None:
     part.replace(path)
 
 
-def finite(value: Any) -> Any:
-    """Return a value as a row may hold it: None in place of a number that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, list):
-        return [finite(each) for each in value]
-    return value
-
-
 def table_of(table: Table, rows: Sequence[Row]) -> pa.Table:
     """Return rows as a table, ids still as plain strings; columns they do not have are NULL."""
-    clean = [{name: finite(value) for name, value in row.items()} for row in rows]
+    clean = plain(list(rows))
     if unknown := {name for row in clean for name in row} - set(table.schema.names):
         raise ValueError(f"{table.name} has no column {', '.join(sorted(unknown))}")
-    return pa.Table.from_pylist(clean, _plain(table.schema))
+    return pa.Table.from_pylist(clean, _without_ids(table.schema))
 
 
-def _plain(schema: pa.Schema) -> pa.Schema:
+def _without_ids(schema: pa.Schema) -> pa.Schema:
     """Return a schema with strings in place of dictionaries: what can be sorted and joined."""
     fields = [each.with_type(pa.string()) if each.type == ID else each for each in schema]
     return pa.schema(fields)
@@ -176,7 +163,7 @@ def _logs(folder: Path, before: Mapping[str, Any], by_path: Mapping[str, Entry])
     """Return the table of logs with those of ``by_path`` in the place of older ones."""
     table = TABLES["logs"]
     files = [each["path"] for each in before["tables"].get("logs", {"files": []})["files"]]
-    old = _read(folder, table, files).cast(_plain(table.schema))
+    old = _read(folder, table, files).cast(_without_ids(table.schema))
     old = old.filter(pc.invert(pc.is_in(old["path"], pa.array(list(by_path), pa.string()))))
     new = table_of(table, [entry["logs"][0] for entry in by_path.values()])
     return pa.concat_tables([old, new])

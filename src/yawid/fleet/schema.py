@@ -81,6 +81,7 @@ PHYSICS: Final = (
     ("a_my_omega_y", "1/s"),
     ("a_my_beta", "1/s²"),
     ("a_my_delta_h", "1/s² per unit of rudder"),
+    ("servo_tau_s", "s"),
 )
 """Of eq. 22-23: name in the summary and unit; each has its total sigma beside it."""
 FIT: Final = (
@@ -140,7 +141,8 @@ LOGS: Final = Table(
         ("path", TEXT, "absolute path or URL"),
         ("size_bytes", COUNT, "size of the file"),
         ("modified", TEXT, "ETag where the store has one, else the file's time in ns since 1970"),
-        ("log_sha256", ID, "of the file's bytes; NULL where nobody read it to its end"),
+        ("log_sha256", ID, "of the log; NULL where nobody read it to its end"),
+        ("file_sha256", TEXT, "of the file: another only of an MCAP, which was made from the log"),
         *_MADE_BY,
         ("outcome", ID, " | ".join(OUTCOMES)),
         ("reasons", IDS, "ids of what forbids an answer, or the outcome where that is none"),

@@ -79,7 +79,7 @@ def replay_run(
         if automatic:
             config = with_orders(RunSource(run, config), config)
     source = RunSource(run, config)
-    return to_files(source, mcap, config, outputs, stop, partial(_conclude, run), run)
+    return to_files(source, mcap, config, outputs, stop, partial(conclude, run), run)
 
 
 class RunSource:
@@ -136,7 +136,7 @@ def _covered(run: McapRun) -> str:
     return f"{low:.1f} to {high:.1f} s"
 
 
-def _conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSummary, Verdict]:
+def conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSummary, Verdict]:
     """Return the summary and the verdict: what concerns the log stays as it was."""
     config, bank = pipeline.config, pipeline.bank
     if is_whole and bank is None and run.grid is not None:

@@ -131,6 +131,11 @@ class Log:
         return self._reader.link
 
     @property
+    def vehicle_id(self) -> str | None:
+        """What the log itself calls its vehicle, None where it does not."""
+        return self._reader.vehicle_id if isinstance(self._reader, UlogReader) else None
+
+    @property
     def sha256(self) -> str:
         """The hash of the file's bytes, once it has been read."""
         return self._digest.hexdigest()

@@ -108,6 +108,12 @@ class UlogReader:
             senders={(self._sysid, COMPID): found},
         )
 
+    @property
+    def vehicle_id(self) -> str | None:
+        """The autopilot's own number, where the log tells it."""
+        own = self._log.msg_info_dict.get("sys_uuid")
+        return f"uuid:{own}" if isinstance(own, str) and own else None
+
     def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
         """Yield (bytes, messages) from the start, continuing ``digest`` by the file's bytes."""
         total = sum(len(block) for block in self._blocks)

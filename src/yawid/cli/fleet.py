@@ -1,0 +1,106 @@
+"""The command line of ``yawid fleet``: thousands of logs, one data set."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from yawid.cli.options import (
+    add_estimator_options,
+    add_format,
+    add_signing,
+    auto_orders,
+    config_of,
+    read_options_of,
+    settings_of,
+)
+from yawid.errors import ConfigError
+from yawid.runs.stop import StopFlag
+
+if TYPE_CHECKING:
+    from yawid.fleet.run_fleet import FleetRun, Plan, Progress
+
+
+def add_fleet(commands: Any) -> None:
+    """Add the command to the parser's."""
+    fleet: argparse.ArgumentParser = commands.add_parser(
+        "fleet", help="replay thousands of logs into one data set (extra fleet)"
+    )
+    fleet.add_argument(
+        "paths", nargs="+", metavar="PATH",
+        help="logs, folders, globs or URLs (s3://, memory://, what fsspec knows)",
+    )  # fmt: skip
+    fleet.add_argument(
+        "--out", type=Path, required=True, metavar="DATASET", help="folder of the data set"
+    )
+    where = fleet.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="processes (one for each core)")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler: tcp://HOST:8786")
+    fleet.add_argument("--retry", action="store_true", help="run crashed and timed-out logs again")
+    fleet.add_argument("--verify", action="store_true", help="know logs by their bytes, not times")
+    fleet.add_argument("--dry-run", action="store_true", help="only count what would be done")
+    fleet.add_argument(
+        "--timeout", type=float, default=600.0, metavar="S", help="most seconds for a log (600)"
+    )
+    fleet.add_argument("--modes", action="store_true", help="also keep the modes of every second")
+    add_format(fleet)
+    add_signing(fleet)
+    add_estimator_options(fleet)
+    fleet.set_defaults(run=_fleet)
+
+
+def _fleet(arguments: argparse.Namespace) -> int:
+    from yawid.fleet.run_fleet import dry_run, run_fleet
+    from yawid.sinks.terminal.progress import Console
+
+    run = _asked(arguments)
+    if arguments.dry_run:
+        plan = dry_run(run)
+        text = f"{len(plan.todo)} logs, {plan.size / 1e6:.1f} MB; known already: {plan.known}"
+        print(f"to run: {text}", flush=True)
+        return 0
+    console = Console(sys.stderr)
+
+    def began(plan: "Plan") -> None:
+        console.say(f"{len(plan.todo)} logs to run, {plan.known} known already")
+
+    def show(progress: "Progress") -> None:
+        if console.is_due():
+            console.show(progress.line())
+
+    with StopFlag().installed() as stop:
+        try:
+            manifest, progress = run_fleet(run, stop, show, began)
+        finally:
+            console.close()
+    if stop.is_set:
+        left = progress.logs - progress.done
+        console.say(f"{stop.name}: {progress.done} logs are kept, {left} were not reached")
+    rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
+    outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
+    print(f"{run.out.absolute()}: {rows}\noutcomes: {outcomes}", flush=True)
+    return stop.exit_code if stop.is_set else 0
+
+
+def _asked(arguments: argparse.Namespace) -> "FleetRun":
+    from yawid.fleet.run_fleet import FleetRun
+    from yawid.fleet.spec import Spec
+
+    automatic = auto_orders(arguments)
+    config_of(arguments)  # its errors are the command's, not each log's
+    options = read_options_of(arguments)
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
+    if not arguments.timeout > 0.0:
+        raise ConfigError(f"--timeout must be > 0, got {arguments.timeout:g}")
+    key_file = None if options.key_file is None else str(options.key_file.absolute())
+    return FleetRun(
+        paths=arguments.paths,
+        out=arguments.out,
+        spec=Spec(settings_of(arguments), automatic, options.form, key_file, arguments.modes),
+        workers=arguments.workers,
+        scheduler=arguments.scheduler,
+        retry=arguments.retry,
+        verify=arguments.verify,
+        timeout_s=arguments.timeout,
+    )

@@ -1,0 +1,184 @@
+"""Workers: those of this machine, or those of a Dask scheduler that somebody else runs.
+
+A worker that dies takes no log with it: Dask gives what it held to another one.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any, Final
+
+from yawid import __version__
+from yawid.errors import ConfigError, SinkError
+from yawid.fleet.worker import Task, about, warm, work
+from yawid.runs.stop import StopFlag
+
+QUEUED: Final = 2
+"""Logs that a worker holds for each of its threads: one it replays, and one that waits."""
+POLL_S: Final = 0.1
+LOOK_S: Final = 1.0
+"""How often the number of workers is asked for."""
+CONNECT_S: Final = 10.0
+MOST_TRIES: Final = 3
+"""Dask gives a log up whose workers died again and again; as often it is handed in anew."""
+
+
+class Workers:
+    """Workers to hand logs to; ``address`` is the scheduler's."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        self._client = client
+        self.address = address
+        self._slots, self._look_s = 0, 0.0
+
+    def run(self, tasks: Iterable[Task], stop: StopFlag) -> Generator[tuple[Task, Any], None, None]:
+        """Yield each task as it ends, with its rows; fewer, once told to ``stop``.
+
+        Raises:
+            SinkError: the scheduler is lost.
+        """
+        from distributed.scheduler import KilledWorker
+
+        done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        waiting, again = iter(tasks), deque[tuple[Task, int]]()
+        flying: dict[Any, tuple[Task, int]] = {}
+        is_all = False
+        while not stop.is_set:
+            while not is_all and len(flying) < self._room():
+                task, tries = again.popleft() if again else (next(waiting, None), 0)
+                if task is None:
+                    is_all = True
+                    break
+                flying[self._submit(task, done)] = task, tries
+            if is_all and not flying:
+                return
+            try:
+                future = done.get(timeout=POLL_S)
+            except queue.Empty:
+                continue
+            task, tries = flying[future]
+            try:
+                rows = future.result(timeout=POLL_S)
+            except TimeoutError:  # it was lost with its worker and is made again
+                future.add_done_callback(done.put)
+                continue
+            except KilledWorker:
+                del flying[future]
+                if tries + 1 < MOST_TRIES:
+                    again.append((task, tries + 1))
+                    is_all = False
+                    continue
+                rows = "its workers died, again and again"
+            except Exception as error:
+                self._check()
+                raise SinkError(f"a worker failed: {type(error).__name__}: {error}") from error
+            flying.pop(future, None)
+            future.release()
+            yield task, rows
+
+    def _submit(self, task: Task, done: "queue.SimpleQueue[Any]") -> Any:
+        try:
+            future = self._client.submit(work, task, pure=False)
+        except Exception as error:
+            raise self._lost() from error
+        future.add_done_callback(done.put)
+        return future
+
+    def _room(self) -> int:
+        """Return how many logs may be with the workers at once; none where there is no worker."""
+        self._check()
+        if time.monotonic() >= self._look_s:
+            try:
+                threads = self._client.nthreads()
+            except Exception as error:
+                raise self._lost() from error
+            self._slots = QUEUED * sum(threads.values())
+            self._look_s = time.monotonic() + LOOK_S
+        return self._slots
+
+    def _check(self) -> None:
+        if self._client.status != "running":
+            raise self._lost()
+
+    def _lost(self) -> SinkError:
+        return SinkError(
+            f"the scheduler at {self.address} is lost: what is finished is kept; "
+            "start it and say the same again"
+        )
+
+
+@contextmanager
+def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
+    """Start ``count`` workers on this machine, as many as it has cores, or use a scheduler's.
+
+    Raises:
+        ConfigError: Dask is not installed.
+        SinkError: nobody answers at the address, or its workers have another yawid.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise ConfigError("yawid fleet needs Dask: pip install 'yawid[fleet]'") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    settings = {
+        "distributed.worker.daemon": False,
+        "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
+        "distributed.client.scheduler-info-interval": "2s",
+    }
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        if address is None:
+            ready = threading.Thread(target=_warm_here)
+            ready.start()
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
+                    dashboard_address=None, silence_logs=logging.CRITICAL,
+                )
+            )  # fmt: skip
+            address = cluster.scheduler_address
+            ready.join()
+        try:
+            client = Client(address, set_as_default=False, timeout=CONNECT_S)
+        except (OSError, TimeoutError, ValueError) as error:
+            text = f"no Dask scheduler answers at {address}"
+            raise SinkError(f"{text}: {str(error) or type(error).__name__}") from error
+        stack.enter_context(_closing(client))
+        if count is None:
+            _make_ready(client)
+        yield Workers(client, address)
+
+
+def _warm_here() -> None:
+    with suppress(Exception):  # each process compiles for itself then
+        warm()
+
+
+@contextmanager
+def _closing(client: Any) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        with suppress(Exception):  # the scheduler may be lost
+            client.close(timeout=2)
+
+
+def _make_ready(client: Any) -> None:
+    """Have each machine compile once, before its workers would, all at the same time."""
+    try:
+        found = client.run(about)
+    except Exception as error:
+        raise SinkError(f"the workers cannot run yawid {__version__}: {error}") from error
+    for worker, versions in found.items():
+        if versions["yawid"] != __version__:
+            raise SinkError(
+                f"the worker at {worker} has yawid {versions['yawid']}, here is {__version__}"
+            )
+    one_of = {worker.rpartition(":")[0]: worker for worker in found}
+    with suppress(Exception):  # as above
+        client.run(warm, workers=list(one_of.values()))

@@ -1,0 +1,213 @@
+"""One log to its rows: replayed without files, every vehicle and every boot of it by itself.
+
+Whatever goes wrong with the log becomes an outcome with its text; nothing is raised.
+"""
+
+import traceback
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from yawid import __version__
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError, SourceError, YawidError
+from yawid.fleet.seconds import FlightSink
+from yawid.fleet.spec import Spec
+from yawid.fleet.summary_rows import flight_row, manoeuvre_rows, run_rows
+from yawid.fleet.values import failed, known_date, plain
+from yawid.pipeline import Pipeline
+from yawid.results.run_summary import LinkCounts, ReasonSummary, RunSummary
+from yawid.results.summary import summarise
+from yawid.runs.choose_orders import with_orders
+from yawid.runs.replay_mcap import RunSource, changed, conclude
+from yawid.runs.run_log import open_log, run_log
+from yawid.sinks.mcap.chunks import is_mcap
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sources.mavlink.signing import SigningKey
+from yawid.sources.open_log import Log, ReadOptions, log_suffix
+
+Rows = dict[str, list[dict[str, Any]]]
+_LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps")
+
+
+@dataclass(frozen=True, slots=True)
+class _Flown:
+    """One replay of one boot of one vehicle; times in us since 1970."""
+
+    summary: RunSummary
+    boot: int
+    boots: tuple[int, ...]
+    vehicle_id: str | None
+    sink: FlightSink
+
+
+def rows_of(path: Path, spec: Spec) -> Rows:
+    """Return a log's rows by table, ``logs`` with exactly one; a log's keys are in that one alone.
+
+    ``path``, ``size_bytes``, ``modified``, ``config_hash`` and ``analysis_version`` are left to the
+    caller.
+    """
+    try:
+        return _mcap_rows(path, spec) if is_mcap(path) else _log_rows(path, spec)
+    except SourceError as error:
+        outcome, text = "unreadable", str(error)
+    except YawidError as error:
+        outcome, text = "unusable", str(error)
+    except Exception as error:
+        outcome, text = "crashed", _where(error)
+    reason = "refused" if outcome == "unusable" else None
+    return failed(outcome, text.replace(str(path), path.name), reason)
+
+
+def read_options_of(spec: Spec) -> ReadOptions:
+    """Return how bytes are read.
+
+    Raises:
+        ConfigError: the key cannot be read.
+    """
+    path = None if spec.key_file is None else Path(spec.key_file)
+    key = None if path is None else SigningKey.from_file(path)
+    return ReadOptions(spec.form, key, path)
+
+
+def _where(error: Exception) -> str:
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})"
+
+
+def _log_rows(path: Path, spec: Spec) -> Rows:
+    options, config = read_options_of(spec), RunConfig(**spec.settings)
+    with ExitStack() as stack:
+        source = stack.enter_context(closing(open_log(path, options, again=spec.automatic)))
+        if spec.automatic:
+            config = with_orders(source, config)
+        first = _flown(source, config, spec)
+        link = source.link
+        again: list[Log] = [source] if spec.automatic else []
+
+        def another(config: RunConfig) -> _Flown | None:
+            if not again:
+                again.append(stack.enter_context(closing(open_log(path, options, again=True))))
+            try:
+                return _flown(again[0], config, spec)
+            except ConfigError:  # nothing of this boot is asked for
+                return None
+
+        flights = list(_each(first, config, another))
+    log = {
+        "log_sha256": first.summary.sha256,
+        "kind": log_suffix(path)[1:],
+        "date": known_date(link.first_us),
+    }
+    return _rows(first.summary, flights, log, spec)
+
+
+def _each(first: _Flown, config: RunConfig, another: Any) -> Iterator[_Flown]:
+    """Yield every boot of every vehicle that the configuration leaves open; ``first`` was flown."""
+    own = first.summary.vehicle
+    found = first.summary.vehicles or ([] if own is None else [own])
+    sysids = list(dict.fromkeys(each.sysid for each in found))
+    if config.sysid is not None or own is None:
+        sysids = [own.sysid] if own is not None else []
+    if not sysids:
+        yield first
+    for sysid in sysids:
+        is_first = own is not None and sysid == own.sysid
+        chosen = config if is_first else replace(config, sysid=sysid)
+        flown = first if is_first else another(chosen)
+        if flown is None:
+            continue
+        if len(flown.boots) < 2 or config.boot is not None:
+            yield flown
+            continue
+        for boot in flown.boots:
+            if (alone := another(replace(chosen, sysid=sysid, boot=boot))) is not None:
+                yield alone
+
+
+def _flown(source: Log, config: RunConfig, spec: Spec) -> _Flown:
+    sink = FlightSink(every_second=spec.modes)
+    pipeline = Pipeline(config, [sink])
+    run_log(source, pipeline)
+    summary, _ = summarise(pipeline, source.link, source.path.name, source.sha256)
+    boots = tuple(pipeline.channels.boots.spans_us)
+    serial = pipeline.channels.parameters.values.get("BRD_SERIAL_NUM", 0.0)
+    own = source.vehicle_id or (f"serial:{serial:.0f}" if serial else None)
+    return _Flown(summary, config.boot or next(iter(boots), 1), boots, own, sink)
+
+
+def _mcap_rows(path: Path, spec: Spec) -> Rows:
+    """Return the rows of a finished run; they are those of the log that it was made from."""
+    run = open_run(path)
+    config = changed(run, spec.settings)
+    if config.manoeuvres != "off" and not run.has_flight_state:
+        config = replace(config, manoeuvres="off")
+    if spec.automatic:
+        config = with_orders(RunSource(run, config), config)
+    sink = FlightSink(every_second=spec.modes)
+    modes_of = (0, 0) if run.grid is None else (run.grid.autopilot, run.grid.vehicle_type)
+    pipeline = Pipeline(config, [sink], modes_of=modes_of, rates_hz=run.rates_hz(config.inputs[0]))
+    _, is_whole = run_log(RunSource(run, config), pipeline)
+    summary, _ = conclude(run, pipeline, is_whole)
+    flown = _Flown(summary, config.boot or 1, (), _serial(run), sink)
+    made_from = None if summary.source is None else summary.source.sha256
+    log = {
+        "log_sha256": made_from or summary.sha256,
+        "file_sha256": summary.sha256,
+        "kind": "mcap",
+        "date": sink.first_us,
+    }
+    return _rows(summary, [flown], log, spec)
+
+
+def _serial(run: McapRun) -> str | None:
+    for line in run.attachments.get("parameters.txt", b"").decode().splitlines():
+        name, _, value = line.partition(" ")
+        if name == "BRD_SERIAL_NUM" and float(value):
+            return f"serial:{float(value):.0f}"
+    return None
+
+
+def _rows(summary: RunSummary, flights: list[_Flown], log: Mapping[str, Any], spec: Spec) -> Rows:
+    rows: Rows = {"flights": [], "runs": [], "manoeuvres": [], "modes": []}
+    for flown in flights:
+        vehicle = flown.summary.vehicle
+        if vehicle is None and flown.summary.estimates is None:
+            continue
+        sysid = None if vehicle is None else vehicle.sysid
+        whose = {
+            "vehicle": flown.vehicle_id or ("unknown" if sysid is None else f"sysid:{sysid}"),
+            "sysid": sysid,
+            "boot": flown.boot,
+        }
+        first_us = flown.sink.first_us or log["date"]
+        flight = flight_row(flown.summary, first_us, flown.sink.duration_s)
+        rows["flights"].append(whose | flight)
+        date = {"date": flight["date"]}
+        rows["runs"] += [whose | date | row for row in run_rows(flown.summary)]
+        rows["manoeuvres"] += [whose | row for row in manoeuvre_rows(flown.summary)]
+        rows["modes"] += [whose | row for row in flown.sink.seconds]
+    judged = [flown.summary.deciding for flown in flights]
+    said = [reason for verdict in judged for reason in verdict.reasons]
+    is_ok = any(verdict.usable for verdict in judged)
+    fatal = [] if is_ok else _ids(said, "fatal")
+    row = {
+        "file_sha256": log["log_sha256"],
+        **log,
+        "yawid_version": __version__,
+        "outcome": "ok" if is_ok else "unusable",
+        "reasons": fatal,
+        "warnings": _ids(said, "warning"),
+        "text": "; ".join(dict.fromkeys(f"{each.id}: {each.text}" for each in said)),
+        "duration_s": summary.duration_s,
+        **{name: getattr(summary.link or LinkCounts(), name) for name in _LINK},
+        "flights": len(rows["flights"]),
+        "manoeuvres": len(rows["manoeuvres"]),
+    }
+    return {name: plain(each) for name, each in {"logs": [row], **rows}.items()}
+
+
+def _ids(reasons: Iterable[ReasonSummary], weight: str) -> list[str]:
+    return list(dict.fromkeys(each.id for each in reasons if each.weight == weight))

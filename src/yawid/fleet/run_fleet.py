@@ -1,0 +1,210 @@
+"""``yawid fleet``: logs that a data set does not know yet, replayed by workers, and merged."""
+
+import importlib.util
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+
+from yawid.errors import SinkError, SourceError
+from yawid.fleet.cluster import workers_of
+from yawid.fleet.dataset import read_manifest, table_of
+from yawid.fleet.find_logs import FoundLog, find_logs, own_bytes, sha256_of
+from yawid.fleet.journal import Journal, opened, peek
+from yawid.fleet.schema import ANALYSIS_VERSION, TABLES
+from yawid.fleet.spec import Spec
+from yawid.fleet.values import Entry, failed
+from yawid.fleet.worker import Task
+from yawid.runs.stop import StopFlag
+
+TIMEOUT_S: Final = 600.0
+TRIED_AGAIN: Final = ("crashed", "timeout")
+"""Outcomes that only --retry tries again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetRun:
+    """What is asked for: which logs, where to, by whom."""
+
+    paths: Sequence[str]
+    out: Path
+    spec: Spec = field(default_factory=Spec)
+    workers: int | None = None
+    scheduler: str | None = None
+    retry: bool = False
+    verify: bool = False
+    timeout_s: float = TIMEOUT_S
+
+
+@dataclass(slots=True)
+class Plan:
+    """Logs to be run, and how many are known already."""
+
+    todo: list[FoundLog]
+    known: int
+
+    @property
+    def size(self) -> int:
+        """Bytes to be read."""
+        return sum(log.size for log in self.todo)
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far a run has come; times in s."""
+
+    logs: int
+    size: int
+    done: int = 0
+    done_bytes: int = 0
+    outcomes: Counter[str] = field(default_factory=Counter)
+    start_s: float = field(default_factory=time.monotonic)
+
+    def line(self) -> str:
+        """Return it in words, with the rate and the time that remains."""
+        passed_s = max(time.monotonic() - self.start_s, 1e-3)
+        counts = ", ".join(f"{name} {count}" for name, count in self.outcomes.most_common())
+        text = f"{self.done} of {self.logs} logs, {self.done / passed_s:.2g}/s"
+        if self.done_bytes:
+            left_s = passed_s * (self.size - self.done_bytes) / self.done_bytes
+            text += f", {self.done_bytes / passed_s / 1e6:.2g} MB/s, {_duration(left_s)} left"
+        return f"{text}; {counts}" if counts else text
+
+
+def plan_of(run: FleetRun, known: Mapping[str, Mapping[str, Any]]) -> Plan:
+    """Return which logs are to be run: those that the data set does not know as they are now.
+
+    Raises:
+        SourceError: there is no log, or one cannot be read.
+    """
+    found = find_logs(run.paths)
+    config_hash = run.spec.config_hash
+    todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
+    if any(log.path.lower().endswith(".ulg") for log in todo):
+        _need_pyulog()
+    return Plan(todo, len(found) - len(todo))
+
+
+def _is_known(
+    log: FoundLog, row: Mapping[str, Any] | None, config_hash: str, run: FleetRun
+) -> bool:
+    if row is None or (row["config_hash"], row["analysis_version"]) != (
+        config_hash,
+        ANALYSIS_VERSION,
+    ):
+        return False
+    if run.retry and row["outcome"] in TRIED_AGAIN:
+        return False
+    if row["size_bytes"] != log.size:
+        return False
+    if run.verify and row["file_sha256"] is not None:
+        return bool(sha256_of(log) == row["file_sha256"])
+    return bool(row["modified"] == log.modified)
+
+
+def _need_pyulog() -> None:
+    if importlib.util.find_spec("pyulog") is None:
+        raise SourceError("PX4 ULogs are among the logs: reading them needs pyulog (yawid[ulog])")
+
+
+def dry_run(run: FleetRun) -> Plan:
+    """Return what a run would do; nothing is written."""
+    return plan_of(run, peek(run.out))
+
+
+def run_fleet(
+    run: FleetRun,
+    stop: StopFlag,
+    show: Callable[[Progress], None] = lambda progress: None,
+    began: Callable[[Plan], None] = lambda plan: None,
+) -> tuple[dict[str, Any], Progress]:
+    """Run every log that is not known; return the manifest and what was done.
+
+    Told to ``stop`` it keeps what is finished. ``show`` is called after each log.
+
+    Raises:
+        SourceError: there is no log, or the data set cannot be read.
+        SinkError: the data set cannot be written, or the scheduler is lost.
+        ConfigError: Dask is not installed.
+    """
+    with opened(run.out) as journal:
+        with stop.raising():
+            plan = plan_of(run, journal.known())
+        began(plan)
+        progress = Progress(len(plan.todo), plan.size)
+        if plan.todo:
+            _run(run, plan, journal, progress, stop, show)
+        if not plan.todo and not (run.out / "manifest.json").exists():
+            raise SinkError(f"{run.out}: nothing was finished")
+    return read_manifest(run.out), progress
+
+
+def _run(
+    run: FleetRun,
+    plan: Plan,
+    journal: Journal,
+    progress: Progress,
+    stop: StopFlag,
+    show: Callable[[Progress], None],
+) -> None:
+    found = {log.path: log for log in plan.todo}
+    own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
+    with workers_of(run.workers, run.scheduler) as workers:
+        progress.start_s = time.monotonic()
+        show(progress)
+        with closing(workers.run(_tasks(run, plan.todo), stop)) as done:
+            for task, rows in done:
+                log = found[task.path]
+                entry = _entry(log, rows, own, workers.address)
+                journal.add(entry)
+                progress.done, progress.done_bytes = (
+                    progress.done + 1,
+                    progress.done_bytes + log.size,
+                )
+                progress.outcomes[entry["logs"][0]["outcome"]] += 1
+                show(progress)
+
+
+def _tasks(run: FleetRun, logs: Sequence[FoundLog]) -> Iterator[Task]:
+    for log in logs:
+        yield Task(log.path, run.spec, run.timeout_s, own_bytes(log))
+
+
+def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> Entry:
+    """Return a log's rows with their keys, as the tables take them."""
+    if rows is None:
+        if Path(log.path).exists():
+            raise SinkError(
+                f"a worker of {address} does not see {log.path}: all machines need the same "
+                "files below the same paths, or URLs"
+            )
+        rows = failed("unreadable", "it was removed before it was read")
+    elif isinstance(rows, str):
+        rows = failed("crashed", rows)
+    entry = _with_keys(log, rows, own)
+    try:
+        for name, each in entry.items():
+            table_of(TABLES[name], each)
+    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
+        text = f"its rows do not fit the tables: {error}"
+        return _with_keys(log, failed("crashed", text), own)
+    return entry
+
+
+def _with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
+    row = rows["logs"][0]
+    keys = {**own, "yawid_version": row["yawid_version"], "log_sha256": row.get("log_sha256")}
+    found = {"path": log.path, "size_bytes": log.size, "modified": log.modified}
+    entry = {name: [each | keys for each in below] for name, below in rows.items()}
+    return entry | {"logs": [found | row | keys]}
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"

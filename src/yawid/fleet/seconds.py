@@ -1,0 +1,69 @@
+"""A sink without a file: when a flight begins and ends, and its Dutch roll once a second."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.fleet.values import known_date
+from yawid.results.run_summary import Manoeuvre, RunSummary
+from yawid.sinks.base import Grid, LogLevel
+
+
+class FlightSink:
+    """Keeps ``first_us`` (us since 1970, None where unknown), ``duration_s`` and ``seconds``.
+
+    ``seconds`` are rows of the table ``modes``, the first sample of each, where they are wanted.
+    """
+
+    def __init__(self, *, every_second: bool = False) -> None:
+        self.first_us: int | None = None
+        self.duration_s: float | None = None
+        self.seconds: list[dict[str, Any]] = []
+        self._every_second = every_second
+        self._boot_s, self._last_s = 0.0, -1
+
+    def start(self, grid: Grid) -> None:
+        """Take the name of the first method, whose modes come."""
+        self._method = grid.methods[0]
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :class:`Sink`."""
+        if self.duration_s is None:
+            self.first_us = known_date(int(samples.unix_ns[0]) // 1000)
+            self._boot_s = samples.boot_us[0] / 1e6
+        self.duration_s = float(samples.boot_us[-1] / 1e6 - self._boot_s)
+        if not self._every_second:
+            return
+        seconds = samples.boot_us // 1_000_000
+        rows = np.flatnonzero(np.diff(seconds, prepend=self._last_s))
+        self._last_s = int(seconds[-1])
+        names = ("wn_rad_s", "wn_std_noise", "zeta", "zeta_std_noise")
+        for row in rows.tolist():
+            self.seconds.append(
+                {
+                    "date": known_date(int(samples.unix_ns[row]) // 1000),
+                    "boot_s": float(samples.boot_us[row] / 1e6),
+                    "method": self._method,
+                    "held": bool(samples.held[row]),
+                    **dict(zip(names, modes.dutch_roll[row].tolist(), strict=True)),
+                }
+            )
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """Manoeuvres stand in the summary."""
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """Lines for people are no row."""
+
+    def flush(self) -> None:
+        """Nothing is buffered."""
+
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """Nothing is open."""
+
+    def abort(self) -> None:
+        """Nothing is open."""

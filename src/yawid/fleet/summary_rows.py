@@ -1,0 +1,184 @@
+"""A run's summary as flat rows of the tables ``flights``, ``runs`` and ``manoeuvres``."""
+
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+from yawid.fleet.values import known_date
+from yawid.physics.derivatives import NAMES
+from yawid.results.run_summary import (
+    DutchRoll,
+    Flight,
+    Manoeuvre,
+    MethodSummary,
+    Orders,
+    RunSummary,
+    Value,
+    VerdictSummary,
+)
+
+Row = dict[str, Any]
+
+
+def flight_row(summary: RunSummary, first_us: int | None, duration_s: float | None) -> Row:
+    """Return the row of one boot of one vehicle: its flight's answer, else its stream's.
+
+    ``first_us`` is the time of its first sample in us since 1970.
+    """
+    flight, vehicle, stream = summary.flight, summary.vehicle, summary.answer
+    yaw, rudder = summary.channels.get("yaw"), summary.channels.get("rudder")
+    row: Row = {
+        "date": first_us,
+        "duration_s": duration_s,
+        "manoeuvres": len(summary.manoeuvres or ()),
+        "yaw_source": None if yaw is None else yaw.source,
+        "rudder_source": None if rudder is None else rudder.source,
+        "rate_hz": None if stream is None else 1.0 / stream.sample_time_s,
+        **_judged(summary.deciding),
+    }
+    if vehicle is not None:
+        row |= {"compid": vehicle.compid, "vehicle_type": vehicle.type}
+        row["autopilot"] = vehicle.autopilot
+    if flight is not None:
+        return row | _answer(flight, first_us)
+    if stream is None:
+        return row
+    return row | {"answer": "stream", **_orders(stream), **_dutch_roll(stream.dutch_roll)}
+
+
+def _answer(flight: Flight, first_us: int | None) -> Row:
+    between = flight.between_std
+    return {
+        "date": first_us if flight.date is None else _us(flight.date),
+        "answer": "manoeuvres",
+        "method": flight.method,
+        **_order_columns(flight.orders),
+        "loop": flight.loop,
+        "airspeed_m_s": flight.airspeed_m_s,
+        "airspeed_source": flight.airspeed_source,
+        "altitude_m": flight.altitude_m,
+        **_dutch_roll(flight.dutch_roll),
+        **_value("kappa_rad_m", "kappa", flight.kappa_rad_m),
+        **_value("K_per_V", "K_per_V", flight.K_per_V),
+        "between_wn_rad_s": None if between is None else between.wn_rad_s,
+        "between_zeta": None if between is None else between.zeta,
+        "used": flight.used,
+        "disagree": flight.disagree,
+    }
+
+
+def run_rows(summary: RunSummary) -> Iterator[Row]:
+    """Yield a row for each method's estimate of the stream."""
+    for name, method in (summary.estimates or {}).items():
+        is_answer = name == summary.answering
+        judged = {"is_answer": is_answer, **_judged(summary.verdict)}
+        if not is_answer:
+            judged = {"is_answer": False}  # nobody judged it
+        yield _orders(method) | _dutch_roll(method.dutch_roll) | _model(method) | judged
+
+
+def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
+    """Yield a row for each manoeuvre."""
+    used = () if summary.flight is None else summary.flight.used
+    for each in summary.manoeuvres or ():
+        row: Row = {
+            "n": each.n,
+            "date": _us(each.date),
+            "from_s": each.from_s,
+            "to_s": each.to_s,
+            "duration_s": each.duration_s,
+            "mode": each.mode,
+            "loop": each.loop,
+            "airspeed_m_s": each.airspeed_m_s,
+            "airspeed_std_m_s": each.airspeed_std_m_s,
+            "airspeed_source": each.airspeed_source,
+            "altitude_m": each.altitude_m,
+            "inputs": each.inputs,
+            "turn_removed": each.turn_removed,
+            **_order_columns(each.orders),
+            "used": each.n in used,
+            **_judged(each.verdict),
+        }
+        if (answer := each.answer) is not None:
+            row |= _orders(answer) | _dutch_roll(answer.dutch_roll) | _model(answer)
+            row |= _over_speed(each, answer)
+        for name, other in each.estimates.items():
+            if name != each.verdict.method and other.dutch_roll is not None:
+                row["check_wn_rad_s"] = other.dutch_roll.wn_rad_s
+                row["check_zeta"] = other.dutch_roll.zeta
+        yield row
+
+
+def _over_speed(each: Manoeuvre, answer: MethodSummary) -> Row:
+    """Return wn / V and K / V, V the equivalent airspeed: nothing without one."""
+    speed = each.airspeed_m_s
+    if each.airspeed_source != "airspeed" or not speed:
+        return {}
+    row, roll = {}, answer.dutch_roll
+    if roll is not None:
+        wn = Value(value=roll.wn_rad_s, std=roll.wn_std, std_noise=roll.wn_std_noise)
+        row = _value("kappa_rad_m", "kappa", wn, 1.0 / speed)
+    gain = (answer.physics or {}).get("K")
+    return row | _value("K_per_V", "K_per_V", gain, 1.0 / speed)
+
+
+def _orders(method: MethodSummary) -> Row:
+    return {"method": method.method, **_order_columns(method.orders)}
+
+
+def _order_columns(orders: Orders | None) -> Row:
+    if orders is None:
+        return {}
+    return {"na": orders.na, "nb": orders.nb, "nc": orders.nc, "nk": orders.nk}
+
+
+def _dutch_roll(roll: DutchRoll | None) -> Row:
+    if roll is None:
+        return {}
+    names = ("wn_rad_s", "wn_std", "wn_std_noise", "zeta", "zeta_std", "zeta_std_noise", "level")
+    return {name: getattr(roll, name) for name in names}
+
+
+def _value(column: str, stem: str, value: Value | None, scale: float = 1.0) -> Row:
+    if value is None:
+        return {}
+    named = (
+        (column, value.value),
+        (f"{stem}_std", value.std),
+        (f"{stem}_std_noise", value.std_noise),
+    )
+    return {name: None if x is None else scale * x for name, x in named}
+
+
+def _model(method: MethodSummary) -> Row:
+    physics: Row = {}
+    for name, value in (method.physics or {}).items():
+        if name in NAMES:  # beside them stands the reduction's error
+            physics |= {name: value.value, f"{name}_std": value.std}
+    fit = method.fit.to_json()
+    names = list(method.theta)
+    return {
+        "sample_time_s": method.sample_time_s,
+        "forgetting_factor": method.forgetting_factor,
+        "updates": method.updates,
+        "held": method.held,
+        "theta_names": names,
+        "theta": [method.theta[name] for name in names],
+        "theta_std": [method.theta_std.get(name) for name in names],
+        **physics,
+        **fit,
+    }
+
+
+def _judged(verdict: VerdictSummary) -> Row:
+    return {
+        "usable": verdict.usable,
+        "reasons": [each.id for each in verdict.fatal],
+        "warnings": [each.id for each in verdict.reasons if each.weight != "fatal"],
+        "text": "; ".join(f"{each.id}: {each.text}" for each in verdict.reasons),
+    }
+
+
+def _us(date: str) -> int | None:
+    """Return us since 1970 of an ISO date in UTC; None where the log did not know it."""
+    return known_date(round(datetime.fromisoformat(date).timestamp() * 1e6))

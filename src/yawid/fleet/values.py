@@ -1,0 +1,35 @@
+"""What a row may hold: plain numbers, None in place of what is not finite, dates that are known."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from yawid import __version__
+
+Row = Mapping[str, Any]
+Entry = Mapping[str, Sequence[Row]]
+"""All rows of one log, by table; ``logs`` has exactly one."""
+
+
+def plain(value: Any) -> Any:
+    """Return a value as a row may hold it: NumPy's scalars as Python's, NaN and infinity as None.
+
+    Rows and lists are gone through.
+    """
+    if isinstance(value, dict):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [plain(each) for each in value]
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def known_date(us: int | None) -> int | None:
+    """Return us since 1970; None where it is a time since boot: no flight is as early as 2001."""
+    return us if us is not None and us >= 10**15 else None
+
+
+def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of a log that came to nothing, for a reason that is the outcome's name."""
+    row = {"outcome": outcome, "reasons": [reason or outcome], "warnings": [], "text": text}
+    return {"logs": [{**row, "yawid_version": __version__, "flights": 0, "manoeuvres": 0}]}
