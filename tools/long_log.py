@@ -5,6 +5,7 @@ The mixes are those of recorded ArduPlane links; what yawid does not read is ran
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -17,7 +18,10 @@ from yawid.channels.stage import WANTED
 from yawid.sources.mavlink.crc import crc_of_frames
 from yawid.sources.mavlink.definitions import definitions, dtype_of
 
+Plant = tuple[Sequence[float], Sequence[float]]
+"""B and A of a discrete model from rudder to yaw rate, at ``RATE_HZ``."""
 RATE_HZ: Final = 20
+PLANT: Final[Plant] = ([0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735])
 START_US: Final = 1_700_000_000_000_000
 _BOOT_US: Final = 10_000_000
 _PIECE_S: Final = 600
@@ -46,36 +50,45 @@ _FIELDS: Final[dict[str, dict[str, int | float]]] = {
 
 
 def write_log(
-    path: Path, hours: float, mix: str, seed: int = 1, moved_s: float = 1.0, every_s: float = 1.0
+    path: Path,
+    hours: float,
+    mix: str,
+    seed: int | tuple[int, ...] = 1,
+    moved_s: float = 1.0,
+    every_s: float = 1.0,
+    *,
+    plant: Plant = PLANT,
+    start_us: int = START_US,
 ) -> int:
     """Write a flight whose rudder moves ``moved_s`` of ``every_s``; return how many messages.
 
-    The default is steady excitation.
+    The default is steady excitation. ``plant`` answers the rudder, ``start_us`` (us since 1970) is
+    when the vehicle was switched on.
     """
     rng = np.random.default_rng(seed)
     n = round(3600 * hours * RATE_HZ)
     u = np.repeat(rng.choice([-0.2, 0.0, 0.2], n // 10 + 1), 10)[:n]
     u = np.where(np.arange(n) / RATE_HZ % every_s < moved_s, u, 0.0)
-    rate = lfilter([0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735], u) + 0.002 * rng.normal(size=n)
+    rate = lfilter(*plant, u) + 0.002 * rng.normal(size=n)
     flight = {"servo4_raw": 1500 + np.round(400 * u), "yawspeed": rate}
     yaw = np.cumsum(rate) / RATE_HZ
     flight["yaw"] = (yaw + np.pi) % (2.0 * np.pi) - np.pi
     with path.open("wb") as out:
-        count = _write_parameters(out)
+        count = _write_parameters(out, start_us)
         step = _PIECE_S * RATE_HZ
         for first in range(0, n, step):
             piece = {name: column[first : first + step] for name, column in flight.items()}
-            count += _write_piece(out, MIXES[mix], piece, first, count, rng)
+            count += _write_piece(out, MIXES[mix], piece, first, count, rng, start_us)
     return count
 
 
-def _write_parameters(out: BinaryIO) -> int:
+def _write_parameters(out: BinaryIO, start_us: int) -> int:
     link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     parameters = {"FUNCTION": 21, "MIN": 1100, "MAX": 1900, "TRIM": 1500}
     for i, (name, value) in enumerate(parameters.items()):
         link.seq = i
         message = mavlink.MAVLink_param_value_message(f"SERVO4_{name}".encode(), value, 9, 4, i)
-        out.write((START_US + i).to_bytes(8, "big") + message.pack(link))
+        out.write((start_us + i).to_bytes(8, "big") + message.pack(link))
     return len(parameters)
 
 
@@ -86,6 +99,7 @@ def _write_piece(
     first: int,
     count: int,
     rng: np.random.Generator,
+    start_us: int,
 ) -> int:
     """Write the messages of some minutes from the sample ``first`` on, ``count`` sent before."""
     n = len(flight["yawspeed"])
@@ -102,6 +116,7 @@ def _write_piece(
         own = slice(done, done + len(rows[name]))
         done = own.stop
         frames = _frames(name, at[own], count + place[own], rows[name], flight, rng)
+        frames["stamp"] = start_us + at[own]
         flat = frames.view(np.uint8).reshape(len(frames), -1)
         data[begins[own][:, None] + np.arange(flat.shape[1])] = flat
     extra = np.concatenate(
@@ -140,7 +155,7 @@ def _frames(
     """Return the records of one message (n,) but for their CRCs."""
     frames = np.zeros(len(at), _kind(name))
     length = frames["payload"].shape[1]
-    frames["stamp"], frames["magic"], frames["length"] = START_US + at, 0xFD, length
+    frames["magic"], frames["length"] = 0xFD, length
     frames["seq"], frames["ids"] = number % 256, 1
     message = int(np.flatnonzero(definitions().row_of == _row(name))[0])
     frames["message"] = list(message.to_bytes(3, "little"))
