@@ -23,6 +23,7 @@ from long_log import RATE_HZ, START_US, Plant, write_log
 from scipy.signal import cont2discrete
 
 HEARTBEAT, ATTITUDE, SERVO_OUTPUT_RAW, RC_CHANNELS = 0, 30, 36, 65
+RUDDER: Final = (SERVO_OUTPUT_RAW, RC_CHANNELS)
 PLANES: Final = 20
 YEAR_US: Final = 365 * 86_400 * 10**6
 ANY: Final = ("ok", "unusable", "unreadable")
@@ -98,7 +99,7 @@ DAMAGES: Final[dict[str, tuple[Damage, tuple[str, ...], str | None]]] = {
         "no_vehicle",
     ),
     "no rudder": (
-        lambda log, _: _kept(log, lambda _, f: message_id(f) not in (SERVO_OUTPUT_RAW, RC_CHANNELS)),
+        lambda log, _: _kept(log, lambda _, f: message_id(f) not in RUDDER),
         ("unusable",),
         "no_rudder",
     ),
@@ -134,7 +135,7 @@ def make(folder: Path, count: int, minutes: tuple[float, float], damaged: float,
         plane = int(rng.integers(PLANES))
         path = folder / f"plane_{plane:02d}" / f"{i:04d}.tlog"
         path.parent.mkdir(parents=True, exist_ok=True)
-        every_s = float(rng.uniform(30.0, 60.0))
+        every_s = float(rng.uniform(60.0, 180.0))
         hours = float(rng.uniform(*minutes)) / 60.0
         start_us = START_US + int(rng.integers(YEAR_US))
         write_log(

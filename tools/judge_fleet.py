@@ -153,6 +153,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--kill-every", type=float, default=30.0, metavar="S")
     parser.add_argument("--share", type=float, default=0.1)
     asked: Any = parser.parse_args(argv)
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr] # it may be a file
     logs = sorted(asked.logs.rglob("*.tlog"))
     some = logs[:: round(1.0 / asked.share)]
     quiet, killed = asked.out / "quiet", asked.out / "killed"

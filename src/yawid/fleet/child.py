@@ -18,6 +18,8 @@ from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
 from yawid.fleet.values import failed
 
+READY = "ready"
+"""Said once all is imported: a log's time begins after that."""
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
@@ -34,6 +36,8 @@ def main() -> None:
     with contextlib.suppress(OSError):
         # Where memory runs out the system is to end this process, and no other.
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
+    pickle.dump(READY, answers)
+    answers.flush()
     _answer(orders, answers)
 
 

@@ -3,6 +3,7 @@
 A worker that dies takes no log with it: Dask gives what it held to another one.
 """
 
+import importlib.util
 import logging
 import queue
 import threading
@@ -22,7 +23,7 @@ QUEUED: Final = 2
 POLL_S: Final = 0.1
 LOOK_S: Final = 1.0
 """How often the number of workers is asked for."""
-CONNECT_S: Final = 10.0
+CONNECT_S: Final = 5.0
 MOST_TRIES: Final = 3
 """Dask gives a log up whose workers died again and again; as often it is handed in anew."""
 
@@ -111,20 +112,29 @@ class Workers:
         )
 
 
+def check_installed() -> None:
+    """Look whether Dask is there, without the time its import takes.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise ConfigError("yawid fleet needs Dask: pip install 'yawid[fleet]'")
+
+
 @contextmanager
 def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
     """Start ``count`` workers on this machine, as many as it has cores, or use a scheduler's.
 
     Raises:
-        ConfigError: Dask is not installed.
         SinkError: nobody answers at the address, or its workers have another yawid.
     """
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        raise ConfigError("yawid fleet needs Dask: pip install 'yawid[fleet]'") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    import dask
+    from distributed import Client, LocalCluster
+
+    for name in list(logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # what is to be said of it, this module says
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     settings = {
         "distributed.worker.daemon": False,
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
@@ -138,7 +148,7 @@ def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
-                    dashboard_address=None, silence_logs=logging.CRITICAL,
+                    dashboard_address=":0", silence_logs=logging.CRITICAL,
                 )
             )  # fmt: skip
             address = cluster.scheduler_address

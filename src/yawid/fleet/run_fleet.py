@@ -12,7 +12,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from yawid.errors import SinkError, SourceError
-from yawid.fleet.cluster import workers_of
+from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.dataset import read_manifest, table_of
 from yawid.fleet.find_logs import FoundLog, find_logs, own_bytes, sha256_of
 from yawid.fleet.journal import Journal, opened, peek
@@ -132,6 +132,7 @@ def run_fleet(
         SinkError: the data set cannot be written, or the scheduler is lost.
         ConfigError: Dask is not installed.
     """
+    check_installed()
     with opened(run.out) as journal:
         with stop.raising():
             plan = plan_of(run, journal.known())
@@ -186,17 +187,18 @@ def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> En
         rows = failed("unreadable", "it was removed before it was read")
     elif isinstance(rows, str):
         rows = failed("crashed", rows)
-    entry = _with_keys(log, rows, own)
+    entry = with_keys(log, rows, own)
     try:
         for name, each in entry.items():
             table_of(TABLES[name], each)
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         text = f"its rows do not fit the tables: {error}"
-        return _with_keys(log, failed("crashed", text), own)
+        return with_keys(log, failed("crashed", text), own)
     return entry
 
 
-def _with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
+def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
+    """Return a log's rows with what tells them from others; ``own`` is of the whole run."""
     row = rows["logs"][0]
     keys = {**own, "yawid_version": row["yawid_version"], "log_sha256": row.get("log_sha256")}
     found = {"path": log.path, "size_bytes": log.size, "modified": log.modified}

@@ -4,15 +4,17 @@ Nothing heavy is imported here: a worker is small beside its child.
 """
 
 import atexit
+import os
 import pickle
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from yawid import __version__
@@ -21,6 +23,9 @@ from yawid.fleet.values import failed
 MOST_DEATHS = 3
 """A log whose process was killed so often is to blame; fewer may be another's doing."""
 CRASHED, TIMEOUT = "crashed", "timeout"
+START_S, DYING_S = 300.0, 1.0
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Each core has a worker already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,74 +45,85 @@ class Child:
         self._process: subprocess.Popen[bytes] | None = None
 
     def rows(self, task: Task) -> Any:
-        """Return a log's rows by table; None: there is no such file on this machine."""
-        deaths = 0
-        while True:
-            with tempfile.TemporaryDirectory(prefix="yawid-fleet-") as scratch:
-                answer = self._ask(task, scratch)
+        """Return a log's rows by table; None: there is no such file on this machine.
+
+        Raises:
+            RuntimeError: the process does not even start.
+        """
+        for _ in range(MOST_DEATHS):
+            process = self._process or self._start()
+            is_late = threading.Event()
+            with (
+                tempfile.TemporaryDirectory(prefix="yawid-fleet-") as scratch,
+                _killed_after(task.timeout_s, process, is_late),
+            ):
+                answer = _told(process, (task.path, task.spec, scratch, task.data))
             if answer is not _DIED:
                 return answer
-            code = self._end()
-            deaths += 1
-            if code is None:
+            code = self.close()
+            if is_late.is_set():
                 text = f"no answer within {task.timeout_s:g} s: --timeout allows more"
                 return failed(TIMEOUT, text)
-            if deaths == MOST_DEATHS:
-                return failed(CRASHED, f"its process {_how(code)}, {deaths} times")
-
-    def close(self) -> None:
-        """End the process."""
-        self._end(wait_s=0.0)
-
-    def _ask(self, task: Task, scratch: str) -> Any:
-        process = self._process or self._start()
-        assert process.stdin is not None
-        assert process.stdout is not None
-        is_late = threading.Event()
-
-        def late() -> None:
-            is_late.set()
-            process.kill()
-
-        timer = threading.Timer(task.timeout_s, late)
-        timer.start()
-        try:
-            pickle.dump((task.path, task.spec, scratch, task.data), process.stdin)
-            process.stdin.flush()
-            return pickle.load(process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError):
-            self._was_late = is_late.is_set()
-            return _DIED
-        finally:
-            timer.cancel()
+        return failed(CRASHED, f"its process {_how(code)}, {MOST_DEATHS} times")
 
     def _start(self) -> "subprocess.Popen[bytes]":
-        self._process = subprocess.Popen(
+        self._process = process = subprocess.Popen(
             [sys.executable, "-m", "yawid.fleet.child"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
+            env=os.environ | ONE_THREAD,
         )
-        return self._process
+        with _killed_after(START_S, process, threading.Event()):
+            answer = _told(process)
+        if answer is _DIED:
+            raise RuntimeError(f"python -m yawid.fleet.child {_how(self.close())}")
+        return process
 
-    def _end(self, wait_s: float = 5.0) -> int | None:
-        """Let go of the process; return its exit code, None where it was killed for being late."""
+    def close(self) -> int:
+        """End the process; return its exit code."""
         process, self._process = self._process, None
         if process is None:
             return 0
         assert process.stdin is not None
         assert process.stdout is not None
-        try:
-            code = process.wait(wait_s)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            code = process.wait()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):  # what it never read
-                pipe.close()
-        return None if self._was_late else code
+        with suppress(OSError):  # what it never read
+            process.stdin.close()
+        with suppress(subprocess.TimeoutExpired):  # it ends by itself where it can
+            process.wait(DYING_S)
+        process.kill()
+        process.stdout.close()
+        return process.wait()
 
-    _was_late = False
+
+@contextmanager
+def _killed_after(
+    seconds: float, process: "subprocess.Popen[bytes]", is_late: threading.Event
+) -> Iterator[None]:
+    def late() -> None:
+        is_late.set()
+        process.kill()
+
+    timer = threading.Timer(seconds, late)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _told(process: "subprocess.Popen[bytes]", order: object = None) -> Any:
+    """Return what the process answers to an order; ``_DIED`` where it ended instead."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        if order is not None:
+            pickle.dump(order, process.stdin)
+            process.stdin.flush()
+        return pickle.load(process.stdout)
+    except (OSError, EOFError, pickle.UnpicklingError):
+        return _DIED
 
 
 _DIED = object()
@@ -128,13 +144,14 @@ def about() -> Mapping[str, str]:
     return {"yawid": __version__, "python": sys.version.split()[0]}
 
 
+@cache
 def warm() -> None:
     """Make the compiled code of this machine, in a process of its own: workers stay small."""
     subprocess.run(
         [sys.executable, "-m", "yawid", "warm"],
         check=True,
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
     )
 
 

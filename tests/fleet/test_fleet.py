@@ -1,0 +1,266 @@
+"""The whole way through ``yawid fleet`` with real processes, real workers and real deaths."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import pytest
+from fleet_cluster import (
+    Cluster,
+    cluster,
+    environment,
+    make_logs,
+    one_process,
+    tables,
+    yawid_fleet,
+)
+from places import REPLAY_LOGS
+
+import yawid.fleet.cluster
+from yawid.cli.main import main
+from yawid.fleet.dataset import read_table
+from yawid.fleet.journal import FINISHED
+
+COUNT = 24
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fleet")
+
+
+@pytest.fixture(scope="session")
+def logs(place: Path) -> Path:
+    """A few dozen logs: flights, two vehicles in one, one without a rudder, a copy, a text."""
+    folder = place / "logs"
+    make_logs(folder, COUNT)
+    for name in ("two_vehicles", "no_rudder"):
+        shutil.copy(REPLAY_LOGS / name / "log.tlog", folder / f"{name}.tlog")
+    shutil.copy(folder / "03.tlog", folder / "copy.tlog")
+    (folder / "text.tlog").write_text("no log\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def reference(place: Path, logs: Path) -> Path:
+    """The data set of the same logs, made in this process."""
+    one_process([str(logs)], place / "reference")
+    return place / "reference"
+
+
+@pytest.fixture(scope="session")
+def env(place: Path) -> dict[str, str]:
+    return environment(place / "hook")
+
+
+@pytest.fixture(scope="session")
+def running(place: Path, env: dict[str, str]) -> Iterator[Cluster]:
+    with cluster(env, place / "cluster") as found:
+        yield found
+
+
+def test_a_cluster_gives_the_rows_of_one_process(
+    place: Path, logs: Path, reference: Path, running: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = place / "by_cluster"
+
+    assert main(["fleet", str(logs), "--out", str(out), "--scheduler", running.address]) == 0
+
+    assert f"{out}: logs {COUNT + 4}, flights {COUNT + 3}" in capsys.readouterr().out
+    assert tables(out) == tables(reference)
+
+
+def test_a_log_that_kills_its_process_or_hangs_has_one_row_and_its_neighbours_have_theirs(
+    place: Path, logs: Path, running: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, out = place / "bad", place / "by_bad"
+    bad.mkdir()
+    for name in ("killer", "hangs", "good", "next"):
+        shutil.copy(logs / "00.tlog", bad / f"{name}.tlog")
+    command = ["fleet", str(bad), "--out", str(out), "--scheduler", running.address]
+
+    assert main([*command, "--timeout", "3"]) == 0
+
+    rows = {Path(str(row["path"])).stem: row for row in tables(out)["logs"]}
+    good = rows["good"]["outcome"]
+    outcomes = {name: row["outcome"] for name, row in rows.items()}
+    assert outcomes == {"good": good, "hangs": "timeout", "killer": "crashed", "next": good}
+    assert good in ("ok", "unusable")
+    assert rows["killer"]["reasons"] == ["crashed"]
+    assert rows["killer"]["text"] == "its process was killed by SIGSEGV, 3 times"
+    assert rows["hangs"]["text"] == "no answer within 3 s: --timeout allows more"
+    capsys.readouterr()
+    assert main([*command, "--dry-run"]) == main([*command, "--dry-run", "--retry"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert [line.split(",")[0] for line in told] == ["to run: 0 logs", "to run: 2 logs"]
+
+
+def test_what_is_known_is_not_run_again_unless_it_changed_or_is_to_be_retried(
+    place: Path, reference: Path, logs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def to_run(*options: str) -> str:
+        assert main(["fleet", str(logs), "--out", str(out), "--dry-run", *options]) == 0
+        return capsys.readouterr().out
+
+    out = place / "known"
+    shutil.copytree(reference, out)
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.*")}
+
+    assert to_run() == f"to run: 0 logs, 0.0 MB; known already: {COUNT + 4}\n"
+    assert "to run: 0 logs" in to_run("--retry")
+    assert f"to run: {COUNT + 4} logs" in to_run("--orders", "2,2,2,1")
+    assert main(["fleet", str(logs), "--out", str(out)]) == 0
+    assert before.items() <= {path: path.stat().st_mtime_ns for path in out.rglob("*.*")}.items()
+    times = {name: (logs / name).stat().st_mtime_ns for name in ("05.tlog", "text.tlog")}
+    try:
+        for name in times:
+            (logs / name).touch()
+        assert "to run: 2 logs" in to_run()
+        assert "to run: 1 logs" in to_run("--verify")  # nobody read the text: it has no hash
+    finally:
+        for name, time_ns in times.items():
+            os.utime(logs / name, ns=(time_ns, time_ns))
+
+
+def test_a_fleet_that_is_killed_goes_on_where_it_was_and_ends_with_the_same_data_set(
+    place: Path,
+    logs: Path,
+    reference: Path,
+    env: dict[str, str],
+    running: Cluster,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = place / "killed"
+    run = yawid_fleet(env, logs, "--out", out, "--workers", "2")
+    _wait_for_lines(out / FINISHED, 5)
+    run.kill()
+    run.communicate()
+    done = _lines(out / FINISHED)
+    with (out / FINISHED).open("ab") as torn:
+        torn.write(b'{"logs": [{"path": "/half')
+
+    assert main(["fleet", str(logs), "--out", str(out), "--scheduler", running.address]) == 0
+
+    told = f"{COUNT + 4 - done} logs to run, {done} known already"
+    assert told in capsys.readouterr().err
+    assert tables(out) == tables(reference)
+    assert not (out / FINISHED).exists()
+
+
+def test_ctrl_c_keeps_what_is_finished(
+    place: Path, logs: Path, env: dict[str, str], running: Cluster
+) -> None:
+    out = place / "interrupted"
+    run = yawid_fleet(env, logs, "--out", out, "--scheduler", running.address)
+    _wait_for_lines(out / FINISHED, 3)
+    run.send_signal(signal.SIGINT)
+    said = run.communicate(timeout=60)
+
+    assert run.returncode == 130, said
+    kept = len(read_table(out, "logs"))
+    assert 3 <= kept < COUNT + 4
+    assert f"SIGINT: {kept} logs are kept, {COUNT + 4 - kept} were not reached" in said[1]
+
+
+def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
+    place: Path, logs: Path, env: dict[str, str]
+) -> None:
+    out = place / "lost"
+    with cluster(env, place / "lost_cluster", workers=1) as found:
+        run = yawid_fleet(env, logs, "--out", out, "--scheduler", found.address)
+        _wait_for_lines(out / FINISHED, 1)
+        found.scheduler.kill()
+        said = run.communicate(timeout=60)
+
+    assert run.returncode == 6, said
+    assert said[1].splitlines()[-1].startswith(f"yawid: the scheduler at {found.address} is lost")
+    assert "Traceback" not in said[1]
+    counts = Counter(read_table(out, "logs")["path"].to_pylist())
+    assert counts
+    assert set(counts.values()) == {1}
+
+
+def test_logs_in_memory_are_sent_to_the_workers_and_known_by_their_url(
+    place: Path, logs: Path, running: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store, out = fsspec.filesystem("memory"), place / "memory"
+    store.pipe("/flights/a.tlog", (logs / "00.tlog").read_bytes())
+    command = ["fleet", "memory://flights", "--out", str(out), "--scheduler", running.address]
+
+    assert main(command) == 0
+    assert main(command) == 0
+
+    assert "0 logs to run, 1 known already" in capsys.readouterr().err
+    assert read_table(out, "logs", ["path", "outcome"]).to_pylist() == [
+        {"path": "memory:///flights/a.tlog", "outcome": "ok"}
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "text"),
+    [
+        (["nowhere"], 6, "nowhere: no such file or folder"),
+        (["."], 6, ".: no log there; logs end in .tlog, .bin, .ulg, .mcap"),
+        (["a.tlog", "--workers", "0"], 2, "--workers must be at least 1, got 0"),
+        (["a.tlog", "--scheduler", "tcp://127.0.0.1:9"], 6, "no Dask scheduler answers at"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    arguments: list[str],
+    code: int,
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(yawid.fleet.cluster, "CONNECT_S", 0.5)
+    if arguments[0] == "a.tlog":
+        Path("a.tlog").write_bytes(b"x")
+    assert main(["fleet", *arguments, "--out", "../data"]) == code
+    assert text in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_without_dask_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    out = tmp_path / "data"
+
+    assert main(["fleet", str(REPLAY_LOGS / "no_rudder"), "--out", str(out)]) == 2
+    told = "yawid: yawid fleet needs Dask: pip install 'yawid[fleet]'\n"
+    assert capsys.readouterr().err == told
+    assert not out.exists()
+
+
+def test_another_folder_or_another_fleet_is_not_written_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from yawid.fleet.journal import Journal
+
+    command = ["fleet", str(REPLAY_LOGS / "no_rudder"), "--out"]
+    assert main([*command, str(REPLAY_LOGS)]) == 6
+    assert "is not empty and not a data set" in capsys.readouterr().err
+    journal = Journal(tmp_path / "data")
+    assert main([*command, str(tmp_path / "data")]) == 6
+    assert "another yawid fleet writes to" in capsys.readouterr().err
+    journal.close()
+
+
+def _lines(path: Path) -> int:
+    return len(path.read_bytes().splitlines())
+
+
+def _wait_for_lines(path: Path, count: int) -> None:
+    end_s = time.monotonic() + 60.0
+    while not path.exists() or _lines(path) < count:
+        assert time.monotonic() < end_s
+        time.sleep(0.02)

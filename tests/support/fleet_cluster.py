@@ -1,0 +1,117 @@
+"""A Dask cluster on 127.0.0.1, its scheduler and workers processes of their own; bad logs."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from long_log import START_US, write_log
+
+from yawid.fleet.dataset import merge, read_table
+from yawid.fleet.find_logs import find_logs
+from yawid.fleet.one_log import rows_of
+from yawid.fleet.run_fleet import with_keys
+from yawid.fleet.schema import ANALYSIS_VERSION, TABLES
+from yawid.fleet.spec import Spec
+
+MONTH_US = 31 * 86_400 * 10**6
+HOOK = """
+import os, signal, sys, time
+
+def bad(event, arguments):
+    if event == "open" and isinstance(arguments[0], (str, os.PathLike)):
+        name = os.fspath(arguments[0])
+        if "killer" in name:
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if "hangs" in name:
+            time.sleep(3600)
+
+if "yawid.fleet.child" in sys.orig_argv:
+    sys.addaudithook(bad)
+"""
+"""A log that kills or stops who opens it: none is known, but others will come."""
+
+
+@dataclass
+class Cluster:
+    """A scheduler and its address."""
+
+    address: str
+    scheduler: subprocess.Popen[bytes]
+
+
+def make_logs(folder: Path, count: int) -> None:
+    """Write logs of some seconds, in five months."""
+    folder.mkdir(parents=True)
+    for i in range(count):
+        start_us = START_US + (i % 5) * MONTH_US + i * 10**9
+        path = folder / f"{i:02d}.tlog"
+        write_log(path, (14 + i % 7) / 3600, "raised", i, 4.0, 15.0, start_us=start_us)
+
+
+def one_process(paths: Sequence[str], out: Path) -> None:
+    """Make a data set of logs in this process, without workers."""
+    spec = Spec()
+    own = {"config_hash": spec.config_hash, "analysis_version": ANALYSIS_VERSION}
+    logs = find_logs(paths)
+    merge(out, [with_keys(log, rows_of(Path(log.path), spec), own) for log in logs])
+
+
+def tables(folder: Path) -> dict[str, list[dict[str, object]]]:
+    """Return all rows of a data set."""
+    return {name: read_table(folder, name).to_pylist() for name in TABLES}
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Return the environment of processes in which bad logs are bad."""
+    folder.mkdir(exist_ok=True)
+    (folder / "sitecustomize.py").write_text(HOOK)
+    paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+
+
+def yawid_fleet(env: dict[str, str], *arguments: str | Path) -> subprocess.Popen[str]:
+    """Start ``yawid fleet`` as a process."""
+    command = [sys.executable, "-m", "yawid", "fleet", *map(str, arguments)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=env, stdout=pipe, stderr=pipe, text=True)
+
+
+@contextmanager
+def cluster(env: dict[str, str], folder: Path, workers: int = 2) -> Iterator[Cluster]:
+    """Start a scheduler and workers in ``folder``; end them."""
+    folder.mkdir()
+    told = folder / "scheduler.json"
+    options = ["--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", str(told)]
+    with _process("dask_scheduler", [*options, "--port", "0"], env, folder) as scheduler:
+        while not told.exists():
+            assert scheduler.poll() is None
+            time.sleep(0.05)
+        options += ["--nworkers", str(workers), "--nthreads", "1", "--local-directory", str(folder)]
+        with _process("dask_worker", options, env, folder):
+            yield Cluster(json.loads(told.read_bytes())["address"], scheduler)
+
+
+@contextmanager
+def _process(
+    name: str, options: list[str], env: dict[str, str], folder: Path
+) -> Iterator[subprocess.Popen[bytes]]:
+    command = [sys.executable, "-m", f"distributed.cli.{name}", *options]
+    with (folder / f"{name}.txt").open("wb") as said:
+        process = subprocess.Popen(command, env=env, stdout=said, stderr=said)
+        try:
+            yield process
+        finally:
+            process.terminate()
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
