@@ -69,6 +69,19 @@ def test_logs_of_the_same_bytes_have_their_flight_once(tmp_path: Path) -> None:
     assert read_manifest(tmp_path)["tables"]["logs"]["rows"] == 3
 
 
+def test_of_a_log_and_its_mcap_the_log_tells_whichever_was_run_first(tmp_path: Path) -> None:
+    log, mcap = entry("/b.tlog", "A", zeta=0.25), entry("/a.mcap", "A", zeta=0.5)
+    log["logs"][0]["kind"], mcap["logs"][0]["kind"] = "tlog", "mcap"
+    for name, order in (
+        ("one", [[log], [mcap]]),
+        ("other", [[mcap], [log]]),
+        ("once", [[mcap, log]]),
+    ):
+        for entries in order:
+            merge(tmp_path / name, entries)
+        assert read_table(tmp_path / name, "flights")["zeta"].to_pylist() == [0.25]
+
+
 def test_a_merge_that_is_killed_leaves_the_data_set_as_it_was_and_the_next_one_sweeps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

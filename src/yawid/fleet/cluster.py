@@ -29,15 +29,21 @@ MOST_TRIES: Final = 3
 
 
 class Workers:
-    """Workers to hand logs to; ``address`` is the scheduler's."""
+    """Workers to hand logs to; ``address`` is the scheduler's, ``threads`` are theirs at last."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client = client
         self.address = address
-        self._slots, self._look_s = 0, 0.0
+        self.threads = 0
+        self._look_s = 0.0
 
-    def run(self, tasks: Iterable[Task], stop: StopFlag) -> Generator[tuple[Task, Any], None, None]:
+    def run(
+        self, tasks: Iterable[Task], stop: StopFlag
+    ) -> Generator[tuple[Task, Any] | None, None, None]:
         """Yield each task as it ends, with its rows; fewer, once told to ``stop``.
+
+        While none ends None comes, some times a second. Rows are None where a machine has no such
+        file, a text where the workers died.
 
         Raises:
             SinkError: the scheduler is lost.
@@ -60,6 +66,7 @@ class Workers:
             try:
                 future = done.get(timeout=POLL_S)
             except queue.Empty:
+                yield None
                 continue
             task, tries = flying[future]
             try:
@@ -97,9 +104,9 @@ class Workers:
                 threads = self._client.nthreads()
             except Exception as error:
                 raise self._lost() from error
-            self._slots = QUEUED * sum(threads.values())
+            self.threads = sum(threads.values())
             self._look_s = time.monotonic() + LOOK_S
-        return self._slots
+        return QUEUED * self.threads
 
     def _check(self) -> None:
         if self._client.status != "running":
@@ -142,7 +149,9 @@ def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        is_local = False
         if address is None:
+            is_local = True
             ready = threading.Thread(target=_warm_here)
             ready.start()
             cluster = stack.enter_context(
@@ -159,7 +168,7 @@ def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
             text = f"no Dask scheduler answers at {address}"
             raise SinkError(f"{text}: {str(error) or type(error).__name__}") from error
         stack.enter_context(_closing(client))
-        if count is None:
+        if not is_local:
             _make_ready(client)
         yield Workers(client, address)
 

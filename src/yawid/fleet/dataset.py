@@ -80,8 +80,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
         before = {"generation": 0, "tables": {}}
     generation = before["generation"] + 1
     logs = _logs(folder, before, by_path)
-    by_sha = {entry["logs"][0]["log_sha256"]: entry for _, entry in sorted(by_path.items())}
-    by_sha.pop(None, None)
+    by_sha = _owners(logs, by_path)
     is_alive = set(pc.unique(logs["log_sha256"].drop_null()).to_pylist())
     tables: dict[str, list[dict[str, Any]]] = {}
     try:
@@ -167,6 +166,21 @@ def _logs(folder: Path, before: Mapping[str, Any], by_path: Mapping[str, Entry])
     old = old.filter(pc.invert(pc.is_in(old["path"], pa.array(list(by_path), pa.string()))))
     new = table_of(table, [entry["logs"][0] for entry in by_path.values()])
     return pa.concat_tables([old, new])
+
+
+def _owners(logs: pa.Table, by_path: Mapping[str, Entry]) -> dict[str, Entry]:
+    """Return, by the hash of their log, the new entries whose rows are the log's.
+
+    Of several files of one log it is the first by path, of its MCAPs only where there is no other:
+    so it does not matter which was run first.
+    """
+    new = {entry["logs"][0].get("log_sha256") for entry in by_path.values()} - {None}
+    alike = logs.filter(pc.is_in(logs["log_sha256"], pa.array(list(new), pa.string())))
+    owner: dict[str, tuple[bool, str]] = {}
+    for row in alike.select(["log_sha256", "kind", "path"]).to_pylist():
+        rank = row["kind"] == "mcap", row["path"]
+        owner[row["log_sha256"]] = min(rank, owner.get(row["log_sha256"], rank))
+    return {sha: by_path[path] for sha, (_, path) in owner.items() if path in by_path}
 
 
 def _merged(

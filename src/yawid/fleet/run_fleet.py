@@ -56,10 +56,11 @@ class Plan:
 
 @dataclass(slots=True)
 class Progress:
-    """How far a run has come; times in s."""
+    """How far a run has come; ``threads`` of workers replay a log each; times in s."""
 
     logs: int
     size: int
+    threads: int = 0
     done: int = 0
     done_bytes: int = 0
     outcomes: Counter[str] = field(default_factory=Counter)
@@ -67,6 +68,8 @@ class Progress:
 
     def line(self) -> str:
         """Return it in words, with the rate and the time that remains."""
+        if not self.threads:
+            return f"{self.done} of {self.logs} logs; waiting for workers"
         passed_s = max(time.monotonic() - self.start_s, 1e-3)
         counts = ", ".join(f"{name} {count}" for name, count in self.outcomes.most_common())
         text = f"{self.done} of {self.logs} logs, {self.done / passed_s:.2g}/s"
@@ -157,9 +160,13 @@ def _run(
     own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
     with workers_of(run.workers, run.scheduler) as workers:
         progress.start_s = time.monotonic()
-        show(progress)
         with closing(workers.run(_tasks(run, plan.todo), stop)) as done:
-            for task, rows in done:
+            for ended in done:
+                progress.threads = workers.threads
+                if ended is None:
+                    show(progress)
+                    continue
+                task, rows = ended
                 log = found[task.path]
                 entry = _entry(log, rows, own, workers.address)
                 journal.add(entry)
