@@ -79,10 +79,12 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def yawid_fleet(env: dict[str, str], *arguments: str | Path) -> subprocess.Popen[str]:
-    """Start ``yawid fleet`` as a process."""
+    """Start ``yawid fleet`` as a process that heads its own group."""
     command = [sys.executable, "-m", "yawid", "fleet", *map(str, arguments)]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, env=env, stdout=pipe, stderr=pipe, text=True)
+    return subprocess.Popen(
+        command, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+    )
 
 
 @contextmanager

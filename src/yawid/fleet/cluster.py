@@ -8,6 +8,7 @@ import logging
 import queue
 import threading
 import time
+from asyncio import CancelledError
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -21,6 +22,7 @@ from yawid.runs.stop import StopFlag
 QUEUED: Final = 2
 """Logs that a worker holds for each of its threads: one it replays, and one that waits."""
 POLL_S: Final = 0.1
+RESULT_S: Final = 10.0
 LOOK_S: Final = 1.0
 """How often the number of workers is asked for."""
 CONNECT_S: Final = 5.0
@@ -51,40 +53,43 @@ class Workers:
         from distributed.scheduler import KilledWorker
 
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        waiting, again = iter(tasks), deque[tuple[Task, int]]()
-        flying: dict[Any, tuple[Task, int]] = {}
-        is_all = False
+        waiting, again = ((task, 0) for task in tasks), deque[tuple[Task, int]]()
+        upcoming, flying = next(waiting, None), dict[Any, tuple[Task, int]]()
         while not stop.is_set:
-            while not is_all and len(flying) < self._room():
-                task, tries = again.popleft() if again else (next(waiting, None), 0)
-                if task is None:
-                    is_all = True
-                    break
-                flying[self._submit(task, done)] = task, tries
-            if is_all and not flying:
+            room = self._room() - len(flying)
+            while room > 0 and (again or upcoming):
+                if upcoming and not again:
+                    again.append(upcoming)
+                    upcoming = next(waiting, None)
+                given = again.popleft()
+                flying[self._submit(given[0], done)] = given
+                room -= 1
+            if not (flying or again or upcoming):
                 return
             try:
                 future = done.get(timeout=POLL_S)
             except queue.Empty:
                 yield None
                 continue
-            task, tries = flying[future]
-            try:
-                rows = future.result(timeout=POLL_S)
-            except TimeoutError:  # it was lost with its worker and is made again
-                future.add_done_callback(done.put)
+            task, tries = flying.pop(future, (None, 0))
+            if task is None:  # it was handed in anew
                 continue
+            try:
+                rows = future.result(timeout=RESULT_S)
             except KilledWorker:
-                del flying[future]
-                if tries + 1 < MOST_TRIES:
-                    again.append((task, tries + 1))
-                    is_all = False
+                tries += 1
+                if tries < MOST_TRIES:
+                    again.append((task, tries))
                     continue
                 rows = "its workers died, again and again"
+            except (TimeoutError, CancelledError, UnboundLocalError):
+                # It was lost with its worker; Dask trips over that in several ways.
+                self._check()
+                again.append((task, tries))
+                continue
             except Exception as error:
                 self._check()
                 raise SinkError(f"a worker failed: {type(error).__name__}: {error}") from error
-            flying.pop(future, None)
             future.release()
             yield task, rows
 
@@ -158,6 +163,7 @@ def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
                 LocalCluster(
                     n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
                     dashboard_address=":0", silence_logs=logging.CRITICAL,
+                    preload="yawid.fleet.worker",
                 )
             )  # fmt: skip
             address = cluster.scheduler_address

@@ -139,6 +139,11 @@ def work(task: Task) -> Any:
     return child.rows(task)
 
 
+def dask_setup(_: object) -> None:
+    """Leave Ctrl-C, which a terminal sends to all its processes, to the one that can tell of it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def about() -> Mapping[str, str]:
     """Return what must be alike on all machines."""
     return {"yawid": __version__, "python": sys.version.split()[0]}

@@ -7,6 +7,7 @@ import contextlib
 import hashlib
 import io
 import math
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,18 @@ def test_unix_time_is_that_of_gps(ulg: Path):
     assert link.first_us == us(UNIX_S + flight().t[0]) - 100 - 500
     assert link.last_us is not None
     assert link.last_us - link.first_us == pytest.approx(60e6, abs=30_000)
+
+
+def test_the_autopilots_own_number_is_the_vehicles_id(ulg: Path, tmp_path: Path):
+    key, number = b"char[4] sys_uuid", b"00ab"
+    body = bytes([len(key)]) + key + number
+    info = struct.pack("<HB", len(body), ord("I")) + body
+    first = 16 + 3 + 40  # magic, time and flags come before all else
+    named = tmp_path / "named.ulg"
+    named.write_bytes(whole()[:first] + info + whole()[first:])
+
+    assert open_log(named).vehicle_id == "uuid:00ab"
+    assert open_log(ulg).vehicle_id is None
 
 
 def test_torque_setpoint_stands_where_the_controls_stood(tmp_path: Path):
