@@ -6,6 +6,7 @@ worker that feeds it lives on, knows which log it was, and starts another.
 
 import contextlib
 import ctypes
+import gc
 import os
 import pickle
 import shutil
@@ -20,6 +21,7 @@ from yawid.fleet.values import failed
 
 READY = "ready"
 """Said once all is imported: a log's time begins after that."""
+GARBAGE_AFTER = 50_000
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
@@ -36,6 +38,8 @@ def main() -> None:
     with contextlib.suppress(OSError):
         # Where memory runs out the system is to end this process, and no other.
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
+    gc.freeze()  # what is imported is no garbage
+    gc.set_threshold(GARBAGE_AFTER)
     pickle.dump(READY, answers)
     answers.flush()
     _answer(orders, answers)
