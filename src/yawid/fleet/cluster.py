@@ -6,12 +6,14 @@ A worker that dies takes no log with it: Dask gives what it held to another one.
 import importlib.util
 import logging
 import queue
+import signal
 import threading
 import time
 from asyncio import CancelledError
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import resource_tracker
 from typing import Any, Final
 
 from yawid import __version__
@@ -159,13 +161,18 @@ def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
             is_local = True
             ready = threading.Thread(target=_warm_here)
             ready.start()
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1",
-                    dashboard_address=":0", silence_logs=logging.CRITICAL,
-                    preload="yawid.fleet.worker",
-                )
-            )  # fmt: skip
+            resource_tracker.ensure_running()  # it would unblock the signal
+            try:
+                with _blocked(signal.SIGINT):
+                    cluster = stack.enter_context(
+                        LocalCluster(
+                            n_workers=count, threads_per_worker=1, processes=True,
+                            host="127.0.0.1", dashboard_address=":0",
+                            silence_logs=logging.CRITICAL, preload="yawid.fleet.worker",
+                        )
+                    )  # fmt: skip
+            except (RuntimeError, OSError) as error:
+                raise SinkError(f"the workers do not start: {error}") from error
             address = cluster.scheduler_address
             ready.join()
         try:
@@ -177,6 +184,16 @@ def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
         if not is_local:
             _make_ready(client)
         yield Workers(client, address)
+
+
+@contextmanager
+def _blocked(number: signal.Signals) -> Iterator[None]:
+    """Have a signal wait, and the processes started meanwhile never see it: it is ours to heed."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {number})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
 
 
 def _warm_here() -> None:

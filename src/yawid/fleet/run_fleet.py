@@ -13,14 +13,14 @@ import pyarrow as pa
 
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
-from yawid.fleet.dataset import read_manifest, table_of
+from yawid.fleet.dataset import MANIFEST, read_manifest, table_of
 from yawid.fleet.find_logs import FoundLog, find_logs, own_bytes, sha256_of
 from yawid.fleet.journal import Journal, opened, peek
 from yawid.fleet.schema import ANALYSIS_VERSION, TABLES
 from yawid.fleet.spec import Spec
 from yawid.fleet.values import Entry, failed
 from yawid.fleet.worker import Task
-from yawid.runs.stop import StopFlag
+from yawid.runs.stop import Interrupted, StopFlag
 
 TIMEOUT_S: Final = 600.0
 TRIED_AGAIN: Final = ("crashed", "timeout")
@@ -131,6 +131,7 @@ def run_fleet(
     Told to ``stop`` it keeps what is finished. ``show`` is called after each log.
 
     Raises:
+        Interrupted: told to stop before a log was finished.
         SourceError: there is no log, or the data set cannot be read.
         SinkError: the data set cannot be written, or the scheduler is lost.
         ConfigError: Dask is not installed.
@@ -143,8 +144,8 @@ def run_fleet(
         progress = Progress(len(plan.todo), plan.size)
         if plan.todo:
             _run(run, plan, journal, progress, stop, show)
-        if not plan.todo and not (run.out / "manifest.json").exists():
-            raise SinkError(f"{run.out}: nothing was finished")
+    if not (run.out / MANIFEST).exists():  # stopped before the first log's end
+        raise Interrupted(stop.exit_code)
     return read_manifest(run.out), progress
 
 
