@@ -1,9 +1,9 @@
 """The command line: arguments to a configuration, errors to one line and an exit code.
 
 Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
-rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 130 and 143
-interrupted by SIGINT and SIGTERM. Results go to stdout, everything else to stderr. Heavy imports
-wait until a command needs them.
+rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 7 something
+changed (trend, diff), 130 and 143 interrupted by SIGINT and SIGTERM. Results go to stdout,
+everything else to stderr. Heavy imports wait until a command needs them.
 """
 
 import argparse
@@ -35,6 +35,7 @@ from yawid.cli.options import (
 from yawid.cli.paper import add_commands
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready, mute, show
+from yawid.cli.trend import add_trend
 from yawid.cli.warm import add_warm
 from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     add_finished_run(commands)
     add_regress(commands)
     add_fleet(commands)
+    add_trend(commands)
     add_warm(commands)
     add_completion(commands, parser)
     return parser

@@ -1,0 +1,55 @@
+"""The command lines of ``yawid trend`` and ``yawid diff``: what changed."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from yawid.cli.standard_streams import show
+
+CHANGED = 7
+
+
+def add_trend(commands: Any) -> None:
+    """Add both commands to the parser's."""
+    trend = commands.add_parser("trend", help="what changed over a fleet's flights")
+    trend.add_argument("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
+    trend.add_argument("--vehicle", metavar="ID", help="only this one, judged among all")
+    trend.add_argument("--json", action="store_true", help="print one JSON object")
+    trend.add_argument("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
+    trend.add_argument("--force", action="store_true", help="overwrite a page that exists")
+    trend.set_defaults(run=_trend)
+    diff = commands.add_parser("diff", help="what changed between runs or data sets")
+    for name in ("a", "b"):
+        kinds = "the MCAP of a finished run, or a data set"
+        diff.add_argument(name, metavar=name.upper(), type=Path, help=kinds)
+    diff.add_argument("--json", action="store_true", help="print one JSON object")
+    diff.set_defaults(run=_diff)
+
+
+def _trend(arguments: argparse.Namespace) -> int:
+    from yawid.trend.table import print_trend
+    from yawid.trend.trend import trend
+
+    told, studied = trend(arguments.dataset, arguments.vehicle)
+    if arguments.out is not None:
+        from yawid.trend.page import write_page
+
+        write_page(told, studied, arguments.out, force=arguments.force)
+    if arguments.json:
+        print(json.dumps(told.to_json()), flush=True)
+    else:
+        show(print_trend, told)
+    return CHANGED if told.changed else 0
+
+
+def _diff(arguments: argparse.Namespace) -> int:
+    from yawid.trend.diff import diff
+    from yawid.trend.table import print_diff
+
+    told = diff(arguments.a, arguments.b)
+    if arguments.json:
+        print(json.dumps(told.to_json()), flush=True)
+    else:
+        show(print_diff, told)
+    return CHANGED if told.changed else 0

@@ -1,0 +1,134 @@
+"""A data set's flights as histories: one number of one vehicle, flight after flight.
+
+A vehicle with its roll loop answers otherwise than its airframe: each loop is a history of its own.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.blocks import Floats, Ints
+from yawid.fleet.dataset import read_table
+from yawid.trend.changes import Track
+
+QUANTITIES: Final = {
+    "kappa_rad_m": ("kappa_std", "ωn/V", "rad/m"),
+    "zeta": ("zeta_std", "ζ", ""),
+    "K_per_V": ("K_per_V_std", "K/V", "rad/m per unit of rudder"),
+}
+"""What is followed, by its column: the column of its total sigma, name and unit for people."""
+MADE: Final = (
+    "config_hash", "analysis_version", "yawid_version", "method", "na", "nb", "nc", "nk",
+    "rudder_source", "yaw_source", "airspeed_source", "rate_hz",
+)  # fmt: skip
+"""Columns that say how a flight was measured: where they change too, that may be why."""
+_WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
+NO_LOOP: Final = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """One number of one vehicle and loop by date; ``flights`` are the rows of :class:`Flights`."""
+
+    vehicle: str
+    loop: str
+    quantity: str
+    vehicle_type: int | None
+    sysid: int | None
+    date_us: Ints
+    track: Track
+    flights: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """The rows of ``flights`` with what trends need, and how many were left out and why."""
+
+    rows: list[Mapping[str, Any]]
+    left_out: dict[str, int]
+    histories: list[History]
+
+
+def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
+    """Return a data set's histories, vehicles in order; without the flights of one log.
+
+    Raises:
+        SourceError: there is no data set, or it cannot be read.
+    """
+    columns = [*_WHO, *MADE, *(name for q, (std, *_) in QUANTITIES.items() for name in (q, std))]
+    table = read_table(folder, "flights", columns)
+    dates = table["date"].cast("int64").to_pylist()
+    rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
+    if without_sha is not None:
+        rows = [row for row in rows if row["log_sha256"] != without_sha]
+    return flights_of(rows)
+
+
+def flights_of(rows: list[dict[str, Any]]) -> Flights:
+    """Return the histories in rows of ``flights``, whose dates are us since 1970."""
+    left_out = {"not usable": 0, "without a date": 0, "without a number and its sigma": 0}
+    by_whose: dict[tuple[str, str], list[int]] = {}
+    for i, row in enumerate(rows):
+        has_number = any(_known(row, quantity) for quantity in QUANTITIES)
+        if not row["usable"]:
+            left_out["not usable"] += 1
+        elif row["date"] is None:
+            left_out["without a date"] += 1
+        elif not has_number:
+            left_out["without a number and its sigma"] += 1
+        else:
+            key = (str(row["vehicle"]), row["loop"] or NO_LOOP)
+            by_whose.setdefault(key, []).append(i)
+    histories = []
+    for (vehicle, loop), found in sorted(by_whose.items()):
+        found.sort(key=lambda i: (rows[i]["date"], rows[i]["log_sha256"] or "", rows[i]["boot"]))
+        for quantity in QUANTITIES:
+            known = [i for i in found if _known(rows[i], quantity)]
+            if known:
+                histories.append(_history(vehicle, loop, quantity, rows, known))
+    return Flights(list(rows), left_out, histories)
+
+
+def _known(row: Mapping[str, Any], quantity: str) -> bool:
+    return row[quantity] is not None and row[QUANTITIES[quantity][0]] is not None
+
+
+def _history(
+    vehicle: str, loop: str, quantity: str, rows: list[dict[str, Any]], known: list[int]
+) -> History:
+    def column(name: str) -> Floats:
+        return np.array([rows[i][name] for i in known], dtype=float)
+
+    return History(
+        vehicle,
+        loop,
+        quantity,
+        rows[known[-1]]["vehicle_type"],
+        rows[known[-1]]["sysid"],
+        np.array([rows[i]["date"] for i in known], dtype=np.int64),
+        Track(column(quantity), column(QUANTITIES[quantity][0])),
+        np.array(known, dtype=np.int64),
+    )
+
+
+def measured_otherwise(flights: Flights, history: History, first: int, last: int) -> list[str]:
+    """Say how flights up to ``first`` and from ``last`` on were measured otherwise, most of them.
+
+    first, last: from 0, in the history.
+    """
+    before = [flights.rows[i] for i in history.flights[: first + 1]]
+    after = [flights.rows[i] for i in history.flights[last:]]
+    said = []
+    for name in MADE:
+        one, other = _most(before, name), _most(after, name)
+        if one != other:
+            said.append(f"{name}: {one} before, {other} after")
+    return said
+
+
+def _most(rows: list[Mapping[str, Any]], name: str) -> object:
+    values = [row[name] for row in rows]
+    return max(values, key=values.count)

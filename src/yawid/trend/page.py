@@ -1,0 +1,177 @@
+"""The page of ``yawid trend``: one HTML file in the report's style."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
+
+from yawid.report.html import Cell, note, page, pictures, safe, sheet
+from yawid.report.picture import BLUE, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.sinks.part_file import check_free, write_whole
+from yawid.trend.changes import FAR
+from yawid.trend.history import QUANTITIES
+from yawid.trend.trend import Followed, Studied, Trend
+from yawid.trend.words import (
+    came_of_it,
+    change_line,
+    flights_line,
+    name_of,
+    outlier_line,
+    rate_line,
+    spread,
+)
+
+MOST_VEHICLES: Final = 12
+"""Vehicles with a picture of their own: those that changed come first."""
+MOST_COMPARED: Final = 60
+SIGMAS: Final = 2.0
+
+
+def write_page(told: Trend, studied: Sequence[Studied], path: Path, *, force: bool = False) -> None:
+    """Write the page of a data set's trends.
+
+    Raises:
+        SinkError: it exists and ``force`` is not set, or it cannot be written.
+    """
+    check_free(path, force=force)
+    html = page(f"{Path(told.dataset).name} - yawid trend", _sections(told, studied))
+    write_whole({path: html.encode("utf-8", "replace")}, force=force)
+
+
+def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
+    changed = [each for each in told.followed if each.change is not None]
+    sentence = f"{len(changed)} of {len(told.followed)} histories changed." if changed else (
+        "Nothing changed beyond chance."
+    )  # fmt: skip
+    yield (
+        f'<header class="{"unusable" if changed else "usable"}">\n'
+        f"<h1>{safe(Path(told.dataset).name)}</h1>\n"
+        f'<p class="origin">{safe(told.dataset)} · {safe(flights_line(told))}</p>\n'
+        f'<p class="headline">{safe(sentence)}</p>\n{_changes(changed)}</header>'
+    )
+    if studied:
+        by_vehicle: dict[tuple[str, str], list[Studied]] = {}
+        for each in studied:
+            whose = (each.history.vehicle, each.history.loop)
+            by_vehicle.setdefault(whose, []).append(each)
+        first = sorted(by_vehicle.values(), key=lambda some: all(e.change is None for e in some))
+        shown = [_picture(i, some) for i, some in enumerate(first[:MOST_VEHICLES])]
+        yield pictures("Over the flights", shown)
+        if len(first) > MOST_VEHICLES:
+            yield note("", f"{len(first) - MOST_VEHICLES} more vehicles stand in the table alone.")
+        if len(by_vehicle) > 1:
+            yield pictures("The vehicles beside each other", list(_beside(studied)))
+    heading = (
+        "vehicle", "", "flights", "now", "a year", "a flight", "between flights", "beside others",
+        "what came of it",
+    )  # fmt: skip
+    yield sheet("Every history", heading, [(_row(each), not each.tested) for each in told.followed])
+    yield note(
+        "",
+        "± is one sigma. Now: the level after the last change. A year, a flight: slope of a "
+        "straight line. Between flights: their scatter beyond their own sigmas. Beside others: "
+        f"sigmas off the median of the vehicles of its type. {rate_line(told)}.",
+    )
+
+
+def _changes(changed: Sequence[Followed]) -> str:
+    items = []
+    for each in changed:
+        assert each.change is not None
+        otherwise = "; ".join(each.change.measured_otherwise)
+        advice = f"Measured otherwise there too: {otherwise}." if otherwise else (
+            "Look at the flights on both sides of it, and at what was done to the aircraft."
+        )  # fmt: skip
+        items.append(
+            f'<li class="fatal"><b>{safe(each.vehicle)} {safe(name_of(each.quantity))}</b>'
+            f'{safe(change_line(each.change))}. <span class="advice">{safe(advice)}</span></li>\n'
+        )
+    return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
+
+
+def _row(each: Followed) -> Iterator[Cell]:
+    yield each.vehicle, each.loop.replace("_", " ")
+    yield name_of(each.quantity), each.unit
+    yield str(each.flights), f"{each.first_date[:10]} to {each.last_date[:10]}"
+    yield spread(each.now), ""
+    yield spread(each.slope_per_year), ""
+    yield spread(each.slope_per_flight), ""
+    yield "–" if each.between_std is None else f"{each.between_std:.2g}", ""
+    yield "–" if each.beside is None else f"{each.beside.sigmas:+.1f}", ""
+    yield came_of_it(each), "; ".join(outlier_line(one) for one in each.outliers)
+
+
+def _picture(i: int, some: Sequence[Studied]) -> Picture:
+    """Return the histories of one vehicle, one above the other."""
+    vehicle, loop = some[0].history.vehicle, some[0].history.loop
+
+    def draw(canvas: Figure) -> None:
+        axes = canvas.subplots(len(some), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, each in zip(axes, some, strict=True):
+            _draw_history(ax, each)
+        locator = AutoDateLocator(maxticks=7)  # type: ignore[no-untyped-call]  # matplotlib's own
+        axes[-1].xaxis.set_major_locator(locator)
+        formatter = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]  # likewise
+        axes[-1].xaxis.set_major_formatter(formatter)
+
+    look = (
+        "Bars are 2 sigma of each flight, the line is the level and what changed, the band 2 sigma "
+        "with the scatter between flights; orange: left out, or an outlier."
+    )
+    svg = drawn(f"trend{i}", draw, (5.6, 1.2 + 1.35 * len(some)))
+    return Picture(f"trend{i}", f"{vehicle} ({loop.replace('_', ' ')})", look, svg)
+
+
+def _draw_history(ax: Axes, each: Studied) -> None:
+    track, level = each.history.track, each.level
+    when: Any = each.history.date_us.astype("datetime64[us]")
+    far = ~level.kept
+    for rows, shade in ((~far, BLUE), (far, ORANGE)):
+        if rows.any():
+            ax.errorbar(
+                when[rows], track.value[rows], SIGMAS * track.sigma[rows], linestyle="none",
+                marker="o", markersize=3.0, elinewidth=0.7, color=shade,
+            )  # fmt: skip
+    shade = RED if each.change is not None else "#444444"
+    ax.plot(when, level.fitted, color=shade, linewidth=1.3, zorder=3)
+    reach = SIGMAS * each.fitted.std
+    band(ax, when, level.fitted - reach, level.fitted + reach, GREY)
+    # One flight far off must not flatten all the others.
+    room = FAR * 1.5 * float(np.median(each.fitted.std))
+    low, high = float(level.fitted.min()) - room, float(level.fitted.max()) + room
+    if high > low:
+        ax.set_ylim(low, high)
+    unit = QUANTITIES[each.history.quantity][2].split(" ")[0]
+    ax.set_ylabel(f"{name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
+
+
+def _beside(studied: Sequence[Studied]) -> Iterator[Picture]:
+    for quantity in QUANTITIES:
+        some = [each for each in studied if each.history.quantity == quantity]
+        some = sorted(some, key=lambda each: each.level.value)
+        if len(some) < 2:
+            continue
+        if len(some) > MOST_COMPARED:  # both ends, and what lies between thinned out
+            rows = np.unique(np.linspace(0, len(some) - 1, MOST_COMPARED).astype(int))
+            some = [some[i] for i in rows]
+        yield _beside_picture(quantity, some)
+
+
+def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
+    def draw(canvas: Figure) -> None:
+        ax = canvas.subplots()
+        for i, each in enumerate(some):
+            shade = RED if each.change is not None else BLUE
+            ax.errorbar([each.level.value], [i], xerr=[SIGMAS * each.level.std], marker="o",
+                        markersize=4, elinewidth=0.9, color=shade)  # fmt: skip
+        ax.set_yticks(range(len(some)), [each.history.vehicle[:24] for each in some], fontsize=7)
+        ax.axvline(float(np.median([each.level.value for each in some])), color=GREY, zorder=0)
+        ax.set_xlabel(f"{name_of(quantity)} {QUANTITIES[quantity][2]}".rstrip())
+
+    look = "Levels as they stand now with 2 sigma; red: changed; the line is the median."
+    svg = drawn(f"beside-{quantity}", draw, (5.6, 1.0 + 0.17 * max(len(some), 6)))
+    return Picture(f"beside-{quantity}", name_of(quantity), look, svg)

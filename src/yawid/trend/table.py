@@ -1,0 +1,126 @@
+"""What ``yawid trend`` and ``yawid diff`` print for people."""
+
+from textwrap import fill
+from typing import Final, TextIO
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from yawid.sinks.terminal.summary_table import WIDTH
+from yawid.trend.diff import Diff
+from yawid.trend.trend import Followed, Trend
+from yawid.trend.words import (
+    came_of_it,
+    change_line,
+    flights_line,
+    name_of,
+    outlier_line,
+    rate_line,
+    spread,
+)
+
+MOST_ROWS: Final = 60
+"""Of histories without a change; the others are left to --json."""
+MOST_OUTLIERS: Final = 20
+
+
+def print_trend(told: Trend, stream: TextIO) -> None:
+    """Print a data set's trends: what changed first, then every history."""
+    console = _console(stream)
+    console.print(Text(told.dataset, "bold"), soft_wrap=True)
+    changed = [each for each in told.followed if each.change is not None]
+    word = Text(f"{len(changed)} CHANGED", "bold red") if changed else Text("steady", "bold green")
+    console.print(Text("verdict  ") + word)
+    for each in changed:
+        assert each.change is not None
+        _say(console, f"{each.vehicle} ({each.loop}) {name_of(each.quantity)} "
+             f"{change_line(each.change)}", "red")  # fmt: skip
+        for line in each.change.measured_otherwise:
+            _say(console, f"measured otherwise there too: {line}", "yellow")
+    _say(console, flights_line(told))
+    shown = [*changed, *[e for e in told.followed if e.change is None][:MOST_ROWS]]
+    shown = [each for each in told.followed if each in shown]
+    if shown:
+        console.print(_histories(shown))
+    outliers = [(each, one) for each in told.followed for one in each.outliers]
+    for each, one in outliers[:MOST_OUTLIERS]:
+        _say(console, f"outlier: {each.vehicle} {name_of(each.quantity)} {outlier_line(one)}")
+    notes = [
+        "± is one sigma; now: after the last change; a year: slope of a straight line; "
+        "between: scatter of flights beyond their own sigmas",
+        rate_line(told),
+    ]
+    left = len(told.followed) - len(shown), len(outliers) - MOST_OUTLIERS
+    for count, what in zip(left, ("histories", "outliers"), strict=True):
+        if count > 0:
+            notes.append(f"{count} more {what} stand in --json")
+    console.print(Text(fill("; ".join(notes), console.width, break_on_hyphens=False), "dim"))
+
+
+def _histories(shown: list[Followed]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for name in ("n", "now", "a year", "between"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("came of it", overflow="fold")
+    last = ("", "")
+    for each in shown:
+        whose = (each.vehicle, each.loop)
+        loop = {"airframe": "", "with_roll_loop": " roll"}.get(each.loop, " ?")
+        table.add_row(
+            "" if whose == last else f"{each.vehicle}{loop}",
+            name_of(each.quantity),
+            str(each.flights),
+            spread(each.now),
+            spread(each.slope_per_year),
+            "-" if each.between_std is None else f"{each.between_std:.2g}",
+            came_of_it(each),
+            style="" if each.change is None else "red",
+        )
+        last = whose
+    return table
+
+
+def print_diff(told: Diff, stream: TextIO) -> None:
+    """Print what changed between two sides: numbers, verdict, channels, configuration."""
+    console = _console(stream)
+    console.print(Text(f"A {told.a}\nB {told.b}", "bold"), soft_wrap=True)
+    word = Text("CHANGED", "bold red") if told.changed else Text("no change", "bold green")
+    console.print(Text("verdict  ") + word)
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for name in ("A", "B", "B - A", "sigmas"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("came of it", overflow="fold")
+    for each in told.numbers:
+        came = "CHANGED" if each.changed else each.not_judged or "within chance"
+        table.add_row(
+            each.vehicle, name_of(each.quantity), spread(each.a), spread(each.b),
+            f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",
+            came, style="red" if each.changed else "",
+        )  # fmt: skip
+    if told.numbers:
+        console.print(table)
+    for fact in told.facts:
+        style = "red" if fact.changed else "yellow"
+        _say(console, f"{fact.what}: {fact.a} in A, {fact.b} in B", style)
+    for line in told.notes:
+        _say(console, line)
+    rate = 100.0 * told.false_alarm_rate
+    notes = (
+        f"± is one total sigma; changed: beyond what both sigmas explain, at {rate:g} % false "
+        f"alarms over all {told.judged} numbers judged"
+    )
+    console.print(Text(fill(notes, console.width, break_on_hyphens=False), "dim"))
+
+
+def _console(stream: TextIO) -> Console:
+    return Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    indented = fill(text, console.width, subsequent_indent="  ", break_on_hyphens=False)
+    console.print(Text(indented, style))

@@ -1,0 +1,284 @@
+"""``yawid trend``: every vehicle's wn/V, zeta and K/V over its flights, and what has changed.
+
+The false-alarm rate is that of the whole data set: of FALSE_ALARMS of all data sets in which
+nothing changed, any history is called changed (Bonferroni over the histories tested). Outliers
+and vehicles that stand out are told at the same rate; they are no change.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from yawid.errors import ConfigError
+from yawid.results.run_summary import Part, Value
+from yawid.trend.changes import Change, Fitted, fit_tracks, profile, two_sided
+from yawid.trend.history import QUANTITIES, Flights, History, measured_otherwise, read_flights
+from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
+
+FALSE_ALARMS: Final = 0.01
+YEAR_US: Final = 365.25 * 86_400e6
+
+
+class Changed(Part, frozen=True, kw_only=True):
+    """A change: ``step`` between two flights or ``slope`` over several, numbered from 1.
+
+    ``p`` is the probability of one as clear in any history of the data set, where none changed.
+    """
+
+    kind: str
+    from_flight: int
+    to_flight: int
+    from_date: str
+    to_date: str
+    before: float
+    after: float
+    difference: float
+    std: float
+    sigmas: float
+    percent: float | None = None
+    p: float
+    measured_otherwise: list[str]
+
+
+class Outlier(Part, frozen=True, kw_only=True):
+    """A flight far off the others, and by how many sigmas (its own and tau)."""
+
+    flight: int
+    date: str
+    log_sha256: str | None = None
+    boot: int | None = None
+    value: float
+    sigmas: float
+    p: float
+
+
+class Beside(Part, frozen=True, kw_only=True):
+    """A vehicle beside the others of its type and loop: their median, sigmas off it."""
+
+    vehicles: int
+    median: float
+    sigmas: float
+    p: float
+    stands_out: bool
+
+
+class Followed(Part, frozen=True, kw_only=True):
+    """One number of one vehicle over its flights; ``now`` is its level after the last change.
+
+    ``between_std`` is by how much flights scatter beyond their own sigmas. ``tested``: whether
+    there were flights enough to look for a change.
+    """
+
+    vehicle: str
+    loop: str
+    quantity: str
+    unit: str
+    flights: int
+    first_date: str
+    last_date: str
+    now: Value
+    between_std: float | None = None
+    slope_per_year: Value | None = None
+    slope_per_flight: Value | None = None
+    tested: bool
+    change: Changed | None = None
+    outliers: list[Outlier]
+    beside: Beside | None = None
+
+
+class Trend(Part, frozen=True, kw_only=True):
+    """What a data set says of its vehicles over time."""
+
+    dataset: str
+    changed: bool
+    false_alarm_rate: float
+    histories_tested: int
+    numbers_tested: int
+    flights: int
+    left_out: dict[str, int]
+    followed: list[Followed]
+
+
+@dataclass(frozen=True, slots=True)
+class Studied:
+    """A history with all that was found, for tables and pictures."""
+
+    history: History
+    fitted: Fitted
+    level: Level
+    change: Change | None
+    told: Followed
+
+
+def trend(folder: Path, vehicle: str | None = None) -> tuple[Trend, list[Studied]]:
+    """Return the trends of a data set; of one vehicle, but judged among all.
+
+    Raises:
+        SourceError: there is no data set.
+        ConfigError: it has no such vehicle.
+    """
+    flights = read_flights(folder)
+    studied = study(flights)
+    if vehicle is not None:
+        names = list(dict.fromkeys(each.history.vehicle for each in studied))
+        if vehicle not in names:
+            some = f"{', '.join(names[:8])}{', …' if len(names) > 8 else ''}" or "none"
+            raise ConfigError(f"--vehicle {vehicle}: not in {folder}, which has {some}")
+    shown = [each for each in studied if vehicle in (None, each.history.vehicle)]
+    told = Trend(
+        dataset=str(folder.absolute()),
+        changed=any(each.change is not None for each in shown),
+        false_alarm_rate=FALSE_ALARMS,
+        histories_tested=sum(each.told.tested for each in studied),
+        numbers_tested=sum(len(each.history.flights) for each in studied),
+        flights=len(flights.rows),
+        left_out={why: count for why, count in flights.left_out.items() if count},
+        followed=[each.told for each in shown],
+    )
+    return told, shown
+
+
+def study(flights: Flights) -> list[Studied]:
+    """Return what each history says, every one judged among all."""
+    histories = flights.histories
+    fits = _fits(histories)
+    among = _Among(
+        histories=sum(fit.change is not None for fit in fits),
+        numbers=sum(len(history.flights) for history in histories),
+    )
+    levels, changes = [], []
+    for history, fit in zip(histories, fits, strict=True):
+        is_change = fit.change is not None and fit.change.p * among.histories <= FALSE_ALARMS
+        change = fit.change if is_change else None
+        shape = None if change is None else profile(len(history.flights), change)
+        changes.append(change)
+        levels.append(level_of(history.track, fit, shape))
+    besides = _besides(histories, levels)
+    return [
+        Studied(history, fit, level, change, _told(flights, history, fit, level, change, beside,
+                                                   among))
+        for history, fit, level, change, beside in zip(
+            histories, fits, levels, changes, besides, strict=True
+        )
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Among:
+    """How many histories are tested for a change, and how many numbers for an outlier."""
+
+    histories: int
+    numbers: int
+
+
+def _fits(histories: Sequence[History]) -> list[Fitted]:
+    """Return the fit of each history, its scatter judged with that of all vehicles' like it."""
+    alike: dict[tuple[str, str], list[int]] = {}
+    for i, history in enumerate(histories):
+        alike.setdefault((history.loop, history.quantity), []).append(i)
+    found: dict[int, Fitted] = {}
+    for rows in alike.values():
+        fits = fit_tracks([histories[i].track for i in rows])
+        found |= dict(zip(rows, fits, strict=True))
+    return [found[i] for i in range(len(histories))]
+
+
+def _besides(histories: Sequence[History], levels: Sequence[Level]) -> list[Beside | None]:
+    """Compare the levels of vehicles of one type and loop."""
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for i, history in enumerate(histories):
+        alike.setdefault((history.vehicle_type, history.loop, history.quantity), []).append(i)
+    found: list[Beside | None] = [None] * len(histories)
+    for rows in alike.values():
+        value = np.array([levels[i].value for i in rows])
+        std = np.array([levels[i].std for i in rows])
+        for i, beside in zip(rows, compare(value, std), strict=True):
+            found[i] = None if beside is None else _beside(beside, len(rows), len(histories))
+    return found
+
+
+def _beside(found: Compared, vehicles: int, tested: int) -> Beside:
+    p = min(1.0, found.p * tested)
+    return Beside(
+        vehicles=vehicles, median=found.median, sigmas=found.z, p=p, stands_out=p <= FALSE_ALARMS
+    )
+
+
+def _told(
+    flights: Flights,
+    history: History,
+    fit: Fitted,
+    level: Level,
+    change: Change | None,
+    beside: Beside | None,
+    among: _Among,
+) -> Followed:
+    dates, n = history.date_us, len(history.flights)
+    kept = level.kept
+    by_year = slope_of((dates - dates[0]) / YEAR_US, history.track, fit.std, kept)
+    by_flight = slope_of(np.arange(n, dtype=float), history.track, fit.std, kept)
+    return Followed(
+        vehicle=history.vehicle,
+        loop=history.loop,
+        quantity=history.quantity,
+        unit=QUANTITIES[history.quantity][2],
+        flights=n,
+        first_date=date(dates[0]),
+        last_date=date(dates[-1]),
+        now=Value(value=level.value, std=level.std),
+        between_std=level.tau,
+        slope_per_year=_value(by_year),
+        slope_per_flight=_value(by_flight),
+        tested=fit.change is not None,
+        change=None if change is None else _changed(flights, history, change, among.histories),
+        outliers=_outliers(flights, history, fit, level, among.numbers),
+        beside=beside,
+    )
+
+
+def _value(found: tuple[float, float] | None) -> Value | None:
+    return None if found is None else Value(value=found[0], std=found[1])
+
+
+def _changed(flights: Flights, history: History, change: Change, tested: int) -> Changed:
+    difference = change.after - change.before
+    return Changed(
+        kind="step" if change.is_step else "slope",
+        from_flight=change.first + 1,
+        to_flight=change.last + 1,
+        from_date=date(history.date_us[change.first]),
+        to_date=date(history.date_us[change.last]),
+        before=change.before,
+        after=change.after,
+        difference=difference,
+        std=change.std,
+        sigmas=change.t,
+        percent=100.0 * difference / abs(change.before) if change.before else None,
+        p=min(1.0, change.p * tested),
+        measured_otherwise=measured_otherwise(flights, history, change.first, change.last),
+    )
+
+
+def _outliers(
+    flights: Flights, history: History, fit: Fitted, level: Level, numbers: int
+) -> list[Outlier]:
+    found = []
+    for i, z in enumerate(level.z):
+        p = min(1.0, numbers * two_sided(z, fit.dof)) if fit.dof > 0 else 1.0
+        if p <= FALSE_ALARMS:
+            row = flights.rows[history.flights[i]]
+            outlier = Outlier(
+                flight=i + 1, date=date(history.date_us[i]), log_sha256=row["log_sha256"],
+                boot=row["boot"], value=float(history.track.value[i]), sigmas=float(z), p=p,
+            )  # fmt: skip
+            found.append(outlier)
+    return found
+
+
+def date(us: int) -> str:
+    """Return a time in us since 1970 as ISO 8601, UTC."""
+    return datetime.fromtimestamp(int(us) / 1e6, UTC).isoformat(timespec="seconds")

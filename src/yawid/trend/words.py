@@ -1,0 +1,68 @@
+"""Trends and differences in words, as the terminal and the page have them."""
+
+from yawid.results.run_summary import Value
+from yawid.sinks.answers import with_sigma
+from yawid.trend.history import QUANTITIES
+from yawid.trend.trend import Changed, Followed, Outlier, Trend
+
+
+def name_of(quantity: str) -> str:
+    """Return the name of a quantity for people."""
+    return QUANTITIES[quantity][1] if quantity in QUANTITIES else quantity
+
+
+def spread(value: Value | None, unit: str = "") -> str:
+    """Return a value with one sigma, ``-`` where there is none."""
+    if value is None or value.value is None:
+        return "-"
+    said = " ".join(filter(None, with_sigma(value.value, value.std)))
+    return f"{said} {unit}".rstrip()
+
+
+def change_line(change: Changed) -> str:
+    """Say what changed, when, by how much and how sure that is."""
+    verb = "fell" if change.difference < 0.0 else "rose"
+    size = "" if change.percent is None else f" by {abs(change.percent):.0f} %"
+    when = f"{change.from_date[:10]} and {change.to_date[:10]}"
+    how = "from one flight to the next" if change.kind == "step" else "slowly"
+    numbers = f"{change.from_flight} and {change.to_flight}"
+    return (
+        f"{verb}{size}, {how}, between {when} (flights {numbers}): {change.before:.4g} to "
+        f"{change.after:.4g}, {abs(change.sigmas):.1f} sigma, p {change.p:.1g}"
+    )
+
+
+def outlier_line(outlier: Outlier) -> str:
+    """Say which flight is far off, and by how much."""
+    return f"{outlier.date[:10]} (flight {outlier.flight}) {outlier.sigmas:+.1f} sigma"
+
+
+def came_of_it(each: Followed) -> str:
+    """Say in a few words what is to be said of one number of one vehicle."""
+    said = []
+    if each.change is not None:
+        size = each.change.percent
+        said.append("CHANGED" if size is None else f"CHANGED {size:+.0f} %")
+    elif not each.tested:
+        said.append("too few flights")
+    if each.outliers:
+        said.append(f"{len(each.outliers)} outlier{'s' if len(each.outliers) > 1 else ''}")
+    if each.beside is not None and each.beside.stands_out:
+        said.append(f"{each.beside.sigmas:+.1f} sigma off the others")
+    return ", ".join(said) or "steady"
+
+
+def flights_line(told: Trend) -> str:
+    """Say how many flights there are, and how many were left out and why."""
+    left = ", ".join(f"{count} {why}" for why, count in told.left_out.items())
+    return f"{told.flights} flights" + (f", left out: {left}" if left else "")
+
+
+def rate_line(told: Trend) -> str:
+    """Say what was tested and how often it errs."""
+    rate = 100.0 * told.false_alarm_rate
+    return (
+        f"false alarms: {rate:g} % of data sets in which nothing changed, over all "
+        f"{told.histories_tested} histories tested; outliers likewise, over "
+        f"{told.numbers_tested} numbers"
+    )

@@ -1,0 +1,138 @@
+"""Changes, levels, slopes and comparisons, on arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from judge_trend import draw_history, draw_off
+
+from yawid.trend.changes import LEAST_FLIGHTS, Fitted, Track, fit_tracks, profile, solve_tau2
+from yawid.trend.levels import compare, level_of, slope_of
+
+N, VEHICLES = 40, 20
+
+
+def fleet(seed: int, n: int = N, vehicles: int = VEHICLES) -> list[Track]:
+    rng = np.random.default_rng(seed)
+    return [Track(*draw_history(rng, 0.15, 0.08, n, draw_off(rng, n))) for _ in range(vehicles)]
+
+
+def changed(track: Track, factor: float, first: int, last: int) -> Track:
+    along = np.clip((np.arange(len(track.value)) - first) / (last - first), 0.0, 1.0)
+    return Track(track.value * (1.0 + (factor - 1.0) * along), track.sigma)
+
+
+def found(fits: list[Fitted], p: float) -> list[int]:
+    return [i for i, fit in enumerate(fits) if fit.change is not None and fit.change.p <= p]
+
+
+def test_a_history_without_a_change_has_a_small_p_as_seldom_as_p_says() -> None:
+    p = np.array([f.change.p for s in range(30) for f in fit_tracks(fleet(s)) if f.change])
+
+    # Of 600, p says 6 and 0.6 at most; looks is of the far tail, where it is smaller.
+    assert len(p) == 600
+    assert np.sum(p <= 0.01) <= 13
+    assert np.sum(p <= 0.001) <= 3
+
+
+@pytest.mark.parametrize(("first", "last"), [(19, 20), (4, 34), (0, 39)])
+def test_a_step_and_a_slope_are_found_where_they_are(first: int, last: int) -> None:
+    tracks = fleet(1)
+    tracks[3] = changed(tracks[3], 0.7, first, last)
+
+    fits = fit_tracks(tracks)
+
+    assert found(fits, 1e-4) == [3]
+    change = fits[3].change
+    assert change is not None
+    assert change.after / change.before == pytest.approx(0.7, abs=0.09)
+    assert abs((change.first + change.last) - (first + last)) / 2.0 <= 4.0
+    assert change.t < -6.0
+
+
+def test_outliers_are_no_change_and_have_no_weight() -> None:
+    value = 0.15 + 0.01 * np.random.default_rng(3).standard_normal((VEHICLES, N))
+    value[5, [7, 21, 22]] = 0.6, 0.5, 0.55
+    fits = fit_tracks([Track(each, np.full(N, 0.008)) for each in value])
+
+    assert found(fits, 0.01) == []
+    assert list(np.flatnonzero(~level_of(Track(value[5], np.full(N, 0.008)), fits[5], None).kept)
+                ) == [7, 21, 22]  # fmt: skip
+
+
+def test_a_vehicle_that_scatters_thrice_as_much_is_not_called_changed() -> None:
+    for seed in range(5):
+        tracks = fleet(seed)
+        about = tracks[0].value - np.median(tracks[0].value)
+        tracks[0] = Track(tracks[0].value + 2.0 * about, tracks[0].sigma)
+        assert found(fit_tracks(tracks), 0.01 / 60) == []
+
+
+def test_neither_unit_nor_sign_of_a_number_matters() -> None:
+    tracks = fleet(2)
+    tracks[3] = changed(tracks[3], 0.75, 5, 35)
+    turned = [Track(-1000.0 * each.value, 1000.0 * each.sigma) for each in tracks]
+
+    for one, other in zip(fit_tracks(tracks), fit_tracks(turned), strict=True):
+        assert one.change is not None
+        assert other.change is not None
+        assert other.change.t == pytest.approx(-one.change.t)
+        assert other.change.after == pytest.approx(-1000.0 * one.change.after)
+
+
+def test_too_few_flights_are_not_tested_and_one_is_enough_for_a_level() -> None:
+    tracks = [Track(np.full(n, 0.15), np.full(n, 0.01)) for n in (1, 2, LEAST_FLIGHTS - 1)]
+
+    for track, fit in zip(tracks, fit_tracks(tracks), strict=True):
+        assert fit.change is None
+        level = level_of(track, fit, None)
+        assert level.value == pytest.approx(0.15)
+        assert np.isfinite(level.std)
+
+
+def test_tau_is_the_scatter_that_sigmas_do_not_explain_and_zero_where_they_do() -> None:
+    rng = np.random.default_rng(0)
+    sigma = rng.uniform(0.5, 2.0, 4000)
+    noise = rng.standard_normal(4000)
+
+    assert solve_tau2((noise**2) * (sigma**2 + 9.0), sigma**2) == pytest.approx(9.0, rel=0.1)
+    assert solve_tau2((noise**2) * 0.8 * sigma**2, sigma**2) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_level_and_slope_are_weighted_least_squares() -> None:
+    x = np.arange(10.0)
+    std = np.linspace(1.0, 3.0, 10)
+    track = Track(5.0 + 0.5 * x, std)
+    fit = fit_tracks([track])[0]
+    ones = np.ones(10, bool)
+
+    slope = slope_of(x, track, std, ones)
+    assert slope is not None
+    assert slope[0] == pytest.approx(0.5)
+    w = 1.0 / std**2
+    mean = np.sum(w * x) / np.sum(w)
+    assert slope[1] == pytest.approx(np.sum(w * (x - mean) ** 2) ** -0.5)
+    assert slope_of(x, track, std, x < 2) is None
+    level = level_of(track, fit, None)
+    assert level.value == pytest.approx(np.average(track.value, weights=fit.std**-2.0))
+
+
+def test_the_level_after_a_change_is_that_of_its_end() -> None:
+    tracks = fleet(4)
+    tracks[0] = changed(tracks[0], 0.7, 15, 16)
+    fit = fit_tracks(tracks)[0]
+    assert fit.change is not None
+
+    level = level_of(tracks[0], fit, profile(N, fit.change))
+
+    assert level.value == pytest.approx(0.7 * 0.15, abs=4.0 * level.std)
+    assert level.std == pytest.approx(0.08 * 0.7 * 0.15 / 24**0.5, rel=0.6)
+
+
+def test_a_vehicle_far_from_the_others_stands_out_and_few_are_not_compared() -> None:
+    value = 1.0 + 0.03 * np.random.default_rng(1).standard_normal(20)
+    value[4] = 1.5
+
+    beside = compare(value, np.full(20, 0.01))
+    assert [i for i, each in enumerate(beside) if each and each.p < 1e-4] == [4]
+    assert compare(value[:4], np.full(4, 0.01)) == [None] * 4
