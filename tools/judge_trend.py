@@ -84,8 +84,8 @@ def flight(sysid: int, i: int, date: int, **numbers: Any) -> dict[str, Any]:
     return {
         "log_sha256": f"{sysid:03d}-{i:05d}", "yawid_version": "0", "analysis_version": "1",
         "config_hash": "c", "vehicle": f"sysid:{sysid}", "sysid": sysid, "boot": 1, "date": date,
-        "loop": "airframe", "vehicle_type": 1, "usable": True, "method": "rml", **numbers,
-    }  # fmt: skip
+        "loop": "airframe", "vehicle_type": 1, "usable": True, "method": "rml",
+    } | numbers  # fmt: skip
 
 
 def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:

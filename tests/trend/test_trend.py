@@ -1,0 +1,197 @@
+"""``yawid trend`` on data sets on disk, written as ``yawid fleet`` writes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from judge_trend import (
+    FALLS,
+    START_US,
+    WEEK_US,
+    Judged,
+    draw_fleet,
+    flight,
+    judge_seed,
+    write_fleet,
+)
+
+from yawid.cli.main import main
+from yawid.trend.trend import trend
+
+
+@pytest.fixture(scope="module")
+def fallen(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fleet of 20 aircraft with 40 flights, one of whose zeta falls by 20 %."""
+    folder = tmp_path_factory.mktemp("fallen")
+    rows = draw_fleet(3, falls=True)
+    for row in rows:
+        if row["vehicle"] == FALLS and row["date"] > START_US + 25 * WEEK_US:
+            row["config_hash"] = "d"
+    write_fleet(folder, rows)
+    return folder
+
+
+def told(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any]:
+    code = main([*map(str, argv), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def steady(vehicle: int, count: int, **more: Any) -> list[dict[str, Any]]:
+    numbers = {"zeta": 0.15, "zeta_std": 0.01, "kappa_rad_m": 0.12, "kappa_std": 0.002,
+               "K_per_V": 0.04, "K_per_V_std": 0.002}  # fmt: skip
+    return [
+        flight(vehicle, i, START_US + i * WEEK_US, **(numbers | more | {
+            "zeta": 0.15 + 0.01 * (-1) ** i}))
+        for i in range(count)
+    ]  # fmt: skip
+
+
+def test_the_fall_is_found_nothing_else_is_and_the_exit_code_is_7(
+    fallen: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = told(capsys, "trend", fallen)
+
+    assert code == 7
+    assert said["changed"] is True
+    assert said["false_alarm_rate"] == 0.01
+    assert said["histories_tested"] == 60
+    assert said["numbers_tested"] == 2400
+    changed = [each for each in said["followed"] if "change" in each]
+    assert [(each["vehicle"], each["quantity"]) for each in changed] == [(FALLS, "zeta")]
+    change = changed[0]["change"]
+    assert change["kind"] == "slope"
+    assert change["percent"] == pytest.approx(-20.0, abs=6.0)
+    assert change["sigmas"] < -4.0
+    assert change["p"] < 0.01
+    assert change["measured_otherwise"] == ["config_hash: c before, d after"]
+    slope = changed[0]["slope_per_year"]
+    assert slope["value"] < -3.0 * slope["std"]
+    assert changed[0]["beside"]["vehicles"] == 20
+    outliers = [one for each in said["followed"] for one in each["outliers"]]
+    assert 0.02 < len(outliers) / said["numbers_tested"] < 0.06
+
+
+def test_one_vehicle_is_judged_among_all_and_exits_by_its_own_changes(
+    fallen: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = told(capsys, "trend", fallen, "--vehicle", "sysid:2")
+
+    assert code == 0
+    assert {each["vehicle"] for each in said["followed"]} == {"sysid:2"}
+    assert said["histories_tested"] == 60
+    assert main(["trend", str(fallen), "--vehicle", "sysid:99"]) == 2
+    assert "sysid:99: not in" in capsys.readouterr().err
+
+
+def test_the_terminal_tells_what_changed_first_and_at_which_rate_it_errs(
+    fallen: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["trend", str(fallen)]) == 7
+
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "verdict  1 CHANGED"
+    assert lines[2].startswith(f"{FALLS} (airframe) ζ fell by ")
+    assert all(len(line) <= 80 for line in lines[1:])
+    assert "false alarms: 1 % of data" in " ".join(lines)
+
+
+def test_the_page_stands_alone_and_shows_the_vehicle_that_changed_first(
+    fallen: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "r.html"
+    argv = ["trend", str(fallen), "--vehicle", FALLS, "-o", str(page)]
+    assert main(argv) == 7
+    assert main(argv) == 6, "it must not be overwritten"
+    assert "--force" in capsys.readouterr().err
+
+    text = page.read_text()
+    assert "1 of 3 histories changed." in text
+    assert f"<b>{FALLS} ζ</b>fell by " in text
+    assert text.count("<svg") == 1
+    assert "<script" not in text
+
+
+def test_what_cannot_be_followed_is_left_out_and_counted(tmp_path: Path) -> None:
+    rows = steady(1, 14)
+    for i, bad in enumerate(
+        (
+            {"zeta": 0.4, "zeta_std": 0.01, "usable": False},
+            {"zeta": 0.4, "zeta_std": 0.01, "date": None},
+            {"zeta": 0.4},
+            {"zeta": None, "zeta_std": None},
+        )
+    ):
+        rows.append(flight(1, 20 + i, START_US) | bad)
+    write_fleet(tmp_path, rows)
+
+    said, _ = trend(tmp_path)
+
+    assert said.left_out == {
+        "not usable": 1, "without a date": 1, "without a number and its sigma": 2,
+    }  # fmt: skip
+    assert [each.flights for each in said.followed] == [14, 14, 14]
+
+
+def test_an_old_flight_without_kappa_still_tells_its_damping(tmp_path: Path) -> None:
+    rows = steady(1, 3) + steady(2, 2, kappa_rad_m=None, kappa_std=None)
+    rows[0] |= {"kappa_rad_m": None, "kappa_std": None}
+    write_fleet(tmp_path, rows)
+
+    said, _ = trend(tmp_path)
+
+    found = {(each.vehicle, each.quantity): each.flights for each in said.followed}
+    assert found == {
+        ("sysid:1", "kappa_rad_m"): 2, ("sysid:1", "zeta"): 3, ("sysid:1", "K_per_V"): 3,
+        ("sysid:2", "zeta"): 2, ("sysid:2", "K_per_V"): 2,
+    }  # fmt: skip
+
+
+def test_a_vehicle_with_two_flights_has_a_level_and_neither_slope_nor_test(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_fleet(tmp_path, steady(1, 2))
+
+    code, said = told(capsys, "trend", tmp_path)
+
+    assert code == 0
+    for each in said["followed"]:
+        assert each["now"]["std"] > 0.0
+        assert each["tested"] is False
+        assert not {"slope_per_year", "between_std", "change"} & set(each)
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert "too few flights" in capsys.readouterr().out
+
+
+def test_the_airframe_and_the_same_aircraft_with_its_roll_loop_are_two_histories(
+    tmp_path: Path,
+) -> None:
+    rows = steady(1, 28)
+    for row in rows[14:]:
+        row |= {"loop": "with_roll_loop", "zeta": row["zeta"] * 1.5}
+    write_fleet(tmp_path, rows)
+
+    said, _ = trend(tmp_path)
+
+    assert {each.loop for each in said.followed} == {"airframe", "with_roll_loop"}
+    assert not said.changed
+
+
+def test_a_folder_that_is_no_data_set_is_one_line_and_6_an_empty_one_is_steady(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["trend", str(tmp_path)]) == 6
+    assert "is not a data set" in capsys.readouterr().err
+    write_fleet(tmp_path, [])
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert "0 flights" in capsys.readouterr().out
+
+
+def test_three_drawn_fleets_are_judged_rightly() -> None:
+    judged = Judged()
+    for seed in range(3):
+        judge_seed(seed, judged)
+
+    assert (judged.found, judged.wrong_beside, judged.false_alarms) == (3, 0, 0)
