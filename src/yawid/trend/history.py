@@ -3,6 +3,7 @@
 A vehicle with its roll loop answers otherwise than its airframe: each loop is a history of its own.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,13 +84,19 @@ def flights_of(rows: list[dict[str, Any]]) -> Flights:
             key = (str(row["vehicle"]), row["loop"] or NO_LOOP)
             by_whose.setdefault(key, []).append(i)
     histories = []
-    for (vehicle, loop), found in sorted(by_whose.items()):
+    for (vehicle, loop), found in sorted(by_whose.items(), key=lambda each: _natural(each[0])):
         found.sort(key=lambda i: (rows[i]["date"], rows[i]["log_sha256"] or "", rows[i]["boot"]))
         for quantity in QUANTITIES:
             known = [i for i in found if _known(rows[i], quantity)]
             if known:
                 histories.append(_history(vehicle, loop, quantity, rows, known))
     return Flights(list(rows), left_out, histories)
+
+
+def _natural(whose: tuple[str, str]) -> list[tuple[int, str]]:
+    """Return a key by which 10 comes after 9."""
+    parts = re.split(r"(\d+)", " ".join(whose))
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _known(row: Mapping[str, Any], quantity: str) -> bool:

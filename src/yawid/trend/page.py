@@ -61,8 +61,14 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         first = sorted(by_vehicle.values(), key=lambda some: all(e.change is None for e in some))
         shown = [_picture(i, some) for i, some in enumerate(first[:MOST_VEHICLES])]
         yield pictures("Over the flights", shown)
-        if len(first) > MOST_VEHICLES:
-            yield note("", f"{len(first) - MOST_VEHICLES} more vehicles stand in the table alone.")
+        more = len(first) - len(shown)
+        yield note(
+            "",
+            "Bars are 2 sigma of each flight, the line is the level and what changed, the band 2 "
+            "sigma with the scatter between flights. Orange: too far off to have weight; a "
+            "triangle: off the picture."
+            + (f" {more} more vehicles stand in the table alone." if more else ""),
+        )
         if len(by_vehicle) > 1:
             yield pictures("The vehicles beside each other", list(_beside(studied)))
     heading = (
@@ -118,10 +124,7 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
         formatter = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]  # likewise
         axes[-1].xaxis.set_major_formatter(formatter)
 
-    look = (
-        "Bars are 2 sigma of each flight, the line is the level and what changed, the band 2 sigma "
-        "with the scatter between flights; orange: left out, or an outlier."
-    )
+    look = "; ".join(f"{name_of(each.history.quantity)}: {came_of_it(each.told)}" for each in some)
     svg = drawn(f"trend{i}", draw, (5.6, 1.2 + 1.35 * len(some)))
     return Picture(f"trend{i}", f"{vehicle} ({loop.replace('_', ' ')})", look, svg)
 
@@ -145,6 +148,13 @@ def _draw_history(ax: Axes, each: Studied) -> None:
     low, high = float(level.fitted.min()) - room, float(level.fitted.max()) + room
     if high > low:
         ax.set_ylim(low, high)
+        for rows, place, marker in (
+            (track.value > high, high, "^"),
+            (track.value < low, low, "v"),
+        ):
+            if rows.any():
+                at = np.full(rows.sum(), place)
+                ax.plot(when[rows], at, marker, color=ORANGE, markersize=4)
     unit = QUANTITIES[each.history.quantity][2].split(" ")[0]
     ax.set_ylabel(f"{name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
 
