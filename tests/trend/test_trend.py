@@ -165,6 +165,25 @@ def test_a_vehicle_with_two_flights_has_a_level_and_neither_slope_nor_test(
     assert "too few flights" in capsys.readouterr().out
 
 
+def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_those(
+    tmp_path: Path,
+) -> None:
+    rows = steady(1, 16)
+    for i, row in enumerate(rows):
+        row |= {"zeta": 0.15 + (0.006 if i == 9 else 0.0001 * (-1) ** i)}
+        row["date"] = START_US + i * 3_600_000_000
+    write_fleet(tmp_path, rows)
+
+    said, _ = trend(tmp_path)
+
+    zeta = next(each for each in said.followed if each.quantity == "zeta")
+    assert zeta.outliers == []
+    assert zeta.now.std == pytest.approx(0.01 / 16**0.5, rel=0.1)
+    assert zeta.tested
+    assert zeta.slope_per_flight is not None
+    assert zeta.slope_per_year is None, "they were flown within a day"
+
+
 def test_the_airframe_and_the_same_aircraft_with_its_roll_loop_are_two_histories(
     tmp_path: Path,
 ) -> None:

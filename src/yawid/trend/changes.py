@@ -34,8 +34,8 @@ _WITHIN_FAR: Final = 0.9497
 """Variance of a normal deviate that is not FAR off."""
 _SHARE: Final = {True: 0.75, False: 0.25}
 """Of the false alarms, of slow changes, which wear makes and which are cheap to test, and quick."""
-_LEAST_S2: Final = 0.01
-"""Flights may scatter less than their sigmas say, which have parts in common, but not so much."""
+_LEAST_S2: Final = 1e-4
+"""Of scatter: below, numbers were rounded."""
 _ROUNDS: Final = 4
 _MEDIAN_EFFICIENCY: Final = 0.37
 """Of a scatter by the median."""
@@ -186,7 +186,7 @@ def _tau2(tracks: Sequence[Track], fits: Sequence[_Fit]) -> float:
 
 def solve_tau2(r2: Floats, s2: Floats) -> float:
     """Return tau² at which half of r² / (s² + tau²) is below the median of chi²; at least 0."""
-    if not len(r2):
+    if not len(r2) or np.median(r2 / np.maximum(s2, 1e-300)) <= _MEDIAN_CHI2:
         return 0.0
     low, high = 0.0, float(np.median(r2)) / _MEDIAN_CHI2
     for _ in range(40):
@@ -305,8 +305,9 @@ def _prior(s2: Floats, dof: Floats) -> tuple[float, float]:
 def _judged(
     track: Track, unit: float, pair: Sequence[_Fit], s2: float, dof: float, tau2: float
 ) -> Fitted:
+    # Sigmas have parts in common: flights may agree better, but no level is known better than that.
+    std = unit * np.sqrt(max(s2, 1.0) * _variance(track, tau2))
     s2 = max(s2, _LEAST_S2)
-    std = unit * np.sqrt(s2 * _variance(track, tau2))
     changes = [_change(len(std), unit, fit, s2, dof) for fit in pair]
     known = [(c, fit) for c, fit in zip(changes, pair, strict=True) if c is not None]
     tau = unit * float(np.sqrt(tau2))

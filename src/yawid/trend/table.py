@@ -96,7 +96,7 @@ def print_diff(told: Diff, stream: TextIO) -> None:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("came of it", overflow="fold")
     for each in told.numbers:
-        came = "CHANGED" if each.changed else each.not_judged or "within chance"
+        came = "CHANGED" if each.changed else each.not_judged or "agrees"
         table.add_row(
             each.vehicle, name_of(each.quantity), spread(each.a), spread(each.b),
             f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",

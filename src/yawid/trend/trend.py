@@ -21,6 +21,8 @@ from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
 
 FALSE_ALARMS: Final = 0.01
 YEAR_US: Final = 365.25 * 86_400e6
+LEAST_YEARS: Final = 1.0 / 12.0
+"""Between the first flight and the last: of days nobody tells what a year will bring."""
 
 
 class Changed(Part, frozen=True, kw_only=True):
@@ -219,7 +221,10 @@ def _told(
 ) -> Followed:
     dates, n = history.date_us, len(history.flights)
     kept = level.kept
-    by_year = slope_of((dates - dates[0]) / YEAR_US, history.track, fit.std, kept)
+    years = (dates - dates[0]) / YEAR_US
+    by_year = None
+    if years[-1] >= LEAST_YEARS:
+        by_year = slope_of(years, history.track, fit.std, kept)
     by_flight = slope_of(np.arange(n, dtype=float), history.track, fit.std, kept)
     return Followed(
         vehicle=history.vehicle,
