@@ -198,6 +198,22 @@ def test_the_airframe_and_the_same_aircraft_with_its_roll_loop_are_two_histories
     assert not said.changed
 
 
+def test_a_vehicles_name_is_shown_and_never_obeyed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = steady(1, 2)
+    for row in rows:
+        row |= {"vehicle": "[red]:x:<b>\x1b[2J"}
+    write_fleet(tmp_path, rows)
+
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    out, page = capsys.readouterr().out, (tmp_path / "r.html").read_text()
+    assert "[red]:x:<b>" in out
+    assert "[red]:x:&lt;b&gt;" in page
+    assert "\x1b" not in out + page
+    assert "<b>" not in page
+
+
 def test_a_folder_that_is_no_data_set_is_one_line_and_6_an_empty_one_is_steady(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

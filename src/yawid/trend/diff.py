@@ -6,6 +6,7 @@ A run beside a data set is one flight more: tau, by which flights scatter, is ad
 and the run's own log is left out of the data set.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -181,10 +182,10 @@ def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
 
 
 def _serial(run: McapRun) -> str | None:
-    for line in run.attachments.get("parameters.txt", b"").decode("utf-8", "replace").splitlines():
-        if line.startswith("BRD_SERIAL_NUM "):
-            return f"serial:{float(line.split()[1]):.0f}"
-    return None
+    """Return the vehicle's own number as a data set names it, None where the run knows none."""
+    parameters = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace")
+    found = re.search(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", parameters, re.MULTILINE)
+    return None if found is None else f"serial:{int(found[1])}"
 
 
 def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:

@@ -81,7 +81,7 @@ def flights_of(rows: list[dict[str, Any]]) -> Flights:
         elif not has_number:
             left_out["without a number and its sigma"] += 1
         else:
-            key = (str(row["vehicle"]), row["loop"] or NO_LOOP)
+            key = (shown(row["vehicle"]), row["loop"] or NO_LOOP)
             by_whose.setdefault(key, []).append(i)
     histories = []
     for (vehicle, loop), found in sorted(by_whose.items(), key=lambda each: _natural(each[0])):
@@ -91,6 +91,11 @@ def flights_of(rows: list[dict[str, Any]]) -> Flights:
             if known:
                 histories.append(_history(vehicle, loop, quantity, rows, known))
     return Flights(list(rows), left_out, histories)
+
+
+def shown(text: object) -> str:
+    """Return a text as it may stand in a terminal: anybody may have written the log it is from."""
+    return "".join(each if each.isprintable() else "?" for each in str(text))
 
 
 def _natural(whose: tuple[str, str]) -> list[tuple[int, str]]:

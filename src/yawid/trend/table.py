@@ -9,6 +9,7 @@ from rich.text import Text
 
 from yawid.sinks.terminal.summary_table import WIDTH
 from yawid.trend.diff import Diff
+from yawid.trend.history import shown
 from yawid.trend.trend import Followed, Trend
 from yawid.trend.words import (
     came_of_it,
@@ -39,10 +40,10 @@ def print_trend(told: Trend, stream: TextIO) -> None:
         for line in each.change.measured_otherwise:
             _say(console, f"measured otherwise there too: {line}", "yellow")
     _say(console, flights_line(told))
-    shown = [*changed, *[e for e in told.followed if e.change is None][:MOST_ROWS]]
-    shown = [each for each in told.followed if each in shown]
-    if shown:
-        console.print(_histories(shown))
+    steady = {id(each) for each in [e for e in told.followed if e.change is None][:MOST_ROWS]}
+    rows = [each for each in told.followed if each.change is not None or id(each) in steady]
+    if rows:
+        console.print(_histories(rows))
     outliers = [(each, one) for each in told.followed for one in each.outliers]
     for each, one in outliers[:MOST_OUTLIERS]:
         _say(console, f"outlier: {each.vehicle} {name_of(each.quantity)} {outlier_line(one)}")
@@ -51,14 +52,14 @@ def print_trend(told: Trend, stream: TextIO) -> None:
         "between: scatter of flights beyond their own sigmas",
         rate_line(told),
     ]
-    left = len(told.followed) - len(shown), len(outliers) - MOST_OUTLIERS
+    left = len(told.followed) - len(rows), len(outliers) - MOST_OUTLIERS
     for count, what in zip(left, ("histories", "outliers"), strict=True):
         if count > 0:
             notes.append(f"{count} more {what} stand in --json")
     console.print(Text(fill("; ".join(notes), console.width, break_on_hyphens=False), "dim"))
 
 
-def _histories(shown: list[Followed]) -> Table:
+def _histories(rows: list[Followed]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
     table.add_column("", no_wrap=True)
@@ -66,7 +67,7 @@ def _histories(shown: list[Followed]) -> Table:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("came of it", overflow="fold")
     last = ("", "")
-    for each in shown:
+    for each in rows:
         whose = (each.vehicle, each.loop)
         loop = {"airframe": "", "with_roll_loop": " roll"}.get(each.loop, " ?")
         table.add_row(
@@ -118,9 +119,10 @@ def print_diff(told: Diff, stream: TextIO) -> None:
 
 
 def _console(stream: TextIO) -> Console:
-    return Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    width = None if stream.isatty() else WIDTH
+    return Console(file=stream, highlight=False, markup=False, emoji=False, width=width)
 
 
 def _say(console: Console, text: str, style: str = "") -> None:
-    indented = fill(text, console.width, subsequent_indent="  ", break_on_hyphens=False)
+    indented = fill(shown(text), console.width, subsequent_indent="  ", break_on_hyphens=False)
     console.print(Text(indented, style))
