@@ -7,8 +7,8 @@ seeds: fleets of 20 aircraft with 40 flights each, scatter 8 % in zeta, 1.5 % in
 (the flight's own total sigma, 3/8 to 7/8 of it, is told; the rest is tau), 5 % of the flights off
 by 25 to 60 % in all three. In each fleet with a change zeta of one aircraft falls by 20 % over 30
 flights, from a flight drawn between the first and the eleventh. Every fleet is written and read
-back as a data set. looks: whether the p of a
-change is right, by histories without one (changes.looks is from it).
+back as a data set. looks: whether the p of a change is right, by histories without one
+(changes.looks is from it).
 """
 
 from __future__ import annotations
