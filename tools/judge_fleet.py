@@ -22,8 +22,8 @@ from typing import Any, Final
 
 import psutil
 
-from yawid.fleet.dataset import read_table
-from yawid.fleet.schema import TABLES
+from yawid.dataset.files import read_table
+from yawid.dataset.schema import TABLES
 
 ONE_PROCESS: Final = """
 import sys, time

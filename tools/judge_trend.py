@@ -22,7 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from yawid.fleet.dataset import merge
+from yawid.dataset.files import merge
 from yawid.trend.changes import Track, fit_tracks
 from yawid.trend.trend import trend
 

@@ -26,7 +26,7 @@ from places import REPLAY_LOGS
 
 import yawid.fleet.cluster
 from yawid.cli.main import main
-from yawid.fleet.dataset import read_table
+from yawid.dataset.files import read_table
 from yawid.fleet.journal import FINISHED
 
 COUNT = 24

@@ -7,9 +7,9 @@ from finished_runs import replayed
 from places import REPLAY_LOGS
 
 from yawid.config.run import RunConfig
-from yawid.fleet.dataset import table_of
+from yawid.dataset.files import table_of
+from yawid.dataset.schema import TABLES
 from yawid.fleet.one_log import Rows, rows_of
-from yawid.fleet.schema import TABLES
 from yawid.fleet.spec import Spec
 
 

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from long_log import START_US, write_log
 
-from yawid.fleet.dataset import merge, read_table
+from yawid.dataset.files import merge, read_table
+from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
 from yawid.fleet.find_logs import find_logs
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.run_fleet import with_keys
-from yawid.fleet.schema import ANALYSIS_VERSION, TABLES
 from yawid.fleet.spec import Spec
 
 MONTH_US = 31 * 86_400 * 10**6

@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from yawid.dataset.values import failed
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
-from yawid.fleet.values import failed
 
 READY = "ready"
 """Said once all is imported: a log's time begins after that."""

@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
+from yawid.dataset.files import MANIFEST, merge, read_manifest, read_table, sweep
+from yawid.dataset.values import Entry
 from yawid.errors import SinkError
-from yawid.fleet.dataset import MANIFEST, merge, read_manifest, read_table, sweep
-from yawid.fleet.values import Entry
 
 FINISHED: Final = "finished.jsonl"
 LOCK: Final = ".lock"

@@ -12,11 +12,11 @@ from typing import Any
 
 from yawid import __version__
 from yawid.config.run import RunConfig
+from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
+from yawid.dataset.values import failed, known_date, plain
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
-from yawid.fleet.summary_rows import flight_row, manoeuvre_rows, run_rows
-from yawid.fleet.values import failed, known_date, plain
 from yawid.pipeline import Pipeline
 from yawid.results.run_summary import LinkCounts, ReasonSummary, RunSummary
 from yawid.results.summary import summarise

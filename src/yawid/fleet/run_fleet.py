@@ -11,14 +11,14 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from yawid.dataset.files import MANIFEST, read_manifest, table_of
+from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
+from yawid.dataset.values import Entry, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
-from yawid.fleet.dataset import MANIFEST, read_manifest, table_of
 from yawid.fleet.find_logs import FoundLog, find_logs, own_bytes, sha256_of
 from yawid.fleet.journal import Journal, opened, peek
-from yawid.fleet.schema import ANALYSIS_VERSION, TABLES
 from yawid.fleet.spec import Spec
-from yawid.fleet.values import Entry, failed
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
 

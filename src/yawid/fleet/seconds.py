@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.fleet.values import known_date
+from yawid.dataset.values import known_date
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel
 

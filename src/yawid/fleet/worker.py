@@ -18,7 +18,7 @@ from functools import cache
 from typing import Any
 
 from yawid import __version__
-from yawid.fleet.values import failed
+from yawid.dataset.values import failed
 
 MOST_DEATHS = 3
 """A log whose process was killed so often is to blame; fewer may be another's doing."""

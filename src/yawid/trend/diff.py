@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import ndtr
 
-from yawid.fleet.summary_rows import flight_row
+from yawid.dataset.summary_rows import flight_row
 from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.trend.changes import solve_tau2

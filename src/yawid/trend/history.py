@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.fleet.dataset import read_table
+from yawid.dataset.files import read_table
 from yawid.trend.changes import Track
 
 QUANTITIES: Final = {

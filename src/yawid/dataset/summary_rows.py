@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from yawid.fleet.values import known_date
+from yawid.dataset.values import known_date
 from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import (
     DutchRoll,

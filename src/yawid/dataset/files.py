@@ -20,9 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table
+from yawid.dataset.values import Entry, Row, plain
 from yawid.errors import SinkError, SourceError
-from yawid.fleet.schema import FORMAT, ID, TABLES, TIME, Table
-from yawid.fleet.values import Entry, Row, plain
 
 MANIFEST: Final = "manifest.json"
 MOST_ROWS: Final = 1_000_000

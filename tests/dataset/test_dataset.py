@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.dataset
 import pytest
 
+from yawid.dataset import files as dataset
+from yawid.dataset.files import MANIFEST, merge, read_manifest, read_table
+from yawid.dataset.schema import TABLES, json_schema, schema_page
 from yawid.errors import SourceError
-from yawid.fleet import dataset
-from yawid.fleet.dataset import MANIFEST, merge, read_manifest, read_table
-from yawid.fleet.schema import TABLES, json_schema, schema_page
 
 MADE_BY = {"yawid_version": "0", "analysis_version": "1", "config_hash": "c"}
 MAY = 1_780_000_000_000_000  # 2026-05-28

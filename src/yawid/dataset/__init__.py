@@ -1,0 +1,1 @@
+"""Data sets of many runs: their tables, columns and files."""
