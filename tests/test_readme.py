@@ -14,6 +14,7 @@ from bench import BENCHES
 from places import ROOT, SRC, TOOLS
 
 from yawid.cli import main as command_line
+from yawid.cli.trend import CHANGED
 from yawid.errors import YawidError
 from yawid.results.reasons import KINDS
 from yawid.runs.stop import SIGNALS
@@ -121,6 +122,7 @@ def test_the_exit_codes_are_those_of_the_code():
     documented = {int(code) for code in re.findall(r"\b\d+\b", text)}
     raised = {kind.exit_code for kind in (YawidError, *YawidError.__subclasses__())} | {0, 1}
     raised |= {kind.exit_code for kind in KINDS.values()} | {128 + each for each in SIGNALS}
+    raised.add(CHANGED)
 
     assert documented == raised
 

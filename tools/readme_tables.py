@@ -28,7 +28,7 @@ def put(name: str, table: str) -> None:
     path = ROOT / HOMES.get(name, "tools/README.md")
     marker = f"<!-- {name} -->\n"
     text, count = re.subn(
-        rf"{marker}(?:[^\n]+\n)*",
+        rf"{marker}(?:\|[^\n]*\n)*",
         lambda _: marker + table.strip() + "\n",
         path.read_text(encoding="utf-8"),
     )
@@ -40,7 +40,7 @@ def put(name: str, table: str) -> None:
 def written(name: str) -> str:
     """Return the table that stands there."""
     text = (ROOT / HOMES.get(name, "tools/README.md")).read_text(encoding="utf-8")
-    found = re.search(rf"<!-- {name} -->\n((?:[^\n]+\n)*)", text)
+    found = re.search(rf"<!-- {name} -->\n((?:\|[^\n]*\n)*)", text)
     return found[1].strip() if found else ""
 
 
