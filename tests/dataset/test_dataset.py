@@ -11,8 +11,8 @@ import pyarrow.dataset
 import pytest
 
 from yawid.dataset import files as dataset
-from yawid.dataset.files import MANIFEST, merge, read_manifest, read_table
-from yawid.dataset.schema import TABLES, json_schema, schema_page
+from yawid.dataset.files import MANIFEST, PAGE, SCHEMA, merge, read_manifest, read_table
+from yawid.dataset.schema import TABLES
 from yawid.errors import SourceError
 
 MADE_BY = {"yawid_version": "0", "analysis_version": "1", "config_hash": "c"}
@@ -125,8 +125,10 @@ def test_what_is_no_data_set_or_of_another_format_is_refused_in_one_line(tmp_pat
         read_table(tmp_path, "logs")
 
 
-def test_the_schema_page_and_the_json_schema_name_every_column() -> None:
-    page, definitions = schema_page(), json_schema()["$defs"]
+def test_a_data_set_holds_its_schema_which_names_every_column(tmp_path: Path) -> None:
+    merge(tmp_path, [entry("/a", "A")])
+    page = (tmp_path / PAGE).read_text(encoding="utf-8")
+    definitions = json.loads((tmp_path / SCHEMA).read_text(encoding="utf-8"))["$defs"]
     for table in TABLES.values():
         names = table.schema.names
         assert len(set(names)) == len(names)

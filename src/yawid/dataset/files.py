@@ -20,11 +20,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table
+from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
 from yawid.dataset.values import Entry, Row, plain
 from yawid.errors import SinkError, SourceError
 
 MANIFEST: Final = "manifest.json"
+PAGE, SCHEMA = "SCHEMA.md", "schema.json"
+"""What the columns say, for people and for programs."""
 MOST_ROWS: Final = 1_000_000
 """In a file; one that holds half of them is not merged with new rows any more."""
 NO_MONTH: Final = "__HIVE_DEFAULT_PARTITION__"
@@ -93,6 +95,8 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
                     folder, table, files, new, by_sha.keys(), is_alive, generation
                 )
         manifest = _manifest(tables, logs, generation)
+        write_whole(folder / PAGE, schema_page().encode())
+        write_whole(folder / SCHEMA, json.dumps(json_schema(), indent=1).encode() + b"\n")
         write_whole(folder / MANIFEST, json.dumps(manifest, indent=1).encode() + b"\n")
     except OSError as error:
         raise SinkError(f"cannot write {folder}: {error.strerror or error}") from error

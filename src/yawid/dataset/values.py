@@ -1,11 +1,13 @@
 """What a row may hold: plain numbers, None in place of what is not finite, dates that are known."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from yawid import __version__
 
+_SERIAL = re.compile(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", re.MULTILINE)
 Row = Mapping[str, Any]
 Entry = Mapping[str, Sequence[Row]]
 """All rows of one log, by table; ``logs`` has exactly one."""
@@ -27,6 +29,12 @@ def plain(value: Any) -> Any:
 def known_date(us: int | None) -> int | None:
     """Return us since 1970; None where it is a time since boot: no flight is as early as 2001."""
     return us if us is not None and us >= 10**15 else None
+
+
+def serial_of(parameters: bytes) -> str | None:
+    """Return a vehicle's own number by its BRD_SERIAL_NUM among a run's parameters.txt, or None."""
+    found = _SERIAL.search(parameters.decode("utf-8", "replace"))
+    return None if found is None or not int(found[1]) else f"serial:{int(found[1])}"
 
 
 def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[dict[str, Any]]]:

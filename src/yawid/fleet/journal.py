@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from yawid.dataset.files import MANIFEST, merge, read_manifest, read_table, sweep
+from yawid.dataset.files import MANIFEST, PAGE, SCHEMA, merge, read_manifest, read_table, sweep
 from yawid.dataset.values import Entry
 from yawid.errors import SinkError
 
@@ -134,5 +134,8 @@ def _locked(folder: Path) -> BinaryIO:
     return lock
 
 
-_OURS: Final = frozenset({"logs", "flights", "runs", "manoeuvres", "modes", MANIFEST + ".part"})
+_OURS: Final = frozenset(
+    {"logs", "flights", "runs", "manoeuvres", "modes", PAGE, SCHEMA}
+    | {f"{name}.part" for name in (MANIFEST, PAGE, SCHEMA)}
+)
 """What a first merge may have left that was killed."""

@@ -13,7 +13,7 @@ from typing import Any
 from yawid import __version__
 from yawid.config.run import RunConfig
 from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
-from yawid.dataset.values import failed, known_date, plain
+from yawid.dataset.values import failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
@@ -24,7 +24,7 @@ from yawid.runs.choose_orders import with_orders
 from yawid.runs.replay_mcap import RunSource, changed, conclude
 from yawid.runs.run_log import open_log, run_log
 from yawid.sinks.mcap.chunks import is_mcap
-from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.mcap.reader import open_run
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import Log, ReadOptions, log_suffix
 
@@ -151,7 +151,8 @@ def _mcap_rows(path: Path, spec: Spec) -> Rows:
     pipeline = Pipeline(config, [sink], modes_of=modes_of, rates_hz=run.rates_hz(config.inputs[0]))
     _, is_whole = run_log(RunSource(run, config), pipeline)
     summary, _ = conclude(run, pipeline, is_whole)
-    flown = _Flown(summary, config.boot or 1, (), _serial(run), sink)
+    serial = serial_of(run.attachments.get("parameters.txt", b""))
+    flown = _Flown(summary, config.boot or 1, (), serial, sink)
     made_from = None if summary.source is None else summary.source.sha256
     log = {
         "log_sha256": made_from or summary.sha256,
@@ -160,14 +161,6 @@ def _mcap_rows(path: Path, spec: Spec) -> Rows:
         "date": sink.first_us,
     }
     return _rows(summary, [flown], log, spec)
-
-
-def _serial(run: McapRun) -> str | None:
-    for line in run.attachments.get("parameters.txt", b"").decode().splitlines():
-        name, _, value = line.partition(" ")
-        if name == "BRD_SERIAL_NUM" and float(value):
-            return f"serial:{float(value):.0f}"
-    return None
 
 
 def _rows(summary: RunSummary, flights: list[_Flown], log: Mapping[str, Any], spec: Spec) -> Rows:

@@ -6,7 +6,6 @@ A run beside a data set is one flight more: tau, by which flights scatter, is ad
 and the run's own log is left out of the data set.
 """
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from yawid.dataset.summary_rows import flight_row
+from yawid.dataset.values import serial_of
 from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.trend.changes import solve_tau2
@@ -174,18 +174,11 @@ def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
     assert run.run is not None
     seen = run.run.summary.vehicle
     names = {each.history.vehicle for each in studied}
-    serial = _serial(run.run)
+    serial = serial_of(run.run.attachments.get("parameters.txt", b""))
     if serial in names:
         return serial
     found = {each.history.vehicle for each in studied if seen and each.history.sysid == seen.sysid}
     return found.pop() if len(found) == 1 else None
-
-
-def _serial(run: McapRun) -> str | None:
-    """Return the vehicle's own number as a data set names it, None where the run knows none."""
-    parameters = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace")
-    found = re.search(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", parameters, re.MULTILINE)
-    return None if found is None else f"serial:{int(found[1])}"
 
 
 def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
