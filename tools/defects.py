@@ -200,8 +200,8 @@ DEFECTS = (
     Defect(
         "zero-order hold not undone in the residues",
         "physics/modes.py",
-        "residues = discrete * s / (z - 1.0)",
-        "residues = discrete / sample_time_s",
+        "residues: Complexes = discrete * s / (z - 1.0)",
+        "residues: Complexes = discrete / sample_time_s",
         "tests/physics/test_derivatives.py::test_the_four_numbers_come_back_from_theta",
     ),
     Defect(
