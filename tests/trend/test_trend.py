@@ -165,6 +165,19 @@ def test_a_vehicle_with_two_flights_has_a_level_and_neither_slope_nor_test(
     assert "too few flights" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("span_us", [3_000_000, 156 * WEEK_US])  # 3 s, 3 years
+def test_a_page_has_dates_whatever_they_span_and_says_what_an_id_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], span_us: int
+) -> None:
+    rows = steady(1, 2)
+    for row in rows:
+        row["vehicle"] = "sysid:1"
+    rows[1]["date"] = rows[0]["date"] + span_us
+    write_fleet(tmp_path, rows)
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert "several aircraft may share" in " ".join(capsys.readouterr().out.split())
+
+
 def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_those(
     tmp_path: Path,
 ) -> None:

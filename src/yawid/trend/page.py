@@ -29,6 +29,8 @@ MOST_VEHICLES: Final = 12
 """Vehicles with a picture of their own: those that changed come first."""
 MOST_COMPARED: Final = 60
 SIGMAS: Final = 2.0
+LEAST_DAYS: Final = 2.0
+"""Of the axis of dates."""
 
 
 def write_page(told: Trend, studied: Sequence[Studied], path: Path, *, force: bool = False) -> None:
@@ -119,7 +121,10 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
         axes = canvas.subplots(len(some), 1, sharex=True, squeeze=False)[:, 0]
         for ax, each in zip(axes, some, strict=True):
             _draw_history(ax, each)
-        locator = AutoDateLocator(maxticks=7)  # type: ignore[no-untyped-call]  # matplotlib's own
+        first, last = axes[-1].get_xlim()  # in days
+        if last - first < LEAST_DAYS:  # flights of one hour: the locator knows no such dates
+            axes[-1].set_xlim(first - LEAST_DAYS / 2.0, last + LEAST_DAYS / 2.0)
+        locator = AutoDateLocator(minticks=3, maxticks=8)  # type: ignore[no-untyped-call]  # matplotlib's own
         axes[-1].xaxis.set_major_locator(locator)
         formatter = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]  # likewise
         axes[-1].xaxis.set_major_formatter(formatter)

@@ -55,7 +55,10 @@ def came_of_it(each: Followed) -> str:
 def flights_line(told: Trend) -> str:
     """Say how many flights there are, and how many were left out and why."""
     left = ", ".join(f"{count} {why}" for why, count in told.left_out.items())
-    return f"{told.flights} flights" + (f", left out: {left}" if left else "")
+    text = f"{told.flights} flights" + (f", left out: {left}" if left else "")
+    if any(each.vehicle.startswith("sysid:") for each in told.followed):
+        text += "; sysid:N is a MAVLink id that several aircraft may share: no serial number known"
+    return text
 
 
 def rate_line(told: Trend) -> str:
