@@ -40,7 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sinks", "sinks/rerun", "sinks/terminal"},
     "runs/regress": {"config", "channels", "pipeline", "results", "runs", "sinks"}
     | {"sources", WIRE, LOGS},
-    "dataset": {"physics", "results"},
+    "dataset": {"physics", "results", "sinks"},
     "fleet": {"config", "dataset", "pipeline", "results", "runs", "sinks", "sinks/mcap"}
     | {"sources", WIRE},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},

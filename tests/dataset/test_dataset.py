@@ -87,7 +87,7 @@ def test_a_merge_that_is_killed_leaves_the_data_set_as_it_was_and_the_next_one_s
 ) -> None:
     merge(tmp_path, [entry("/a", "A")])
 
-    def killed(path: Path, data: bytes) -> None:
+    def killed(files: object, *, force: bool) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:

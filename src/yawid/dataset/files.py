@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
 from yawid.dataset.values import Entry, Row, plain
 from yawid.errors import SinkError, SourceError
+from yawid.sinks.part_file import write_whole
 
 MANIFEST: Final = "manifest.json"
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
@@ -95,9 +96,12 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
                     folder, table, files, new, by_sha.keys(), is_alive, generation
                 )
         manifest = _manifest(tables, logs, generation)
-        write_whole(folder / PAGE, schema_page().encode())
-        write_whole(folder / SCHEMA, json.dumps(json_schema(), indent=1).encode() + b"\n")
-        write_whole(folder / MANIFEST, json.dumps(manifest, indent=1).encode() + b"\n")
+        texts = {
+            PAGE: schema_page(),
+            SCHEMA: json.dumps(json_schema(), indent=1) + "\n",
+            MANIFEST: json.dumps(manifest, indent=1) + "\n",  # the last: it makes the rest count
+        }
+        write_whole({folder / name: text.encode() for name, text in texts.items()}, force=True)
     except OSError as error:
         raise SinkError(f"cannot write {folder}: {error.strerror or error}") from error
     sweep(folder, manifest)
@@ -115,16 +119,6 @@ def sweep(folder: Path, manifest: Mapping[str, Any]) -> None:
         for month in (folder / name).glob("month=*"):
             if not any(month.iterdir()):
                 month.rmdir()
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file beside its place, bring it to the disk, and give it its name."""
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
 
 
 def table_of(table: Table, rows: Sequence[Row]) -> pa.Table:
