@@ -128,7 +128,7 @@ def _compile_behind() -> None:
     """Have a first run followed by compiled ones, where somebody is there to start them."""
     from yawid.estimation.machine.runner import RUNNER
 
-    if sys.stderr.isatty() and not RUNNER.is_compiled() and RUNNER.compile_behind():
+    if sys.stderr.isatty() and RUNNER.compile_behind():
         _say("the first run: the estimators are being compiled beside it, once per installation")
 
 

@@ -94,10 +94,12 @@ class Runner:
         return kept.keep(RUN, code)
 
     def compile_behind(self) -> bool:
-        """Have another process compile, after all that is urgent; tell whether there is one now.
+        """Have another process compile what is not compiled; tell whether there is one now.
 
         The last run's may be at it still: the new one sees that and ends.
         """
+        if self.is_compiled():
+            return False
         if self._child is None and not is_plain() and sys.executable:
             nowhere = subprocess.DEVNULL
             self._child = subprocess.Popen(

@@ -99,8 +99,7 @@ def live(
     try:
         # The tap comes first: it queues what is sent while a viewer takes its time.
         with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
-            if not RUNNER.is_compiled():
-                RUNNER.compile_behind()
+            RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
                 stamps.now, tap.reached_us, fits, DiskBeside(disk), viewers,
