@@ -77,14 +77,14 @@ def own_bytes(log: FoundLog) -> bytes | None:
 
 
 def _below(path: str) -> Iterator[FoundLog]:
-    if os.path.isfile(path):  # noqa: PTH113 a Path for each of a million names costs seconds
+    if os.path.isfile(path):
         yield _local(path)
-    elif os.path.isdir(path):  # noqa: PTH112
+    elif os.path.isdir(path):
         for folder, _, names in os.walk(path, onerror=_cannot_list):
-            yield from (_local(os.path.join(folder, name)) for name in names if is_log(name))  # noqa: PTH118
+            yield from (_local(os.path.join(folder, name)) for name in names if is_log(name))
     elif _WILD & set(path):
-        for each in glob.iglob(path, recursive=True):  # noqa: PTH207 the pattern may be absolute
-            if is_log(each) and os.path.isfile(each):  # noqa: PTH113
+        for each in glob.iglob(path, recursive=True):
+            if is_log(each) and os.path.isfile(each):
                 yield _local(each)
     else:
         raise SourceError(f"{path}: no such file or folder")
@@ -92,10 +92,10 @@ def _below(path: str) -> Iterator[FoundLog]:
 
 def _local(path: str) -> FoundLog:
     try:
-        about = os.stat(path)  # noqa: PTH116
+        about = os.stat(path)
     except OSError as error:
         raise SourceError(f"{path}: {error.strerror}") from error
-    return FoundLog(os.path.abspath(path), about.st_size, str(about.st_mtime_ns))  # noqa: PTH100
+    return FoundLog(os.path.abspath(path), about.st_size, str(about.st_mtime_ns))
 
 
 def _cannot_list(error: OSError) -> None:

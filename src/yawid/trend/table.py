@@ -60,12 +60,7 @@ def print_trend(told: Trend, stream: TextIO) -> None:
 
 
 def _histories(rows: list[Followed]) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for name in ("n", "now", "a year", "between"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("came of it", overflow="fold")
+    table = _table("n", "now", "a year", "between")
     last = ("", "")
     for each in rows:
         whose = (each.vehicle, each.loop)
@@ -90,12 +85,7 @@ def print_diff(told: Diff, stream: TextIO) -> None:
     console.print(Text(f"A {told.a}\nB {told.b}", "bold"), soft_wrap=True)
     word = Text("CHANGED", "bold red") if told.changed else Text("no change", "bold green")
     console.print(Text("verdict  ") + word)
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for name in ("A", "B", "B - A", "sigmas"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("came of it", overflow="fold")
+    table = _table("A", "B", "B - A", "sigmas")
     for each in told.numbers:
         came = "CHANGED" if each.changed else each.not_judged or "agrees"
         table.add_row(
@@ -116,6 +106,17 @@ def print_diff(told: Diff, stream: TextIO) -> None:
         f"alarms over all {told.judged} numbers judged"
     )
     console.print(Text(fill(notes, console.width, break_on_hyphens=False), "dim"))
+
+
+def _table(*numbers: str) -> Table:
+    """Return a table of vehicles, what is told of them, numbers and what came of it."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("came of it", overflow="fold")
+    return table
 
 
 def _console(stream: TextIO) -> Console:
