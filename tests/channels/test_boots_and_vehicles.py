@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from places import ROOT
 
 from yawid.channels.survey import Survey
 from yawid.cli.main import main
-from yawid.config.run import RunConfig, settings_from_toml
+from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.runs.run_log import open_log, run_log
@@ -135,10 +136,10 @@ def test_a_log_of_one_boot_says_what_it_covers(tmp_path: Path):
 def test_the_boot_can_stand_in_a_file(tmp_path: Path):
     path = tmp_path / "options.toml"
     path.write_text("boot = 2\n")
-    config = RunConfig(**settings_from_toml(path))
+    config = RunConfig(**check_settings(tomllib.loads(path.read_text()), str(path)))
     assert config.boot == 2
     path.write_text(config.to_toml())
-    assert RunConfig(**settings_from_toml(path)) == config
+    assert RunConfig(**check_settings(tomllib.loads(path.read_text()), str(path))) == config
 
 
 @pytest.mark.parametrize(("sysid", "answered"), [([], "2/1"), (["--sysid", "1"], "1/1")])

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 
 import pytest
 from finished_runs import replayed
 from places import REPLAY_LOGS
 
-from yawid.cli.main import main
+from yawid.cli.main import _parser, main
 from yawid.sinks.terminal.summary_table import print_orders
 
+QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")
 NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
 
@@ -71,14 +73,43 @@ def test_a_value_that_cannot_be_is_named_as_it_was_written(arguments, said, tmp_
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("orders = [3.5, 2, 2, 1]", "whole numbers"), ("orders = 'auto'", "--orders auto")],
+    [
+        ("orders = [3.5, 2, 2, 1]", "whole numbers"),
+        ("force = 'yes'", "force must be true or false, got 'yes'"),
+        ("out = true", "out must be a text or a number, got True"),
+    ],
 )
-def test_a_toml_file_s_orders_are_four_whole_numbers(text, said, tmp_path: Path, capsys):
+def test_a_toml_file_s_mistake_is_named_with_what_was_needed(text, said, tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
     settings.write_text(text)
 
     assert main(["replay", C172P, "--config", str(settings), "--out", str(tmp_path / "o")]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_toml_file_holds_what_is_written_where_and_auto_orders_too(tmp_path: Path, capsys):
+    settings = tmp_path / "run.toml"
+    out = tmp_path / "there"
+    settings.write_text(
+        f"orders = 'auto'\nrate = 10\nmanoeuvres = 'off'\nout = '{out}'\njson = true\n"
+        "rerun = 'off'\nforce = true\nseconds = 5.5\n"
+    )
+    arguments = ["replay", C172P, "--config", str(settings)]
+
+    assert main(arguments) == 0
+    orders = json.loads(capsys.readouterr().out)["estimates"]["els"]["orders"]
+    assert main(arguments) == 0  # force
+
+    assert orders != {"na": 3, "nb": 3, "nc": 2, "nk": 1}
+    assert (out / "log.mcap").exists()
+
+
+def test_a_live_session_says_who_finds_its_orders(tmp_path: Path, capsys):
+    settings = tmp_path / "run.toml"
+    settings.write_text("orders = 'auto'\nsysid = 'all'\n")
+
+    assert main(["live", "udpin:127.0.0.1:0", "--config", str(settings)]) == 2
+    assert "yawid orders" in capsys.readouterr().err
 
 
 def test_an_unknown_setting_is_answered_with_the_options_as_they_are_written(tmp_path, capsys):
@@ -117,9 +148,11 @@ def test_a_replay_with_orders_auto_of_a_log_without_rudder_writes_its_verdict(tm
     assert (tmp_path / "log.mcap").exists()
 
 
-def test_orders_compares_all_structures_and_takes_none(capsys):
-    assert main(["orders", C172P, "--orders", "2,2,2,1"]) == 2
-    assert "leave it out" in capsys.readouterr().err
+@pytest.mark.parametrize("option", ["--orders", "--method", "--memory", "--engine"])
+def test_orders_takes_no_option_that_it_would_not_use(option: str, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["orders", C172P, option, "2"])
+    assert f"unrecognized arguments: {option} 2; yawid orders --help" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("seconds", ["1e12", "nan", "0.001", "inf"])
@@ -143,16 +176,27 @@ def test_the_end_of_an_address_is_not_taken_for_a_port(endpoint, tmp_path: Path,
     assert "udpin:127.0.0.1:14560" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("simulated", "said"), [(-0.6, True), (39.0, True), (41.0, False)])
-def test_orders_say_where_no_structure_tells_enough(simulated: float, said: bool) -> None:
-    orders = {"na": 2, "nb": 2, "nc": 2, "nk": 1}
-    report = {
-        "log": "x.tlog",
-        "recommended": orders,
-        "candidates": [orders | {"simulation_pct": simulated}, orders],
-    }
+def test_orders_recommends_nothing_for_a_log_that_cannot_answer(capsys):
+    assert main(["orders", QUIET, "--json"]) == 5
+
+    told = json.loads(capsys.readouterr().out)
+    assert "recommended" not in told
+    assert told["candidates"]
     page = io.StringIO()
+    print_orders(told, page)
+    assert "none is recommended" in page.getvalue()
+    assert told["verdict"]["reasons"][0]["id"] in page.getvalue()
 
-    print_orders(report, page)
 
-    assert ("no structure tells 40 % of the yaw rate" in page.getvalue()) == said
+def test_every_command_stands_in_the_overview_and_has_two_examples(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--help"])
+    overview = capsys.readouterr().out
+    parser = _parser()
+    commands = next(a for a in parser._actions if a.dest == "==SUPPRESS==" and a.choices).choices
+    for name, command in commands.items():
+        assert f"\n    {name}" in overview
+        examples = command.format_help().split("examples:")[1]
+        assert examples.count(f"yawid {name}") >= 2, name
+        for action in command._actions:
+            assert action.help, f"{name}: {action.dest}"

@@ -59,7 +59,7 @@ def test_the_candidates_cover_the_default():
 
 
 def test_orders_auto_replays_with_what_orders_recommends(tmp_path: Path, capsys):
-    options = ["--rate", "10", "--forgetting", "1"]
+    options = ["--rate", "10"]
     assert main(["orders", str(C172P), "--json", *options]) == 0
     report = json.loads(capsys.readouterr().out)
 

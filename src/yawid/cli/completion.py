@@ -5,18 +5,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from yawid.cli.options import add_command
+
 SHELLS = ("bash", "zsh")
 
 
 def add_completion(commands: Any, whole: argparse.ArgumentParser) -> None:
     """Add the command to those of the whole parser, which is what it prints."""
-    completion = commands.add_parser(
-        "completion",
-        help="print what a shell needs to complete yawid's options",
-        epilog='bash: eval "$(yawid completion bash)" in ~/.bashrc; zsh: yawid completion zsh > '
-        "_yawid, in a folder of $fpath",
-    )
-    completion.add_argument("shell", choices=SHELLS)
+    completion = add_command(
+        commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",
+        'eval "$(yawid completion bash)"      in ~/.bashrc\n'
+        "yawid completion zsh > _yawid        in a folder of $fpath",
+    )  # fmt: skip
+    completion.add_argument("shell", choices=SHELLS, help="the shell that is to complete")
     completion.set_defaults(run=partial(_completion, whole))
 
 

@@ -5,27 +5,50 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from yawid.cli.options import add_command
+
+_RUN = "the file of a finished run"
+
 
 def add_finished_run(commands: Any) -> None:
     """Add the commands to the parser's."""
-    view = commands.add_parser("view", help="show a finished run in the Rerun viewer")
-    view.add_argument("mcap", metavar="RUN.mcap", type=Path)
+    view = add_command(
+        commands, "view", "RUN.mcap", "show a finished run in the Rerun viewer",
+        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd",
+    )  # fmt: skip
+    view.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
     view.add_argument("--save", type=Path, metavar="X.rrd", help="write a recording instead")
     view.add_argument(
         "--to", metavar="URL", help="send it to a viewer: rerun+http://HOST:PORT/proxy"
     )
     view.add_argument("--force", action="store_true", help="overwrite a recording that exists")
     view.set_defaults(run=_view)
-    report = commands.add_parser("report", help="write a report of a finished run: one HTML file")
-    report.add_argument("mcap", metavar="RUN.mcap", type=Path)
+    report = add_command(
+        commands, "report", "RUN.mcap", "write a report of a finished run: one HTML file",
+        "yawid report yawid-out/flight.mcap\nyawid report flight.mcap -o flight.html --force",
+    )  # fmt: skip
+    report.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
     report.add_argument(
-        "-o", "--out", type=Path, metavar="R.html", help="(beside the MCAP, under its name)"
+        "-o",
+        "--out",
+        type=Path,
+        metavar="R.html",
+        help="(default: beside the MCAP, under its name)",
     )
     report.add_argument("--force", action="store_true", help="overwrite a report that exists")
     report.set_defaults(run=_report)
-    recover = commands.add_parser("recover", help="make a proper MCAP of one that was cut off")
-    recover.add_argument("broken", metavar="BROKEN.mcap", type=Path)
-    recover.add_argument("-o", "--out", metavar="OUT.mcap", type=Path, required=True)
+    recover = add_command(
+        commands, "recover", "BROKEN.mcap -o OUT.mcap",
+        "make a proper MCAP of one that was cut off",
+        "yawid recover yawid-out/live.mcap.part -o flight.mcap\n"
+        "yawid recover damaged.mcap -o whole.mcap --force",
+    )  # fmt: skip
+    recover.add_argument(
+        "broken", metavar="BROKEN.mcap", type=Path, help="what a crash left, .part or damaged"
+    )
+    recover.add_argument(
+        "-o", "--out", metavar="OUT.mcap", type=Path, required=True, help="the file to write"
+    )
     recover.add_argument("--force", action="store_true", help="overwrite a file that exists")
     recover.set_defaults(run=_recover)
 

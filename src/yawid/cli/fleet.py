@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from yawid.cli.options import (
+    add_command,
     add_estimator_options,
     add_format,
     add_signing,
@@ -23,9 +24,11 @@ if TYPE_CHECKING:
 
 def add_fleet(commands: Any) -> None:
     """Add the command to the parser's."""
-    fleet: argparse.ArgumentParser = commands.add_parser(
-        "fleet", help="replay thousands of logs into one data set (extra fleet)"
-    )
+    fleet = add_command(
+        commands, "fleet", "PATH... --out DATASET",
+        "replay thousands of logs into one data set (extra fleet)",
+        "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
+    )  # fmt: skip
     fleet.add_argument(
         "paths", nargs="+", metavar="PATH",
         help="logs, folders, globs or URLs (s3://, memory://, what fsspec knows)",
@@ -34,13 +37,13 @@ def add_fleet(commands: Any) -> None:
         "--out", type=Path, required=True, metavar="DATASET", help="folder of the data set"
     )
     where = fleet.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N", help="processes (one for each core)")
+    where.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler: tcp://HOST:8786")
     fleet.add_argument("--retry", action="store_true", help="run crashed and timed-out logs again")
     fleet.add_argument("--verify", action="store_true", help="know logs by their bytes, not times")
     fleet.add_argument("--dry-run", action="store_true", help="only count what would be done")
     fleet.add_argument(
-        "--timeout", type=float, default=600.0, metavar="S", help="most seconds for a log (600)"
+        "--timeout", type=float, default=600.0, metavar="S", help="most s for a log (default: 600)"
     )
     fleet.add_argument("--modes", action="store_true", help="also keep the modes of every second")
     add_format(fleet)

@@ -6,29 +6,42 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from yawid.cli.options import add_outputs, config_of, outputs_of, read_options_of
+from yawid.cli.options import (
+    add_command,
+    add_outputs,
+    auto_orders,
+    config_of,
+    outputs_of,
+    read_options_of,
+)
+from yawid.errors import ConfigError
 
 ASKED_HZ = 50.0
 _ENDPOINT = (
     "udpin:HOST:PORT, udpbcast:HOST:PORT, mcast:, tcp:HOST:PORT or a serial port such as "
     "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates; IPv6 as udpin:[::1]:14560"
 )
+_EXAMPLES = """\
+yawid live udpin:127.0.0.1:14560
+yawid live /dev/ttyUSB0,57600 --sysid 3 --rerun spawn"""
 
 
 def add_live(commands: Any) -> None:
     """Add ``live`` to the commands."""
-    live: argparse.ArgumentParser = commands.add_parser(
-        "live", help="estimate from a live link, passively"
-    )
+    what = "estimate from a live link, passively"
+    live = add_command(commands, "live", "ENDPOINT", what, _EXAMPLES)
     live.add_argument("endpoint", metavar="ENDPOINT", help=_ENDPOINT)
-    live.add_argument("--seconds", type=float, metavar="N", help="stop after so many seconds")
+    live.add_argument(
+        "--seconds", type=float, metavar="N", help="stop after so many s (default: at Ctrl-C)"
+    )
     live.add_argument("--no-record", action="store_true", help="write no tlog")
     live.add_argument(
         "--state", type=Path, metavar="FILE", help="resume from it, save to it every minute"
     )
     live.add_argument(
         "--request-rates", type=float, nargs="?", const=ASKED_HZ, metavar="HZ",
-        help="transmit: ask the vehicle for attitude and servos at so many Hz (50)",
+        help="transmit: ask the vehicle for attitude and servos at HZ, 50 if left out "
+        "(default: transmit nothing)",
     )  # fmt: skip
     add_outputs(live)
     live.set_defaults(run=_live)
@@ -40,6 +53,11 @@ def _live(arguments: argparse.Namespace) -> int:
     from yawid.runs.stop import StopFlag
     from yawid.sinks.terminal.summary_table import print_summary
 
+    if auto_orders(arguments):
+        raise ConfigError(
+            "--orders auto: a live session cannot look at its whole flight beforehand: "
+            "run yawid orders on a log of this aircraft and give what it recommends"
+        )
     every_vehicle = arguments.sysid == "all"
     if every_vehicle:
         arguments.sysid = None

@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from yawid import __version__
 from yawid.cli.completion import add_completion
+from yawid.cli.config_file import parsed
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
 from yawid.cli.options import (
+    HelpPage,
     OneLineParser,
+    add_command,
     add_estimator_options,
     add_format,
     add_outputs,
@@ -37,7 +40,7 @@ from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready, mute, show
 from yawid.cli.trend import add_trend
 from yawid.cli.warm import add_warm
-from yawid.errors import ConfigError, SinkError, YawidError
+from yawid.errors import SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
 
 if TYPE_CHECKING:
@@ -45,36 +48,63 @@ if TYPE_CHECKING:
 
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130
+OVERVIEW = {
+    "a flight": ("replay", "live", "inspect", "orders"),
+    "a finished run": ("view", "report", "export", "recover"),
+    "many flights": ("fleet", "trend", "diff", "regress"),
+    "the paper's plants and step responses": ("simulate", "step"),
+    "the program itself": ("schema", "warm", "completion"),
+}
+"""The commands by what a person comes with, as ``yawid --help`` lists them."""
+RECORDED = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
+TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
+TRIED |= {"--manoeuvres"}
+"""Options of an estimator that are nothing to the comparison of orders."""
+EXAMPLES = """\
+examples:
+  yawid inspect flight.tlog       what a log can answer, and the command to run
+  yawid replay flight.tlog        wn and zeta of each manoeuvre and of the flight
+  yawid live udpin:127.0.0.1:14560
+  yawid simulate yaw --input step --out - | yawid step -
+
+yawid COMMAND --help lists a command's options; yawid completion bash|zsh lets the Tab key
+complete them. Exit codes: 0 good, 1 regression mismatch, 2 usage, 3 no vehicle, rudder or yaw,
+4 rate too low, 5 not excited or not identifiable, 6 input or output failed, 7 something changed.
+"""
 GARBAGE_AFTER = 50_000
 """Allocations until garbage is searched for: what is imported stays, and by Python's own 700 a
 short replay searches it a hundred times, for a thirtieth of its CPU."""
 
 
+class _Overview(HelpPage):
+    """The commands in groups."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        lines = {each.dest: super(_Overview, self)._format_action(each)
+                 for each in self._iter_indented_subactions(action)}  # fmt: skip
+        return "\n".join(
+            f"{title}:\n" + "".join(lines.get(name, "") for name in names)
+            for title, names in OVERVIEW.items()
+        )
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
-        prog="yawid", description="How does this aircraft's yaw answer its rudder, right now?"
+        prog="yawid",
+        usage="yawid COMMAND ...",
+        description="How does this aircraft's yaw answer its rudder, right now?",
+        epilog=EXAMPLES,
+        formatter_class=_Overview,
     )
     parser.add_argument("--version", action="version", version=f"yawid {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    replay = commands.add_parser("replay", help="estimate from recorded flights")
-    kinds = "tlog, dataflash .BIN, PX4 .ulg (extra ulog) or the MCAP of a finished run"
-    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
-    add_format(replay)
-    add_outputs(replay)
-    replay.set_defaults(run=_replay)
+    commands = parser.add_subparsers(
+        required=True, metavar="COMMAND", title=argparse.SUPPRESS, prog="yawid"
+    )
+    _add_replay(commands)
     add_live(commands)
-    recorded = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
-    for name, run, what in (
-        ("inspect", _inspect, "say what a log can answer, and how to ask"),
-        ("orders", _orders, "compare orders and delays on a log"),
-    ):
-        command = commands.add_parser(name, help=what)
-        command.add_argument("log", metavar="LOG", type=Path, help=recorded)
-        command.add_argument("--json", action="store_true", help="print one JSON object")
-        add_format(command)
-        add_signing(command)
-        add_estimator_options(command)
-        command.set_defaults(run=run)
+    _add_looks(commands)
     add_commands(commands)
     add_finished_run(commands)
     add_regress(commands)
@@ -83,6 +113,37 @@ def _parser() -> argparse.ArgumentParser:
     add_warm(commands)
     add_completion(commands, parser)
     return parser
+
+
+def _add_replay(commands: Any) -> None:
+    examples = """\
+yawid replay flight.tlog --rerun save
+yawid replay day/*.BIN --out answers --json > answers.jsonl"""
+    replay = add_command(commands, "replay", "LOG...", "estimate from recorded flights", examples)
+    kinds = f"{RECORDED}, or a run's MCAP"
+    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
+    add_format(replay)
+    add_outputs(replay)
+    replay.set_defaults(run=_replay)
+
+
+def _add_looks(commands: Any) -> None:
+    """Add the commands that look at a log and write no run."""
+    inspect = add_command(
+        commands, "inspect", "LOG", "say what a log can answer, and how to ask",
+        "yawid inspect flight.tlog\nyawid inspect flight.BIN --json --from 300 --to 420",
+    )  # fmt: skip
+    orders = add_command(
+        commands, "orders", "LOG", "compare orders and delays on a log",
+        "yawid orders flight.tlog\nyawid orders flight.tlog --from 300 --to 420",
+    )  # fmt: skip
+    for command, run, without in ((inspect, _inspect, {"--engine"}), (orders, _orders, TRIED)):
+        command.add_argument("log", metavar="LOG", type=Path, help=RECORDED)
+        command.add_argument("--json", action="store_true", help="print one JSON object")
+        add_format(command)
+        add_signing(command)
+        add_estimator_options(command, without)
+        command.set_defaults(run=run)
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -136,21 +197,22 @@ def _orders(arguments: argparse.Namespace) -> int:
     from yawid.runs.choose_orders import orders_report
     from yawid.sinks.terminal.summary_table import print_orders
 
-    if arguments.orders is not None:
-        raise ConfigError("--orders: yawid orders compares them all; leave it out")
-    report = orders_report(arguments.log, config_of(arguments), read_options_of(arguments))
+    auto_orders(arguments)  # of a file that serves other commands too
+    report, verdict = orders_report(arguments.log, config_of(arguments), read_options_of(arguments))
     if arguments.json:
         print(json.dumps(report), flush=True)
     else:
         show(print_orders, report)
-    return 0
+    return verdict.exit_code
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.runs.inspect_log import inspect
     from yawid.sinks.terminal.inspection import print_inspection
 
+    automatic = auto_orders(arguments)
     run = partial(inspect, arguments.log, config_of(arguments), read_options_of(arguments))
+    run = partial(run, automatic=automatic)
     return _told(run, arguments.json, print_inspection)
 
 
@@ -210,7 +272,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = parsed(_parser(), argv)
         code: int = arguments.run(arguments)
     finally:
         bring_out()

@@ -2,7 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -14,6 +15,18 @@ if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
+
+
+class HelpPage(argparse.RawDescriptionHelpFormatter):
+    """A page of help in groups, with examples at its end."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=32)
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Leave out --help, which the reader has found."""
+        if not isinstance(action, argparse._HelpAction):
+            super().add_argument(action)
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -39,54 +52,99 @@ def _sysid(text: str) -> int | str:
         raise argparse.ArgumentTypeError(f"must be 1 to 255 (live: or all), got {text!r}") from None
 
 
-ESTIMATOR_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
-    (
-        "--orders",
-        str,
-        "NA,NB,NC,NK",
-        "orders, nb and nk for every input; replay: or auto (3,3,2,1)",
-    ),
-    ("--method", str, "els|rml", "the estimator asked for (els)"),
-    ("--also", str, "METHOD|none", "a second estimator beside it (rml)"),
-    ("--engine", str, "numba|filterpy", "what computes the recursion (numba)"),
-    ("--memory", float, "SECONDS", "forgetting by a memory of so many seconds (60)"),
-    ("--forgetting", float, "LAMBDA", "forgetting factor instead of a memory; 1 keeps everything"),
-    ("--rate", float, "HZ", "rate of the grid (20, or the slower channel's where that is lower)"),
-    ("--inputs", str, "rudder[,aileron]", "inputs of the model (rudder)"),
-    ("--output", str, "yaw-rate|heading-rate|yaw", "what the model's output is (yaw-rate)"),
-    ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (off)"),
-    ("--turn", str, "keep|remove", "subtract the turn rate that bank and airspeed imply (keep)"),
-    ("--manoeuvres", str, "auto|off", "find manoeuvres and answer each of them (auto)"),
-    ("--rudder", str, "CHANNEL", "auto, servo:N, vtail:L,R, control:K or rc:N (auto)"),
-    ("--aileron", str, "CHANNEL", "the same for the aileron, without vtail (auto)"),
+Option = tuple[str, Callable[[str], Any], str, str]
+"""An option's name, how its text is read, what stands for its value, and its help."""
+SAMPLES: tuple[Option, ...] = (
+    ("--from", float, "S", "first second since boot (default: the log's first)"),
+    ("--to", float, "S", "last second since boot (default: the log's last)"),
+    ("--boot", int, "N", "only the vehicle's Nth boot in the log, from 1 (default: all)"),
+)
+CHANNELS: tuple[Option, ...] = (
+    ("--rudder", str, "CHANNEL", "auto, servo:N, vtail:L,R, control:K or rc:N (default: auto)"),
+    ("--aileron", str, "CHANNEL", "the same for the aileron, without vtail (default: auto)"),
     (
         "--rudder-sign",
         str,
         "nose-right|nose-left",
-        "where positive rudder turns the nose (nose-right)",
+        "where positive rudder turns the nose (default: nose-right)",
     ),
-    ("--rudder-max-deg", float, "DEG", "rudder at full travel, to have gains per radian"),
-    ("--servo-tau", float, "SECONDS", "the servo's lag, to know its pole (the fastest real one)"),
-    ("--from", float, "S", "first second since boot to estimate from"),
-    ("--to", float, "S", "last second since boot to estimate from"),
-    ("--boot", int, "N", "only the vehicle's Nth boot in the log, from 1 (all)"),
-    ("--sysid", _sysid, "N", "system id of the vehicle, where there are several (live: or all)"),
+    (
+        "--rudder-max-deg",
+        float,
+        "DEG",
+        "rudder at full travel in deg, to have gains per rad (default: per half of the travel)",
+    ),
+    (
+        "--sysid",
+        _sysid,
+        "N",
+        "system id of the vehicle, 1 to 255; live: or all (default: the first fixed wing)",
+    ),
 )
+MODEL: tuple[Option, ...] = (
+    (
+        "--orders",
+        str,
+        "NA,NB,NC,NK",
+        "orders, nb and nk for every input; replay, inspect: or auto (default: 3,3,2,1)",
+    ),
+    ("--method", str, "els|rml", "the stream's estimator (default: els)"),
+    ("--also", str, "METHOD|none", "a second one beside it (default: rml)"),
+    ("--engine", str, "numba|filterpy", "what computes the recursion (default: numba)"),
+    ("--memory", float, "SECONDS", "forgetting by a memory of so many s (default: 60)"),
+    (
+        "--forgetting",
+        float,
+        "LAMBDA",
+        "forgetting factor in place of a memory; 1 keeps all (default: by it)",
+    ),
+    ("--servo-tau", float, "SECONDS", "the servo's lag in s (default: the fastest real pole)"),
+    ("--manoeuvres", str, "auto|off", "find manoeuvres, answer each of them (default: auto)"),
+    ("--inputs", str, "rudder[,aileron]", "inputs of the model (default: rudder)"),
+    ("--output", str, "yaw-rate|heading-rate|yaw", "the model's output (default: yaw-rate)"),
+    (
+        "--rate",
+        float,
+        "HZ",
+        "the grid's rate (default: 20, or the slower channel's where that is lower)",
+    ),
+    ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"),
+    ("--turn", str, "keep|remove", "take off the turn rate that the bank implies (default: keep)"),
+)
+ESTIMATOR_OPTIONS = (*SAMPLES, *CHANNELS, *MODEL)
+TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"}
+
+
+def add_command(
+    commands: Any, name: str, arguments: str, what: str, examples: str
+) -> argparse.ArgumentParser:
+    """Add a command: what must be given, what it does in a line, and examples, a line each."""
+    command: argparse.ArgumentParser = commands.add_parser(
+        name,
+        usage=f"yawid {name} {arguments} [options]",
+        help=what,
+        description=what[0].upper() + what[1:] + ".",
+        epilog="examples:\n" + textwrap.indent(examples, "  "),
+        formatter_class=HelpPage,
+    )
+    command.set_defaults(command=command)
+    return command
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
     """Add the options of a command that writes results, the estimator's among them."""
-    parser.add_argument(
+    files = parser.add_argument_group("what is written")
+    files.add_argument(
         "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR",
-        help=f"folder of what is written ({DEFAULT_OUT})",
+        help=f"folder of the files (default: {DEFAULT_OUT})",
     )  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="overwrite files that exist")
-    parser.add_argument("--json", action="store_true", help="print one JSON object per log")
-    parser.add_argument(
+    files.add_argument("--force", action="store_true", help="overwrite files that exist")
+    files.add_argument("--json", action="store_true", help="print one JSON object per log")
+    files.add_argument(
         "--rerun",
         default="off",
         metavar="off|save|spawn|URL",
-        help="a Rerun recording or viewer (off)",
+        help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",
     )
     add_signing(parser)
     add_estimator_options(parser)
@@ -95,8 +153,9 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 def add_signing(parser: argparse.ArgumentParser) -> None:
     """Add the option of a command that may read signed frames only."""
     parser.add_argument(
-        "--signing-key-file", type=Path, metavar="FILE", help="read only frames signed by this key"
-    )
+        "--signing-key-file", type=Path, metavar="FILE",
+        help="read only frames signed by this key (default: any)",
+    )  # fmt: skip
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
@@ -105,22 +164,28 @@ def add_format(parser: argparse.ArgumentParser) -> None:
         "--format",
         default="auto",
         metavar="auto|tlog|raw",
-        help="raw: frames without stamps (auto)",
+        help="raw: MAVLink frames without stamps (default: auto)",
     )
 
 
-def add_estimator_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what is estimated, and from which channels."""
+def add_estimator_options(
+    parser: argparse.ArgumentParser, without: Container[str] = frozenset()
+) -> None:
+    """Add the options that say what is estimated, and from which channels, in groups."""
     parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="these options from a TOML file"
+        "--config", type=Path, metavar="FILE", help="options from a TOML file, by their names"
     )
-    for name, kind, metavar, text in ESTIMATOR_OPTIONS:
-        parser.add_argument(name, type=kind, metavar=metavar, help=text)
+    parser.set_defaults(settings={})
+    for options, title in TITLES.items():
+        group = parser.add_argument_group(title)
+        for name, kind, metavar, text in options:
+            if name not in without:
+                group.add_argument(name, type=kind, metavar=metavar, help=text)
 
 
 def auto_orders(arguments: argparse.Namespace) -> bool:
     """Tell whether the orders are to be chosen by the log; the option is then out of the way."""
-    auto: bool = arguments.orders == "auto"
+    auto: bool = getattr(arguments, "orders", None) == "auto"
     if auto:
         arguments.orders = None
     return auto
@@ -134,11 +199,14 @@ def config_of(arguments: argparse.Namespace) -> "RunConfig":
 
 
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what the TOML file and the options say, the options overruling."""
-    from yawid.config.run import check_settings, overruled, settings_from_toml
+    """Return what the TOML file and the options say, the options overruling.
 
-    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    return overruled(settings, check_settings(given_options(arguments), "the command line"))
+    A file's settings are in ``arguments.settings``: :mod:`yawid.cli.config_file` put them there.
+    """
+    from yawid.config.run import check_settings, overruled
+
+    given = check_settings(given_options(arguments), "the command line")
+    return overruled(arguments.settings, given)
 
 
 def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -146,7 +214,7 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
     return {
         name[2:]: value
         for name, *_ in ESTIMATOR_OPTIONS
-        if (value := getattr(arguments, name[2:].replace("-", "_"))) is not None
+        if (value := getattr(arguments, name[2:].replace("-", "_"), None)) is not None
     }
 
 

@@ -5,11 +5,13 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from yawid.cli.options import add_command
 from yawid.errors import ConfigError, NotIdentifiable
 
 if TYPE_CHECKING:
     from yawid.offline.step_response import FirstOrder, SecondOrder
 
+PLANTS = ("yaw", "lateral", "rigid-body")
 PARAMETERS = {"first": ("K", "T"), "second": ("k", "D", "q")}
 MOST_SAMPLES = 5_000_000
 """A day at 50 Hz, and what fits into the memory of a small machine."""
@@ -18,34 +20,57 @@ SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 def add_commands(commands: Any) -> None:
     """Add both commands to the parser's."""
-    step = commands.add_parser("step", help="a first- or second-order model of a step response")
+    step = add_command(
+        commands, "step", "FILE.csv", "fit a first- or second-order model to a step response",
+        "yawid step response.csv --u0 0.1 --step-time 5\n"
+        "yawid simulate yaw --input step --out - | yawid step -",
+    )  # fmt: skip
     step.add_argument("file", type=Path, metavar="FILE.csv", help="columns t and y")
     step.add_argument(
-        "--model", choices=tuple(PARAMETERS), help="its order (the one that fits better)"
+        "--model", choices=tuple(PARAMETERS), help="its order (default: the one that fits better)"
     )
     step.add_argument("--u0", type=float, default=1.0, help="height of the step (1)")
     step.add_argument("--step-time", type=float, default=0.0, metavar="S", help="its time (0)")
     step.add_argument("--json", action="store_true", help="print one JSON object")
     step.set_defaults(run=_step)
-    simulate = commands.add_parser("simulate", help="fly a reference plant of the paper to a file")
-    simulate.add_argument("plant", choices=("yaw", "lateral", "rigid-body"))
+    simulate = add_command(
+        commands, "simulate", "PLANT --out FILE", "fly a reference plant of the paper to a file",
+        "yawid simulate lateral --input 3211 --noise 0.002 --out flight.tlog\n"
+        "yawid simulate yaw --input step --out - | yawid step -",
+    )  # fmt: skip
+    simulate.add_argument(
+        "plant",
+        metavar="PLANT",
+        choices=PLANTS,
+        help="yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)",
+    )
     simulate.add_argument("--out", type=Path, required=True, metavar="FILE", help="csv, tlog, mcap")
     simulate.add_argument(
         "--input", default="3211", metavar="KIND",
-        help="step, impulse, doublet, 3211, prbs, sweep or multisine (3211)",
+        help="step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)",
     )  # fmt: skip
     simulate.add_argument(
-        "--amplitude", type=float, default=0.05, metavar="RAD", help="of the rudder (0.05)"
+        "--amplitude", type=float, default=0.05, metavar="RAD", help="of the rudder (default: 0.05)"
     )
     simulate.add_argument(
-        "--unit", type=float, default=0.7, metavar="S", help="its unit of time (0.7)"
+        "--unit", type=float, default=0.7, metavar="S", help="its unit of time (default: 0.7)"
     )
-    simulate.add_argument("--seconds", type=float, default=120.0, metavar="N", help="length (120)")
-    simulate.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="samples (50)")
     simulate.add_argument(
-        "--noise", type=float, default=0.0, metavar="RAD/S", help="of the yaw rate, white (0)"
+        "--seconds", type=float, default=120.0, metavar="N", help="length (default: 120)"
     )
-    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="of what is drawn (0)")
+    simulate.add_argument(
+        "--rate", type=float, default=50.0, metavar="HZ", help="samples (default: 50)"
+    )
+    simulate.add_argument(
+        "--noise",
+        type=float,
+        default=0.0,
+        metavar="RAD/S",
+        help="of the yaw rate, white (default: 0)",
+    )
+    simulate.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of what is drawn (default: 0)"
+    )
     simulate.add_argument("--force", action="store_true", help="overwrite a file that exists")
     simulate.set_defaults(run=_simulate)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from yawid.cli.options import add_estimator_options, given_options
+from yawid.cli.options import add_command, add_estimator_options, given_options
 from yawid.errors import ConfigError
 from yawid.runs.stop import Interrupted
 
@@ -19,15 +19,16 @@ MOST_LINES = 20
 
 def add_regress(commands: Any) -> None:
     """Add the command to the parser's."""
-    regress: argparse.ArgumentParser = commands.add_parser(
-        "regress",
-        help="replay cases against their references",
-        epilog="The estimator options belong to --new: they become the case's own.",
-    )
-    regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (all)")
-    regress.add_argument("--folder", type=Path, default=Path("replay_logs"), help="(replay_logs)")
+    regress = add_command(
+        commands, "regress", "[CASE...]", "replay cases against their references",
+        'yawid regress --junit result.xml\nyawid regress --update --why "new gyro" c172p_3211\n'
+        "yawid regress --new flight.tlog --name mine --rate 10   (the case's own options)",
+    )  # fmt: skip
+    regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (default: all)")
+    regress.add_argument("--folder", type=Path, default=Path("replay_logs"), metavar="DIR",
+                         help="of the cases (default: replay_logs)")  # fmt: skip
     regress.add_argument(
-        "--workers", type=int, metavar="N", help="processes (1; large logs: one a core)"
+        "--workers", type=int, metavar="N", help="processes (default: 1; large logs: one a core)"
     )
     regress.add_argument("--json", action="store_true", help="print one JSON object")
     regress.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML too")
@@ -41,10 +42,7 @@ def add_regress(commands: Any) -> None:
 
 def _regress(arguments: argparse.Namespace) -> int:
     """Compare, update or make a case; return the exit code."""
-    from yawid.config.run import settings_from_toml
-
-    settings = {} if arguments.config is None else settings_from_toml(arguments.config)
-    settings |= given_options(arguments)  # as they were given: they go into the case's own file
+    settings = arguments.settings | given_options(arguments)  # as given: they go into its file
     _check(arguments, settings)
     if arguments.new is not None:
         return _new(arguments, settings)

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from yawid.cli.options import add_command
 from yawid.cli.standard_streams import show
 
 CHANGED = 7
@@ -12,14 +13,20 @@ CHANGED = 7
 
 def add_trend(commands: Any) -> None:
     """Add both commands to the parser's."""
-    trend = commands.add_parser("trend", help="what changed over a fleet's flights")
+    trend = add_command(
+        commands, "trend", "DATASET", "what changed over a fleet's flights",
+        "yawid trend data\nyawid trend data --vehicle sn:4711 -o trend.html",
+    )  # fmt: skip
     trend.add_argument("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
     trend.add_argument("--vehicle", metavar="ID", help="only this one, judged among all")
     trend.add_argument("--json", action="store_true", help="print one JSON object")
     trend.add_argument("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
     trend.add_argument("--force", action="store_true", help="overwrite a page that exists")
     trend.set_defaults(run=_trend)
-    diff = commands.add_parser("diff", help="what changed between runs or data sets")
+    diff = add_command(
+        commands, "diff", "A B", "what changed between runs or data sets",
+        "yawid diff before.mcap after.mcap\nyawid diff data-2025 data-2026 --json",
+    )  # fmt: skip
     for name in ("a", "b"):
         kinds = "the MCAP of a finished run, or a data set"
         diff.add_argument(name, metavar=name.upper(), type=Path, help=kinds)

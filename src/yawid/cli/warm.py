@@ -4,14 +4,16 @@ import argparse
 import time
 from typing import Any
 
+from yawid.cli.options import add_command
 from yawid.errors import SinkError
 
 
 def add_warm(commands: Any) -> None:
     """Add the command to the parser's."""
-    warm: argparse.ArgumentParser = commands.add_parser(
-        "warm", help="compile the estimators, which the first replay would wait for"
-    )
+    warm = add_command(
+        commands, "warm", "", "compile the estimators, which the first replays would wait for",
+        "yawid warm\nNUMBA_CACHE_DIR=/var/cache/yawid yawid warm",
+    )  # fmt: skip
     warm.set_defaults(run=_warm)
 
 

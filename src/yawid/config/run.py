@@ -2,10 +2,8 @@
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any
 
 from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig, forgetting_factor
@@ -39,7 +37,7 @@ _LIMITS: dict[str, tuple[Callable[[float], bool], str]] = {
 }
 """What a value given must satisfy, and how to say so."""
 _LISTS: dict[str, tuple[type, str]] = {
-    "orders": (int, "na,nb,nc,nk, four whole numbers (replay --orders auto: by the log)"),
+    "orders": (int, "na,nb,nc,nk, four whole numbers (auto: only replay, inspect and fleet)"),
     "inputs": (str, "rudder or rudder,aileron"),
     "given": (str, "names of settings"),
     "band": (float, "LO,HI in Hz"),
@@ -211,19 +209,6 @@ class RunConfig:
             for name, value in asdict(self).items()
             if value is not None
         )
-
-
-def settings_from_toml(path: Path) -> dict[str, Any]:
-    """Return the settings a TOML file holds, by field name of :class:`RunConfig`.
-
-    Raises:
-        ConfigError: the file cannot be read, is no TOML, or names an unknown setting.
-    """
-    try:
-        loaded = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: not a readable TOML file: {error}") from error
-    return check_settings(loaded, str(path))
 
 
 def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:

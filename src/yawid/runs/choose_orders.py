@@ -1,5 +1,6 @@
 """Which orders suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable, YawidError
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
 from yawid.physics.modes import finite
-from yawid.results.summary import summarise
+from yawid.results.reasons import Verdict
+from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
+from yawid.runs.trials import Trials
 from yawid.sources.open_log import Log, ReadOptions, Source
 
 
@@ -44,6 +47,10 @@ def with_orders(source: Source, config: RunConfig) -> RunConfig:
         _, chosen = try_orders(pipeline)
     except NotIdentifiable:
         return config
+    return _with(chosen, config)
+
+
+def _with(chosen: Candidate, config: RunConfig) -> RunConfig:
     orders = chosen.orders
     nb = orders.nb[0] - int(config.output == "yaw")
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
@@ -51,8 +58,10 @@ def with_orders(source: Source, config: RunConfig) -> RunConfig:
 
 def orders_report(
     log: Path, config: RunConfig, read_options: ReadOptions | None = None
-) -> dict[str, Any]:
-    """Return what ``yawid orders --json`` prints.
+) -> tuple[dict[str, Any], Verdict]:
+    """Return what ``yawid orders --json`` prints, and the verdict of a replay with its best orders.
+
+    None are recommended where such a replay cannot be used: they would fit what is no answer.
 
     Raises:
         ChannelError: the log has no vehicle, rudder or yaw.
@@ -60,17 +69,20 @@ def orders_report(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    source = open_log(log, read_options)
-    pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
-    run_log(source, pipeline)
-    if not pipeline.kept:
-        raise _why_nothing(source, pipeline)
-    found, chosen = try_orders(pipeline)
+    with closing(open_log(log, read_options, again=True)) as source:
+        pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
+        run_log(source, pipeline)
+        if not pipeline.kept:
+            raise _why_nothing(source, pipeline)
+        found, chosen = try_orders(pipeline)
+        verdict = Trials(source).of(_with(chosen, config)).verdict
+    recommended = {"recommended": _orders(chosen)} if verdict.usable else {}
     return {
         "log": str(log.absolute()),
-        "recommended": _orders(chosen),
+        **recommended,
         "candidates": [_described(candidate) for candidate in found],
-    }
+        "verdict": as_summary(verdict).to_json(),
+    }, verdict
 
 
 def _why_nothing(log: Log, pipeline: KeepingPipeline) -> YawidError:

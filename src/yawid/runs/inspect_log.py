@@ -7,7 +7,7 @@ own.
 import shlex
 from collections.abc import Container, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import BOTH, RunConfig
 from yawid.errors import ConfigError
-from yawid.pipeline import Pipeline
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
@@ -29,12 +28,13 @@ from yawid.results.judge_samples import (
     LEAST_RATE_HZ,
     MOST_REACTION,
     WORTH_PCT,
-    reaction_shares,
 )
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import MethodSummary, Origin, RunSummary
+from yawid.results.run_summary import Origin
 from yawid.results.summary import as_summary, summarise
+from yawid.runs.choose_orders import with_orders
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
+from yawid.runs.trials import Trial, Trials
 from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
 from yawid.sources.mavlink.sequence import SenderStats
 from yawid.sources.open_log import Log, ReadOptions
@@ -57,76 +57,26 @@ NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 MOST_REMEDIES = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """A replay without outputs: its configuration, what came of it, and the verdict that decides.
-
-    ``aileron_reacts`` is the part of an aileron among the inputs that yaw rate and roll explain.
-    """
-
-    config: RunConfig
-    summary: RunSummary
-    verdict: Verdict
-    aileron_reacts: float = 0.0
-
-    @property
-    def wn_rad_s(self) -> float:
-        """The natural frequency of what answers, NaN where there is none."""
-        roll = None if self.answer is None else self.answer.dutch_roll
-        return np.nan if roll is None else roll.wn_rad_s
-
-    @property
-    def simulation_pct(self) -> float:
-        """The free-running fit of what answers."""
-        fit_pct = None if self.answer is None else self.answer.fit.simulation_pct
-        return -np.inf if fit_pct is None else fit_pct
-
-    @property
-    def answer(self) -> MethodSummary | None:
-        """The estimate that answers: a manoeuvre's, or the stream's where there is none."""
-        manoeuvres, flight = self.summary.manoeuvres, self.summary.flight
-        if not manoeuvres or flight is None:
-            return (self.summary.estimates or {}).get(self.verdict.method or "")
-        return next((m.answer for m in manoeuvres if m.n in flight.used), manoeuvres[0].answer)
-
-
-class Trials:
-    """Replays of one log without outputs, each configuration estimated once."""
-
-    def __init__(self, source: Log) -> None:
-        self._source = source
-        self._made: dict[RunConfig, Trial] = {}
-
-    def of(self, config: RunConfig) -> Trial:
-        """Return the trial of a configuration.
-
-        Raises:
-            ConfigError: the channels or the rate do not fit.
-        """
-        if config not in self._made:
-            pipeline = Pipeline(config)
-            run_log(self._source, pipeline)
-            reacts = 0.0
-            if pipeline.bank is not None and config.inputs == BOTH:
-                reacts = reaction_shares(pipeline.bank.history())[1]
-            told = summarise(pipeline, self._source.link, "", "")
-            self._made[config] = Trial(config, *told, reacts)
-        return self._made[config]
-
-
 def inspect(
-    log: Path, config: RunConfig, read_options: ReadOptions | None = None
+    log: Path,
+    config: RunConfig,
+    read_options: ReadOptions | None = None,
+    *,
+    automatic: bool = False,
 ) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
     Where its manoeuvres answer, the whole log as asked for is recommended, else an excited stretch.
-    The verdict is that of what is recommended, else of the whole log.
+    The verdict is that of what is recommended, else of the whole log. ``automatic`` chooses the
+    orders by the log.
 
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
     with closing(open_log(log, read_options, again=True)) as source:
+        if automatic:
+            config = with_orders(source, config)
         return _inspected(source, config)
 
 

@@ -11,7 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from yawid.channels.vehicle import TYPE_NAMES
-from yawid.results.judge_estimate import LEAST_SIMULATION_PCT
 from yawid.results.run_summary import (
     MethodSummary,
     Origin,
@@ -172,9 +171,12 @@ def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> N
             _number(candidate.get("update_ns"), ".0f"),
         )
     console.print(table)
-    chosen = ",".join(str(value) for value in report["recommended"].values())
-    console.print(Text(f"recommended  --orders {chosen}", style="bold"))
-    best = max((c.get("simulation_pct", 0.0) for c in report["candidates"]), default=0.0)
-    if best < LEAST_SIMULATION_PCT:
-        text = f"no structure tells {LEAST_SIMULATION_PCT:.0f} % of the yaw rate from the inputs: "
-        console.print(Text(text + "see yawid inspect for what the log lacks", style="yellow"))
+    if "recommended" in report:
+        chosen = ",".join(str(value) for value in report["recommended"].values())
+        console.print(Text(f"recommended  --orders {chosen}", style="bold"))
+        return
+    console.print(Text("none is recommended: no replay of this log can be used", style="bold red"))
+    for reason in report["verdict"]["reasons"]:
+        if reason["weight"] == "fatal":
+            console.print(Text(f"  {reason['id']}: {reason['text']}"))
+    console.print(Text("yawid inspect says what would help"))

@@ -1,0 +1,90 @@
+"""``--config FILE``: options of any command in a TOML file; what the command line says overrules.
+
+One file may serve several commands: an option that the command at hand does not have stays unread.
+"""
+
+import argparse
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from yawid.errors import ConfigError
+
+NEVER = {"help", "version", "config"}
+WORDS = {"orders": "auto", "sysid": "all"}
+"""Values that are for the command, not for the configuration of a run."""
+
+
+def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+    """Return the arguments, those of the TOML file that they name among them.
+
+    ``settings`` holds what the file says of the run's configuration, by its field names.
+
+    Raises:
+        ConfigError: the file cannot be read, is no TOML, or a setting is unknown or unsound.
+    """
+    arguments, unknown = parser.parse_known_args(argv)
+    command: argparse.ArgumentParser = arguments.command
+    file: Path | None = getattr(arguments, "config", None)
+    if unknown:
+        command.error(f"unrecognized arguments: {' '.join(unknown)}")
+    if file is None:
+        return arguments
+    settings, options = _split(_loaded(file), _options_of_all(parser))
+    for action in command._actions:
+        if action.dest in options:
+            command.set_defaults(**{action.dest: _text(action, options[action.dest], file)})
+    from yawid.config.run import check_settings
+
+    arguments = parser.parse_args(argv)
+    arguments.settings = check_settings(settings, str(file))
+    return arguments
+
+
+def _loaded(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{file}: not a readable TOML file: {error}") from error
+
+
+def _options_of_all(parser: argparse.ArgumentParser) -> set[str]:
+    """Return the names of every option of every command that are no setting of a run."""
+    found: set[str] = set()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                found |= {each.dest for each in command._actions if each.option_strings}
+    return found - NEVER
+
+
+def _split(loaded: dict[str, Any], options: set[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the settings of the run, and those that are only options of a command."""
+    from dataclasses import fields
+
+    from yawid.config.run import RunConfig
+
+    of_run = {field.name.removesuffix("_s") for field in fields(RunConfig)}
+    settings, others = {}, {}
+    for raw, value in loaded.items():
+        name = raw.replace("-", "_")
+        is_word = WORDS.get(name) == value
+        if is_word or (name in options and name not in of_run):
+            others[name] = value
+        else:
+            settings[raw] = value
+    return settings, others
+
+
+def _text(action: argparse.Action, value: Any, file: Path) -> Any:
+    """Return a value of the file as the command line would give it, for argparse to read."""
+    if isinstance(value, bool):
+        if action.nargs == 0:
+            return value
+        if action.const is not None:  # an option whose value may be left out
+            return action.const if value else action.default
+    elif isinstance(value, str | int | float) and action.nargs != 0:
+        return str(value)
+    wanted = "true or false" if action.nargs == 0 else "a text or a number"
+    raise ConfigError(f"{file}: {action.dest.replace('_', '-')} must be {wanted}, got {value!r}")
