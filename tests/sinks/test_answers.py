@@ -162,7 +162,7 @@ def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(by_rml: Mcap
     roll = DutchRoll(wn_rad_s=1e9, zeta=-1e9)
     exploded = {"rml": msgspec.structs.replace(estimate(2.0), dutch_roll=roll)}
     fit = fit_picture(replace(data, judged=judged), Fit(simulation_pct=-1000.0), grid)
-    over_time = modes_picture(data, exploded)
+    over_time = modes_picture(data, "els", exploded)
     assert "simulated < -1000 %" in fit.look
     assert "RML at the end: 1e+09, off the picture" in over_time.svg
     for picture in (fit, over_time):

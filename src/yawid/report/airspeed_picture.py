@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from yawid.blocks import Bools, Floats
-from yawid.report.picture import BLUE, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.report.picture import Picture, band, drawn
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.sinks.answers import NOT_USED, outcome
+from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RML
 
 MOST_NUMBERED: Final = 12
 """Points that bear their numbers: of more, one would hide another."""
@@ -20,10 +21,10 @@ LEAST_SPAN: Final = 0.1
 SIGMAS: Final = 2.0
 _REFUSED: Final = "not usable"
 _LOOKS: Final[dict[str, dict[str, Any]]] = {
-    "used": {"marker": "o", "color": BLUE},
-    NOT_USED: {"marker": "o", "color": BLUE, "fillstyle": "none"},
-    "disagrees": {"marker": "D", "color": ORANGE},
-    _REFUSED: {"marker": "x", "color": "#a0a0a0", "alpha": 0.8},
+    "used": {"marker": "o", "color": RML},
+    NOT_USED: {"marker": "o", "color": RML, "fillstyle": "none"},
+    "disagrees": {"marker": "D", "color": BAD},
+    _REFUSED: {"marker": "x", "color": NEUTRAL, "alpha": 0.8},
 }
 _PANELS: Final = ("ωn [rad/s]", "ζ")
 
@@ -152,12 +153,12 @@ def _draw_flight(ax: Axes, flight: Flight, i: int) -> None:
         _line(ax, x, Value(value, sigma), np.ones(2), None)
     if flight.airspeed_m_s is not None:
         ax.errorbar(
-            [flight.airspeed_m_s], [value], [SIGMAS * sigma], marker="*", markersize=11, color=RED,
-            elinewidth=1.6, linestyle="none", label="the flight", zorder=1.9,
+            [flight.airspeed_m_s], [value], [SIGMAS * sigma], marker="*", markersize=11,
+            color=MODEL, elinewidth=1.6, linestyle="none", label="the flight", zorder=1.9,
         )  # fmt: skip
 
 
 def _line(ax: Axes, x: Floats, slope: Value, along: Floats, label: str | None) -> None:
     value, spread = (slope.value or 0.0) * along, SIGMAS * (slope.std or 0.0) * along
     ax.plot(x, value, color="#444444", linestyle="--", linewidth=1.0, label=label, zorder=1.5)
-    band(ax, x, value - spread, value + spread, GREY)
+    band(ax, x, value - spread, value + spread, NEUTRAL)

@@ -14,8 +14,12 @@ from yawid.report.picture import Picture
 from yawid.results.reasons import KINDS
 from yawid.results.run_summary import ReasonSummary, VerdictSummary
 from yawid.sinks.answers import Card
+from yawid.sinks.palette import BAD, CARE, DATA, GOOD
 
-STYLE: Final = files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
+_COLOURS: Final = {"data": DATA, "good": GOOD, "care": CARE, "bad": BAD}
+STYLE: Final = (
+    f":root {{ {' '.join(f'--{name}: {colour};' for name, colour in _COLOURS.items())} }}\n"
+) + files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 Cell = tuple[str, str]
 """Of a wide table: its text, and what stands small below it."""

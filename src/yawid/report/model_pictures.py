@@ -23,9 +23,10 @@ from yawid.offline.response_curves import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
 from yawid.physics.modes import Complexes, discrete_poles
 from yawid.report.data import Judged, Model, ReportData
-from yawid.report.picture import BLUE, GREEN, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.report.picture import Picture, band, drawn
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
+from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL
 from yawid.sinks.rerun.derived_panels import damping_lines
 
 LAGS = 25
@@ -43,11 +44,11 @@ def poles_picture(model: Model) -> Picture:
         _plane(ax)
         for pole, covariance in zip(z, spread, strict=True):
             _ellipse(ax, pole, covariance)
-        ax.plot(z.real, z.imag, "x", color=BLUE, markersize=8, markeredgewidth=2, label="pole")
+        ax.plot(z.real, z.imag, "x", color=MODEL, markersize=8, markeredgewidth=2, label="pole")
         found = zeros(model)
         inside = found[np.abs(found) < 1.6]
         ax.plot(
-            inside.real, inside.imag, "o", color=ORANGE, markersize=7, fillstyle="none",
+            inside.real, inside.imag, "o", color=MODEL, markersize=7, fillstyle="none",
             markeredgewidth=1.6, label="zero",
         )  # fmt: skip
         ax.legend(loc="upper left")
@@ -82,7 +83,7 @@ def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
     size = max(width, height)
     if size < 2.0:
         ax.add_patch(
-            Ellipse((pole.real, pole.imag), width, height, angle=angle, color=BLUE, alpha=0.25)
+            Ellipse((pole.real, pole.imag), width, height, angle=angle, color=MODEL, alpha=0.25)
         )
 
 
@@ -99,16 +100,16 @@ def bode_picture(data: ReportData, mode: DutchRoll | None, grid: Grid) -> Pictur
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.4, 1])
         gain_db = 20.0 * np.log10(np.abs(response.G))
         spread_db = 40.0 / math.log(10.0) * response.log_magnitude_std
-        upper.plot(f, gain_db, color=BLUE, label="model")
-        band(upper, f, gain_db - spread_db, gain_db + spread_db, BLUE)
-        lower.plot(f, np.degrees(phase), color=BLUE)
+        upper.plot(f, gain_db, color=MODEL, label="model")
+        band(upper, f, gain_db - spread_db, gain_db + spread_db, MODEL)
+        lower.plot(f, np.degrees(phase), color=MODEL)
         spread = 2.0 * response.phase_std_rad
-        band(lower, f, np.degrees(phase - spread), np.degrees(phase + spread), BLUE)
+        band(lower, f, np.degrees(phase - spread), np.degrees(phase + spread), MODEL)
         if spectral is not None:
             _draw_spectral(upper, lower, spectral, np.interp(spectral.frequency_hz, f, phase))
         if mode is not None:
             for ax in (upper, lower):
-                ax.axvline(mode.wn_rad_s / (2.0 * np.pi), color=GREY, linewidth=0.9, ls="--")
+                ax.axvline(mode.wn_rad_s / (2.0 * np.pi), color=NEUTRAL, linewidth=0.9, ls="--")
         upper.set_xscale("log")
         upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
@@ -154,7 +155,7 @@ def _draw_spectral(
     decibel = 20.0 * np.log10(gain)
     relative = np.minimum(2.0 * spectral.magnitude_std[good] / gain, 0.9)
     errors = [-20.0 * np.log10(1.0 - relative), 20.0 * np.log10(1.0 + relative)]
-    style: dict[str, Any] = {"fmt": ".", "color": ORANGE, "markersize": 4, "elinewidth": 0.8}
+    style: dict[str, Any] = {"fmt": ".", "color": DATA, "markersize": 4, "elinewidth": 0.8}
     upper.errorbar(f, decibel, errors, label=f"spectral, coherence > {COHERENT}", **style)
     lower.errorbar(f, np.degrees(phase), 2.0 * np.degrees(spectral.phase_std_rad[good]), **style)
 
@@ -174,9 +175,9 @@ def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
-        ax.plot(t, answer, color=BLUE)
-        band(ax, t, answer - 2.0 * std, answer + 2.0 * std, BLUE)
-        ax.axhline(0.0, color=GREY, linewidth=0.8)
+        ax.plot(t, answer, color=MODEL)
+        band(ax, t, answer - 2.0 * std, answer + 2.0 * std, MODEL)
+        ax.axhline(0.0, color=NEUTRAL, linewidth=0.8)
         ax.set_xlabel("time after the step [s]")
         ax.set_ylabel("yaw rate [rad/s]")
         ax.set_xlim(0.0, t[-1])
@@ -218,10 +219,10 @@ def residuals_picture(judged: Judged, p: float | None) -> Picture:
 
 
 def _stems(ax: Axes, lags: Floats, values: Floats, bound: float) -> None:
-    ax.axhspan(-bound, bound, color=GREY, alpha=0.25, linewidth=0.0)
-    shades = [RED if abs(value) > bound else GREEN for value in values]
+    ax.axhspan(-bound, bound, color=NEUTRAL, alpha=0.25, linewidth=0.0)
+    shades = [BAD if abs(value) > bound else MODEL for value in values]
     ax.bar(lags, values, width=0.55, color=shades)
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.axhline(0.0, color=NEUTRAL, linewidth=0.8)
     limit = max(1.6 * bound, 1.15 * float(np.max(np.abs(values), initial=0.0)))
     ax.set_ylim(-limit, limit)
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from yawid.blocks import Floats
 from yawid.report.data import Events
-from yawid.sinks.rerun.series import INPUTS, MEASURED, NEUTRAL, PREDICTED, Rgba
+from yawid.sinks.palette import NEUTRAL, RUDDER
 
 SIZE_IN: Final = (5.6, 3.5)
 LEAST_BETWEEN: Final = 0.07
@@ -55,16 +55,6 @@ class Picture:
     svg: str
 
 
-def colour(rgba: Rgba) -> str:
-    """Return the viewer's colour of a channel as matplotlib takes it."""
-    return "#{:02x}{:02x}{:02x}".format(*rgba[:3])
-
-
-BLUE, ORANGE, GREY = colour(MEASURED), colour(PREDICTED), colour(NEUTRAL)
-GREEN: Final = colour(INPUTS["rudder"])
-RED: Final = "#c62828"
-
-
 def drawn(key: str, draw: Callable[[Figure], None], size_in: tuple[float, float] = SIZE_IN) -> str:
     """Return the SVG of what ``draw`` puts into a figure; its ids begin with ``key``."""
     with mpl.rc_context():
@@ -98,10 +88,10 @@ def mark_events(ax: Axes, events: Events) -> None:
     _mark_manoeuvres(ax, events, low, high)
     for first, last in events.held[:200]:
         if last > low and first < high:
-            ax.axvspan(first, last, color=GREY, alpha=0.25, linewidth=0.0)
+            ax.axvspan(first, last, color=NEUTRAL, alpha=0.25, linewidth=0.0)
     for instant in events.mode_changes[:200]:
         if low < instant < high:
-            ax.axvline(instant, color="#6a1b9a", linewidth=0.8, linestyle=":")
+            ax.axvline(instant, color=NEUTRAL, linewidth=0.8, linestyle=":")
     ax.set_xlim(low, high)
 
 
@@ -113,7 +103,7 @@ def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float) -> None:
         if first >= last:
             continue
         if each.usable:
-            ax.axvspan(first, last, color=GREEN, alpha=0.13, linewidth=0.0)
+            ax.axvspan(first, last, color=RUDDER, alpha=0.13, linewidth=0.0)
         else:
             ax.axvspan(first, last, facecolor="none", edgecolor="#cfcfcf", hatch="////", lw=0.0)
         middle = (first + last) / 2.0

@@ -9,14 +9,8 @@ from matplotlib.figure import Figure
 from yawid.blocks import Floats
 from yawid.report.data import Judged, ReportData
 from yawid.report.picture import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    RED,
     Picture,
     band,
-    colour,
     drawn,
     manoeuvres_note,
     mark_events,
@@ -25,7 +19,7 @@ from yawid.report.picture import (
 from yawid.results.run_summary import Fit, MethodSummary
 from yawid.sinks.answers import percent
 from yawid.sinks.base import Grid
-from yawid.sinks.rerun.series import PALETTE
+from yawid.sinks.palette import DATA, LINES, METHODS, MODEL, NEUTRAL, RUDDER
 
 FIT_WINDOW_S = 30.0
 OUTSIDE = 10.0
@@ -50,11 +44,11 @@ def fit_picture(data: ReportData, fit: Fit, grid: Grid) -> Picture:
 
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2.4])
-        upper.plot(t, judged.u[rows, 0], color=GREEN, drawstyle="steps-post")
+        upper.plot(t, judged.u[rows, 0], color=RUDDER, drawstyle="steps-post")
         upper.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
-        lower.plot(t, y, color=BLUE, label="measured")
-        lower.plot(t, y_hat, color=ORANGE, linewidth=0.9, label="one step ahead")
-        lower.plot(t, simulated, color=RED, linewidth=0.9, label="simulated")
+        lower.plot(t, y, color=DATA, label="measured")
+        lower.plot(t, y_hat, color=NEUTRAL, linewidth=0.9, label="one step ahead")
+        lower.plot(t, simulated, color=MODEL, linewidth=0.9, label="simulated")
         lower.set_ylabel("yaw rate [rad/s]")
         lower.set_ylim(low, high)
         lower.set_xlabel(TIME_LABEL)
@@ -110,7 +104,7 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
         for ax, (title, columns) in zip(grid.flat, panels, strict=False):
             lines = []
             for count, i in enumerate(columns):
-                shade = colour(PALETTE[count % len(PALETTE)])
+                shade = LINES[count % len(LINES)]
                 theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
                 ax.plot(track.t, theta, color=shade, label=names[i] if count < MOST_NAMED else None)
                 band(ax, track.t, theta - spread, theta + spread, shade)
@@ -138,23 +132,24 @@ def _group(name: str) -> str:
     return "bias" if name == "bias" else name[:1]
 
 
-def modes_picture(data: ReportData, others: Mapping[str, MethodSummary]) -> Picture:
+def modes_picture(data: ReportData, method: str, others: Mapping[str, MethodSummary]) -> Picture:
     """Natural frequency and damping ratio over time; the other methods' final values as levels."""
     track = data.track
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
-        names = (("ωn [rad/s]", "wn_rad_s", BLUE), ("ζ", "zeta", ORANGE))
+        shade = METHODS.get(method, MODEL)
+        names = (("ωn [rad/s]", "wn_rad_s", shade), ("ζ", "zeta", shade))
         for i, (ax, (label, key, shade)) in enumerate(zip(axes, names, strict=True)):
             value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
             spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
             ax.plot(track.t, value, color=shade)
             band(ax, track.t, value - spread, value + spread, shade)
             sensible_limits(ax, value - spread, value + spread)
-            for method, estimate in others.items():
+            for other, estimate in others.items():
                 if estimate.dutch_roll is not None:
                     level = getattr(estimate.dutch_roll, key)
-                    _level(ax, level, f"{method.upper()} at the end: {level:.3g}")
+                    _level(ax, level, f"{other.upper()} at the end: {level:.3g}")
             ax.set_ylabel(label)
             mark_events(ax, data.events)
         axes[-1].set_xlabel(TIME_LABEL)
@@ -171,7 +166,7 @@ def _level(ax: Axes, level: float, text: str) -> None:
     """Draw and name a level; one that is off the picture is named at its edge."""
     low, high = ax.get_ylim()
     if low < level < high:
-        ax.axhline(level, color=GREY, linewidth=0.9, linestyle="--")
+        ax.axhline(level, color=NEUTRAL, linewidth=0.9, linestyle="--")
     else:
         text += ", off the picture"
     ax.annotate(
@@ -187,7 +182,7 @@ def link_picture(data: ReportData) -> Picture:
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
         delay_ms = 1e3 * events.delay_s
-        ax.plot(events.delay_t, delay_ms, color=BLUE, linewidth=0.9)
+        ax.plot(events.delay_t, delay_ms, color=DATA, linewidth=0.9)
         ax.set_ylabel("delay of a sample [ms]")
         ax.set_xlabel(TIME_LABEL)
         ax.set_ylim(bottom=min(0.0, float(delay_ms.min())))

@@ -69,7 +69,10 @@ def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]
         )
         yield pictures(
             "What was learnt, and when",
-            [modes_picture(data, summary.others), parameters_picture(data, run.grid)],
+            [
+                modes_picture(data, summary.answering or "", summary.others),
+                parameters_picture(data, run.grid),
+            ],
         )
         yield pictures(
             "What the model says of the aircraft",

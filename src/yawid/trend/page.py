@@ -10,7 +10,8 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from yawid.report.html import Cell, note, page, pictures, safe, sheet
-from yawid.report.picture import BLUE, GREY, ORANGE, RED, Picture, band, drawn
+from yawid.report.picture import Picture, band, drawn
+from yawid.sinks.palette import BAD, DATA, NEUTRAL
 from yawid.sinks.part_file import check_free, write_whole
 from yawid.trend.changes import FAR
 from yawid.trend.history import QUANTITIES
@@ -67,7 +68,7 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         yield note(
             "",
             "Bars are 2 sigma of each flight, the line is the level and what changed, the band 2 "
-            "sigma with the scatter between flights. Orange: too far off to have weight; a "
+            "sigma with the scatter between flights. Grey: too far off to have weight; a "
             "triangle: off the picture."
             + (f" {more} more vehicles stand in the table alone." if more else ""),
         )
@@ -138,16 +139,16 @@ def _draw_history(ax: Axes, each: Studied) -> None:
     track, level = each.history.track, each.level
     when: Any = each.history.date_us.astype("datetime64[us]")
     far = ~level.kept
-    for rows, shade in ((~far, BLUE), (far, ORANGE)):
+    for rows, shade in ((~far, DATA), (far, NEUTRAL)):
         if rows.any():
             ax.errorbar(
                 when[rows], track.value[rows], SIGMAS * track.sigma[rows], linestyle="none",
                 marker="o", markersize=3.0, elinewidth=0.7, color=shade,
             )  # fmt: skip
-    shade = RED if each.change is not None else "#444444"
+    shade = BAD if each.change is not None else "#444444"
     ax.plot(when, level.fitted, color=shade, linewidth=1.3, zorder=3)
     reach = SIGMAS * each.fitted.std
-    band(ax, when, level.fitted - reach, level.fitted + reach, GREY)
+    band(ax, when, level.fitted - reach, level.fitted + reach, NEUTRAL)
     # One flight far off must not flatten all the others.
     room = FAR * 1.5 * float(np.median(each.fitted.std))
     low, high = float(level.fitted.min()) - room, float(level.fitted.max()) + room
@@ -159,7 +160,7 @@ def _draw_history(ax: Axes, each: Studied) -> None:
         ):
             if rows.any():
                 at = np.full(rows.sum(), place)
-                ax.plot(when[rows], at, marker, color=ORANGE, markersize=4)
+                ax.plot(when[rows], at, marker, color=NEUTRAL, markersize=4)
     unit = QUANTITIES[each.history.quantity][2].split(" ")[0]
     ax.set_ylabel(f"{name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
 
@@ -180,11 +181,11 @@ def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
     def draw(canvas: Figure) -> None:
         ax = canvas.subplots()
         for i, each in enumerate(some):
-            shade = RED if each.change is not None else BLUE
+            shade = BAD if each.change is not None else DATA
             ax.errorbar([each.level.value], [i], xerr=[SIGMAS * each.level.std], marker="o",
                         markersize=4, elinewidth=0.9, color=shade)  # fmt: skip
         ax.set_yticks(range(len(some)), [each.history.vehicle[:24] for each in some], fontsize=7)
-        ax.axvline(float(np.median([each.level.value for each in some])), color=GREY, zorder=0)
+        ax.axvline(float(np.median([each.level.value for each in some])), color=NEUTRAL, zorder=0)
         ax.set_xlabel(f"{name_of(quantity)} {QUANTITIES[quantity][2]}".rstrip())
 
     look = "Levels as they stand now with 2 sigma; red: changed; the line is the median."

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 import rerun as rr
 import rerun.blueprint as rrb
 from yawid.blocks import Floats
+from yawid.sinks.palette import BAD, GOOD, NEUTRAL, Rgba, rgba
 from yawid.sinks.rerun.derived_panels import USED, damping_lines
-from yawid.sinks.rerun.series import NEUTRAL, RED, Rgba
 
 TIMELINE: Final = "boot_time"
-_USED: Final[Rgba] = (46, 125, 50, 255)
+_USED: Final[Rgba] = rgba(GOOD)
 LANES: Final[Mapping[str, Mapping[str, Rgba]]] = {
     "estimator": {
         "warming up": (130, 119, 23, 255),
         "tracking": _USED,
-        "held": NEUTRAL,
-        "diverged": RED,
+        "held": rgba(NEUTRAL),
+        "diverged": rgba(BAD),
     },
     "samples": {USED: _USED},
 }

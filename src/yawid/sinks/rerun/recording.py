@@ -20,13 +20,11 @@ from rerun.encodings import TensorDataBatch
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.palette import MODEL, NEUTRAL, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Whiteness
 from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
 from yawid.sinks.rerun.series import (
-    MEASURED,
-    NEUTRAL,
-    PREDICTED,
     group_rows,
     manoeuvre_rows,
     manoeuvre_styles,
@@ -42,7 +40,7 @@ _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": 
 
 # One stroke: along one arm of the cross, back to its middle, out and along the other.
 _CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
-SHADE: Final = (*NEUTRAL[:3], 70)
+SHADE: Final = rgba(NEUTRAL, 70)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
 
 
@@ -77,8 +75,8 @@ class RerunView:
         self._marks = Marks(grid)
         for entity, style in series_styles(grid).items():
             self._recording.log(entity, rr.SeriesLines(**style), static=True)
-        poles = rr.LineStrips2D.from_fields(colors=MEASURED, radii=rr.Radius.ui_points(1.2))
-        zeros = rr.Points2D.from_fields(colors=PREDICTED, radii=rr.Radius.ui_points(4.0))
+        poles = rr.LineStrips2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(1.2))
+        zeros = rr.Points2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(4.0))
         self._recording.log("z_plane/poles", poles, static=True)
         self._recording.log("z_plane/zeros", zeros, static=True)
 
@@ -196,7 +194,7 @@ class RerunView:
         tensors = [
             TensorDataBatch(np.concatenate([[0.0], bar])).as_arrow_array() for _, bar in bars
         ]
-        colour = MEASURED if name == "correlation" else SHADE
+        colour = rgba(MODEL) if name == "correlation" else SHADE
         columns = rr.BarChart.columns(
             values=pa.concat_arrays(tensors), color=[colour] * len(tensors)
         )

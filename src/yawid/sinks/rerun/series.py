@@ -1,6 +1,5 @@
 """What the viewer draws: the lines of each entity, their names, colours and values."""
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -9,28 +8,18 @@ from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.physics.flying_qualities import LEVELS
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
-
-Rgba = tuple[int, int, int, int]
-
-# One colour per channel wherever it is drawn; readable on the viewer's dark and light grounds.
-MEASURED: Final[Rgba] = (66, 133, 244, 255)
-PREDICTED: Final[Rgba] = (244, 140, 36, 255)
-INPUTS: Final[Mapping[str, Rgba]] = {"rudder": (52, 168, 83, 255), "aileron": (171, 71, 188, 255)}
-NEUTRAL: Final[Rgba] = (140, 140, 140, 255)
-RED: Final[Rgba] = (234, 67, 53, 255)
-GREEN: Final[Rgba] = INPUTS["rudder"]
-PALETTE: Final[tuple[Rgba, ...]] = (
-    MEASURED,
-    PREDICTED,
-    GREEN,
-    RED,
-    INPUTS["aileron"],
-    (141, 110, 99, 255),
-    (236, 98, 161, 255),
-    (120, 144, 156, 255),
-    (175, 180, 43, 255),
-    (0, 172, 193, 255),
+from yawid.sinks.palette import (
+    DATA,
+    INPUTS,
+    LINES,
+    METHODS,
+    MODEL,
+    NEUTRAL,
+    RML,
+    Rgba,
+    rgba,
 )
+
 PALE_ALPHA: Final = 90
 LINE_WIDTH, BAND_WIDTH, BAR_WIDTH = 1.5, 0.7, 4.0
 # Of one name, so that the legend has one entry for all bounds.
@@ -65,31 +54,32 @@ def _banded(
 def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
     """Return names, colours and widths of the lines of every entity, in column order."""
     p = len(grid.parameters)
-    colours = [PALETTE[i % len(PALETTE)] for i in range(p)]
+    colours = [rgba(LINES[i % len(LINES)]) for i in range(p)]
+    first = rgba(METHODS.get(grid.methods[0], MODEL))
     return {
         "input": _style(
             [f"{name} [{grid.unit_of(name)}]" for name in grid.inputs],
-            [INPUTS.get(name, NEUTRAL) for name in grid.inputs],
+            [rgba(INPUTS.get(name, NEUTRAL)) for name in grid.inputs],
             [LINE_WIDTH] * len(grid.inputs),
         ),
         "yaw_rate": _style(
-            ["measured [rad/s]", "predicted [rad/s]"], [MEASURED, PREDICTED], [LINE_WIDTH] * 2
+            ["measured [rad/s]", "predicted [rad/s]"], [rgba(DATA), rgba(MODEL)], [LINE_WIDTH] * 2
         ),
-        "innovation": _banded("innovation [rad/s]", PREDICTED),
+        "innovation": _banded("innovation [rad/s]", rgba(MODEL)),
         "parameters/theta": _style(list(grid.parameters), colours, [LINE_WIDTH] * p),
         "parameters/band": _style(
             [BAND] * (2 * p), [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
         ),
-        "dutch_roll/wn": _banded("wn [rad/s]", MEASURED),
-        "dutch_roll/zeta": _banded("zeta", PREDICTED),
-        "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [NEUTRAL] * 2, [BAND_WIDTH] * 2),
+        "dutch_roll/wn": _banded("wn [rad/s]", first),
+        "dutch_roll/zeta": _banded("zeta", first),
+        "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [rgba(NEUTRAL)] * 2, [BAND_WIDTH] * 2),
     }
 
 
 def manoeuvre_styles() -> dict[str, dict[str, Any]]:
     """Return the style of what :func:`manoeuvre_rows` draws over the lines of the stream."""
     return {
-        f"dutch_roll/{entity}/manoeuvre": _banded(name, GREEN, BAR_WIDTH, BAND_OF_MANOEUVRE)
+        f"dutch_roll/{entity}/manoeuvre": _banded(name, rgba(RML), BAR_WIDTH, BAND_OF_MANOEUVRE)
         for entity, name in (("wn", "wn of a manoeuvre [rad/s]"), ("zeta", "zeta of a manoeuvre"))
     }
 
