@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -20,12 +21,14 @@ from yawid.offline.step_response import (
     Value,
     fit_first_order,
     fit_second_order,
+    fit_yaw,
     read_first_order,
     read_second_order,
-    step_from_csv,
+    read_step,
 )
 from yawid.plant.excitation import Excitation
-from yawid.plant.simulate import simulate_plant
+from yawid.plant.simulate import REFERENCE, simulate_plant
+from yawid.plant.yaw import YawPlant
 
 RUNS = 200
 T = np.linspace(-2.0, 20.0, 440)
@@ -163,6 +166,36 @@ def test_the_yaw_rate_of_eq_23_is_neither_form():
     refused(fit_second_order, flown.y, "eq. 7", flown.t)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.0005])
+def test_eq_23_s_own_form_gives_the_plant_back(noise):
+    excitation = Excitation(kind="step", amplitude=0.05, start_s=5.0)
+    flown = simulate_plant("yaw", excitation, duration_s=40.0, noise_std=noise, seed=3)
+    true = YawPlant.from_coefficients(REFERENCE)
+
+    found = fit_yaw(flown.t, flown.y, 0.05, 5.0)
+
+    for name in ("K", "T_theta_s", "omega_beta", "xi_beta"):
+        value, sigma = astuple(getattr(found, name))
+        assert abs(value - getattr(true, name)) < 3.0 * sigma + 1e-6, name
+        assert sigma < 0.05 * value, name
+    band = 0.05 * abs(found.K.value) * 0.05
+    late = flown.t > 5.0 + found.settling_5pct_s.value
+    assert np.abs(flown.y[late] - true.K * 0.05).max() < band + 5.0 * noise
+    assert np.abs(flown.y[~late][-60:] - true.K * 0.05).max() > 0.5 * band
+
+
+def test_a_step_in_column_u_says_its_height_and_time(tmp_path):
+    file = tmp_path / "step.csv"
+    file.write_text("t,u,y\n0,0,0\n1,0,0\n2,0.1,0\n3,0.1,1\n")
+
+    assert read_step(file)[2:] == (0.1, 2.0)
+    assert read_step(file, u0=2.0)[2:] == (2.0, 2.0)
+    file.write_text("t,u,y\n0,0,0\n1,0.1,0\n2,0,0\n")
+    with pytest.raises(ConfigError, match="changes 2 times"):
+        read_step(file)
+    assert read_step(file, 1.0, 0.5)[2:] == (1.0, 0.5)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_record_that_ends_before_the_steady_state_is_refused(noise):
     noisy = noise * np.random.default_rng(16).standard_normal(len(T))
@@ -205,7 +238,7 @@ def test_a_record_that_is_none_is_refused(change, text):
 def test_t_and_y_are_read_by_name(tmp_path):
     path = tmp_path / "step.csv"
     path.write_text("﻿ y , note, T\r\n1.5,a,0\r\n\r\n,b,0.1\r\n-2e-3,c,0.2\r\n", encoding="utf-8")
-    t, y = step_from_csv(path)
+    t, y, *_ = read_step(path)
     np.testing.assert_array_equal(t, [0.0, 0.1, 0.2])
     np.testing.assert_array_equal(y, [1.5, np.nan, -2e-3])
 
@@ -224,12 +257,12 @@ def test_a_file_that_is_no_step_response_is_refused_with_its_line(tmp_path, text
     path = tmp_path / "step.csv"
     path.write_text(text)
     with pytest.raises(ConfigError, match=message):
-        step_from_csv(path)
+        read_step(path)
 
 
 def test_a_file_that_cannot_be_read_is_a_source_error(tmp_path):
     with pytest.raises(SourceError, match="cannot be read"):
-        step_from_csv(tmp_path / "absent.csv")
+        read_step(tmp_path / "absent.csv")
     (tmp_path / "log.bin").write_bytes(b"\xfe\x00\xff\xfe")
     with pytest.raises(SourceError, match="cannot be read"):
-        step_from_csv(tmp_path / "log.bin")
+        read_step(tmp_path / "log.bin")

@@ -9,10 +9,23 @@ from yawid.cli.options import add_command
 from yawid.errors import ConfigError, NotIdentifiable
 
 if TYPE_CHECKING:
-    from yawid.offline.step_response import FirstOrder, SecondOrder
+    from collections.abc import Callable
+
+    from yawid.offline.step_response import FirstOrder, SecondOrder, YawStep
+
+    StepModel = FirstOrder | SecondOrder | YawStep
 
 PLANTS = ("yaw", "lateral", "rigid-body")
-PARAMETERS = {"first": ("K", "T"), "second": ("k", "D", "q")}
+PARAMETERS = {
+    "first": ("K", "T"),
+    "second": ("k", "D", "q"),
+    "yaw": ("K", "T_theta_s", "omega_beta", "xi_beta"),
+}
+MODELS = {
+    "first": "first order (eq. 4)",
+    "second": "second order (eq. 7)",
+    "yaw": "yaw rate (eq. 23)",
+}
 MOST_SAMPLES = 5_000_000
 """A day at 50 Hz, and what fits into the memory of a small machine."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
@@ -20,19 +33,35 @@ SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 def add_commands(commands: Any) -> None:
     """Add both commands to the parser's."""
+    _add_step(commands)
+    _add_simulate(commands)
+
+
+def _add_step(commands: Any) -> None:
     step = add_command(
-        commands, "step", "FILE.csv", "fit a first- or second-order model to a step response",
+        commands, "step", "FILE.csv", "fit the paper's models to a step response (eq. 4-16, 23)",
         "yawid step response.csv --u0 0.1 --step-time 5\n"
         "yawid simulate yaw --input step --out - | yawid step -",
     )  # fmt: skip
-    step.add_argument("file", type=Path, metavar="FILE.csv", help="columns t and y")
     step.add_argument(
-        "--model", choices=tuple(PARAMETERS), help="its order (default: the one that fits better)"
+        "file", type=Path, metavar="FILE.csv",
+        help="columns t and y, and u if known; or t, r, rudder; - reads what simulate prints",
+    )  # fmt: skip
+    step.add_argument(
+        "--model", choices=tuple(PARAMETERS), metavar="first|second|yaw",
+        help="its form (default: first or second order by the fit, yaw where neither holds)",
+    )  # fmt: skip
+    step.add_argument(
+        "--u0", type=float, metavar="A", help="height of the step (default: by column u, else 1)"
     )
-    step.add_argument("--u0", type=float, default=1.0, help="height of the step (1)")
-    step.add_argument("--step-time", type=float, default=0.0, metavar="S", help="its time (0)")
+    step.add_argument(
+        "--step-time", type=float, metavar="S", help="its time in s (default: by column u, else 0)"
+    )
     step.add_argument("--json", action="store_true", help="print one JSON object")
     step.set_defaults(run=_step)
+
+
+def _add_simulate(commands: Any) -> None:
     simulate = add_command(
         commands, "simulate", "PLANT --out FILE", "fly a reference plant of the paper to a file",
         "yawid simulate lateral --input 3211 --noise 0.002 --out flight.tlog\n"
@@ -76,26 +105,38 @@ def add_commands(commands: Any) -> None:
 
 
 def _step(arguments: argparse.Namespace) -> int:
-    from yawid.offline.step_response import fit_first_order, fit_second_order, step_from_csv
+    from yawid.offline.step_response import (
+        fit_first_order,
+        fit_second_order,
+        fit_yaw,
+        read_step,
+    )
 
-    t, y = step_from_csv(arguments.file)
-    models = tuple(PARAMETERS) if arguments.model is None else (arguments.model,)
-    fits: dict[str, FirstOrder | SecondOrder] = {}
+    t, y, u0, step_time = read_step(arguments.file, arguments.u0, arguments.step_time)
+    found: dict[str, StepModel] = {}
     refusals = []
-    for model in models:
+
+    def fit(model: str, by: "Callable[..., StepModel]") -> None:
         try:
-            fit = fit_first_order if model == "first" else fit_second_order
-            fits[model] = fit(t, y, arguments.u0, arguments.step_time)
+            found[model] = by(t, y, u0, step_time)
         except NotIdentifiable as refusal:
-            refusals.append(f"{model} order: {refusal}")
-    if not fits:
-        raise NotIdentifiable("; ".join(refusals))
-    model = min(fits, key=lambda name: fits[name].noise_std)
-    _print_step(model, fits[model], arguments.json)
+            refusals.append(f"{MODELS[model]}: {refusal}")
+
+    if arguments.model in (None, "first"):
+        fit("first", fit_first_order)
+    if arguments.model in (None, "second"):
+        fit("second", fit_second_order)
+    if arguments.model == "yaw" or (arguments.model is None and not found):
+        fit("yaw", fit_yaw)  # which holds both as corner cases: asked where neither holds
+    if not found:
+        hint = "; of an aircraft that also rolls, replay a 3-2-1-1: yawid replay"
+        raise NotIdentifiable("; ".join(refusals) + hint)
+    model = min(found, key=lambda name: found[name].noise_std)
+    _print_step(model, found[model], arguments.json)
     return 0
 
 
-def _print_step(model: str, fit: "FirstOrder | SecondOrder", as_json: bool) -> None:
+def _print_step(model: str, fit: "StepModel", as_json: bool) -> None:
     def told(name: str) -> dict[str, float]:
         value = getattr(fit, name)
         return {"value": float(value.value), "std": float(value.std)}
@@ -109,7 +150,7 @@ def _print_step(model: str, fit: "FirstOrder | SecondOrder", as_json: bool) -> N
     if as_json:
         print(json.dumps(report))
         return
-    print(f"{model}-order model")
+    print(MODELS[model])
     for name, number in (report["parameters"] | {n: report[n] for n in SETTLING}).items():
         print(f"  {name:<16} {number['value']:.6g} ± {number['std']:.2g}")
 

@@ -1,4 +1,4 @@
-"""The closed forms of the paper's two step responses and what is read off them: eq. 4-16.
+"""The closed forms of the paper's step responses and what is read off them: eq. 4-16, 23.
 
 Printed slips: eq. 8's limit is s -> 0; eq. 15 keeps the letters of eq. 12, Delta h/k, and means
 Delta y/(k u0).
@@ -32,6 +32,23 @@ def second_order_response(t: Floats, k: float, D: float, q: float) -> Floats:
 def second_order_settling(D: float, q: float, tolerance: float) -> float:
     """Return when the envelope exp(-D q t)/sqrt(1 - D^2) has come down to the tolerance."""
     return -math.log(tolerance * math.sqrt(1.0 - D * D)) / (D * q)
+
+
+def yaw_response(t: Floats, K: float, T: float, xi: float, omega: float) -> Floats:
+    """Return the yaw rate of eq. 23, K (T s + 1) w^2 / (s^2 + 2 xi w s + w^2), after a unit step.
+
+    ``t`` (n,) in s, T in s, omega in rad/s, 0 <= xi < 1; 0 before t = 0. With T = 0 it is eq. 7.
+    """
+    t, root = np.maximum(t, 0.0), math.sqrt(1.0 - xi * xi)
+    swing = np.exp(-xi * omega * t) * np.sin(omega * root * t)
+    return second_order_response(t, K, xi, omega) + K * T * omega / root * swing
+
+
+def yaw_settling(T: float, xi: float, omega: float, tolerance: float) -> float:
+    """Return when the envelope of eq. 23's transient has come down to the tolerance of K, in s."""
+    root = math.sqrt(1.0 - xi * xi)
+    height = math.hypot(1.0, (xi - T * omega) / root)
+    return max(math.log(height / tolerance), 0.0) / (xi * omega)
 
 
 def extremum_time(D: float, q: float, i: int = 1) -> float:

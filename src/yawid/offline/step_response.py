@@ -1,5 +1,7 @@
 """K and T, or k, D and q, of a measured step response: read off as the paper does, then refined.
 
+The yaw rate after a step of the rudder is neither of these forms but eq. 23, which has a zero: its
+starts come from linear fits on a grid of frequencies and dampings.
 The record comes from a CSV file or as arrays and is checked and scaled to run from 0 to 1.
 The reading is eq. 5-6 and 8-16 on the record smoothed over a few samples; it starts a least-squares
 fit of the closed form with a free offset, which gives the estimates and their sigma. Several widths
@@ -8,6 +10,7 @@ of smoothing are tried, the fit with the least loss is kept.
 
 import csv
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +28,8 @@ from yawid.offline.step_forms import (
     second_order_from_peak,
     second_order_response,
     second_order_settling,
+    yaw_response,
+    yaw_settling,
 )
 
 SETTLED = 0.05
@@ -36,45 +41,69 @@ SMOOTHING = (0.0, 0.01, 0.03)
 """Widths of the moving average before the reading, as shares of the record."""
 TAIL = 0.1
 """The share of the record whose mean is read as the steady state."""
+GRID_SAMPLES, GRID_OMEGAS, GRID_XIS, GRID_BEST = 400, 30, (0.05, 0.15, 0.3, 0.5, 0.8), 3
+"""How finely starts for eq. 23 are looked for, and how many of them are refined."""
 CLEAR = 3.0
 """By how many sigma the answer to the step, an overshoot and a misfit must stand out."""
 
 
-def step_from_csv(path: Path) -> tuple[Floats, Floats]:
-    """Return t (n,) in s and y (n,) of a CSV file whose first line names the columns.
+def read_step(
+    path: Path, u0: float | None = None, step_time_s: float | None = None
+) -> tuple[Floats, Floats, float, float]:
+    """Return t (n,) in s, y (n,), and the step's height and time in s, of a CSV file (-: stdin).
 
-    Other columns are ignored, empty lines too; an empty y is NaN.
+    Its first line names the columns t and y, and u where it is known: what is not given of the step
+    is then read off it, else it is 1 at 0 s. Other columns and empty lines are ignored; an empty y
+    is NaN.
 
     Raises:
         SourceError: the file cannot be read or is not text.
-        ConfigError: no column t or y, or a value that is no number, with its line.
+        ConfigError: no column t or y, a value that is no number, with its line, or u is no step.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            return _columns(path.name, file)
+        if str(path) == "-":
+            t, y, u = _columns("stdin", sys.stdin)
+        else:
+            with path.open(newline="", encoding="utf-8-sig") as file:
+                t, y, u = _columns(path.name, file)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise SourceError(f"{path}: cannot be read: {error}") from error
+    height, time_s = 1.0, 0.0
+    if u is not None and (u0 is None or step_time_s is None):
+        height, time_s = _step_of(t, u, path)
+    return t, y, height if u0 is None else u0, time_s if step_time_s is None else step_time_s
 
 
-def _columns(name: str, lines: Iterable[str]) -> tuple[Floats, Floats]:
+def _columns(name: str, lines: Iterable[str]) -> tuple[Floats, Floats, Floats | None]:
     rows = csv.reader(lines)
     header = [column.strip().lower() for column in next(rows, [])]
     for column in ("t", "y"):
         if header.count(column) != 1:
             raise ConfigError(f"{name}: the first line must name one column t and one y: {header}")
-    places = header.index("t"), header.index("y")
+    wanted = ["t", "y"] + ["u"] * (header.count("u") == 1)
+    places = [header.index(column) for column in wanted]
     found = []
     for row in rows:
         if not any(cell.strip() for cell in row):
             continue
         cells = [row[place].strip() if place < len(row) else "" for place in places]
         try:
-            t, y = float(cells[0]), float(cells[1] or math.nan)
+            found.append([float(cells[0]), *(float(cell or math.nan) for cell in cells[1:])])
         except ValueError:
             raise ConfigError(f"{name}, line {rows.line_num}: no numbers: {cells}") from None
-        found.append((t, y))
-    table = np.array(found, dtype=np.float64).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+    table = np.array(found, dtype=np.float64).reshape(-1, len(wanted))
+    return table[:, 0], table[:, 1], table[:, 2] if len(wanted) > 2 else None
+
+
+def _step_of(t: Floats, u: Floats, path: Path) -> tuple[float, float]:
+    """Return the height of the only step of u (n,) and its time."""
+    changes = np.flatnonzero(np.diff(u, prepend=0.0))
+    if len(changes) != 1:
+        raise ConfigError(
+            f"{path}: column u changes {len(changes)} times, and a step is one change from 0: "
+            "give --u0 and --step-time to pass over it"
+        )
+    return float(u[changes[0]]), float(t[changes[0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +172,24 @@ def read_second_order(record: Record) -> Iterator[tuple[float, float]]:
             yield D, q
 
 
+def read_yaw(record: Record) -> list[Floats]:
+    """Return the likeliest [offset, K, T, xi, ln omega] (5,): K and K T are linear in eq. 23."""
+    every = max(1, len(record.t) // GRID_SAMPLES)
+    t, y = record.t[::every], record.y[::every]
+    slowest, fastest = 2.0 * math.pi / record.t[-1], math.pi / (2.0 * float(np.median(np.diff(t))))
+    found = []
+    for omega in np.geomspace(slowest, max(fastest, 2.0 * slowest), GRID_OMEGAS):
+        for xi in GRID_XIS:
+            plain = second_order_response(t, 1.0, xi, omega)
+            per_T = yaw_response(t, 1.0, 1.0, xi, omega) - plain
+            terms = np.column_stack([np.ones(len(t)), plain, per_T])
+            (offset, K, KT), *_ = np.linalg.lstsq(terms, y, rcond=None)
+            left = y - terms @ (offset, K, KT)
+            start = np.array([offset, K, KT / K if K else 0.0, xi, math.log(omega)])
+            found.append((float(left @ left), start))
+    return [start for _, start in sorted(found, key=lambda each: each[0])[:GRID_BEST]]
+
+
 @dataclass(frozen=True, slots=True)
 class Value:
     """An estimate and its standard deviation."""
@@ -174,6 +221,20 @@ class SecondOrder:
     k: Value
     D: Value
     q: Value
+    settling_2pct_s: Value
+    settling_5pct_s: Value
+    offset: Value
+    noise_std: float
+
+
+@dataclass(frozen=True, slots=True)
+class YawStep:
+    """Eq. 23: K in y per u, T_theta in s, omega_beta in rad/s, xi_beta; the envelope's settling."""
+
+    K: Value
+    T_theta_s: Value
+    omega_beta: Value
+    xi_beta: Value
     settling_2pct_s: Value
     settling_5pct_s: Value
     offset: Value
@@ -249,6 +310,46 @@ def fit_second_order(
         _value(q, q * fit.std[3]),
         _settling(D, q, 0.02, fit.covariance[2:, 2:]),
         _settling(D, q, 0.05, fit.covariance[2:, 2:]),
+        _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
+        fit.noise_std * abs(record.scale),
+    )
+
+
+def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0) -> YawStep:
+    """Fit eq. 23 to the yaw rate y (n,) at t (n,) in s; the rest as :func:`fit_first_order`.
+
+    Raises:
+        ConfigError, NotIdentifiable: as there.
+    """
+    record = Record.checked(t, y, u0, step_time_s)
+
+    def form(p: Floats) -> Floats:
+        return yaw_response(record.t, p[1], p[2], p[3], _exp(p[4]))
+
+    low = [-np.inf, -np.inf, -np.inf, 1e-6, -np.inf]
+    high = [np.inf, np.inf, np.inf, 1.0 - 1e-9, np.inf]
+    fit = _refine(record, form, read_yaw(record), low, high)
+    T, xi, omega = float(fit.p[2]), float(fit.p[3]), _exp(fit.p[4])
+    left = SETTLED * math.exp(xi * omega * (yaw_settling(T, xi, omega, SETTLED) - record.t[-1]))
+    _check_form(record, fit, left, yaw_settling(T, xi, omega, SETTLED))
+    scale, root = record.scale / u0, math.sqrt(1.0 - xi * xi)
+
+    def settling(tolerance: float) -> Value:
+        """Return the time and its sigma, by how the envelope and its decay move with T, xi, ln omega."""
+        time = yaw_settling(T, xi, omega, tolerance)
+        miss = (xi - T * omega) / root
+        turn = miss / (1.0 + miss * miss) / (xi * omega)
+        of_T, of_xi = -turn * omega / root, turn * (1.0 / root + miss * xi / root**2) - time / xi
+        slope = np.array([of_T, of_xi, -turn * T * omega / root - time])
+        return _value(time, math.sqrt(slope @ fit.covariance[2:, 2:] @ slope))
+
+    return YawStep(
+        _value(fit.p[1] * scale, fit.std[1] * scale),
+        _value(T, fit.std[2]),
+        _value(omega, omega * fit.std[4]),
+        _value(xi, fit.std[3]),
+        settling(0.02),
+        settling(0.05),
         _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
         fit.noise_std * abs(record.scale),
     )
