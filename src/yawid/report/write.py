@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from yawid.physics.names import OF_YAW_CHANNEL, PAPER, Name
 from yawid.report.data import ReportData, gather
 from yawid.report.html import first_screen, grid, note, page, pictures, table, tables
 from yawid.report.manoeuvres import flight_section
@@ -13,19 +14,6 @@ from yawid.sinks.answers import cards, headline, percent, utc
 from yawid.sinks.base import HALF_TRAVEL, Grid
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, write_whole
-
-PHYSICS_UNITS = {
-    "K": "static gain, rad/s per {rudder}",
-    "T_theta_s": "numerator time constant, s",
-    "omega_beta": "natural frequency, rad/s",
-    "xi_beta": "damping ratio",
-    "a_z_beta": "side force by sideslip, 1/s",
-    "a_my_omega_y": "yaw damping, 1/s",
-    "a_my_beta": "weathercock stability, 1/s²",
-    "a_my_delta_h": "rudder effectiveness, 1/s² per {rudder}",
-    "servo_tau_s": "lag of the servo, s",
-    "reduction_error": "misfit, 0.3 to 3 ωn",
-}
 
 
 def write_report(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
@@ -154,12 +142,20 @@ def _numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iter
         heading = ("value", "σ", "of it noise") if len(keys) == 3 else ("value", "σ of noise")
         rows = [
             (
-                f"{name}: {PHYSICS_UNITS.get(name, '').format(rudder=run_grid.rudder_unit)}",
+                _named(OF_YAW_CHANNEL.get(name) or Name("", "", name, ""), run_grid.rudder_unit),
                 *(_number(getattr(entry, key)) for key in keys),
             )
             for name, entry in answer.physics.items()
         ]
-        yield grid("Yaw channel", ("", *heading), rows)
+        told = "Names before = are a flight-test engineer's, with wind from the right positive."
+        named = note("", f"{told} The others are the paper's: {PAPER}.")
+        yield f"{grid('Yaw channel', ('', *heading), rows)}\n{named}"
+
+
+def _named(name: Name, rudder_unit: str) -> str:
+    symbols = f" {name.symbols}" if name.symbols else ""
+    unit = f", {name.unit.format(rudder=rudder_unit)}" if name.unit else ""
+    return f"{name.text}{symbols}{unit}"
 
 
 def _value(value: float | None, sigma: float | None) -> str:
