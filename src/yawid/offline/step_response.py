@@ -335,7 +335,7 @@ def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.
     scale, root = record.scale / u0, math.sqrt(1.0 - xi * xi)
 
     def settling(tolerance: float) -> Value:
-        """Return the time and its sigma, by how the envelope and its decay move with T, xi, ln omega."""
+        """Return the time and its sigma, by how both factors move with T, xi and ln omega."""
         time = yaw_settling(T, xi, omega, tolerance)
         miss = (xi - T * omega) / root
         turn = miss / (1.0 + miss * miss) / (xi * omega)
