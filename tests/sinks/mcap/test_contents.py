@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from sinks.mcap.mcap_reading import column, decoded, open_sink, write_file
 from sinks.sink_blocks import (
     GRID,
+    PARAMETERS,
     START_NS,
     SUMMARY,
     make_blocks,
@@ -67,6 +68,10 @@ def test_every_field_of_an_estimate_reads_back_for_each_method(tmp_path: Path) -
             np.testing.assert_array_equal(column(messages, field), getattr(estimate, field))
         np.testing.assert_array_equal(column(messages, "status"), estimate.status)
         assert_held(messages, samples.held)
+        by_name = [f.name for f in messages[0][1].parameters.DESCRIPTOR.fields]
+        assert by_name == list(PARAMETERS)
+        named = [[getattr(each.parameters, name) for name in by_name] for _, each in messages]
+        np.testing.assert_array_equal(named, estimate.theta)
     names = messages[0][1].DESCRIPTOR.fields_by_name["status"].enum_type.values_by_name
     assert {name: value.number for name, value in names.items()} == {s.name: s for s in Status}
 

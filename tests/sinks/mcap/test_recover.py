@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from sinks.mcap.mcap_reading import decoded, raw
 from sinks.sink_blocks import (
     GRID,
+    PARAMETERS,
     SUMMARY,
     cut,
     make_blocks,
@@ -220,7 +221,7 @@ def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
     rows, data = Counter(raw(whole)), whole.read_bytes()
     stop = chunk_places(whole)[-1][1]  # the summary is lost: nothing settles what a number means
     inside = np.zeros(stop, bool)  # of a schema, half of the file: each 16th byte will do
-    for content in {schema_data(name) for name in TOPICS.values()}:
+    for content in {schema_data(name, PARAMETERS) for name in TOPICS.values()}:
         for found in re.finditer(re.escape(content), data[:stop]):
             inside[slice(*found.span())] = np.arange(len(content)) % 16 > 0
     assert (~inside).sum() > 4000

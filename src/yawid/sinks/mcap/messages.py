@@ -13,7 +13,7 @@ from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import Manoeuvre, Value, VerdictSummary
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE, descriptor, message_class
+from yawid.sinks.mcap.schemas import ESTIMATE, MODE_VALUES, TABLE, descriptor, message_class
 
 Rows = NDArray[Any]
 
@@ -47,8 +47,8 @@ _ESTIMATE: Final = (
 
 
 @lru_cache
-def _layout(full_name: str, **lengths: int) -> RowLayout:
-    return RowLayout(descriptor(full_name), lengths)
+def _layout(full_name: str, parameters: tuple[str, ...] = (), **lengths: int) -> RowLayout:
+    return RowLayout(descriptor(full_name, parameters), lengths)
 
 
 def _fill_held(rows: Rows, held: Ints) -> None:
@@ -79,15 +79,20 @@ def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     return _one_nan(rows)
 
 
-def estimate_rows(samples: SampleBlock, estimate: EstimateBlock) -> Rows:
-    """Return ``yawid.Estimate`` messages (n,)."""
-    p = estimate.theta.shape[1]
-    rows = _layout("yawid.Estimate", theta=p, theta_std=p).rows(len(samples))
+def estimate_rows(
+    samples: SampleBlock, estimate: EstimateBlock, parameters: tuple[str, ...]
+) -> Rows:
+    """Return ``yawid.Estimate`` messages (n,); ``parameters`` (p,) names the columns of theta."""
+    p = len(parameters)
+    rows = _layout(ESTIMATE, parameters, theta=p, theta_std=p).rows(len(samples))
     rows["boot_time"] = samples.boot_us / 1e6
     _fill_held(rows, samples.held)
     for name in _ESTIMATE:
         rows[name] = getattr(estimate, name)
-    return _one_nan(rows)
+    rows = _one_nan(rows)
+    for column, name in enumerate(parameters):
+        rows["parameters"][name] = rows["theta"][:, column]
+    return rows
 
 
 def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:

@@ -140,7 +140,7 @@ class McapRun:
                 if schema is None:
                     raise ValueError(f"{topic} has no schema")
                 if topic not in layouts:
-                    layouts[topic] = _layout(schema, message.data)
+                    layouts[topic] = _layout(schema, self.grid.parameters, message.data)
                 if topic == topics[0]:
                     if len(log_ns) == BLOCK_ROWS:
                         found = checked(_joined(layouts, waiting), self.grid)
@@ -209,14 +209,14 @@ def _opened(path: Path) -> BinaryIO:
         raise SourceError(f"cannot read {path}: {error.strerror}") from error
 
 
-def _layout(schema: Schema, first: bytes) -> RowLayout:
+def _layout(schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLayout:
     """Return the layout of a topic's rows; its repeated fields are as long as in its first message.
 
     Raises:
         ValueError: the file's schema is not ours, of this version or an older one.
     """
     written = descriptor_in(schema.name, schema.data)
-    if not is_older(written, descriptor(schema.name)):
+    if not is_older(written, descriptor(schema.name, parameters)):
         raise ValueError(f"{schema.name} is of another version of yawid: replay the log again")
     message: Any = GetMessageClass(written)().FromString(first)
     lengths = {

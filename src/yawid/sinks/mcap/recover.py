@@ -24,7 +24,7 @@ from yawid.errors import SinkError
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.reader import DAMAGE, is_bomb
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
-from yawid.sinks.mcap.schemas import LOG, TOPICS, schema_data
+from yawid.sinks.mcap.schemas import LOG, TOPICS, is_ours
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
 
 LIBRARY: Final = f"yawid {__version__} (recovered)"
@@ -228,10 +228,9 @@ class _Known:
                     self.add(record)
             return
         claims: defaultdict[tuple[type, int], dict[str, Schema | Channel]] = defaultdict(dict)
-        ours = {name: schema_data(name) for name in TOPICS.values()}
         stream.seek(0)
         for record in _records(stream):
-            if isinstance(record, Schema) and record.data != ours.get(record.name):
+            if isinstance(record, Schema) and not is_ours(record.name, record.data):
                 self._missing[SCHEMA] += 1
             elif isinstance(record, Channel) and record.topic not in TOPICS:
                 self._missing[CHANNEL] += 1

@@ -2,9 +2,16 @@
 
 Field numbers are the positions in the table: append, never reorder, or old files become unreadable
 to those who remember the schema. The numbers of ``foxglove.Log`` are its publisher's.
+
+``yawid.Parameters`` alone is made anew for each run, its fields being called as theta's elements: a
+plot of theta[3] tells nobody anything. So ``yawid.Estimate``, which holds it, has a file of its own
+beside that of all others, which are the same in every run.
 """
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
@@ -17,6 +24,7 @@ from yawid.physics.derivatives import NAMES
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
 _PACKAGE = "yawid"
+_YAWID_PROTO: Final = "yawid/yawid.proto"
 _YAW_UNITS: Final = {
     "K": "rad/s per {rudder}, of the last whole second; NaN where eq. 23 does not hold",
     "T_theta_s": "s",
@@ -35,6 +43,7 @@ YAW_CHANNEL: Final = tuple(
 
 _NOTED = ", ".join(f"{flag.value} {words(flag)}" for flag in Noted)
 
+ESTIMATE: Final = "yawid.Estimate"
 # message -> (field, type, unit); [] is repeated; a type that begins with a dot is a message, one
 # with a dot within an enum;
 # {rudder} stands for the unit of the rudder.
@@ -75,6 +84,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("innovation", "double", "rad/s, a priori"),
         ("residual", "double", "rad/s, a posteriori"),
         ("noise_std", "double", "rad/s, of the innovation"),
+        ("parameters", ".yawid.Parameters", "theta once more, its elements by their names"),
     ),
     "Modes": (
         ("boot_time", "double", "s, clock of the vehicle"),
@@ -135,8 +145,8 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
 
 TOPICS: Final[Mapping[str, str]] = {
     "/yawid/sample": "yawid.Sample",
-    "/yawid/estimate": "yawid.Estimate",
-    **{f"/yawid/estimate/{method}": "yawid.Estimate" for method in METHODS},
+    "/yawid/estimate": ESTIMATE,
+    **{f"/yawid/estimate/{method}": ESTIMATE for method in METHODS},
     "/yawid/modes": "yawid.Modes",
     "/yawid/mode": "yawid.Mode",
     "/yawid/manoeuvre": "yawid.Manoeuvre",
@@ -177,17 +187,32 @@ def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) ->
         field.type = _FieldProto.Type.Value(f"TYPE_{kind.upper()}")
 
 
+def _add_message(file: descriptor_pb2.FileDescriptorProto, name: str) -> None:
+    message = file.message_type.add(name=name)
+    for field, kind, _ in TABLE[name]:
+        _add_field(message, field, kind)
+
+
 def _yawid_file() -> descriptor_pb2.FileDescriptorProto:
-    file = descriptor_pb2.FileDescriptorProto(
-        name="yawid/yawid.proto", package=_PACKAGE, syntax="proto3"
-    )
+    file = descriptor_pb2.FileDescriptorProto(name=_YAWID_PROTO, package=_PACKAGE, syntax="proto3")
     status = file.enum_type.add(name="Status")
     for member in Status:
         status.value.add(name=member.name, number=member.value)
-    for name, fields in TABLE.items():
-        message = file.message_type.add(name=name)
-        for field, kind, _ in fields:
-            _add_field(message, field, kind)
+    for name in TABLE:
+        if name != "Estimate":
+            _add_message(file, name)
+    return file
+
+
+def _estimate_file(parameters: Sequence[str]) -> descriptor_pb2.FileDescriptorProto:
+    file = descriptor_pb2.FileDescriptorProto(
+        name="yawid/estimate.proto", package=_PACKAGE, syntax="proto3"
+    )
+    file.dependency.append(_YAWID_PROTO)
+    theta = file.message_type.add(name="Parameters")
+    for name in parameters:
+        _add_field(theta, name, "double")
+    _add_message(file, "Estimate")
     return file
 
 
@@ -208,21 +233,22 @@ def _foxglove_log_file() -> descriptor_pb2.FileDescriptorProto:
     return file
 
 
-def _build_pool() -> descriptor_pool.DescriptorPool:
+@lru_cache
+def _pool(parameters: tuple[str, ...]) -> descriptor_pool.DescriptorPool:
     # A pool of our own: the default one is shared with whatever else the process has loaded.
     pool = descriptor_pool.DescriptorPool()
     pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
-    for file in (_yawid_file(), _foxglove_log_file()):
+    for file in (_yawid_file(), _estimate_file(parameters), _foxglove_log_file()):
         pool.AddSerializedFile(file.SerializeToString(deterministic=True))
     return pool
 
 
-_POOL: Final = _build_pool()
+def descriptor(full_name: str, parameters: tuple[str, ...] = ()) -> Descriptor:
+    """Return the descriptor of a message by its full type name, such as ``yawid.Sample``.
 
-
-def descriptor(full_name: str) -> Descriptor:
-    """Return the descriptor of a message by its full type name, such as ``yawid.Sample``."""
-    return _POOL.FindMessageTypeByName(full_name)
+    ``parameters`` (p,) names theta; without them ``yawid.Estimate`` tells theta by numbers alone.
+    """
+    return _pool(parameters).FindMessageTypeByName(full_name)
 
 
 def descriptor_in(full_name: str, data: bytes) -> Descriptor:
@@ -263,10 +289,35 @@ def message_class(full_name: str) -> type[Message]:
     return message_factory.GetMessageClass(descriptor(full_name))
 
 
-def schema_data(full_name: str) -> bytes:
+def schema_data(full_name: str, parameters: tuple[str, ...] = ()) -> bytes:
     """Return the serialised FileDescriptorSet of a message, its dependencies first."""
     files = descriptor_pb2.FileDescriptorSet()
-    main = descriptor(full_name).file
+    main = descriptor(full_name, parameters).file
     for file in (*main.dependencies, main):
         files.file.add().ParseFromString(file.serialized_pb)
     return files.SerializeToString(deterministic=True)
+
+
+def is_ours(full_name: str, data: bytes) -> bool:
+    """Tell whether a schema is, byte for byte, one that this version writes.
+
+    Theta's names in it must be those of some orders: a damaged one is not among them.
+    """
+    parameters: tuple[str, ...] = ()
+    if full_name == ESTIMATE:
+        try:
+            theta = descriptor_in(f"{_PACKAGE}.Parameters", data)
+        except ValueError:
+            return False
+        parameters = tuple(field.name for field in theta.fields)
+        if not _are_of_some_orders(parameters):
+            return False
+    return full_name in TOPICS.values() and data == schema_data(full_name, parameters)
+
+
+def _are_of_some_orders(parameters: Sequence[str]) -> bool:
+    """Tell whether they are a1, a2 .., b1 .., b1_aileron .., c1 .. and bias, with none left out."""
+    counts = Counter(re.sub(r"\d+", "", name) for name in parameters)
+    kinds = ("a", "b", "b_aileron", "c")
+    names = [f"{kind[0]}{i + 1}{kind[1:]}" for kind in kinds for i in range(counts[kind])]
+    return list(parameters) == [*names, "bias"]

@@ -94,6 +94,7 @@ class McapSink:
         self._schemas: dict[str, int] = {}
         self._records: set[str] = set()
         self._mode: float | None = None
+        self._parameters: tuple[str, ...] = ()
         self._estimate_channels: dict[str, int] = {}
         self._manoeuvre_channel: int | None = None
         self._sample_ns = self._log_ns = self._manoeuvre_ns = self._rows = 0
@@ -107,7 +108,7 @@ class McapSink:
 
     def start(self, grid: Grid) -> None:
         """See :meth:`yawid.sinks.base.Sink.start`; the names also stand with each channel."""
-        self._grid = grid
+        self._grid, self._parameters = grid, grid.parameters
         record = {
             name: " ".join(value) if isinstance(value, tuple) else str(value)
             for name, value in asdict(grid).items()
@@ -144,7 +145,10 @@ class McapSink:
         topics = [
             Topic(self._sample_channel, sample_rows(samples, self._grid.inputs)),
             *(
-                Topic(self._estimate_channels[method], estimate_rows(samples, estimate))
+                Topic(
+                    self._estimate_channels[method],
+                    estimate_rows(samples, estimate, self._parameters),
+                )
                 for method, estimate in estimates.items()
             ),
             Topic(self._modes_channel, modes_rows(samples, modes)),
@@ -261,7 +265,7 @@ class McapSink:
         schema = TOPICS[topic]
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(
-                schema, "protobuf", schema_data(schema)
+                schema, "protobuf", schema_data(schema, self._parameters)
             )
         return self._writer.register_channel(
             topic, "protobuf", self._schemas[schema], metadata or {}
