@@ -25,7 +25,7 @@ from yawid.sources.link.inbox import Stamps
 
 
 def lines_with(text: str, screen: object) -> list[str]:
-    return [line for line in screen.getvalue().splitlines() if text in line]  # type: ignore[attr-defined]
+    return [line for line in screen.getvalue().splitlines() if text in line]  # type: ignore[attr-defined] # a StringIO
 
 
 def test_a_full_disk_under_the_tlog_is_one_line_and_the_mcap_goes_on(tmp_path: Path):

@@ -236,7 +236,7 @@ def test_a_port_in_use_is_refused_and_leaves_nothing(tmp_path: Path):
 )
 def test_what_cannot_be_asked_is_refused_in_one_line(options: dict[str, object], reason: str):
     with pytest.raises(ConfigError, match=reason):
-        LiveOptions(**options)  # type: ignore[arg-type]
+        LiveOptions(**options)  # type: ignore[arg-type] # each of its own type
 
 
 def test_silence_is_said_once_and_so_is_the_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -57,7 +57,7 @@ def test_two_threads_write_one_whole_line_after_the_other():
 
 def test_a_line_that_updates_is_cleared_for_one_that_stays():
     screen = Screen()
-    screen.isatty = lambda: True  # type: ignore[method-assign]
+    screen.isatty = lambda: True  # type: ignore[method-assign] # a terminal, once
     console = Console(screen)
     console.show("12 msg/s, 3 samples")
     console.say("the link is back")

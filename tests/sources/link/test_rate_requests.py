@@ -56,7 +56,7 @@ def say(link: SimpleNamespace, *messages: object) -> None:
     """The vehicle speaks and the requests hear it."""
     before = link.tap.inbox.received
     for message in messages:
-        link.vehicle.send(message.pack(link.codec))  # type: ignore[attr-defined]
+        link.vehicle.send(message.pack(link.codec))  # type: ignore[attr-defined] # no types in pymavlink
         link.codec.seq = (link.codec.seq + 1) % 256
     data, patience = b"", time.monotonic() + 10.0
     while link.tap.inbox.received < before + len(messages) and time.monotonic() < patience:

@@ -107,7 +107,7 @@ class StateFile:
         """Return the file as it is to be now; the pipeline has a bank."""
         bank = pipeline.bank
         assert bank is not None
-        saved = {m: e.to_bytes() for m, e in bank.estimators.items()}  # type: ignore[union-attr]
+        saved = {m: e.to_bytes() for m, e in bank.estimators.items()}  # type: ignore[union-attr] # no reference here
         # The reference engine, which has no bytes, was refused when this was built.
         head = {
             "version": VERSION,
