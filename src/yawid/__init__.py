@@ -1,7 +1,22 @@
 """Yawid identifies how an aircraft's yaw answers its rudder, sample by sample."""
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # orders and configuration take more than the types of their fields say
+    from yawid.blocks import EstimateBlock as EstimateBlock
+    from yawid.blocks import Status as Status
+    from yawid.config.estimator import forgetting_factor as forgetting_factor
+    from yawid.errors import ConfigError as ConfigError
+    from yawid.errors import YawidError as YawidError
+    from yawid.estimation.armax import Estimate as Estimate
+    from yawid.estimation.armax import RecursiveArmax as RecursiveArmax
+    from yawid.estimation.polynomials import parameter_names as parameter_names
+    from yawid.estimation.reference.estimator import make_estimator as make_estimator
+    from yawid.tables.run import Run as Run
+    from yawid.tables.run import load as load
+    from yawid.tables.run import replay as replay
+    from yawid.tables.table import Table as Table
 
 __version__ = "0.1.0"
 
@@ -17,6 +32,10 @@ _HOMES = {
     "Status": "yawid.blocks",
     "YawidError": "yawid.errors",
     "ConfigError": "yawid.errors",
+    "Run": "yawid.tables.run",
+    "Table": "yawid.tables.table",
+    "load": "yawid.tables.run",
+    "replay": "yawid.tables.run",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -24,13 +24,17 @@ SIGN = "positive rudder = nose right, positive yaw rate = nose right"
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where a run writes: the folder, the name of its files, and which of them."""
+    """Where a run writes: the folder, the name of its files, and which of them.
+
+    With ``sink`` there is no file: it takes all that would have been written.
+    """
 
     folder: Path
     name: str
     rerun: str = "off"
     force: bool = False
     record: bool = True
+    sink: Sink | None = None
 
     @property
     def has_viewer(self) -> bool:
@@ -43,6 +47,8 @@ class Outputs:
 
     def files(self) -> dict[str, str]:
         """Return the paths of MCAP and Rerun recording."""
+        if self.sink is not None:
+            return {}
         rrd = {"rrd": str(self.path(".rrd"))} if self.rerun == "save" else {}
         return {"mcap": str(self.path(".mcap"))} | rrd
 
@@ -59,11 +65,13 @@ def output_names(logs: Sequence[Path]) -> list[str]:
 
 
 def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
-    """Open every sink of a replay.
+    """Open every sink of a replay: files and viewer, or the one in their place.
 
     Raises:
         SinkError: the folder or a file cannot be written.
     """
+    if outputs.sink is not None:
+        return [outputs.sink]
     sinks: list[Sink] = [open_mcap(config, outputs)]
     with whole_or_none(sinks):
         sinks += open_rerun(outputs)
@@ -136,7 +144,7 @@ def finish(
     pipeline: Pipeline, summary: RunSummary, files: dict[str, str], parameters: bytes
 ) -> RunSummary:
     """Add the file names to the summary, finish every sink with it and return it."""
-    summary = msgspec.structs.replace(summary, files=files)
+    summary = msgspec.structs.replace(summary, files=files or None)
     attachments = {
         "configuration.toml": pipeline.config.to_toml().encode(),
         "parameters.txt": parameters,

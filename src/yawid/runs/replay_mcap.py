@@ -70,7 +70,8 @@ def replay_run(
     """
     with stop.raising():
         run = open_run(mcap)
-        if outputs.path(".mcap").exists() and outputs.path(".mcap").samefile(mcap):
+        written = [Path(path) for path in outputs.files().values()]
+        if any(path.exists() and path.samefile(mcap) for path in written):
             raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
         config = changed(run, settings)
         if config.manoeuvres != "off" and not run.has_flight_state:

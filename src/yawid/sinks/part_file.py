@@ -68,6 +68,24 @@ def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
             part.unlink(missing_ok=True)
 
 
+@contextmanager
+def written_whole(path: Path, *, force: bool = False, suffix: str = ".part") -> Iterator[BinaryIO]:
+    """Open a file to be written piece by piece: whole it gets its name, after an error it is gone.
+
+    Raises:
+        SinkError: it exists and ``force`` is not set, or it cannot be written.
+    """
+    part, stream = open_part(path, force=force, suffix=suffix)
+    try:
+        with os_errors_as_sink_error(path):
+            with stream:
+                yield stream
+                sync(stream)
+            part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 class Disk:
     """Brings files to the disk while who writes them waits; a subclass may do so later."""
 

@@ -131,6 +131,11 @@ def verdict_message(verdict: VerdictSummary) -> bytes:
 
 def manoeuvre_message(found: Manoeuvre) -> bytes:
     """Return one ``yawid.Manoeuvre``, its numbers those of the method that answers."""
+    return _packed("yawid.Manoeuvre", **manoeuvre_fields(found))
+
+
+def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:
+    """Return the fields of a ``yawid.Manoeuvre``, in order; what is unknown is NaN or empty."""
     answer, roll, verdict = found.answer, found.dutch_roll, found.verdict
     known = found.to_json() | found.orders.to_json()
     if answer is not None:
@@ -145,7 +150,7 @@ def manoeuvre_message(found: Manoeuvre) -> bytes:
     for name, kind, _ in TABLE["Manoeuvre"]:
         value = known.get(name)
         fields[name] = missing[kind] if value is None else value
-    return _packed("yawid.Manoeuvre", **fields)
+    return fields
 
 
 def _packed(full_name: str, **fields: object) -> bytes:

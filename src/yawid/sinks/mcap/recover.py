@@ -25,7 +25,7 @@ from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.reader import DAMAGE, is_bomb
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
 from yawid.sinks.mcap.schemas import LOG, TOPICS, is_ours
-from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
+from yawid.sinks.part_file import written_whole
 
 LIBRARY: Final = f"yawid {__version__} (recovered)"
 CHUNK: Final = "damaged chunk"
@@ -71,11 +71,8 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
         if not stream.seekable():
             raise SinkError(f"cannot read {path_in}: it is read twice and must be a file")
         # Not ".part": that may well be the name of the file to be recovered.
-        part, out = open_part(path_out, force=force, suffix=".recovered.part")
-        try:
-            with out, os_errors_as_sink_error(part):
-                recovered = _Copy(out, stream, path_in).run()
-                sync(out)
+        with written_whole(path_out, force=force, suffix=".recovered.part") as out:
+            recovered = _Copy(out, stream, path_in).run()
             # The schema of log lines is Foxglove's: they alone are not worth a file.
             only_log = recovered.missing[SCHEMA] > 0 and recovered.counts.keys() <= {LOG}
             if only_log or not recovered.counts:
@@ -83,10 +80,6 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
                 raise SinkError(
                     f"{path_in} holds no message of a run to be trusted{why}: nothing recovered"
                 )
-            with os_errors_as_sink_error(path_out):
-                part.replace(path_out)
-        finally:
-            part.unlink(missing_ok=True)
     return recovered
 
 

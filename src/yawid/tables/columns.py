@@ -1,0 +1,228 @@
+"""A run's blocks as columns: which field has which name, and its unit as the MCAP's table has it.
+
+The names are those of records (DESIGN: ``t``, ``rudder``, ``r``, ...), so that a run's samples
+stand under the same names in Python, in what is exported, and in what can be replayed.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import EstimateBlock, Held, Noted, SampleBlock, Status
+from yawid.config.run import RunConfig
+from yawid.physics.derivatives import NAMES
+from yawid.results.run_summary import Manoeuvre, RunSummary
+from yawid.sinks.base import HALF_TRAVEL, Grid
+from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
+from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE, units
+from yawid.tables.table import Column
+
+_UNIT: Final = re.compile(r"(1|s|m|rad|m/s|rad/s|1/s|1/s\^2|percent|half.travel)( per .+)?")
+_UNKNOWN: Final = re.compile("[,;]? NaN .*")
+"""Of a schema's text, what says when a number is unknown: that differs from file to file."""
+FIRST_KNOWN_NS: Final = 10**18
+"""Unix time of September 2001: what is earlier is the time since boot, not a date."""
+OUTPUTS: Final = {
+    "yaw-rate": ("r", "yaw rate"),
+    "heading-rate": ("heading_rate", "rate of the heading, by Euler's formula"),
+    "yaw": ("mean_heading_rate", "change of yaw over the interval before, by its length"),
+}
+"""Name and meaning of what the model's output is: of --output yaw-rate alone it is r."""
+HALF: Final = "half-travel"
+"""The unit as a record and the command line spell it."""
+
+
+class Units:
+    """Unit and meaning of each field of a run, as its MCAP would have them."""
+
+    def __init__(self, grid: Grid, config: RunConfig) -> None:
+        self._units = units(grid.rudder_unit.replace(HALF_TRAVEL, HALF))
+        self.grid, self.config = grid, config
+        name, says = OUTPUTS[config.output]
+        if config.turn == "remove":
+            name, says = f"{name}_less_turn", f"{says}, less the turn's"
+        if config.band is not None:
+            says += f", within {config.band[0]:g} to {config.band[1]:g} Hz, as the inputs are"
+        self.output, self.output_says = name, says
+
+    def column(self, field: str, name: str, values: NDArray[Any]) -> Column:
+        """Return a column of a field, ``Message.field``."""
+        unit, says = unit_in(self._units.get(field, ""))
+        return Column(name, values, unit, says)
+
+    def surface(self, name: str) -> str:
+        """Return the unit of an input."""
+        return self.grid.unit_of(name).replace(HALF_TRAVEL, HALF)
+
+
+def unit_in(text: str) -> tuple[str, str]:
+    """Return the unit at the start of a schema's text, empty if there is none, and the rest."""
+    first = re.split("[,;]", text, maxsplit=1)[0]
+    if _UNIT.fullmatch(first) is None:
+        return "", _UNKNOWN.sub("", text)
+    return first, _UNKNOWN.sub("", text.removeprefix(first)).lstrip(",; ")
+
+
+def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
+    """Yield what was measured, a row per sample: the names of a record, then the rest."""
+    grid = known.grid
+    mean = f"mean deflection over [t, t + {grid.sample_time_s:g} s), positive nose right"
+    yield known.column("Sample.boot_time", "t", samples.boot_us / 1e6)
+    column = grid.inputs.index("rudder")
+    yield Column("rudder", samples.u[:, column], known.surface("rudder"), mean)
+    yield Column(known.output, samples.y, "rad/s", known.output_says)
+    yield known.column("Sample.roll", "roll", samples.roll)
+    aileron = known.column("Sample.aileron", "aileron", samples.aileron)
+    yield aileron._replace(unit=known.surface("aileron"))
+    from_ground = samples.noted & Noted.GROUND_SPEED != 0
+    airspeed = np.where(from_ground, np.nan, samples.airspeed)
+    yield known.column("Sample.airspeed", "airspeed", airspeed)
+    for name in ("yaw", "altitude", "on_ground"):
+        yield known.column(f"Sample.{name}", name, getattr(samples, name))
+    modes = texts(samples.mode, lambda mode: _mode_name(grid, mode))
+    yield Column("mode", modes, says="flight mode")
+    why = "why the estimators were not to learn from it"
+    yield Column("held", texts(samples.held, lambda bits: _flags(Held, bits)), says=why)
+
+
+def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
+    """Yield what a record does not have."""
+    yield known.column("Sample.turn_rate", "turn_rate", samples.turn)
+    speed = np.where(samples.noted & Noted.GROUND_SPEED != 0, samples.airspeed, np.nan)
+    says = "in place of an airspeed that is not known"
+    yield Column("ground_speed", speed, "m/s", says)
+    noted = texts(samples.noted, lambda bits: _flags(Noted, bits))
+    yield Column("noted", noted, says="what is to be known of it beside")
+    time = samples.unix_ns.astype("datetime64[ns]")
+    time = np.where(samples.unix_ns < FIRST_KNOWN_NS, np.datetime64("NaT"), time)
+    yield Column("time", time, "UTC", "the vehicle's time; none where no date is known")
+
+
+def estimate_columns(
+    samples: SampleBlock, estimate: EstimateBlock, known: Units
+) -> Iterator[Column]:
+    """Yield an estimator's rows: theta by the names of its parameters, each with its sigma."""
+    grid = known.grid
+    yield known.column("Sample.boot_time", "t", samples.boot_us / 1e6)
+    kinds = (("", estimate.theta, "parameter"), ("_std", estimate.theta_std, "its sigma, of noise"))
+    for suffix, values, says in kinds:
+        for i, name in enumerate(grid.parameters):
+            yield Column(name + suffix, values[:, i], theta_unit(name, known), says)
+    yield from fit_columns(estimate, known)
+    held = texts(samples.held, lambda bits: _flags(Held, bits))
+    yield Column("held", held, says="why it did not learn")
+
+
+def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
+    """Yield how the model tells the output, and what the estimator says of itself."""
+    said = f"{known.output} as predicted one step ahead"
+    yield Column(f"{known.output}_hat", estimate.y_hat, "rad/s", said)
+    for name in ("innovation", "residual", "noise_std"):
+        yield known.column(f"Estimate.{name}", name, getattr(estimate, name))
+    status = texts(estimate.status, lambda code: Status(int(code)).name.lower())
+    yield Column("status", status, says="of the estimator")
+
+
+def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
+    """Yield the first method's Dutch roll, its poles and the numbers of eq. 22-23, sigma beside."""
+    modes = rows.modes
+    yield known.column("Sample.boot_time", "t", rows.samples.boot_us / 1e6)
+    yield from dutch_roll_columns(rows, known)
+    for i in range(modes.poles.shape[1]):
+        for part, values in (("re", modes.poles.real), ("im", modes.poles.imag)):
+            yield known.column(f"Modes.pole_{part}", f"pole{i + 1}_{part}", values[:, i])
+    for i, name in enumerate(NAMES[: modes.yaw.shape[1]]):
+        yield known.column(f"Modes.{name}", name, modes.yaw[:, i])
+        yield known.column(f"Modes.{name}_std", f"{name}_std", modes.yaw_std[:, i])
+
+
+def dutch_roll_columns(rows: RunRows, known: Units) -> Iterator[Column]:
+    """Yield wn and zeta, their sigmas (of noise) beside."""
+    for i, name in enumerate(MODE_VALUES):
+        yield known.column(f"Modes.dutch_roll_{name}", name, rows.modes.dutch_roll[:, i])
+
+
+def record_columns(rows: RunRows, known: Units) -> list[Column]:
+    """Return what is exported: the columns of a record, then the results, then what is left."""
+    first = fit_columns(rows.estimates[known.grid.methods[0]], known)
+    fit = {column.name: column for column in first if column.name != "noise_std"}
+    status = fit.pop("status")
+    roll = dutch_roll_columns(rows, known)
+    return [
+        *sample_columns(rows.samples, known),
+        *fit.values(),
+        *roll,
+        status,
+        *further_columns(rows.samples, known),
+    ]
+
+
+def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
+    """Yield a row per manoeuvre: conditions, answer, and the theta that answers."""
+    found = summary.manoeuvres or []
+    fields = [manoeuvre_fields(each) for each in found]
+    for name, kind, _ in TABLE["Manoeuvre"]:
+        values = [_one(each[name]) for each in fields]
+        text = kind == "string" or kind.endswith("[]")
+        dtype: Any = object if text else {"double": float, "bool": bool}.get(kind, int)
+        yield known.column(f"Manoeuvre.{name}", name, np.array(values, dtype))
+    used = () if summary.flight is None else summary.flight.used
+    says = "whether the flight's answer rests on it"
+    yield Column("used", np.array([each.n in used for each in found], bool), says=says)
+    kinds = (("theta", "", "parameter"), ("theta_std", "_std", "its sigma, of noise"))
+    for name in _parameters(found):
+        for field, suffix, says in kinds:
+            values = [_parameter(each, field, name) for each in found]
+            unit = theta_unit(name, known)
+            yield Column(name + suffix, np.array(values, float), unit, says)
+
+
+def theta_unit(name: str, known: Units) -> str:
+    """Return the unit of a parameter by its name."""
+    if name == "bias":
+        return "rad/s"
+    if not name.startswith("b"):
+        return "1"
+    return f"rad/s per {known.surface(name.partition('_')[2] or known.grid.inputs[0])}"
+
+
+def texts(codes: NDArray[Any], word: Callable[[Any], str | None]) -> NDArray[Any]:
+    """Return codes (n,) as texts (n,), None where there is none."""
+    kinds, which = np.unique(codes, return_inverse=True)
+    return np.array([word(code) for code in kinds.tolist()], object)[which]
+
+
+def _mode_name(grid: Grid, mode: float) -> str | None:
+    """Return a flight mode's name, its number where it has none."""
+    if mode != mode:  # NaN
+        return None
+    name = grid.mode_name(mode)
+    return f"{mode:.0f}" if name == f"mode {mode:.0f}" else name
+
+
+def _flags(kind: type[Held] | type[Noted], bits: int) -> str | None:
+    names = (str(flag.name).lower() for flag in kind if flag.value & bits)
+    return " ".join(names) or None
+
+
+def _one(value: Any) -> Any:
+    """Return a field's value for a cell: of several the names, of none None."""
+    if isinstance(value, list):
+        return " ".join(each["id"] if isinstance(each, dict) else each for each in value) or None
+    return None if value == "" else value
+
+
+def _parameters(found: Iterable[Manoeuvre]) -> list[str]:
+    """Return the names in the models that answer, each once."""
+    names: dict[str, None] = {}
+    for each in found:
+        names |= dict.fromkeys(() if each.answer is None else each.answer.theta)
+    return list(names)
+
+
+def _parameter(each: Manoeuvre, field: str, name: str) -> float:
+    values = {} if each.answer is None else getattr(each.answer, field)
+    return float(values.get(name, np.nan))

@@ -1,0 +1,59 @@
+"""What a notebook and a prompt show of a run: whether it may be used first, then the answer."""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.answers import with_sigma
+from yawid.sinks.terminal.flight_table import flight_rows
+from yawid.tables.table import Table
+
+
+def told(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
+    """Return a run as a prompt shows it."""
+    rows = ", ".join(f"{table.title} ({len(table)})" for table in tables)
+    lines = [f"{path}: {verdict(summary)}", *reasons(summary), *answer(summary), f"rows: {rows}"]
+    return "\n  ".join(lines)
+
+
+def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
+    """Return a run as a notebook shows it: HTML without script, style but its own, or sources."""
+    said = "".join(f"<li>{escape(line)}</li>" for line in reasons(summary))
+    dim = "" if summary.deciding.usable else ' style="opacity:0.6"'
+    rows = "".join(f"<div>{escape(line)}</div>" for line in answer(summary))
+    heads = "".join(f"<th>{name}</th>" for name in ("table", "rows", "columns"))
+    body = "".join(
+        f"<tr><td>{escape(table.title)}</td><td>{len(table)}</td>"
+        f'<td style="text-align:left">{escape(", ".join(table))}</td></tr>'
+        for table in tables
+    )
+    return (
+        f"<div><p><b>{escape(verdict(summary))}</b> {escape(str(path))}</p><ul>{said}</ul>"
+        f"<div{dim}>{rows}</div>"
+        f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def verdict(summary: RunSummary) -> str:
+    """Return whether the answer may be used."""
+    if summary.deciding.usable:
+        return "usable"
+    return "NOT USABLE" + (", the numbers are for study only" if summary.estimates else "")
+
+
+def reasons(summary: RunSummary) -> list[str]:
+    """Return why the answer may not be used, and what it is warned of."""
+    return [f"{reason.id}: {reason.text}" for reason in summary.deciding.reasons]
+
+
+def answer(summary: RunSummary) -> Iterator[str]:
+    """Yield the flight's answer line by line, or the stream's where there was no manoeuvre."""
+    for row in flight_rows(summary):
+        yield f"{row.name:>6}  {row.text}"
+    mode = summary.dutch_roll
+    if summary.flight is None and mode is not None and summary.answering is not None:
+        wn = " ".join(filter(None, with_sigma(mode.wn_rad_s, mode.wn_std)))
+        zeta = " ".join(filter(None, with_sigma(mode.zeta, mode.zeta_std)))
+        who = summary.answering.upper()
+        yield f"stream  wn {wn} rad/s, zeta {zeta} at its end, by {who}; ± is one sigma"

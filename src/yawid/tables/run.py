@@ -1,0 +1,237 @@
+"""``yawid.load`` and ``yawid.replay``: a run in Python, from its file or from a log."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
+from yawid.results.run_summary import Manoeuvre, RunSummary
+from yawid.sinks.base import Grid, LogLevel, rudder_unit
+from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.tables.columns import (
+    Units,
+    estimate_columns,
+    further_columns,
+    manoeuvre_columns,
+    mode_columns,
+    record_columns,
+    sample_columns,
+)
+from yawid.tables.table import Table
+
+if TYPE_CHECKING:
+    from yawid.sources.open_log import ReadOptions
+
+
+class Run:
+    """A run as tables: columns are NumPy arrays with units, rows samples or manoeuvres.
+
+    ``summary`` is what ``--json`` prints, ``config`` what was asked for, ``path`` the file that was
+    read. The tables are made when they are first asked for.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        summary: RunSummary,
+        config: RunConfig,
+        grid: Grid | None,
+        rows: RunRows | None,
+    ) -> None:
+        self.path, self.summary, self.config = path, summary, config
+        self._rows = no_rows() if rows is None else rows
+        if grid is None:
+            grid = Grid((), config.inputs, (), math.nan, rudder_unit(config.rudder_max_deg))
+        self._known = Units(grid, config)
+
+    @cached_property
+    def samples(self) -> Table:
+        """What was measured, a row per sample, held ones too."""
+        samples, known = self._rows.samples, self._known
+        columns = [*sample_columns(samples, known), *further_columns(samples, known)]
+        return Table("samples", columns)
+
+    @cached_property
+    def estimates(self) -> Mapping[str, Table]:
+        """By method, the one asked for first: theta, sigma, prediction, a row per sample."""
+        return {
+            method: Table(f"estimates by {method}", [*self._estimate(estimate)])
+            for method, estimate in self._rows.estimates.items()
+        }
+
+    def _estimate(self, estimate: EstimateBlock) -> Any:
+        return estimate_columns(self._rows.samples, estimate, self._known)
+
+    @cached_property
+    def modes(self) -> Table:
+        """The first method's Dutch roll, poles and physics, a row per sample."""
+        return Table("modes", [*mode_columns(self._rows, self._known)])
+
+    @cached_property
+    def manoeuvres(self) -> Table:
+        """The manoeuvres: conditions, answers, theta; no row where none was found."""
+        return Table("manoeuvres", [*manoeuvre_columns(self.summary, self._known)])
+
+    @cached_property
+    def record(self) -> Table:
+        """Samples and the first method's results beside them, as ``yawid export`` writes them."""
+        return Table("samples and results", record_columns(self._rows, self._known))
+
+    def to_pandas(self) -> Any:
+        """Return ``record`` as a pandas.DataFrame; see :meth:`Table.to_pandas`."""
+        return self.record.to_pandas()
+
+    def to_polars(self) -> Any:
+        """Return ``record`` as a polars.DataFrame; see :meth:`Table.to_polars`."""
+        return self.record.to_polars()
+
+    def to_xarray(self) -> Any:
+        """Return ``record`` as an xarray.Dataset; see :meth:`Table.to_xarray`."""
+        return self.record.to_xarray()
+
+    def _tables(self) -> list[Table]:
+        return [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
+
+    def __repr__(self) -> str:
+        from yawid.tables.page import told
+
+        return told(self.path, self.summary, self._tables())
+
+    def _repr_html_(self) -> str:
+        from yawid.tables.page import page
+
+        return page(self.path, self.summary, self._tables())
+
+
+def load(path: str | PathLike[str]) -> Run:
+    """Return the run that an MCAP of yawid holds, all of it in memory.
+
+    Raises:
+        SourceError: it cannot be read, is damaged, was never finished or is not yawid's.
+    """
+    from yawid.sinks.mcap.reader import open_run
+
+    run = open_run(Path(path))
+    parts = list(run.blocks())
+    return Run(run.path, run.summary, run.config, run.grid, joined(parts) if parts else None)
+
+
+def replay(path: str | PathLike[str], **options: Any) -> Run:
+    """Replay a log, or a run's MCAP, and return what ``yawid replay`` would write; no file is.
+
+    ``options`` are those of the command line with underscores: ``rate=10, orders="auto"``, the
+    stretch as ``from_s`` and ``to_s``; ``config`` names a TOML file, ``format`` is ``raw`` for
+    frames without stamps, ``signing_key_file`` names the key of signed ones.
+
+    Raises:
+        ConfigError: an option is unknown, outside its limits, or does not fit the log.
+        SourceError: the log cannot be read.
+    """
+    from yawid.config.run import check_settings, overruled, settings_from_toml
+    from yawid.runs.outputs import Outputs
+    from yawid.runs.replay import replay as replay_log
+    from yawid.runs.replay_mcap import replay_run
+    from yawid.runs.stop import StopFlag
+    from yawid.sinks.mcap.chunks import is_mcap
+
+    log = Path(path)
+    automatic = options.get("orders") == "auto"
+    if automatic:
+        del options["orders"]
+    read_options = _read_options(
+        options.pop("format", "auto"), options.pop("signing_key_file", None)
+    )
+    toml = options.pop("config", None)
+    settings = {} if toml is None else settings_from_toml(Path(toml))
+    settings = overruled(settings, check_settings(options, "yawid.replay"))
+    kept = Kept()
+    outputs = Outputs(Path(), log.stem, sink=kept)
+    if is_mcap(log):
+        replay_run(log, settings, outputs, StopFlag(), automatic=automatic)
+    else:
+        config = RunConfig(**settings)
+        replay_log(log, config, outputs, StopFlag(), read_options, automatic=automatic)
+    return kept.run(log)
+
+
+def _read_options(form: str, key_file: str | PathLike[str] | None) -> "ReadOptions":
+    from yawid.sources.logs.tlog import FORMS
+    from yawid.sources.mavlink.signing import SigningKey
+    from yawid.sources.open_log import ReadOptions
+
+    if form not in FORMS:
+        raise ConfigError(f"format must be one of {', '.join(FORMS)}, got {form!r}")
+    path = None if key_file is None else Path(key_file)
+    return ReadOptions(form, None if path is None else SigningKey.from_file(path), path)
+
+
+@dataclass(slots=True)
+class Kept:
+    """A sink that keeps a run in memory, as its file would have it."""
+
+    grid: Grid | None = None
+    parts: list[RunRows] = field(default_factory=list)
+    summary: RunSummary | None = None
+    configuration: bytes = b""
+
+    def run(self, path: Path) -> Run:
+        """Return the run of the log at ``path``, once it is finished."""
+        from yawid.sinks.mcap.reader import read_config
+
+        assert self.summary is not None, "the run is not finished"
+        rows = joined(self.parts) if self.parts else None
+        self.parts = []
+        return Run(path, self.summary, read_config(self.configuration), self.grid, rows)
+
+    def start(self, grid: Grid) -> None:
+        """See :class:`yawid.sinks.base.Sink`."""
+        self.grid = grid
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :class:`yawid.sinks.base.Sink`; the covariances are let go, as no file has them."""
+        kept = {
+            method: EstimateBlock(estimate.without_covariance.copy(), estimate.p)
+            for method, estimate in estimates.items()
+        }
+        self.parts.append(RunRows(samples, kept, modes))
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :class:`yawid.sinks.base.Sink`: the summary has it too."""
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """See :class:`yawid.sinks.base.Sink`."""
+
+    def flush(self) -> None:
+        """See :class:`yawid.sinks.base.Sink`."""
+
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """See :class:`yawid.sinks.base.Sink`."""
+        self.summary, self.configuration = summary, attachments["configuration.toml"]
+
+    def abort(self) -> None:
+        """See :class:`yawid.sinks.base.Sink`."""
+
+
+def no_rows() -> RunRows:
+    """Return no row: of a run in which rudder and yaw rate never flowed together."""
+    none, one = np.empty(0), np.empty((0, 1))
+    whole = np.empty(0, np.int64)
+    samples = SampleBlock(
+        math.nan, whole, whole, whole, whole, one, none, none, none, none, none,
+        whole, whole, whole, none, none, none, none,
+    )  # fmt: skip
+    poles = np.empty((0, 0), complex)
+    empty = np.empty((0, 0))
+    return RunRows(
+        samples, {}, ModesBlock(poles, empty, empty, empty, empty, np.empty((0, 4)), empty, empty)
+    )

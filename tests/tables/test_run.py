@@ -1,0 +1,234 @@
+"""``yawid.load`` and ``yawid.replay``: a run in Python, and what other libraries make of it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from finished_runs import replayed
+from places import C172P, REPLAY_LOGS
+
+import yawid
+from yawid.errors import ConfigError, SourceError, YawidError
+from yawid.sinks.mcap.reader import open_run
+from yawid.tables.run import Run
+from yawid.tables.table import Column, Table
+
+
+@pytest.fixture(scope="module")
+def mcap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return replayed(C172P, tmp_path_factory.mktemp("run"), "--rate", 10)
+
+
+@pytest.fixture(scope="module")
+def run(mcap: Path) -> Run:
+    return yawid.load(mcap)
+
+
+def tables(run: Run) -> Iterator[Table]:
+    yield from (run.samples, *run.estimates.values(), run.modes, run.manoeuvres, run.record)
+
+
+def assert_same(ours: Run, theirs: Run) -> None:
+    for one, other in zip(tables(ours), tables(theirs), strict=True):
+        assert (one.units, one.says, one.title) == (other.units, other.says, other.title)
+        for name in one:
+            exact = {"equal_nan": True} if one[name].dtype.kind in "fM" else {}
+            assert np.array_equal(one[name], other[name], **exact), name
+    ours_told, theirs_told = ours.summary.to_json(), theirs.summary.to_json()
+    for key in ("estimates", "verdict", "channels", "link", "vehicle", "manoeuvres", "flight"):
+        assert ours_told.get(key) == theirs_told.get(key), key
+
+
+def test_a_replay_in_python_is_the_run_that_the_command_line_writes_to_the_bit_and_no_file(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    direct = yawid.replay(C172P, rate=10)
+
+    assert_same(direct, run)
+    assert direct.summary.files is None
+    assert not [*tmp_path.iterdir()]
+
+
+def test_of_an_mcap_too_even_where_its_own_name_would_be_written(
+    mcap: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(mcap.parent)
+    options: dict[str, Any] = {"orders": "auto", "from_s": 50, "to_s": 140, "manoeuvres": "off"}
+
+    assert_same(yawid.replay("log.mcap", **options), yawid.replay(C172P, rate=10.0, **options))
+
+
+def test_columns_bear_the_names_of_records_and_of_theta_with_their_units(
+    mcap: Path, run: Run
+) -> None:
+    rows = next(open_run(mcap).blocks())
+    els = run.estimates["els"]
+
+    assert run.samples.columns[:3] == ("t", "rudder", "r")
+    assert run.samples.units["rudder"] == "half-travel"
+    np.testing.assert_array_equal(run.samples.r, rows.samples.y)
+    np.testing.assert_array_equal(els["b2_std"], rows.estimates["els"].theta_std[:, 4])
+    assert [els.units[name] for name in ("a1", "b1", "bias", "innovation")] == [
+        "1", "rad/s per half-travel", "rad/s", "rad/s",
+    ]  # fmt: skip
+    np.testing.assert_array_equal(run.modes.wn_std, rows.modes.dutch_roll[:, 1])
+    [found] = run.summary.manoeuvres or ()
+    assert found.answer is not None
+    assert run.manoeuvres.a1.tolist() == [found.answer.theta["a1"]]
+    assert run.manoeuvres.units["wn_std"] == "rad/s"
+
+
+def test_rows_are_chosen_and_a_name_that_is_not_there_is_told(run: Run) -> None:
+    late = run.samples[run.samples.t > 100.0]
+
+    assert 0 < len(late) < len(run.samples)
+    assert late.units == run.samples.units
+    assert len(run.samples[5:9]) == 4
+    with pytest.raises(AttributeError, match="'rate'"):
+        _ = run.samples.rate
+    with pytest.raises(KeyError, match="no column 'rate': t, rudder, r"):
+        _ = run.samples["rate"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"rates": 10}, "yawid.replay: unknown setting 'rates'"),
+        ({"rate": "10"}, "rate must be a number"),
+        ({"format": "bin"}, "format must be one of"),
+    ],
+)
+def test_an_option_that_is_not_one_is_refused(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        yawid.replay(C172P, **options)
+
+
+def test_what_was_torn_is_refused_as_by_replay(mcap: Path, tmp_path: Path) -> None:
+    data = mcap.read_bytes()
+    torn, flipped = tmp_path / "torn.mcap", tmp_path / "flipped.mcap"
+    torn.write_bytes(data[: len(data) // 2])
+    middle = len(data) // 3
+    flipped.write_bytes(data[:middle] + bytes([data[middle] ^ 255]) + data[middle + 1 :])
+
+    for path in (torn, flipped):
+        with pytest.raises(SourceError, match="yawid recover"):
+            yawid.load(path)
+    with pytest.raises(SourceError, match="no MCAP file"):
+        yawid.load(C172P)
+    with pytest.raises(YawidError, match="cannot read"):
+        yawid.load(tmp_path / "absent.mcap")
+
+
+def test_an_unusable_run_says_so_before_any_number_and_nothing_in_it_is_markup(
+    tmp_path: Path,
+) -> None:
+    log = tmp_path / "<script>alert(1)<" / "log.tlog"
+    log.parent.mkdir()
+    log.write_bytes(C172P.read_bytes()[:30_000])
+
+    run = yawid.replay(log)
+
+    assert not run.summary.deciding.usable
+    page = run._repr_html_() + run.samples._repr_html_() + run.manoeuvres._repr_html_()
+    assert page.index("NOT USABLE, the numbers are for study only") < page.index("wn ")
+    assert ": NOT USABLE" in repr(run).partition("\n")[0]
+    found = Tags(page)
+    assert found.tags == {*TAGS}
+    assert found.balance == 0
+
+
+TAGS = (
+    "div", "p", "b", "ul", "li", "table", "thead", "tbody", "tr", "th", "td", "br", "small",
+)  # fmt: skip
+
+
+class Tags(HTMLParser):
+    """The tags of a page, and how many were left open."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.balance = 0
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.tags.add(tag)
+        self.balance += tag != "br"
+
+    def handle_endtag(self, tag: str) -> None:
+        self.balance -= 1
+
+
+def test_a_log_without_rudder_gives_empty_tables(tmp_path: Path) -> None:
+    head = tmp_path / "head.tlog"
+    head.write_bytes(C172P.read_bytes()[:500])
+
+    run = yawid.replay(head)
+
+    assert [len(run.samples), len(run.modes), len(run.manoeuvres)] == [0, 0, 0]
+    assert run.estimates == {}
+    assert ": NOT USABLE\n" in repr(run)
+
+
+def test_an_output_that_is_no_yaw_rate_is_not_called_r() -> None:
+    log, few = REPLAY_LOGS / "c172p_gaps" / "log.tlog", {"manoeuvres": "off", "also": "none"}
+
+    record = yawid.replay(log, output="yaw", turn="remove", rudder_max_deg=25, **few).record
+
+    assert "r" not in record
+    assert record.units["mean_heading_rate_less_turn_hat"] == "rad/s"
+    assert record.units["rudder"] == "rad"
+
+
+def test_a_library_that_is_not_installed_is_named(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "polars", None)
+    with pytest.raises(ConfigError, match="needs polars: pip install polars"):
+        run.to_polars()
+
+
+def test_pandas_has_the_numbers_and_their_units(run: Run) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = run.to_pandas()
+
+    assert isinstance(frame, pandas.DataFrame)
+    np.testing.assert_array_equal(frame["wn"], run.modes.wn)
+    assert frame.attrs["units"]["wn"] == "rad/s"
+    assert len(run.manoeuvres.to_pandas()) == 1
+
+
+def test_polars_has_null_where_nothing_is_known(run: Run) -> None:
+    pytest.importorskip("polars")
+    frame = run.to_polars()
+
+    unknown = np.count_nonzero(np.isnan(run.modes.wn))
+    assert 0 < frame["wn"].null_count() == unknown < len(frame)
+    assert run.manoeuvres.to_polars()["usable"].to_list() == [True]
+
+
+def test_xarray_has_units_at_each_variable_and_time_along(run: Run) -> None:
+    pytest.importorskip("xarray")
+    found = run.to_xarray()
+
+    assert found["wn"].attrs["units"] == "rad/s"
+    np.testing.assert_array_equal(found["t"], run.samples.t)
+    assert found["time"].dtype.kind == "M"
+
+
+def test_a_table_shows_its_first_and_last_rows() -> None:
+    table = Table("rows", [Column("n", np.arange(40)), Column("x", np.full(40, np.nan), "m")])
+
+    page = table._repr_html_()
+
+    assert page.count("<tr>") == 1 + 10 + 1
+    assert "<td>39</td><td></td>" in page
+    assert repr(table) == "rows, 40 rows: n, x [m]"
