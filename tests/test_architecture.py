@@ -12,6 +12,7 @@ from places import SRC
 EVERYWHERE = {"__init__", "errors", "blocks"}
 """What any room may import: public names, errors, the arrays that travel."""
 WIRE, LOGS, LINK = "sources/mavlink", "sources/logs", "sources/link"
+RECORDS = "sources/records"
 STAGES = {"config", "channels", "estimation", "physics"}
 SINKS = {"sinks", "sinks/mcap", "sinks/rerun", "sinks/terminal"}
 MAY_IMPORT: dict[str, set[str]] = {
@@ -19,6 +20,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "plant": set(),
     WIRE: set(),
     LOGS: {WIRE},
+    RECORDS: set(),
     "sources": {WIRE, LOGS},
     LINK: {WIRE, "sources"},
     "channels": {"config", WIRE},

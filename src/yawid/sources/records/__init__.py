@@ -1,0 +1,1 @@
+"""Flight-test records that never were MAVLink: CSV and Parquet with a column per channel."""
