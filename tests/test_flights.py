@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from places import SHARED_FLIGHTS as FLIGHTS
+from printed import printed
 from recorded_flights import recorded
 
 from yawid.cli.main import main
@@ -23,7 +24,7 @@ def replay(capsys, tmp_path: Path, log: Path | str, *options: object) -> tuple[i
     path = log if isinstance(log, Path) else FLIGHTS / f"{log}.tlog"
     arguments = ["replay", path, "--out", tmp_path, "--json", *options]
     code = main([str(argument) for argument in arguments])
-    return code, json.loads(capsys.readouterr().out)
+    return code, printed("replay", capsys.readouterr().out)
 
 
 def reasons(summary: dict[str, Any]) -> dict[str, str]:

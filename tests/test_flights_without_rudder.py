@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 from places import SHARED_FLIGHTS as FLIGHTS
+from printed import printed
 
 from yawid.cli.main import main
 
@@ -18,7 +18,7 @@ def replay(capsys, tmp_path: Path, name: str, *options: object) -> tuple[int, di
     """Return the exit code and the texts of the reasons."""
     arguments = ["replay", FLIGHTS / name, "--out", tmp_path, "--json", *options]
     code = main([str(argument) for argument in arguments])
-    summary: dict[str, Any] = json.loads(capsys.readouterr().out)
+    summary: dict[str, Any] = printed("replay", capsys.readouterr().out)
     return code, {reason["id"]: reason["text"] for reason in summary["verdict"]["reasons"]}
 
 

@@ -1,5 +1,21 @@
 """Every exception yawid raises on purpose and its exit code; ``cli/`` alone makes lines of them."""
 
+from typing import Final
+
+EXIT_CODES: Final = {
+    0: "good: the answer may be used, warnings may stand beside it",
+    1: "regress: a case differs from its references",
+    2: "usage or configuration: nothing was run",
+    3: "no vehicle, no rudder or no yaw rate in the log",
+    4: "the message rate is too low for an answer",
+    5: "not excited or not identifiable: the answer is shown and marked unusable",
+    6: "input or output failed",
+    7: "something changed: trend, diff",
+    130: "interrupted by SIGINT",
+    143: "interrupted by SIGTERM",
+}
+"""What the process exits with; of several logs the highest."""
+
 
 class YawidError(Exception):
     """The root: anything that yawid itself has to say about its input, output or use."""

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from flightlog import FlightLog, fly
 from places import C172P, ROOT
+from printed import printed
 
 from yawid.cli.main import main
 
@@ -33,7 +34,7 @@ def test_a_replay_prints_one_json_object_and_writes_its_files(tmp_path: Path):
 
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n") == 1
-    summary = json.loads(done.stdout)
+    summary = printed("replay", done.stdout)
     assert summary["verdict"]["usable"] is True
     assert summary["log"] == str(C172P)
     for kind in ("mcap", "rrd"):
@@ -64,7 +65,7 @@ def test_several_logs_give_a_line_each_and_the_highest_code(tmp_path: Path):
     done = yawid("replay", C172P, tmp_path / "copter.tlog", "--out", out, "--json", "--rate", 10)
 
     assert done.returncode == 3
-    first, second = (json.loads(line) for line in done.stdout.splitlines())
+    first, second = (printed("replay", line) for line in done.stdout.splitlines())
     assert first["verdict"]["usable"]
     assert second["verdict"]["reasons"][0]["id"] == "no_rudder"
     assert "quadrotor" in second["verdict"]["reasons"][0]["text"]
@@ -162,7 +163,7 @@ def test_a_log_without_heartbeat_has_no_vehicle(tmp_path: Path):
     done = yawid("replay", path, "--out", tmp_path / "out", "--json")
 
     assert done.returncode == 3
-    assert json.loads(done.stdout)["verdict"]["reasons"][0]["id"] == "no_vehicle"
+    assert printed("replay", done.stdout)["verdict"]["reasons"][0]["id"] == "no_vehicle"
 
 
 @pytest.mark.parametrize(

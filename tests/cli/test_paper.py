@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
+from printed import printed
 
 from yawid.cli.main import main
 
@@ -32,7 +33,7 @@ def test_a_first_order_response_gives_K_and_T(tmp_path: Path, capsys):
 
     assert main(["step", str(file), "--u0", "0.5", "--json"]) == 0
 
-    report = json.loads(capsys.readouterr().out)
+    report = printed("step", capsys.readouterr().out)
     assert report["model"] == "first"
     assert report["parameters"]["K"]["value"] == pytest.approx(4.0, rel=1e-6)
     assert report["parameters"]["T"]["value"] == pytest.approx(1.5, rel=1e-6)
@@ -44,7 +45,7 @@ def test_an_oscillating_response_gives_k_D_and_q(tmp_path: Path, capsys):
 
     assert main(["step", str(file), "--json"]) == 0
 
-    found = json.loads(capsys.readouterr().out)["parameters"]
+    found = printed("step", capsys.readouterr().out)["parameters"]
     assert [round(found[name]["value"], 5) for name in ("k", "D", "q")] == [3.0, 0.3, 2.0]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 from places import REPLAY_LOGS as CASES
+from printed import printed
 
 from yawid.cli.main import main
 from yawid.runs.regress.case import Case, find_cases
@@ -148,7 +148,7 @@ def test_json_tells_all_on_one_line_and_the_same_for_any_number_of_workers(folde
 
     assert said[0] == said[1]
     assert said[0].count("\n") == 1
-    told = json.loads(said[0])
+    told = printed("regress", said[0])
     assert told["exit_code"] == 1
     first, second = told["cases"]
     assert (first["name"], first["ok"], second["ok"]) == ("c172p_gcs_rates", False, True)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import C172P
+from printed import printed
 
 from yawid.cli.main import main
 from yawid.config.estimator import ArmaxOrders
@@ -61,7 +62,7 @@ def test_the_candidates_cover_the_default():
 def test_orders_auto_replays_with_what_orders_recommends(tmp_path: Path, capsys):
     options = ["--rate", "10"]
     assert main(["orders", str(C172P), "--json", *options]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = printed("orders", capsys.readouterr().out)
 
     out = ["--out", str(tmp_path), "--json"]
     assert main(["replay", str(C172P), "--orders", "auto", *options, *out]) == 0

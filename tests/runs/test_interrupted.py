@@ -17,6 +17,7 @@ import pytest
 from finished_runs import replayed
 from interrupting import repeated, yawid_with
 from places import C172P, REPLAY_LOGS
+from printed import printed
 
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
@@ -51,7 +52,7 @@ def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
     name, done, folder = ended
 
     assert done.returncode == CODES[name], done.stderr
-    summary = json.loads(done.stdout)
+    summary = printed("replay", done.stdout)
     assert summary["verdict"]["usable"] is False
     reason = summary["verdict"]["reasons"][0]
     assert (reason["id"], reason["weight"]) == ("interrupted", "fatal")
@@ -106,7 +107,7 @@ def test_a_replay_of_a_run_is_interrupted_alike(tmp_path: Path) -> None:
     done = yawid_with("SIGTERM", 1, "replay", first, "--out", tmp_path / "again", "--json")
 
     assert done.returncode == 143, done.stderr
-    summary = json.loads(done.stdout)
+    summary = printed("replay", done.stdout)
     assert summary["verdict"]["reasons"][0]["id"] == "interrupted"
     assert 0 < summary["bytes_read"] < first.stat().st_size
     assert "sha256" not in summary

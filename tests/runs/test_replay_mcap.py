@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 from finished_runs import replayed
 from mcap.reader import make_reader
 from places import C172P
+from printed import printed
 
 from yawid.cli.main import main
 
@@ -25,7 +25,7 @@ def summary_of(mcap: Path) -> dict[str, Any]:
     with mcap.open("rb") as stream:
         for attachment in make_reader(stream).iter_attachments():
             if attachment.name == "summary.json":
-                summary: dict[str, Any] = json.loads(attachment.data)
+                summary: dict[str, Any] = printed("replay", attachment.data.decode())
                 return summary
     raise AssertionError(f"no summary in {mcap}")
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
+
+from printed import printed
 
 from yawid.cli.main import main
 
@@ -14,4 +15,4 @@ def inspected(log: bytes | Path, tmp_path: Path, capsys, *options: str) -> tuple
     if isinstance(log, bytes):
         path.write_bytes(log)
     code = main(["inspect", str(path), "--json", *options])
-    return code, json.loads(capsys.readouterr().out)
+    return code, printed("inspect", capsys.readouterr().out)

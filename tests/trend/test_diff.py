@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from forged_runs import forge
 from hand_flights import four_of_a_flight
 from judge_trend import START_US, WEEK_US, flight, write_fleet
 from places import C172P
+from printed import printed
 
 from yawid.cli.main import main
 
@@ -46,7 +46,7 @@ def made(run: Path, tmp_path: Path) -> Made:
 
 def told(capsys: pytest.CaptureFixture[str], a: Path, b: Path) -> tuple[int, Any]:
     code = main(["diff", str(a), str(b), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+    return code, printed("diff", capsys.readouterr().out)
 
 
 def numbers(said: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from judge_trend import (
     judge_seed,
     write_fleet,
 )
+from printed import printed
 
 from yawid.cli.main import main
 from yawid.trend.trend import trend
@@ -36,7 +36,7 @@ def fallen(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def told(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any]:
     code = main([*map(str, argv), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+    return code, printed(str(argv[0]), capsys.readouterr().out)
 
 
 def steady(vehicle: int, count: int, **more: Any) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ One file may serve several commands: an option that the command at hand does not
 """
 
 import argparse
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -31,22 +30,15 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
         command.error(f"unrecognized arguments: {' '.join(unknown)}")
     if file is None:
         return arguments
-    settings, options = _split(_loaded(file), _options_of_all(parser))
+    from yawid.config.run import check_settings, read_toml
+
+    settings, options = _split(read_toml(file), _options_of_all(parser))
     for action in command._actions:
         if action.dest in options:
             command.set_defaults(**{action.dest: _text(action, options[action.dest], file)})
-    from yawid.config.run import check_settings
-
     arguments = parser.parse_args(argv)
     arguments.settings = check_settings(settings, str(file))
     return arguments
-
-
-def _loaded(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{file}: not a readable TOML file: {error}") from error
 
 
 def _options_of_all(parser: argparse.ArgumentParser) -> set[str]:

@@ -37,6 +37,7 @@ from yawid.cli.options import (
 )
 from yawid.cli.paper import add_commands
 from yawid.cli.regress import add_regress
+from yawid.cli.schema import add_schema
 from yawid.cli.standard_streams import bring_out, make_ready, mute, show
 from yawid.cli.trend import add_trend
 from yawid.cli.warm import add_warm
@@ -110,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     add_regress(commands)
     add_fleet(commands)
     add_trend(commands)
+    add_schema(commands)
     add_warm(commands)
     add_completion(commands, parser)
     return parser

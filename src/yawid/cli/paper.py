@@ -137,22 +137,25 @@ def _step(arguments: argparse.Namespace) -> int:
 
 
 def _print_step(model: str, fit: "StepModel", as_json: bool) -> None:
-    def told(name: str) -> dict[str, float]:
-        value = getattr(fit, name)
-        return {"value": float(value.value), "std": float(value.std)}
+    from yawid.results.reports import StepReport, Told
 
-    report: dict[str, Any] = {
-        "model": model,
-        "parameters": {name: told(name) for name in PARAMETERS[model]},
-        **{name: told(name) for name in SETTLING},
-        "noise_std": float(fit.noise_std),
-    }
+    def told(name: str) -> Told:
+        value = getattr(fit, name)
+        return Told(value=float(value.value), std=float(value.std))
+
+    report = StepReport(
+        model=model,
+        parameters={name: told(name) for name in PARAMETERS[model]},
+        settling_2pct_s=told("settling_2pct_s"),
+        settling_5pct_s=told("settling_5pct_s"),
+        noise_std=float(fit.noise_std),
+    )
     if as_json:
-        print(json.dumps(report))
+        print(json.dumps(report.to_json()))
         return
     print(MODELS[model])
-    for name, number in (report["parameters"] | {n: report[n] for n in SETTLING}).items():
-        print(f"  {name:<16} {number['value']:.6g} ± {number['std']:.2g}")
+    for name, number in (report.parameters | {n: getattr(report, n) for n in SETTLING}).items():
+        print(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
 
 
 def _simulate(arguments: argparse.Namespace) -> int:

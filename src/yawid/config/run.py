@@ -2,8 +2,10 @@
 
 import math
 import re
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig, forgetting_factor
@@ -209,6 +211,18 @@ class RunConfig:
             for name, value in asdict(self).items()
             if value is not None
         )
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file holds.
+
+    Raises:
+        ConfigError: the file cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: not a readable TOML file: {error}") from error
 
 
 def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,8 @@ from yawid.errors import ChannelError, NotIdentifiable, YawidError
 from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
 from yawid.physics.modes import finite
 from yawid.results.reasons import Verdict
+from yawid.results.reports import OrdersReport, OrdersTried
+from yawid.results.run_summary import DutchRoll, Orders
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.runs.trials import Trials
@@ -76,13 +78,13 @@ def orders_report(
             raise _why_nothing(source, pipeline)
         found, chosen = try_orders(pipeline)
         verdict = Trials(source).of(_with(chosen, config)).verdict
-    recommended = {"recommended": _orders(chosen)} if verdict.usable else {}
-    return {
-        "log": str(log.absolute()),
-        **recommended,
-        "candidates": [_described(candidate) for candidate in found],
-        "verdict": as_summary(verdict).to_json(),
-    }, verdict
+    report = OrdersReport(
+        log=str(log.absolute()),
+        recommended=Orders(**_orders(chosen)) if verdict.usable else None,
+        candidates=[_described(candidate) for candidate in found],
+        verdict=as_summary(verdict),
+    )
+    return report.to_json(), verdict
 
 
 def _why_nothing(log: Log, pipeline: KeepingPipeline) -> YawidError:
@@ -98,9 +100,8 @@ def _orders(candidate: Candidate) -> dict[str, int]:
     return {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
 
 
-def _described(candidate: Candidate) -> dict[str, Any]:
+def _described(candidate: Candidate) -> OrdersTried:
     names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
-    values = {name: getattr(candidate, name) for name in names}
-    mode = zip(("wn_rad_s", "wn_std", "zeta", "zeta_std"), candidate.dutch_roll, strict=True)
-    described: dict[str, Any] = _orders(candidate) | finite(values)
-    return described | ({"dutch_roll": found} if (found := finite(dict(mode))) else {})
+    values = finite({name: getattr(candidate, name) for name in names})
+    roll = DutchRoll.of(candidate.dutch_roll)
+    return OrdersTried(**_orders(candidate), **values, dutch_roll=roll)

@@ -135,7 +135,7 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
         ConfigError: an option is unknown, outside its limits, or does not fit the log.
         SourceError: the log cannot be read.
     """
-    from yawid.config.run import check_settings, overruled, settings_from_toml
+    from yawid.config.run import check_settings, overruled, read_toml
     from yawid.runs.outputs import Outputs
     from yawid.runs.replay import replay as replay_log
     from yawid.runs.replay_mcap import replay_run
@@ -143,14 +143,16 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
     from yawid.sinks.mcap.chunks import is_mcap
 
     log = Path(path)
-    automatic = options.get("orders") == "auto"
-    if automatic:
-        del options["orders"]
     read_options = _read_options(
         options.pop("format", "auto"), options.pop("signing_key_file", None)
     )
     toml = options.pop("config", None)
-    settings = {} if toml is None else settings_from_toml(Path(toml))
+    loaded = {} if toml is None else read_toml(Path(toml))
+    automatic = options.get("orders", loaded.get("orders")) == "auto"
+    for each in (options, loaded):
+        if each.get("orders") == "auto":
+            del each["orders"]
+    settings = check_settings(loaded, str(toml))
     settings = overruled(settings, check_settings(options, "yawid.replay"))
     kept = Kept()
     outputs = Outputs(Path(), log.stem, sink=kept)

@@ -26,6 +26,7 @@ from live_link import (
     tlog_size,
     wait_for_size,
 )
+from printed import printed
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from telemetry import Link
 
@@ -131,7 +132,7 @@ def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path:
 
     assert process.returncode in (0, 5), err
     assert out.count("\n") == 1
-    summary = json.loads(out)
+    summary = printed("live", out)
     # Three seconds are enough for a manoeuvre, by which the session is judged, not for the stream.
     assert (process.returncode == 0) is summary["flight"]["verdict"]["usable"]
     assert not summary["verdict"]["usable"]

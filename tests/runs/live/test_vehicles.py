@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from finished_runs import messages
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from printed import why_invalid
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.channels.stage import WANTED
@@ -93,6 +94,7 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
         )
         assert (summary.link.lost, sum(summary.live.dropped.values())) == (0, 0)
         told, own_told = summary.to_json(), again.to_json()
+        assert why_invalid("live", told) == ""
         assert len(told["manoeuvres"]) == 1
         for key in ("estimates", "manoeuvres", "flight", "verdict"):
             assert told[key] == own_told[key]

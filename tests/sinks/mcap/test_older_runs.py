@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2
+from printed import why_invalid
 
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
@@ -63,6 +64,7 @@ def test_it_is_estimated_again_to_what_it_said(tmp_path):
     summary, _ = replay_run(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
 
     before = json.loads(open_run(OLD_RUN).attachments["summary.json"])
+    assert why_invalid("replay", summary.to_json()) == ""
     for method in ("els", "rml"):
         assert summary.estimates[method].theta == before["estimates"][method]["theta"]
     assert [block.samples for block in open_run(tmp_path / "again.mcap").blocks()]

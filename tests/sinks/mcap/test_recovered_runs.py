@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 from finished_runs import replayed
 from hostile import FLIGHT
 from mcap.reader import make_reader
+from printed import printed
 
 from yawid.cli.main import main
 from yawid.sinks.mcap.reader import open_run
@@ -36,7 +36,7 @@ def recovered(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def summary_of(mcap: Path) -> dict[str, Any]:
     with mcap.open("rb") as stream:
         [data] = [a.data for a in make_reader(stream).iter_attachments() if "summary" in a.name]
-    summary: dict[str, Any] = json.loads(data)
+    summary: dict[str, Any] = printed("replay", data.decode())
     return summary
 
 

@@ -15,6 +15,7 @@ import pytest
 from flightlog import Samples, samples_of
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from printed import why_invalid
 from pymavlink import mavutil
 from sources.logs.onboard_flight import assert_same_samples, flown
 from sources.logs.ulog_flight import (
@@ -67,6 +68,7 @@ def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path
 
     assert verdict.exit_code == 0, verdict.reasons
     assert summary.sha256 == hashlib.sha256(whole()).hexdigest()
+    assert why_invalid("replay", summary.to_json()) == ""
     assert summary.vehicle == VehicleSeen(sysid=7, compid=1, type=1, autopilot=12)
     rudder = summary.channels["rudder"]
     assert (rudder.source, rudder.how) == ("SERVO_OUTPUT_RAW.servo3_raw", "parameter")

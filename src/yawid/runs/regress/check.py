@@ -20,6 +20,7 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, SinkError, YawidError
+from yawid.results.reports import CaseReport, RegressReport
 from yawid.runs.regress.case import Case, Replayed
 from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
 from yawid.runs.regress.table import csv_of, read_csv
@@ -174,20 +175,14 @@ def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
 
 def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return what ``--json`` prints: the same for the same logs and references."""
-    return {
-        "exit_code": exit_code(outcomes),
-        "cases": [
-            {
-                "name": o.name,
-                "folder": str(o.folder),
-                "ok": o.ok,
-                "exit_code": o.code,
-                "wrong": list(o.wrong),
-                "files": o.files,
-            }
-            for o in outcomes
-        ],
-    }
+    cases = [
+        CaseReport(
+            name=o.name, folder=str(o.folder), ok=o.ok, exit_code=o.code, wrong=list(o.wrong),
+            files=o.files,
+        )
+        for o in outcomes
+    ]  # fmt: skip
+    return RegressReport(exit_code=exit_code(outcomes), cases=cases).to_json()
 
 
 def exit_code(outcomes: Sequence[Outcome]) -> int:

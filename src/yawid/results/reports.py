@@ -1,0 +1,68 @@
+"""What the commands print with ``--json`` that sum up no flight: ``orders``, ``step``, ``regress``.
+
+As in a summary, what does not apply is None and has no key.
+"""
+
+from yawid.results.run_summary import Count, DutchRoll, Number, Orders, Part, VerdictSummary
+
+
+class OrdersTried(Orders, frozen=True, kw_only=True):
+    """One structure, and how it did: learnt from two thirds of the record, run free over the rest.
+
+    The sigmas of its Dutch roll are of noise alone.
+    """
+
+    loss: Number | None = None
+    aic: Number | None = None
+    bic: Number | None = None
+    whiteness_p: Number | None = None
+    simulation_pct: Number | None = None
+    update_ns: Number | None = None
+    dutch_roll: DutchRoll | None = None
+
+
+class OrdersReport(Part, frozen=True, kw_only=True):
+    """What ``yawid orders`` says of a log: every structure, the best first, and the one to use.
+
+    None is recommended where a replay with the best one cannot be used; the verdict says why.
+    """
+
+    log: str
+    recommended: Orders | None = None
+    candidates: list[OrdersTried]
+    verdict: VerdictSummary
+
+
+class Told(Part, frozen=True, kw_only=True):
+    """A number of a step response and its sigma."""
+
+    value: Number
+    std: Number
+
+
+class StepReport(Part, frozen=True, kw_only=True):
+    """What ``yawid step`` says of a step response: its form, parameters, and when it settles."""
+
+    model: str
+    parameters: dict[str, Told]
+    settling_2pct_s: Told
+    settling_5pct_s: Told
+    noise_std: Number
+
+
+class CaseReport(Part, frozen=True, kw_only=True):
+    """What came of one case; ``wrong`` says what differs, worst first."""
+
+    name: str
+    folder: str
+    ok: bool
+    exit_code: Count
+    wrong: list[str]
+    files: dict[str, str]
+
+
+class RegressReport(Part, frozen=True, kw_only=True):
+    """What came of all cases; the exit code is the highest of theirs."""
+
+    exit_code: Count
+    cases: list[CaseReport]

@@ -1,0 +1,67 @@
+"""What ``--json`` prints is what ``yawid schema`` says: see also ``support/printed.py``."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import json_keys
+import json_schema
+import pytest
+from places import C172P, REPLAY_LOGS
+from printed import WHOLE, why_invalid
+
+from yawid.cli.main import main
+from yawid.cli.schema import COMMANDS, of_command
+
+CASES = sorted(REPLAY_LOGS.glob("*/expected.json"))
+
+
+def test_the_file_is_what_the_types_give():
+    """If not: python tools/json_schema.py."""
+    assert json_schema.FILE.read_text() == json_schema.text_of(json_schema.document())
+
+
+def test_nothing_is_said_of_a_key_that_there_is_not():
+    defs = {
+        name: each["properties"] for name, each in WHOLE["$defs"].items() if "properties" in each
+    }
+    keys = {key for properties in defs.values() for key in properties}
+    keys |= {f"{name}.{key}" for name, properties in defs.items() for key in properties}
+    keys |= {key for inner in json_keys.WITHIN.values() for key in inner} | {"record"}
+    said = {*json_keys.SAYS, *json_keys.UNITS, *json_keys.ENTRIES, *json_keys.VALUES}
+
+    assert said - keys == set()
+
+
+def test_every_reason_and_every_exit_code_stands_on_the_same_page(capsys):
+    assert main(["schema", "replay"]) == 0
+    told = json.loads(capsys.readouterr().out)
+
+    assert set(told["x-exit-codes"]) == {"0", "1", "2", "3", "4", "5", "6", "7", "130", "143"}
+    assert told["x-reasons"]["poor_fit"]["exit_code"] == 5
+    assert "Trend" not in told["$defs"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_schema_of_a_command_is_a_json_schema(command: str):
+    import jsonschema
+
+    jsonschema.Draft202012Validator.check_schema(of_command(WHOLE, command))
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda p: p.parent.name)
+def test_the_summary_of_every_case_is_of_the_schema(case):
+    summary = json.loads(case.read_text())
+
+    assert why_invalid("replay", {"log": str(case)} | summary) == ""
+
+
+def test_a_key_that_nobody_described_and_a_null_are_refused():
+    summary = {"log": ""} | json.loads((C172P.parent / "expected.json").read_text())
+    for change in ({"new": 1}, {"vehicle": None}, {"estimates": {"arx": {}}}):
+        assert why_invalid("replay", summary | change) != ""
+    deep = copy.deepcopy(summary)
+    deep["estimates"]["els"]["theta"]["d1"] = 0.0
+
+    assert "'d1' does not match" in why_invalid("replay", deep)
