@@ -17,6 +17,7 @@ from yawid.cli.options import (
 from yawid.errors import ConfigError
 
 ASKED_HZ = 50.0
+COMPID = 194
 _ENDPOINT = (
     "udpin:HOST:PORT, udpbcast:HOST:PORT, mcast:, tcp:HOST:PORT or a serial port such as "
     "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates; IPv6 as udpin:[::1]:14560"
@@ -43,6 +44,16 @@ def add_live(commands: Any) -> None:
         help="transmit: ask the vehicle for attitude and servos at HZ, 50 if left out "
         "(default: transmit nothing)",
     )  # fmt: skip
+    live.add_argument(
+        "--publish", metavar="ENDPOINT",
+        help="transmit: the answer once a second as MAVLink (NAMED_VALUE_FLOAT yaw_wn, ..., and "
+        "STATUSTEXT) to udpout:HOST:PORT, to who sends to udpin:HOST:PORT, or tap: back over the "
+        "tap's own link",
+    )  # fmt: skip
+    live.add_argument(
+        "--publish-compid", type=int, default=COMPID, metavar="N",
+        help=f"the component that publishes in the vehicle's system ({COMPID})",
+    )  # fmt: skip
     add_outputs(live)
     live.set_defaults(run=_live)
 
@@ -68,6 +79,8 @@ def _live(arguments: argparse.Namespace) -> int:
         arguments.state,
         arguments.request_rates,
         every_vehicle=every_vehicle,
+        publish=arguments.publish,
+        publish_compid=arguments.publish_compid,
     )
     with StopFlag().installed() as stop:
         ended = live(

@@ -3,6 +3,7 @@
 It keeps the newest samples of a run, and its models as they stood at times.
 """
 
+import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -51,6 +52,12 @@ class Ring:
         """Return the columns (n, ...) of the newest rows, the oldest first; none before any row."""
         rows = np.arange(self.seen - len(self), self.seen) % self.limit
         return tuple(ring[rows] for ring in self._rings)
+
+    def snapshot(self) -> "Ring":
+        """Return a copy that may be read, not added to."""
+        taken = copy.copy(self)
+        taken._rings = [ring[: len(self)].copy() for ring in self._rings]
+        return taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +131,13 @@ class Bank:
         self._remember(len(samples))
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
+
+    def snapshot(self) -> "Bank":
+        """Return the bank as it stands, for another thread to judge while this one runs on."""
+        taken = copy.copy(self)
+        taken.estimators = copy.deepcopy(self.estimators)
+        taken._record, taken._thetas = self._record.snapshot(), self._thetas.snapshot()
+        return taken
 
     def _remember(self, count: int) -> None:
         """Keep theta after every 16th sample of the epoch, however the blocks were cut."""

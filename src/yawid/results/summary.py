@@ -1,7 +1,8 @@
 """The summary of a run: everything ``--json`` prints, the verdict, and each estimator's part."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -95,8 +96,9 @@ def summarise(
     has_estimates = bank is not None and bool(channels.surfaces)
     if bank is not None and channels.surfaces:
         estimates, evidence = bank_summaries(bank)
-    verdict = _verdict(pipeline, link, evidence)
-    flight = pipeline.flight([r for r in verdict.reasons if r.kind.origin in ("run", "log")])
+    basis = basis_of(pipeline, link)
+    verdict = Verdict.of(basis.reasons) if bank is None else basis.verdict(bank, evidence)
+    flight = pipeline.flight(of_the_log(verdict.reasons))
     summary = RunSummary(
         log=log,
         sha256=sha256,
@@ -112,6 +114,11 @@ def summarise(
         flight=None if flight is None else flight[0],
     )
     return summary, verdict if flight is None else flight[1]
+
+
+def of_the_log(reasons: Iterable[Reason]) -> list[Reason]:
+    """Return the reasons that hold for a flight's manoeuvres too: those of the run and the log."""
+    return [reason for reason in reasons if reason.kind.origin in ("run", "log")]
 
 
 def as_summary(verdict: Verdict) -> VerdictSummary:
@@ -174,23 +181,42 @@ def _surface(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFound
     return replace(found, min_us=low, trim_us=trim, max_us=high, reversed=first.reversed)
 
 
-def _verdict(pipeline: Finished, link: LinkStats, evidence: dict[str, Evidence]) -> Verdict:
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """What the verdict of a stream rests on beside its estimates.
+
+    ``reasons`` are those of the log; ``rates_hz`` are of yaw and rudder messages and
+    ``travel_unit`` is half the travel in the unit of u. Without rates there is nothing to judge.
+    """
+
+    reasons: list[Reason]
+    rates_hz: tuple[float, float] | None = None
+    travel_unit: float = 1.0
+
+    def verdict(self, bank: Bank, evidence: dict[str, Evidence]) -> Verdict:
+        """Return the verdict of the stream that ``bank`` has seen."""
+        if self.rates_hz is None:
+            return Verdict.of(self.reasons)
+        return bank_verdict(bank, evidence, self.rates_hz, self.travel_unit, self.reasons)
+
+
+def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
+    """Return what there is to say of link and channels; it is cheap, at any time of a run."""
     channels, bank = pipeline.channels, pipeline.bank
     missing = list(_missing(pipeline, link))
     if missing:
-        return Verdict.of(missing)
+        return Basis(missing)
     found = [Reason(*said) for said in channels.command.texts(channels.lock.vehicle)]
     found += _surface_reasons(channels)
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
-        return Verdict.of([*found, Reason("not_excited", text)])
+        return Basis([*found, Reason("not_excited", text)])
     if channels.used == 0:
         why = ", ".join(words(flag) for flag in channels.held)
         found.append(Reason("not_excited", f"every sample is held: {why}"))
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
-    travel_unit = abs(channels.surfaces[0].scale)
-    return bank_verdict(bank, evidence, (yaw_hz, rudder_hz), travel_unit, found)
+    return Basis(found, (yaw_hz, rudder_hz), abs(channels.surfaces[0].scale))
 
 
 def _missing(pipeline: Finished, link: LinkStats) -> Iterator[Reason]:

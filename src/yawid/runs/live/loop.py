@@ -2,6 +2,8 @@
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +13,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.estimation.machine.runner import RUNNER
 from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.overload import Overload
+from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.worker import DiskBeside, Worker
@@ -20,6 +23,7 @@ from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
+from yawid.sources.link.publisher import COMPID, open_publisher, parse_publish
 from yawid.sources.link.rate_requests import RateRequests
 from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
@@ -46,7 +50,7 @@ class LiveOptions:
     """What a live run is asked for beside its configuration and outputs.
 
     ``seconds`` None: until asked to stop. ``request_hz`` None: nothing is ever transmitted.
-    ``every_vehicle``: each has its own session.
+    ``every_vehicle``: each has its own session. ``publish`` None: no answer is ever sent.
 
     Raises:
         ConfigError: a value outside its limits, or values that exclude one another.
@@ -57,6 +61,16 @@ class LiveOptions:
     state: Path | None = None
     request_hz: float | None = None
     every_vehicle: bool = False
+    publish: str | None = None
+    publish_compid: int = COMPID
+
+    @property
+    def may_transmit(self) -> bool:
+        """Whether the tap's own link is ever sent anything."""
+        by_tap = self.publish is not None and (
+            parse_publish(self.publish, parse_endpoint(self.endpoint)) is None
+        )
+        return by_tap or self.request_hz is not None
 
     def __post_init__(self) -> None:
         if self.seconds is not None and not self.seconds > 0.0:
@@ -65,7 +79,15 @@ class LiveOptions:
             raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
         if self.request_hz is not None and self.every_vehicle:
             raise ConfigError("--request-rates asks one vehicle: name it by --sysid N")
-        kind = parse_endpoint(self.endpoint).kind
+        if not 2 <= self.publish_compid <= 255:
+            raise ConfigError(
+                "--publish-compid must be 2 to 255 (1 is the autopilot's), "
+                f"got {self.publish_compid}"
+            )
+        endpoint = parse_endpoint(self.endpoint)
+        if self.publish is not None:
+            parse_publish(self.publish, endpoint)
+        kind = endpoint.kind
         if kind == "udpout" and self.request_hz is None:
             raise ConfigError(
                 f"{self.endpoint}: who listens there answers only those who send first, and a tap "
@@ -98,13 +120,14 @@ def live(
     sys.setswitchinterval(SWITCH_S)
     try:
         # The tap comes first: it queues what is sent while a viewer takes its time.
-        with open_tap(endpoint, stamps, may_transmit=options.request_hz is not None) as tap:
+        with open_tap(endpoint, stamps, may_transmit=options.may_transmit) as tap:
             RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
                 stamps.now, tap.reached_us, fits, DiskBeside(disk), viewers,
             )  # fmt: skip
-            return _attend(tap, setting, options, stop, console)
+            with _publishing(tap, setting, options) as publish:
+                return _attend(tap, setting, options, stop, console, publish)
     finally:
         sys.setswitchinterval(switch_s)
         for worker in (fits, disk, viewers):
@@ -114,12 +137,17 @@ def live(
 
 
 def _attend(
-    tap: Tap, setting: Setting, options: LiveOptions, stop: StopFlag, console: Console
+    tap: Tap,
+    setting: Setting,
+    options: LiveOptions,
+    stop: StopFlag,
+    console: Console,
+    publish: Publish | None,
 ) -> list[Ended]:
     """Read the tap until asked to stop, close it and finish; what is cut short is left readable."""
     sessions = Fleet(setting) if options.every_vehicle else Single(setting)
     try:
-        loop = _Loop(tap, sessions, setting, options, console)
+        loop = _Loop(tap, sessions, setting, options, console, publish)
         loop.run(stop)
         tap.close()
         return loop.finish()
@@ -131,6 +159,20 @@ def _attend(
         for session in sessions.running():
             session.abort()
         raise
+
+
+@contextmanager
+def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Publish | None]:
+    """Open what answers are published by, if they are to be."""
+    if options.publish is None:
+        yield None
+        return
+    key = setting.read_options.key
+    publisher = open_publisher(options.publish, tap, options.publish_compid, key)
+    try:
+        yield Publish(publisher, setting.fits, setting.reached_us)
+    finally:
+        publisher.close()
 
 
 def open_tap(endpoint: Endpoint, stamps: Stamps, *, may_transmit: bool) -> Tap:
@@ -158,6 +200,7 @@ class _Loop:
         setting: Setting,
         options: LiveOptions,
         console: Console,
+        publish: Publish | None,
     ) -> None:
         self._tap = tap
         self._sessions = sessions
@@ -172,6 +215,7 @@ class _Loop:
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
         self._rates = None if hz is None else RateRequests(tap, hz, setting.read_options)
+        self._publish = publish
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until asked to stop, the time is up, or the endpoint fails."""
@@ -185,6 +229,9 @@ class _Loop:
             fed = self._feed(min(READ_S, left_s))
             self._sessions.tick()
             self._watch()
+            if self._publish is not None:
+                for line in self._publish.tick(self._sessions.running(), time.monotonic()):
+                    self._tell(line)
             stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
                 self._console.show(self._sessions.line(self._dropped()) or "no vehicle yet")

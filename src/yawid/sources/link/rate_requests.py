@@ -1,17 +1,15 @@
-"""Asking the vehicle for its messages more often: the only part of yawid that transmits.
+"""Asking the vehicle for its messages more often.
 
 MAV_CMD_SET_MESSAGE_INTERVAL (511) per message. ArduPilot takes no less than its loop period / 0.8,
 and whoever else is on the link may set the rate back: what comes in is measured, and asked for
 again where it falls behind.
 """
 
-import time
 from dataclasses import dataclass
-from typing import Any
 
 from yawid.blocks import MessageBlock
+from yawid.sources.link.outgoing import Outgoing
 from yawid.sources.link.tap import Tap
-from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S
 from yawid.sources.open_log import ReadOptions
 
 ASKED_HZ = 50.0
@@ -60,8 +58,7 @@ class RateRequests:
         self.wishes = {name: Wish(number) for name, number in MESSAGES.items()}
         self._tap = tap
         self._decoder = read_options.decoder({*MESSAGES, "COMMAND_ACK"})
-        self._key = read_options.key
-        self._mavlink = _writer(signs=self._key is not None)
+        self._outgoing = Outgoing(_OWN_SYSID, _OWN_COMPID, read_options.key)
         self._news: list[str] = []
         self._window_s: float | None = None
         self._beat_s = float("-inf")
@@ -85,7 +82,8 @@ class RateRequests:
         if self._tap.endpoint.kind == "udpout" and now_s - self._beat_s >= 1.0:
             # Who listens there knows of us only by what we send.
             self._beat_s = now_s
-            self._tap.transmit(self._pack(self._mavlink.heartbeat_encode(6, 8, 0, 0, 0)), 0)
+            beat = self._outgoing.messages.heartbeat_encode(6, 8, 0, 0, 0)
+            self._tap.transmit(self._outgoing.frame(beat), 0)
         if vehicle is not None:
             self._measure(now_s)
             for wish in self.wishes.values():
@@ -121,10 +119,10 @@ class RateRequests:
 
     def _ask(self, wish: Wish, vehicle: tuple[int, int], now_s: float) -> None:
         interval_us = 1e6 / self.hz
-        command = self._mavlink.command_long_encode(
+        command = self._outgoing.messages.command_long_encode(
             *vehicle, _SET_MESSAGE_INTERVAL, 0, wish.message_id, interval_us, 0, 0, 0, 0, 0
         )
-        if self._tap.transmit(self._pack(command), vehicle[0]):
+        if self._tap.transmit(self._outgoing.frame(command), vehicle[0]):
             wish.asked_s, wish.answer, self._asked_last = now_s, None, wish
 
     def _read_answers(self, block: MessageBlock) -> None:
@@ -161,21 +159,3 @@ class RateRequests:
         self._window_s = now_s
         for wish in self.wishes.values():
             wish.count = 0
-
-    def _pack(self, message: Any) -> bytes:
-        signing = self._mavlink.signing
-        # Each stamp is newer than the last: packing counts it on by one.
-        signing.timestamp = max(signing.timestamp, int((time.time() - EPOCH_S) * TICKS_PER_S))
-        frame: bytes = message.pack(self._mavlink)
-        self._mavlink.seq = (self._mavlink.seq + 1) % 256
-        return frame if self._key is None else self._key.sign(frame)
-
-
-def _writer(*, signs: bool) -> Any:
-    """Return pymavlink's encoder; it lays out signed frames, the signature in them is not ours."""
-    from pymavlink.dialects.v20 import ardupilotmega
-
-    writer = ardupilotmega.MAVLink(None, srcSystem=_OWN_SYSID, srcComponent=_OWN_COMPID)
-    writer.signing.sign_outgoing = signs
-    writer.signing.secret_key = bytes(KEY_SIZE)
-    return writer

@@ -1,0 +1,157 @@
+"""What is published of each session, and when: a round a second, a text where there is news."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from yawid.results.run_summary import DutchRoll, Manoeuvre
+from yawid.runs.live.running_answer import Answer, RunningAnswer
+from yawid.runs.live.vehicle_session import LiveSession
+from yawid.runs.live.worker import Worker
+from yawid.sources.link.publisher import INFO, LONGEST_TEXT, NOTICE, Publisher
+
+ROUND_S = 1.0
+SILENT_US = 5_000_000
+"""Nobody speaks for a vehicle that has been silent for so long."""
+SETTLE_S = 10.0
+"""A verdict of the first seconds, when little has come yet, is not worth a text."""
+
+
+class Published:
+    """What is known of one session between two looks at it."""
+
+    def __init__(self, worker: Worker) -> None:
+        self.answer = RunningAnswer(worker)
+        self.round_s = float("-inf")
+        self.manoeuvres = 0
+        self.since_s = math.inf
+        self.state: str | None = None
+
+
+class Publish:
+    """Publishes the running answers of all sessions, a round a second, the sessions in turn.
+
+    ``reached_us`` returns the stamp up to which all that came has been read.
+    """
+
+    def __init__(self, publisher: Publisher, worker: Worker, reached_us: Callable[[], int]) -> None:
+        self._publisher = publisher
+        self._worker = worker
+        self._reached_us = reached_us
+        self._known: dict[tuple[int, int], Published] = {}
+        self._next_s = float("-inf")
+        self._refused: set[tuple[int, int]] = set()
+        self._shared_said = False
+
+    def tick(self, sessions: Sequence[LiveSession], now_s: float) -> list[str]:
+        """Send what is due and return lines for the user; to be called several times a second."""
+        self._publisher.send_texts(now_s)
+        if now_s < self._next_s:
+            return []
+        late = now_s - self._next_s >= ROUND_S
+        self._next_s = now_s + ROUND_S if late else self._next_s + ROUND_S
+        speaking = {
+            vehicle: session
+            for session in sessions
+            if (vehicle := session.vehicle) is not None and self._may_speak(vehicle, session)
+        }
+        for vehicle, session in speaking.items():
+            known = self._known.setdefault(vehicle, Published(self._worker))
+            self._tell_manoeuvres(vehicle[0], session, known)
+        if speaking:
+            self._say_how_many(len(speaking))
+            turn = min(speaking, key=lambda vehicle: self._known[vehicle].round_s)
+            self._send_round(turn, speaking[turn], now_s)
+        self._publisher.send_texts(now_s)
+        news = self._publisher.news
+        return [news.popleft() for _ in range(len(news))]
+
+    def _may_speak(self, vehicle: tuple[int, int], session: LiveSession) -> bool:
+        """Return whether the vehicle is there and our component's number is not its own."""
+        if vehicle[1] == self._publisher.compid:
+            if vehicle not in self._refused:
+                self._refused.add(vehicle)
+                self._publisher.news.append(
+                    f"nothing is published of system {vehicle[0]}: component {vehicle[1]} is its "
+                    "autopilot, take another number for --publish-compid"
+                )
+            return False
+        received_us = max(session.pipeline.channels.segmenter.received_us)
+        return not received_us or self._reached_us() - received_us < SILENT_US
+
+    def _say_how_many(self, count: int) -> None:
+        if count > 1 and not self._shared_said:
+            self._shared_said = True
+            self._publisher.news.append(
+                f"{count} vehicles share what may be published: each is sent every "
+                f"{count * ROUND_S:.0f} s"
+            )
+
+    def _send_round(self, vehicle: tuple[int, int], session: LiveSession, now_s: float) -> None:
+        known, pipeline = self._known[vehicle], session.pipeline
+        answer = known.answer.look(pipeline, session.decoder.link)
+        known.since_s = min(known.since_s, now_s)
+        if now_s - known.since_s >= SETTLE_S:
+            self._tell_change(vehicle[0], answer, known)
+        newest_us = [us for us in pipeline.channels.segmenter.newest if us is not None]
+        boot_ms = max(newest_us, default=0) // 1000
+        if self._publisher.send_round(vehicle[0], boot_ms, values_of(answer), now_s):
+            known.round_s = now_s
+
+    def _tell_manoeuvres(self, sysid: int, session: LiveSession, known: Published) -> None:
+        """Have a text sent of each manoeuvre answered since the last look."""
+        answered = session.pipeline.manoeuvres or []
+        news, known.manoeuvres = answered[known.manoeuvres :], len(answered)
+        for found in news:
+            self._publisher.say(sysid, INFO, manoeuvre_text(found))
+
+    def _tell_change(self, sysid: int, answer: Answer | None, known: Published) -> None:
+        """Have a text sent where the verdict is another than the one told last."""
+        if answer is not None and answer.state != known.state:
+            known.state = answer.state
+            severity = NOTICE if answer.verdict.usable else INFO
+            self._publisher.say(sysid, severity, verdict_text(answer), about="verdict")
+
+
+def values_of(answer: Answer | None) -> dict[str, float]:
+    """Return what a round says: the numbers there are, with total sigmas, and whether to use them.
+
+    Without an answer there is ``yaw_ok`` alone, 0.
+    """
+    roll = None if answer is None else answer.dutch_roll
+    usable = answer is not None and answer.verdict.usable
+    values: dict[str, float | None] = {}
+    if roll is not None:
+        values |= {"yaw_wn": roll.wn_rad_s, "yaw_wn_sd": roll.wn_std}
+        values |= {"yaw_zeta": roll.zeta, "yaw_z_sd": roll.zeta_std}
+    known = {n: value for n, value in values.items() if value is not None and math.isfinite(value)}
+    return known | {"yaw_ok": float(usable)}
+
+
+def manoeuvre_text(found: Manoeuvre) -> str:
+    """Return the STATUSTEXT of a manoeuvre that has ended."""
+    fatal = next((reason.id for reason in found.verdict.fatal), None)
+    if fatal is not None or found.dutch_roll is None:
+        return f"yawid m{found.n}: not usable: {fatal}"
+    return _with_numbers(f"yawid m{found.n}:", found.dutch_roll)
+
+
+def verdict_text(answer: Answer) -> str:
+    """Return the STATUSTEXT of a verdict."""
+    if not answer.verdict.usable:
+        return f"yawid: not usable: {answer.state}"
+    if answer.dutch_roll is None:
+        return "yawid: usable"
+    return _with_numbers("yawid: usable,", answer.dutch_roll)
+
+
+def _with_numbers(begin: str, roll: DutchRoll) -> str:
+    """Return a text with wn and zeta in ASCII, the unit left out where it has no room."""
+    wn, zeta = (
+        f"{value:.{digits}g}" + ("" if std is None else f"+-{std:.2g}")
+        for value, std, digits in (
+            (roll.wn_rad_s, roll.wn_std, 4),
+            (roll.zeta, roll.zeta_std, 3),
+        )
+    )
+    text = f"{begin} wn {wn} rad/s, zeta {zeta}"
+    return text if len(text) <= LONGEST_TEXT else f"{begin} wn {wn}, zeta {zeta}"

@@ -1,0 +1,33 @@
+"""What is sent: MAVLink 2 frames of one sender, in sequence, signed where there is a key."""
+
+import time
+from typing import Any
+
+from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S, SigningKey
+
+
+class Outgoing:
+    """Packs the messages of one sender (sysid, compid) into frames.
+
+    Each frame has the next sequence number. With ``key`` it is signed on link 0, with the time now
+    in 10 us since 2015, and always with a newer one than the frame before, whatever the clock does.
+    """
+
+    def __init__(self, sysid: int, compid: int, key: SigningKey | None = None) -> None:
+        from pymavlink.dialects.v20 import ardupilotmega
+
+        self.messages: Any = ardupilotmega.MAVLink(None, srcSystem=sysid, srcComponent=compid)
+        """pymavlink's encoder: ``messages.heartbeat_encode(...)`` and so on."""
+        self._key = key
+        # pymavlink lays out signed frames; the signature in them is not ours.
+        self.messages.signing.sign_outgoing = key is not None
+        self.messages.signing.secret_key = bytes(KEY_SIZE)
+
+    def frame(self, message: Any) -> bytes:
+        """Return the frame of one message, made by ``messages``."""
+        signing = self.messages.signing
+        # Each stamp is newer than the last: packing counts it on by one.
+        signing.timestamp = max(signing.timestamp, int((time.time() - EPOCH_S) * TICKS_PER_S))
+        frame: bytes = bytes(message.pack(self.messages))
+        self.messages.seq = (self.messages.seq + 1) % 256
+        return frame if self._key is None else self._key.sign(frame)

@@ -1,0 +1,259 @@
+"""The running answer on its way back to the ground station: frames, where they go, how many bytes.
+
+The answer is sent in the vehicle's name (its system id) by a component of its own, in rounds of a
+HEARTBEAT and NAMED_VALUE_FLOATs, with STATUSTEXTs between them.
+"""
+
+import errno
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Protocol
+
+from yawid.errors import ConfigError, SourceError
+from yawid.sources.link.endpoints import Endpoint, parse_endpoint
+from yawid.sources.link.outgoing import Outgoing
+from yawid.sources.link.tap import Tap
+from yawid.sources.link.udp import open_socket
+from yawid.sources.mavlink.signing import SigningKey
+
+COMPID = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4: the last of four, the first of which others take."""
+WINDOW_S = 10.0
+MOST_BYTES, MOST_SIGNED_BYTES = 2500, 3500
+"""Of all that is sent in any ten seconds."""
+TEXT_BYTES, TEXT_SIGNED_BYTES = 600, 660
+"""The part of it that texts may take: rounds, 12 at most in ten seconds, have the rest."""
+MOST_WAITING = 6
+LONGEST_TEXT = 50
+"""Of a STATUSTEXT that no receiver has to put together."""
+TAP = "tap"
+NOTICE, INFO = 5, 6
+"""MAV_SEVERITY: what ground stations list, and neither speak nor paint red."""
+_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
+_LARGEST = 3e38  # what fits into a float of four bytes
+_MOST_READ, _LONGEST_DATAGRAM = 64, 1 << 16
+_HERE = frozenset({"127.0.0.1", "localhost", "::1"})
+
+
+class Limiter:
+    """Admits at most ``most`` bytes in any ``WINDOW_S`` seconds, both ends of them included."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._sent: deque[tuple[float, int]] = deque()
+        self._bytes = 0
+
+    def admits(self, size: int, now_s: float) -> bool:
+        """Return whether so many bytes may go now."""
+        while self._sent and self._sent[0][0] < now_s - WINDOW_S:
+            self._bytes -= self._sent.popleft()[1]
+        return self._bytes + size <= self._most
+
+    def count(self, size: int, now_s: float) -> None:
+        """Count bytes that go now."""
+        self._sent.append((now_s, size))
+        self._bytes += size
+
+
+class Way(Protocol):
+    """Where frames go; sending never waits."""
+
+    def send(self, frame: bytes, sysid: int) -> None:
+        """Send a frame in the name of a system; an OSError means that nobody takes it."""
+
+    def close(self) -> None:
+        """Close what was opened."""
+
+
+class BackOverTap:
+    """Back to where the vehicle's own frames come from, over the tap's own socket or line."""
+
+    def __init__(self, tap: Tap) -> None:
+        self._tap = tap
+
+    def send(self, frame: bytes, sysid: int) -> None:
+        """See :class:`Way`."""
+        if not self._tap.transmit(frame, sysid):
+            raise OSError(errno.ENOTCONN, f"{self._tap.endpoint} does not take it")
+
+    def close(self) -> None:
+        """See :class:`Way`; the tap is not ours to close."""
+
+
+class OverUdp:
+    """To who listens (udpout), or to the one who sent here last (udpin), if anybody did.
+
+    Raises:
+        SourceError: the endpoint cannot be opened.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._socket = open_socket(endpoint)
+        self._socket.setblocking(False)
+        self._answers = endpoint.kind == "udpin"
+        self._peer: tuple[str, int] | None = None
+
+    def send(self, frame: bytes, sysid: int) -> None:
+        """See :class:`Way`."""
+        refusal = self._read()
+        if not self._answers:
+            self._socket.send(frame)
+        elif self._peer is not None:
+            self._socket.sendto(frame, self._peer)
+        if refusal is not None:  # of an earlier frame; this one went
+            raise refusal
+
+    def close(self) -> None:
+        """See :class:`Way`."""
+        self._socket.close()
+
+    def _read(self) -> OSError | None:
+        """Take what a ground station sends: its address is of use, and whether it refuses."""
+        refusal = None
+        for _ in range(_MOST_READ):
+            try:
+                _, self._peer = self._socket.recvfrom(_LONGEST_DATAGRAM)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                refusal = error
+        return refusal
+
+
+class Publisher:
+    """Sends rounds and texts over one way, never more bytes than it may.
+
+    ``news`` are lines about it that nobody has reported yet.
+    """
+
+    def __init__(self, way: Way, name: str, compid: int, key: SigningKey | None = None) -> None:
+        self.name = name
+        self.compid = compid
+        self.news: deque[str] = deque()
+        self._way, self._key = way, key
+        self._senders: dict[int, Outgoing] = {}
+        signed = key is not None
+        self._all = Limiter(MOST_SIGNED_BYTES if signed else MOST_BYTES)
+        self._of_texts = Limiter(TEXT_SIGNED_BYTES if signed else TEXT_BYTES)
+        self._texts: dict[tuple[int, str], tuple[int, str]] = {}
+        self._said = 0
+        self._has_failed = False
+
+    def send_round(
+        self, sysid: int, boot_ms: int, values: Mapping[str, float], now_s: float
+    ) -> bool:
+        """Send a HEARTBEAT and the values by name; return whether there was room for them.
+
+        Names have ten characters at most. A value that is not finite is left out: it would stop
+        MAVProxy's graph for as long as it is on it.
+        """
+        sender = self._sender(sysid)
+        make = sender.messages
+        messages = [make.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE)]
+        for name, value in values.items():
+            if math.isfinite(value) and abs(value) < _LARGEST:
+                text = name.encode("ascii")
+                messages.append(make.named_value_float_encode(boot_ms & 0xFFFFFFFF, text, value))
+        frames = [sender.frame(message) for message in messages]
+        size = sum(map(len, frames))
+        if not self._all.admits(size, now_s):
+            make.seq = (make.seq - len(frames)) % 256  # these never were: nobody shall miss them
+            return False
+        self._all.count(size, now_s)
+        self._send(frames, sysid)
+        return True
+
+    def say(self, sysid: int, severity: int, text: str, about: str = "") -> None:
+        """Have a text sent as soon as there is room.
+
+        It takes the place of one that waits ``about`` the same; of others ``MOST_WAITING`` of a
+        system wait at most, the newest.
+        """
+        if not about:
+            waiting = [key for key in self._texts if key[0] == sysid and key[1].isdecimal()]
+            if len(waiting) >= MOST_WAITING:
+                del self._texts[waiting[0]]
+            self._said += 1
+        self._texts[sysid, about or str(self._said)] = severity, text[:LONGEST_TEXT]
+
+    def send_texts(self, now_s: float) -> None:
+        """Send the texts there is room for, the one that has waited longest first."""
+        while self._texts:
+            (sysid, about), (severity, text) = next(iter(self._texts.items()))
+            sender = self._sender(sysid)
+            frame = sender.frame(
+                sender.messages.statustext_encode(severity, text.encode("ascii", "replace"))
+            )
+            size = len(frame)
+            if not (self._of_texts.admits(size, now_s) and self._all.admits(size, now_s)):
+                sender.messages.seq = (sender.messages.seq - 1) % 256
+                return
+            del self._texts[sysid, about]
+            self._of_texts.count(size, now_s)
+            self._all.count(size, now_s)
+            self._send([frame], sysid)
+
+    def close(self) -> None:
+        """Close what was opened."""
+        self._way.close()
+
+    def _sender(self, sysid: int) -> Outgoing:
+        if sysid not in self._senders:
+            self._senders[sysid] = Outgoing(sysid, self.compid, self._key)
+        return self._senders[sysid]
+
+    def _send(self, frames: list[bytes], sysid: int) -> None:
+        """Send frames, a datagram each; that nobody takes them is said one time."""
+        for frame in frames:
+            try:
+                self._way.send(frame, sysid)
+            except OSError as error:
+                if not self._has_failed:
+                    self._has_failed = True
+                    self.news.append(
+                        f"nobody takes what is published to {self.name} "
+                        f"({error.strerror or error}): it goes on, for when somebody does"
+                    )
+
+
+def parse_publish(text: str, tapped: Endpoint) -> Endpoint | None:
+    """Return where to publish; None is back over the tap.
+
+    Raises:
+        ConfigError: it is no place to publish to; the message gives the right spellings.
+    """
+    what = "udpout:HOST:PORT (a ground station listens there), udpin:HOST:PORT (it sends there)"
+    try:
+        endpoint = None if text == TAP else parse_endpoint(text)
+    except ConfigError as error:
+        raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)") from error
+    if endpoint is None or endpoint == tapped:
+        if tapped.kind == "mcast":
+            raise ConfigError(f"--publish {text}: nobody answers to a group, write {what}")
+        return None
+    if endpoint.kind not in ("udpout", "udpin"):
+        raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)")
+    at_tap = tapped.port == endpoint.port and endpoint.host in {*_HERE, tapped.host}
+    if at_tap and tapped.kind != "tcp" and tapped.kind != "serial":
+        raise ConfigError(f"--publish {text}: there the tap itself listens, write --publish tap")
+    return endpoint
+
+
+def open_publisher(
+    text: str, tap: Tap, compid: int = COMPID, key: SigningKey | None = None
+) -> Publisher:
+    """Open what ``--publish`` names, beside this tap.
+
+    Raises:
+        ConfigError: it is no place to publish to.
+        SourceError: it cannot be opened.
+    """
+    endpoint = parse_publish(text, tap.endpoint)
+    if endpoint is None:
+        return Publisher(BackOverTap(tap), f"{tap.endpoint}", compid, key)
+    try:
+        way = OverUdp(endpoint)
+    except SourceError as error:
+        raise SourceError(f"--publish {text}: {error}") from error
+    return Publisher(way, str(endpoint), compid, key)
