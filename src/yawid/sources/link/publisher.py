@@ -46,7 +46,7 @@ class Limiter:
 
     def admits(self, size: int, now_s: float) -> bool:
         """Return whether so many bytes may go now."""
-        while self._sent and self._sent[0][0] < now_s - WINDOW_S:
+        while self._sent and now_s - self._sent[0][0] > WINDOW_S:
             self._bytes -= self._sent.popleft()[1]
         return self._bytes + size <= self._most
 

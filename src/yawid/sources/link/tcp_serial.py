@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import io
+import os
 import socket
 from typing import Any
 
@@ -27,6 +28,7 @@ class StreamTap(Tap):
         except OSError as error:
             raise SourceError(f"{self.endpoint} cannot be opened: {_remedy(error)}") from error
         self._peer: Address = (self.endpoint.host, self.endpoint.port)
+        self._unsent = b""
 
     def _receive(self) -> None:
         tail = b""
@@ -61,15 +63,29 @@ class StreamTap(Tap):
         self._connection.close()
         while not self._closing.wait(_AGAIN_S):
             with contextlib.suppress(OSError):
-                self._connection = connect(self.endpoint)
+                self._connection, self._unsent = connect(self.endpoint), b""
                 self.news.append(f"{self.endpoint} is back")
                 return
 
     def _send(self, frame: bytes, address: Address) -> None:
+        """Send without waiting: a frame of which a part went is completed before the next."""
+        self._unsent = self._unsent[self._write(self._unsent) :]
+        if self._unsent:
+            raise BlockingIOError(errno.EAGAIN, "the line takes no more")
+        self._unsent = frame[self._write(frame) :]
+
+    def _write(self, data: bytes) -> int:
+        """Write what the connection takes at once; return how many bytes."""
+        if not data:
+            return 0
         if self.endpoint.kind == "tcp":
-            self._connection.send(frame)
-        else:
-            self._connection.write(frame)
+            return int(self._connection.send(data))
+        port = self._connection.port
+        if not hasattr(port, "fd"):  # Windows
+            return int(port.write(data))
+        if port.fd is None:
+            raise OSError(errno.ENOTCONN, "the port is closed")
+        return os.write(port.fd, data)  # pyserial's own write would wait
 
     def _close(self) -> None:
         self._connection.close()

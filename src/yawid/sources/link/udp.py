@@ -18,6 +18,7 @@ GATHER_S = 0.04
 _DENSEST = 832 * 200_000  # bytes a second of the buffer that a flood takes: 832 a datagram
 # How long closing may take to be noticed; Python's own timeout takes two system calls.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
+_AT_ONCE = getattr(socket, "MSG_DONTWAIT", 0)
 _SO_MEMINFO = 55  # Linux: nine counts of a socket; the last is the one SO_RXQ_OVFL reports
 _MEMINFO = struct.Struct("9I")
 
@@ -82,7 +83,7 @@ class UdpTap(Tap):
         return len(stamps)
 
     def _send(self, frame: bytes, address: Address) -> None:
-        self._socket.sendto(frame, address)
+        self._socket.sendto(frame, _AT_ONCE, address)
 
     def _destination(self, sysid: int) -> Address | None:
         if self.endpoint.kind == "udpout":

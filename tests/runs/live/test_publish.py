@@ -1,0 +1,154 @@
+"""A session that publishes: what a ground station receives, and that the session is no other."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from yawid.channels.stage import WANTED
+from yawid.errors import ConfigError
+from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import DutchRoll
+from yawid.runs.live import LiveOptions
+from yawid.runs.live.publish import values_of, verdict_text
+from yawid.runs.live.running_answer import Answer
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sources.mavlink.decoder import Decoder
+
+# One doublet, and rest, that ends the manoeuvre.
+SENT = frames(24.0, doublet_s=9.0)
+
+
+@pytest.fixture
+def ground() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", 0))
+        station.settimeout(0.2)
+        yield station
+
+
+def receive(station: socket.socket, enough: Callable[[list[object]], bool]) -> list[object]:
+    """Return the messages that a station receives until there are enough of them."""
+    parser, found, patience_s = mavlink.MAVLink(None), [], time.monotonic() + 30.0
+    while not enough(found):
+        assert time.monotonic() < patience_s, f"only {Counter(m.get_type() for m in found)}"
+        try:
+            found += parser.parse_buffer(station.recv(2048)) or []
+        except TimeoutError:
+            continue
+    return found
+
+
+def values(messages: list[object]) -> dict[str, float]:
+    """Return the newest values by name."""
+    return {m.name: m.value for m in messages if m.get_type() == "NAMED_VALUE_FLOAT"}
+
+
+def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it_is(
+    tmp_path: Path, ground: socket.socket
+):
+    host, port = ground.getsockname()
+    with listening(tmp_path, publish=f"udpout:{host}:{port}") as session:
+        send(SENT, session.port)
+        got = receive(
+            ground,
+            lambda found: {"yaw_wn", "yaw_ok"} <= values(found).keys()
+            and any("yawid m1" in m.text for m in found if m.get_type() == "STATUSTEXT"),
+        )
+        # What is published comes back over the link, as from a router.
+        echo = [bytes(message.get_msgbuf()) for message in got]
+        send(echo, session.port)
+        wait_for_size(session.part("tlog"), tlog_size([*SENT, *echo]))
+    [ended] = session.ended
+    summary = ended.summary
+    assert (summary.vehicle.sysid, summary.vehicle.compid) == (1, 1)
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in got} == {(1, 194)}
+    beats = [m for m in got if m.get_type() == "HEARTBEAT"]
+    assert {(m.type, m.autopilot) for m in beats} == {(18, 8)}
+    told, roll = values(got), summary.flight.dutch_roll
+    assert told == pytest.approx(
+        {
+            "yaw_wn": roll.wn_rad_s, "yaw_wn_sd": roll.wn_std,
+            "yaw_zeta": roll.zeta, "yaw_z_sd": roll.zeta_std,
+            "yaw_ok": float(summary.flight.verdict.usable),
+        }
+    )  # fmt: skip
+    newest = max(m.time_boot_ms for m in got if m.get_type() == "NAMED_VALUE_FLOAT")
+    assert newest == pytest.approx(124_000, abs=100)  # the vehicle's time
+    decoder = Decoder(WANTED)
+    decoder.feed((tmp_path / "live.tlog").read_bytes())
+    decoder.finish()
+    assert dict(decoder.link.senders) == {(1, 1): len(SENT), (1, 194): len(echo)}
+    assert summary.link.lost == 0
+
+    quiet = tmp_path / "quiet"
+    with listening(tmp_path, outputs=Outputs(quiet, "live")) as session:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+            send(SENT, session.port, vehicle)
+            wait_for_size(session.part("tlog"), tlog_size(SENT))
+            session.screen.wait_for("manoeuvre 1 (")
+            time.sleep(1.1)
+            vehicle.settimeout(0.0)
+            with pytest.raises(BlockingIOError):  # not one byte that was not asked for
+                vehicle.recv(1)
+    [other] = session.ended
+    assert (other.summary.estimates, other.summary.verdict) == (summary.estimates, summary.verdict)
+    assert other.summary.manoeuvres[0].estimates == summary.manoeuvres[0].estimates
+    assert other.summary.flight.dutch_roll == summary.flight.dutch_roll
+    again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+    assert again.estimates == summary.estimates
+
+
+def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tmp_path: Path):
+    one, two = frames(10.0, sysid=1), frames(10.0, sysid=2)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link,
+        listening(tmp_path, publish="tap", publish_compid=77, every_vehicle=True) as session,
+    ):
+        link.settimeout(0.2)
+        send([*one, *two], session.port, link)
+        beats = receive(
+            link, lambda found: sum(m.get_type() == "HEARTBEAT" for m in found) >= 4
+        )
+        session.screen.wait_for("2 vehicles share what may be published: each is sent every 2 s")
+    senders = [m.get_srcSystem() for m in beats if m.get_type() == "HEARTBEAT"]
+    assert {*senders[:2]} == {*senders[2:4]} == {1, 2}
+    assert {m.get_srcComponent() for m in beats} == {77}
+
+
+ROLL = DutchRoll(wn_rad_s=10.06, wn_std=0.28, zeta=0.646, zeta_std=0.042)
+
+
+def test_before_an_answer_there_is_only_that_it_is_not_to_be_used():
+    assert values_of(None) == {"yaw_ok": 0.0}
+    unknown = replace_std(ROLL, math.nan)
+    assert values_of(Answer(Verdict.of([]), unknown)).keys() == {"yaw_wn", "yaw_zeta", "yaw_ok"}
+
+
+def replace_std(roll: DutchRoll, std: float) -> DutchRoll:
+    return DutchRoll(wn_rad_s=roll.wn_rad_s, wn_std=std, zeta=roll.zeta, zeta_std=std)
+
+
+def test_a_verdict_is_a_text_that_fits():
+    refused = Verdict.of([Reason("manoeuvres_disagree", "..."), Reason("poor_fit", "...")])
+    assert verdict_text(Answer(refused, ROLL)) == "yawid: not usable: poor_fit"
+    told = verdict_text(Answer(Verdict.of([]), ROLL))
+    assert told == "yawid: usable, wn 10.06+-0.28, zeta 0.646+-0.042"
+
+
+def test_a_component_that_is_the_autopilot_s_is_refused():
+    with pytest.raises(ConfigError, match="--publish-compid must be 2 to 255"):
+        LiveOptions("udpin:127.0.0.1:14560", publish="tap", publish_compid=1)
+    options = LiveOptions("udpin:127.0.0.1:14560", publish="udpout:127.0.0.1:14570")
+    assert not options.may_transmit
+    assert replace(options, publish="tap").may_transmit
