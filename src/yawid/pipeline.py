@@ -15,6 +15,7 @@ from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvres.answer import Setting
+from yawid.manoeuvres.find import Progress
 from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
@@ -67,6 +68,12 @@ class Pipeline:
         if self.config.manoeuvres == "off":
             return None
         return [] if self._manoeuvres is None else [a.found for a in self._manoeuvres.answered]
+
+    @property
+    def progress(self) -> tuple[Progress, int]:
+        """How the manoeuvre stands that is on its way, and how many wait for their answer."""
+        stage = self._manoeuvres
+        return (Progress(), 0) if stage is None else (stage.progress, stage.unanswered)
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
         """Return what the manoeuvres say together and its verdict, None where there is none."""

@@ -6,6 +6,7 @@ what came until then: where a stream is cut into blocks changes nothing.
 """
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,22 @@ MOVES = 2.0 * LEAST_TRAVEL
 """A rudder that covers more than this of half its travel within 5 s has left where it stood."""
 
 
+class Progress(NamedTuple):
+    """How a manoeuvre stands that may be on its way; it changes nothing of what is found.
+
+    ``stroke`` is how far the rudder's own part moved within the newest 5 s, in parts of half its
+    travel, None where too little is known of how it follows the aileron; ``rests_s`` how long it
+    has rested. Of the manoeuvre being recorded, if there is one: its first second since boot, how
+    long it is, and whether it has moved far enough to be answered.
+    """
+
+    stroke: float | None = None
+    rests_s: float = 0.0
+    from_s: float | None = None
+    lasted_s: float = 0.0
+    is_excited: bool = False
+
+
 class Stated:
     """One stretch that was named: all its samples are one manoeuvre, however it was flown."""
 
@@ -34,6 +51,14 @@ class Stated:
         """Keep the samples."""
         self._kept.append(samples)
         return []
+
+    @property
+    def progress(self) -> Progress:
+        """How the stretch stands."""
+        if not self._kept:
+            return Progress()
+        first_us, last_us = self._kept[0].boot_us[0], self._kept[-1].boot_us[-1]
+        return Progress(from_s=first_us / 1e6, lasted_s=(last_us - first_us) / 1e6, is_excited=True)
 
     def finish(self) -> list[SampleBlock]:
         """Return the manoeuvre, if there is one sample of it."""
@@ -68,6 +93,11 @@ class Finder:
     def finish(self) -> list[SampleBlock]:
         """Return the manoeuvre that the end of the samples ends, if there is one."""
         return self._section.finish()
+
+    @property
+    def progress(self) -> Progress:
+        """How the manoeuvre stands that may be on its way."""
+        return self._section.progress()
 
     def _breaks(self, samples: SampleBlock) -> Bools:
         """Return at which rows (n,) something ends that a manoeuvre must not reach across.
@@ -197,20 +227,46 @@ class _Section:
         whole = _stroke(newest, self._window)[places - oldest]
         if whole.max() <= MOVES:
             return whole
-        rudder, aileron = _on_grid(seen, first_k, last_k + self._reach + 1).T
+        own = self._own(seen, first_k, slice(oldest, end))
+        if own is None:
+            return None
+        return np.minimum(_stroke(own, self._window)[places - oldest], whole)
+
+    def _own(self, seen: Floats, first_k: int, rows: slice) -> Floats | None:
+        """Return the rudder's own part at some rows of the grid from ``first_k`` on, (rows,).
+
+        None while too little is known of how it follows the aileron; without one it is all of it.
+        """
+        rudder, aileron = _on_grid(seen, first_k, first_k + rows.stop + self._reach).T
         known = aileron[np.isfinite(aileron)]
         if not len(known) or float(np.ptp(known)) == 0.0:
-            return whole
+            return np.asarray(rudder[rows], np.float64)
         lags = [shifted(aileron, i) for i in range(-self._reach, self._reach + 1)]
         columns = np.column_stack([*lags, np.ones(len(rudder))])
         good = np.isfinite(columns).all(axis=1) & np.isfinite(rudder)
-        used = np.flatnonzero(good[:end])[-self._chunk :]
+        used = np.flatnonzero(good[: rows.stop])[-self._chunk :]
         if len(used) < ROWS_PER_LAG * columns.shape[1]:
             return None
         # The constant stays in: it drifts as the window slides, and that is no movement.
         coefficients = mix(columns[used], rudder[used])[:-1]
-        own = rudder[oldest:end] - columns[oldest:end, :-1] @ coefficients
-        return np.minimum(_stroke(own, self._window)[places - oldest], whole)
+        own = rudder[rows] - columns[rows, :-1] @ coefficients
+        return np.asarray(own, np.float64)
+
+    def progress(self) -> Progress:
+        """See :class:`Progress`."""
+        found = Progress() if self._open is None else self._open.progress()
+        seen = np.concatenate([self._past, *(_measured(b, self._unit) for b in self._undecided)])
+        if not len(seen) or seen[-1, 0] - self._reach < seen[0, 0]:
+            return found
+        last_k = int(seen[-1, 0]) - self._reach
+        first_k = int(max(seen[0, 0], last_k - self._chunk - self._window))
+        rows = slice(max(last_k - first_k + 1 - self._window, 0), last_k - first_k + 1)
+        whole = _on_grid(seen, first_k + rows.start, last_k + 1)[:, 0]
+        own = whole if _reached(whole) <= MOVES else self._own(seen, first_k, rows)
+        if own is None:
+            return found
+        stroke = min(_reached(own), _reached(whole))
+        return found._replace(stroke=stroke, rests_s=_rests(own) * self._ts_s)
 
     def _follow(self, rows: SampleBlock, stroke: Floats) -> list[SampleBlock]:
         """Open, continue and end manoeuvres by the strokes (n,) of decided rows."""
@@ -281,6 +337,12 @@ class _Candidate:
         rest = np.flatnonzero(other[len(self._speeds) :])
         return [int(rest[0])] if len(rest) else []
 
+    def progress(self) -> Progress:
+        """Return how it stands."""
+        first_us, last_us = self._kept[0].boot_us[0], self._kept[-1].boot_us[-1]
+        lasted_s = (last_us - first_us) / 1e6
+        return Progress(from_s=first_us / 1e6, lasted_s=lasted_s, is_excited=self.is_excited)
+
     def samples(self) -> SampleBlock:
         """Return all of it."""
         return SampleBlock.joined(self._kept)
@@ -306,3 +368,18 @@ def _stroke(x: Floats, window: int) -> Floats:
     high = extremes(np.maximum, np.concatenate([-before, np.where(known, x, -np.inf)]), window)
     low = extremes(np.minimum, np.concatenate([before, np.where(known, x, np.inf)]), window)
     return np.asarray(np.maximum(high - low, 0.0), np.float64)
+
+
+def _reached(x: Floats) -> float:
+    """Return how far x (n,) moved, of what is known of it."""
+    known = x[np.isfinite(x)]
+    return float(np.ptp(known)) if len(known) else 0.0
+
+
+def _rests(own: Floats) -> int:
+    """Return for how many rows at its end ``own`` (n,) has moved by no more than ``MOVES``."""
+    newest_first, known = own[::-1], np.isfinite(own[::-1])
+    high = np.maximum.accumulate(np.where(known, newest_first, -np.inf))
+    low = np.minimum.accumulate(np.where(known, newest_first, np.inf))
+    moved = np.flatnonzero(high - low > MOVES)
+    return int(moved[0]) if len(moved) else len(own)

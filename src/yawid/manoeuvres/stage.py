@@ -7,7 +7,7 @@ from concurrent.futures import Executor, Future
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import Answered, Setting, answer
-from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
+from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Progress, Stated
 from yawid.manoeuvres.flight import flight_of
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import Flight
@@ -27,6 +27,16 @@ class Manoeuvres:
         self._waiting: deque[Future[Answered]] = deque()
         self._count = 0
         self._finder = _finder(setting.config, setting.sample_time_s)
+
+    @property
+    def progress(self) -> Progress:
+        """How the manoeuvre stands that may be on its way."""
+        return self._finder.progress
+
+    @property
+    def unanswered(self) -> int:
+        """How many have ended and wait for their answer."""
+        return len(self._waiting)
 
     def feed(self, samples: SampleBlock) -> None:
         """Take samples in."""

@@ -180,9 +180,9 @@ def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
     with listening(tmp_path) as session:
         sent = frames(20.0)
         send(sent[:300] + sent[320:], session.port)
-        session.screen.wait_for("tracking, ± of noise alone, lost 20 on the link, 0 dropped here")
+        session.screen.wait_for("tracking, by ELS")
     line = next(text for text in session.screen.getvalue().splitlines() if "tracking" in text)
-    for word in ("msg/s", "samples", "ωn", "rad/s", "ζ", "±"):
+    for word in ("msg/s", "lost 20, dropped 0", "samples", "wn", "rad/s", "zeta", "±"):
         assert word in line
 
 

@@ -82,7 +82,8 @@ def test_a_line_is_said_as_a_manoeuvre_ends_and_stands_in_the_summary(tmp_path: 
     roll = ended.summary.manoeuvres[0].dutch_roll
     assert told(ended)[0] == (
         "manoeuvre 1 (34 to 60 s, FBWA, 51 m/s): "
-        f"ωn {roll.wn_rad_s:.4g} ± {roll.wn_std:.2g} rad/s, ζ {roll.zeta:.3g} ± {roll.zeta_std:.2g}"
+        f"wn {roll.wn_rad_s:.4g} ± {roll.wn_std:.2g} rad/s, "
+        f"zeta {roll.zeta:.3g} ± {roll.zeta_std:.2g}"
     )
     assert [line.split(" ")[1] for line in told(ended)] == ["1", "2", "3", "4"]
     said = session.screen.getvalue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import socket
 import threading
 import time
@@ -66,6 +67,21 @@ def test_a_line_that_updates_is_cleared_for_one_that_stays():
     assert screen.getvalue().endswith("\r\x1b[2Kyawid: the link is back\n12 msg/s, 3 samples\n")
 
 
+def test_a_terminal_that_hangs_keeps_nobody_waiting():
+    reader, writer = os.pipe()
+    with open(writer, "w", encoding="utf-8") as stream:  # noqa: PTH123 # a pipe has no path
+        console = Console(stream)
+        begun_s = time.monotonic()
+        for _ in range(100):
+            console.say(1000 * "x")  # more than a pipe holds, and nobody reads
+        assert time.monotonic() - begun_s < 0.5
+        said = b""
+        while len(said) < 100 * len(f"yawid: {1000 * 'x'}\n"):
+            said += os.read(reader, 1 << 16)
+        console.close()
+    os.close(reader)
+
+
 def last_line(screen: Screen) -> str:
     return screen.getvalue().splitlines()[-1]
 
@@ -102,7 +118,7 @@ def test_a_vehicle_that_falls_silent_beside_its_ground_station_is_not_tracking(t
 
 def test_a_link_nobody_has_sent_on_is_waited_for(tmp_path: Path):
     with listening(tmp_path) as session:
-        session.screen.wait_for("waiting for rudder and yaw rate, lost 0")
+        session.screen.wait_for("lost 0, dropped 0, waiting for rudder and yaw rate")
 
 
 def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
@@ -112,9 +128,9 @@ def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
     assert pipeline.modes is not None
     assert pipeline.newest is not None
 
-    line = Standing().line(pipeline, decoder.link.frames, int(pipeline.newest.received_us[-1]))
+    line = Standing().line(pipeline, decoder.link, int(pipeline.newest.received_us[-1]), "0")
 
-    assert "no Dutch roll yet" in line
+    assert "wn: not yet" in line
     assert "nan" not in line
 
 
@@ -127,8 +143,9 @@ def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
     answer = summary.estimates[verdict.method].dutch_roll
     assert verdict.method == "rml" != pipeline.config.method
 
-    line = Standing().line(pipeline, source.link.frames, int(pipeline.newest.received_us[-1]))
+    line = Standing().line(pipeline, source.link, int(pipeline.newest.received_us[-1]), "2")
 
     noise = answer.wn_std if answer.wn_std_noise is None else answer.wn_std_noise
-    assert f"ωn {answer.wn_rad_s:.4g} ± {noise:.2g} rad/s" in line
-    assert "by RML, tracking, ± of noise alone" in line
+    assert f"wn {answer.wn_rad_s:.4g} ± {noise:.2g} rad/s" in line
+    assert line.endswith(f"by RML, {pipeline.samples} samples, ± is one sigma of noise alone")
+    assert ", lost 0, dropped 2, wn " in line

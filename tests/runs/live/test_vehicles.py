@@ -84,7 +84,7 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
         in_the_loop = set(syncing) - {"yawid-disk"}
 
     threads = {name for name in own if name.startswith("yawid-")}
-    assert threads == {"yawid-tap", "yawid-manoeuvres", "yawid-disk"}
+    assert threads == {"yawid-tap", "yawid-manoeuvres", "yawid-disk", "yawid-console"}
     assert (in_the_loop, "yawid-disk" in syncing) == (set(), True)
     assert [each.summary.vehicle.sysid for each in session.ended] == [*sent]
     for summary in (each.summary for each in session.ended):

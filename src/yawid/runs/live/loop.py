@@ -245,7 +245,7 @@ class _Loop:
         for line in self._tap.news:
             self._tell(line)
         if self._tap.inbox.dropped or self._tap.socket_dropped:
-            self._tell(f"not everything could be taken: {self._dropped()}")
+            self._tell(f"not everything could be taken: {self._dropped()} dropped here")
         dropped = {"queue": self._tap.inbox.dropped, "socket": self._tap.socket_dropped}
         live = LiveFacts(
             datagrams=self._tap.inbox.received,
@@ -312,8 +312,8 @@ class _Loop:
         return next((s.vehicle for s in self._sessions.running()), None)
 
     def _dropped(self) -> str:
-        """Return what had to be dropped here, in words."""
+        """Return how many datagrams had to be dropped here."""
         count = self._tap.inbox.dropped + (self._tap.socket_dropped or 0)
         # Where nobody counts them, dropped frames show only in the sequence numbers.
         known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
-        return f"{count} dropped here" + ("" if known else " at least")
+        return f"{count}" if known else f"at least {count}"

@@ -11,6 +11,7 @@ from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
 from yawid.results.judge_estimate import BETTER
 from yawid.results.run_summary import Manoeuvre
+from yawid.sources.mavlink.link_stats import LinkStats
 
 SOUND = (Status.TRACKING, Status.HELD)
 """An estimator that says this of itself may answer."""
@@ -29,33 +30,31 @@ class Standing:
         self._rate_from = time.monotonic(), 0
         self._is_idle = False
 
-    def line(self, pipeline: Pipeline, frames: int, now_us: int) -> str:
-        """Return how much comes and what it gives; ``frames`` have been read.
+    def line(self, pipeline: Pipeline, link: LinkStats, now_us: int, dropped: str) -> str:
+        """Return how much comes, what is lost of it and what it gives; ``dropped`` in words.
 
-        Where nothing comes any more that stands first: a narrow terminal cuts the rest off.
+        What matters least stands last: a narrow terminal cuts it off.
         """
         now_s = time.monotonic()
         since_s, before = self._rate_from
-        self._rate_from = now_s, frames
-        quiet = self._quiet(pipeline, now_us)
-        rate = (frames - before) / max(now_s - since_s, 1e-9)
-        parts = [*quiet, f"{rate:.0f} msg/s", f"{pipeline.samples} samples"]
+        self._rate_from = now_s, link.frames
+        quiet = self.quiet(pipeline, now_us)
+        rate = (link.frames - before) / max(now_s - since_s, 1e-9)
+        parts = [quiet or f"{rate:.0f} msg/s", f"lost {link.lost}", f"dropped {dropped}"]
+        samples = f"{pipeline.samples} samples"
         if pipeline.bank is None or not pipeline.bank.last:
-            return ", ".join([*parts, "waiting for rudder and yaw rate"])
-        method, status, (wn, wn_std, zeta, zeta_std) = answering(pipeline.bank)
-        if math.isfinite(wn):
-            parts += [_dutch_roll(wn, wn_std, zeta, zeta_std), f"by {method.upper()}"]
-        else:
-            parts.append("no Dutch roll yet")
+            return ", ".join([*parts, "waiting for rudder and yaw rate", samples])
+        method, status, roll = answering(pipeline.bank)
+        parts.append(dutch_roll(*roll))
         if not quiet:
             parts.append(words(status))
-        if math.isfinite(wn):  # last: it matters least where a narrow terminal cuts
-            parts.append("± of noise alone")
-        return ", ".join(parts)
+        if math.isfinite(roll[0]):
+            samples = f"by {method.upper()}, {samples}, ± is one sigma of noise alone"
+        return ", ".join([*parts, samples])
 
     def word(self, pipeline: Pipeline, now_us: int) -> str:
         """Return how things stand in a word or two: the method's status where samples come."""
-        if self._quiet(pipeline, now_us):
+        if self.quiet(pipeline, now_us):
             return SILENT
         if pipeline.bank is None or not pipeline.bank.last:
             return "waiting"
@@ -66,19 +65,19 @@ class Standing:
         was_idle, self._is_idle = self._is_idle, _idle_s(pipeline, now_us) > 0.0
         return self._is_idle and not was_idle
 
-    def _quiet(self, pipeline: Pipeline, now_us: int) -> list[str]:
-        """Return what is to be said of a link or a vehicle that has fallen silent, if it has."""
+    def quiet(self, pipeline: Pipeline, now_us: int) -> str:
+        """Return what is to be said of a link or a vehicle that has fallen silent, or nothing."""
         quiet_s = (now_us - self.received_us) / 1e6
         if self.received_us and quiet_s > QUIET_S:
-            return [f"nothing received for {quiet_s:.0f} s"]
+            return f"nothing received for {quiet_s:.0f} s"
         idle_s = _idle_s(pipeline, now_us)
-        return [f"no sample for {idle_s:.0f} s"] if idle_s else []
+        return f"no sample for {idle_s:.0f} s" if idle_s else ""
 
 
 def manoeuvre_line(found: Manoeuvre) -> str:
     """Return the line on a manoeuvre that has ended: when and how it was flown, what it says.
 
-    Its sigmas are the total ones.
+    After its ± stands one total sigma.
     """
     flown = [f"{found.from_s:.0f} to {found.to_s:.0f} s"]
     if found.mode is not None:
@@ -91,16 +90,19 @@ def manoeuvre_line(found: Manoeuvre) -> str:
     if fatal is not None or roll is None:
         answer = f"not usable: {fatal}"
     else:
-        answer = _dutch_roll(roll.wn_rad_s, roll.wn_std, roll.zeta, roll.zeta_std)
+        answer = dutch_roll(roll.wn_rad_s, roll.wn_std, roll.zeta, roll.zeta_std)
     return f"manoeuvre {found.n} ({', '.join(flown)}): {answer}"
 
 
-def _dutch_roll(wn: float, wn_std: float | None, zeta: float, zeta_std: float | None) -> str:
+def dutch_roll(wn: float, wn_std: float | None, zeta: float, zeta_std: float | None) -> str:
+    """Return wn and zeta with one sigma each where that is known; NaN is no number to show."""
+    if not math.isfinite(wn):
+        return "wn: not yet"
     said = [
-        f"{value:.{digits}g}" + ("" if std is None else f" ± {std:.2g}")
+        f"{value:.{digits}g}" + (f" ± {std:.2g}" if std is not None and math.isfinite(std) else "")
         for value, std, digits in ((wn, wn_std, 4), (zeta, zeta_std, 3))
     ]
-    return f"ωn {said[0]} rad/s, ζ {said[1]}"
+    return f"wn {said[0]} rad/s, zeta {said[1]}"
 
 
 def answering(bank: Bank) -> tuple[str, Status, Floats]:

@@ -143,11 +143,11 @@ class LiveSession:
         """Whether samples have stopped since this was last asked: the line is due at once."""
         return self._standing.stopped(self.pipeline, self._setting.reached_us())
 
-    def line(self, lost: str) -> str:
-        """Return one line on where the session stands; ``lost`` is what the tap says of itself."""
-        link, now_us = self.decoder.link, self._setting.reached_us()
-        stands = self._standing.line(self.pipeline, link.frames, now_us)
-        return f"{self._label}{stands}, lost {link.lost} on the link, {lost}"
+    def line(self, dropped: str) -> str:
+        """Return one line on where the session stands; ``dropped`` is what the tap had to drop."""
+        now_us = self._setting.reached_us()
+        stands = self._standing.line(self.pipeline, self.decoder.link, now_us, dropped)
+        return f"{self._label}{stands}"
 
     def word(self) -> str:
         """Return one word or two on where the session stands."""

@@ -41,9 +41,9 @@ class Single:
         """Return the sessions there are."""
         return [self._session]
 
-    def line(self, lost: str) -> str:
-        """Return a line on where they stand, "" before the first; ``lost`` is the tap's part."""
-        return self._session.line(lost)
+    def line(self, dropped: str) -> str:
+        """Return a line on where they stand, "" before the first; ``dropped`` is the tap's part."""
+        return self._session.line(dropped)
 
     def finish(self, live: LiveFacts) -> list[Ended]:
         """Finish them all; ``live`` is what the tap adds to their summaries."""
@@ -107,11 +107,11 @@ class Fleet:
         """See :class:`Single`."""
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
-    def line(self, lost: str) -> str:
+    def line(self, dropped: str) -> str:
         """See :class:`Single`; of more than ``FEW`` it counts how many stand how."""
         running = self.running()
         if len(running) <= FEW:
-            return " | ".join(session.line(lost) for session in running)
+            return " | ".join(session.line(dropped) for session in running)
         now_s, (since_s, before) = time.monotonic(), self._rate_from
         self._rate_from = now_s, self._records
         rate = (self._records - before) / max(now_s - since_s, 1e-9)
@@ -121,8 +121,8 @@ class Fleet:
         if 0 < len(silent) <= FEW:
             parts.append(f"system {' and '.join(silent)} is silent")
         gaps = sum(session.decoder.link.lost for session in running)
-        told = ", ".join(parts)
-        return f"{len(running)} vehicles, {rate:.0f} msg/s: {told}, lost {gaps} on the link, {lost}"
+        counts = f"{len(running)} vehicles, {rate:.0f} msg/s, lost {gaps}, dropped {dropped}"
+        return f"{counts}: {', '.join(parts)}"
 
     def finish(self, live: LiveFacts) -> list[Ended]:
         """See :class:`Single`; where there was no vehicle, one summary says so."""

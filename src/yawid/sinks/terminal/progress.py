@@ -1,11 +1,14 @@
 """What a person sees while it runs: a bar for a log that is read, a line for a live session."""
 
+import os
 import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
+
+from yawid.sinks.terminal.outlet import Outlet
 
 PLAIN_LINE_S = 10.0
 TERMINAL_LINE_S = 0.5
@@ -37,22 +40,26 @@ class Console:
     """Writes to ``stream``; only on a terminal does a line update in place.
 
     ``period_s`` is the time between two states of the line, by default that of the stream's kind.
-    Any thread may use it: lines come whole.
+    Any thread may use it: lines come whole, and nobody waits for a terminal that hangs.
     """
 
+    draws = False
+    """Whether it takes facts and draws a screen of them; else it takes a line."""
+
     def __init__(self, stream: TextIO, period_s: float | None = None) -> None:
-        self._stream = stream
-        self._is_terminal = stream.isatty()
+        self._is_terminal = updates_in_place(stream)
         usual_s = TERMINAL_LINE_S if self._is_terminal else PLAIN_LINE_S
         self._period_s = usual_s if period_s is None else period_s
         self._next_s = time.monotonic() + self._period_s
         self._shown = ""
         self._lock = threading.Lock()
+        self._outlet = Outlet(stream)
 
     def say(self, text: str) -> None:
         """Write a line that stays."""
         with self._lock:
-            self._write(f"{_CLEAR if self._shown else ''}yawid: {text}\n{self._shown}")
+            clear = _CLEAR if self._shown else ""
+            self._outlet.write(f"{clear}yawid: {text}\n{self._shown}")
 
     def is_due(self) -> bool:
         """Whether it is time for the next state of the line."""
@@ -64,20 +71,19 @@ class Console:
         with self._lock:
             if self._is_terminal:
                 self._shown = line[: shutil.get_terminal_size().columns - 1]
-                self._write(_CLEAR + self._shown)
+                self._outlet.write(_CLEAR + self._shown)
             else:
-                self._write(f"yawid: {line}\n")
+                self._outlet.write(f"yawid: {line}\n")
 
     def close(self) -> None:
-        """Leave the line that updates: what follows stands below it."""
+        """Leave the line that updates: what follows stands below it, once all is written."""
         with self._lock:
             if self._shown:
                 self._shown = ""
-                self._write("\n")
+                self._outlet.write("\n")
+            self._outlet.drain()
 
-    def _write(self, text: str) -> None:
-        try:
-            self._stream.write(text)
-            self._stream.flush()
-        except OSError:
-            pass  # the terminal has gone: the session need not
+
+def updates_in_place(stream: TextIO) -> bool:
+    """Whether it is a terminal that can write over what it has written."""
+    return stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown")
