@@ -46,10 +46,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "fleet": {"config", "dataset", "pipeline", "results", "runs", "sinks", "sinks/mcap"}
     | {"sources", WIRE},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
-    "tables": {"config", "physics", "results", "runs", "sources", WIRE, LOGS}
+    "tables": {"channels", "config", "physics", "results", "runs", "sources", WIRE, LOGS}
     | {"sinks", "sinks/mcap", "sinks/terminal"},
     "cli": {"config", "estimation", "fleet", "offline", "plant", "report", "results", "runs"}
-    | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", "trend"}
+    | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", "tables", "trend"}
     | {WIRE, LOGS},
     "__main__": {"cli"},
 }

@@ -1,4 +1,4 @@
-"""The command line of ``yawid view``, ``report`` and ``recover``: on the file of a run."""
+"""The command line of ``yawid view``, ``report``, ``export``, ``recover``: on a run's file."""
 
 import argparse
 import sys
@@ -37,6 +37,17 @@ def add_finished_run(commands: Any) -> None:
     )
     report.add_argument("--force", action="store_true", help="overwrite a report that exists")
     report.set_defaults(run=_report)
+    export = add_command(
+        commands, "export", "RUN.mcap", "write a finished run's samples and results as a table",
+        "yawid export yawid-out/flight.mcap\nyawid export flight.mcap -o flight.csv --force",
+    )  # fmt: skip
+    export.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
+    export.add_argument(
+        "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz",
+        help="(default: Parquet beside the MCAP, under its name)",
+    )  # fmt: skip
+    export.add_argument("--force", action="store_true", help="overwrite a file that exists")
+    export.set_defaults(run=_export)
     recover = add_command(
         commands, "recover", "BROKEN.mcap -o OUT.mcap",
         "make a proper MCAP of one that was cut off",
@@ -71,6 +82,13 @@ def _report(arguments: argparse.Namespace) -> int:
     from yawid.report.write import write_report
 
     print(write_report(arguments.mcap, arguments.out, force=arguments.force), flush=True)
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from yawid.tables.export import export
+
+    print(export(arguments.mcap, arguments.out, force=arguments.force), flush=True)
     return 0
 
 

@@ -62,8 +62,10 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
         send(SENT, session.port)
         got = receive(
             ground,
-            lambda found: {"yaw_wn", "yaw_ok"} <= values(found).keys()
-            and any("yawid m1" in m.text for m in found if m.get_type() == "STATUSTEXT"),
+            lambda found: (
+                {"yaw_wn", "yaw_ok"} <= values(found).keys()
+                and any("yawid m1" in m.text for m in found if m.get_type() == "STATUSTEXT")
+            ),
         )
         # What is published comes back over the link, as from a router.
         echo = [bytes(message.get_msgbuf()) for message in got]
@@ -117,9 +119,7 @@ def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tm
     ):
         link.settimeout(0.2)
         send([*one, *two], session.port, link)
-        beats = receive(
-            link, lambda found: sum(m.get_type() == "HEARTBEAT" for m in found) >= 4
-        )
+        beats = receive(link, lambda found: sum(m.get_type() == "HEARTBEAT" for m in found) >= 4)
         session.screen.wait_for("2 vehicles share what may be published: each is sent every 2 s")
     senders = [m.get_srcSystem() for m in beats if m.get_type() == "HEARTBEAT"]
     assert {*senders[:2]} == {*senders[2:4]} == {1, 2}

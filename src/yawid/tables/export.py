@@ -1,0 +1,143 @@
+"""``yawid export``: a run's samples and results as one file that others read, and yawid too.
+
+The columns are those of a record, then the results (:func:`yawid.tables.columns.record_columns`),
+each with its unit: in Parquet with the field, in CSV in a second row, in .npz as JSON. It is
+written block by block, so that a long run needs no more memory than a short one; .npz takes all.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from yawid import __version__
+from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
+from yawid.errors import ConfigError, SourceError
+from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.part_file import written_whole
+from yawid.tables.columns import Units, record_columns
+from yawid.tables.table import Column
+
+FORMATS: Final = (".parquet", ".csv", ".npz")
+Tables = Iterator[list[Column]]
+"""A run's columns, so many rows at a time; there is one row at least."""
+GROUP_ROWS: Final = 1 << 16
+"""Rows of a group in Parquet, and of all that is in memory at a time."""
+_NO_HEADER: Final = pyarrow.csv.WriteOptions(include_header=False)
+TIME: Final = pa.timestamp("ns", tz="UTC")
+
+
+def export(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
+    """Write a run's samples and results to ``out``, else beside the MCAP; return the file's path.
+
+    Raises:
+        ConfigError: the name of ``out`` says none of the formats.
+        SourceError: the MCAP cannot be read, is damaged, or holds no sample.
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+    """
+    out = mcap.with_suffix(FORMATS[0]) if out is None else out
+    if out.suffix not in FORMATS:
+        raise ConfigError(f"-o {out}: the name must end in {', '.join(FORMATS)}")
+    run = open_run(mcap)
+    blocks = run.blocks()
+    first = next(blocks, None)
+    if run.grid is None or first is None:
+        raise SourceError(f"{mcap} holds no sample: there is nothing to export")
+    known = Units(run.grid, run.config)
+    tables = (record_columns(rows, known) for rows in _groups(chain([first], blocks)))
+    with written_whole(out, force=force) as stream:
+        _WRITERS[out.suffix](stream, tables, facts_of(run, known))
+    return out.absolute()
+
+
+def facts_of(run: McapRun, known: Units) -> dict[str, str]:
+    """Return what is to be known of all rows: where they are from, and what they mean."""
+    summary, config, grid = run.summary, run.config, known.grid
+    source, vehicle = summary.source or summary.own_source, summary.vehicle
+    facts = {
+        "yawid_version": run.metadata.get("versions", {}).get("yawid", __version__),
+        "log": source.log,
+        "log_sha256": source.sha256,
+        "vehicle": vehicle and TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}"),
+        "autopilot": vehicle and AUTOPILOT_NAMES.get(vehicle.autopilot, str(vehicle.autopilot)),
+        "rudder_unit": known.surface("rudder"),
+        "sign": run.metadata.get("sign", {}).get("text"),
+        "output": config.output,
+        "sample_time_s": repr(grid.sample_time_s),
+        "orders": ",".join(map(str, config.orders)),
+        "method": grid.methods[0],
+        "usable": str(summary.deciding.usable).lower(),
+        "reasons": " ".join(reason.id for reason in summary.deciding.reasons),
+        "configuration": config.to_toml(),
+    }
+    return {name: fact for name, fact in facts.items() if fact}
+
+
+def _groups(blocks: Iterable[RunRows]) -> Iterator[RunRows]:
+    """Yield the rows in groups of ``GROUP_ROWS`` or a little more."""
+    waiting: list[RunRows] = []
+    for rows in blocks:
+        waiting.append(rows)
+        if sum(len(each.samples) for each in waiting) >= GROUP_ROWS:
+            yield joined(waiting)
+            waiting = []
+    if waiting:
+        yield joined(waiting)
+
+
+def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
+    rows = _arrow(next(tables), facts)
+    with pq.ParquetWriter(stream, rows.schema, compression="zstd") as writer:
+        writer.write_table(rows)
+        for columns in tables:
+            writer.write_table(_arrow(columns, facts))
+
+
+def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
+    first = next(tables)
+    heads = [column.name for column in first], [column.unit for column in first]
+    stream.write("".join(f"{','.join(head)}\n" for head in heads).encode())
+    for columns in chain([first], tables):
+        pyarrow.csv.write_csv(_arrow(columns, facts), stream, _NO_HEADER)
+
+
+def _npz(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
+    parts = list(tables)
+    arrays: dict[str, Any] = {}
+    for pieces in zip(*parts, strict=True):
+        values = np.concatenate([piece.values for piece in pieces])
+        if values.dtype == object:  # NumPy would have to pickle it
+            values = np.array(["" if each is None else each for each in values], np.str_)
+        arrays[pieces[0].name] = values
+    units = {column.name: column.unit for column in parts[0]}
+    np.savez_compressed(stream, units=json.dumps(units), facts=json.dumps(facts), **arrays)
+
+
+def _arrow(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
+    """Return columns for Arrow: what is unknown is null, of texts too."""
+    fields, arrays = [], []
+    for column in columns:
+        array = _array(column)
+        said = {"unit": column.unit, "says": column.says}
+        fields.append(pa.field(column.name, array.type, metadata=said))
+        arrays.append(array)
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts))
+
+
+def _array(column: Column) -> pa.Array:
+    values = column.values
+    if values.dtype == object:
+        return pa.array(values, pa.string())
+    if values.dtype.kind == "M":
+        return pa.array(values).cast(TIME)
+    return pa.array(values, from_pandas=True)
+
+
+_WRITERS: Final = {".parquet": _parquet, ".csv": _csv, ".npz": _npz}

@@ -1,0 +1,121 @@
+"""``yawid export``: what others read in the file, and what they do not have to guess."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from finished_runs import replayed
+from places import C172P
+
+import yawid
+import yawid.sinks.mcap.reader
+import yawid.tables.export
+from yawid.cli.main import main
+from yawid.tables.run import Run
+
+
+@pytest.fixture(scope="module")
+def mcap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    return replayed(C172P, folder, "--rate", 10, "--also", "none", "--manoeuvres", "off")
+
+
+@pytest.fixture(scope="module")
+def run(mcap: Path) -> Run:
+    return yawid.load(mcap)
+
+
+@pytest.fixture(autouse=True)
+def many_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make a short run one of many blocks and groups."""
+    monkeypatch.setattr(yawid.sinks.mcap.reader, "BLOCK_ROWS", 100)
+    monkeypatch.setattr(yawid.tables.export, "GROUP_ROWS", 300)
+
+
+def unknown(values: np.ndarray) -> np.ndarray:
+    return np.array([each is None or each != each for each in values])
+
+
+def test_parquet_has_every_number_its_unit_and_null_for_the_unknown(mcap: Path, run: Run) -> None:
+    assert main(["export", str(mcap)]) == 0
+
+    file = pq.ParquetFile(mcap.with_suffix(".parquet"))
+    found = file.read()
+    assert file.metadata.num_row_groups == 4
+    assert found.column_names == list(run.record)
+    for name, values in zip(found.column_names, found.columns, strict=True):
+        ours = run.record[name]
+        assert values.null_count == np.count_nonzero(unknown(ours)), name
+        known = values.to_numpy()[~unknown(ours)]
+        assert known.tolist() == ours[~unknown(ours)].tolist(), name
+    assert found.schema.field("r").metadata[b"unit"] == b"rad/s"
+    facts = {name.decode(): text.decode() for name, text in found.schema.metadata.items()}
+    assert facts["log"] == str(C172P)
+    assert facts["log_sha256"] == run.summary.sha256
+    assert facts["sign"].startswith("positive rudder = nose right")
+    assert [facts[name] for name in ("rudder_unit", "orders", "method", "autopilot")] == [
+        "half-travel", "3,3,2,1", "els", "ArduPilot",
+    ]  # fmt: skip
+
+
+def test_csv_has_a_row_of_units_and_numbers_that_come_back_to_the_bit(
+    mcap: Path, run: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / "run.csv"
+    assert main(["export", str(mcap), "-o", str(out)]) == 0
+
+    data = out.read_bytes()
+    names, units, *rows = csv.reader(data.decode().splitlines())
+    assert b"\r" not in data
+    assert names == list(run.record)
+    assert units == list(run.record.units.values())
+    assert len(rows) == len(run.record)
+    for name, column in zip(names, zip(*rows, strict=True), strict=True):
+        ours = run.record[name]
+        assert [cell == "" for cell in column] == unknown(ours).tolist(), name
+        if ours.dtype == float:
+            np.testing.assert_array_equal([float(cell or "nan") for cell in column], ours)
+        elif ours.dtype == object:
+            assert [cell or None for cell in column] == ours.tolist()
+
+
+def test_npz_needs_no_pickle(mcap: Path, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "run.npz"
+    assert main(["export", str(mcap), "-o", str(out)]) == 0
+
+    with np.load(out, allow_pickle=False) as found:
+        np.testing.assert_array_equal(found["wn"], run.record.wn)
+        assert [each or None for each in found["held"].tolist()] == run.record.held.tolist()
+        assert json.loads(str(found["units"]))["wn"] == "rad/s"
+        assert json.loads(str(found["facts"]))["method"] == "els"
+
+
+def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
+    mcap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, torn = tmp_path / "run.csv", tmp_path / "torn.mcap"
+    out.write_text("mine")
+    data = bytearray(mcap.read_bytes())
+    data[len(data) // 2] ^= 255  # within the rows: it is found when some are written
+    torn.write_bytes(data)
+
+    assert main(["export", str(mcap), "-o", str(out)]) == 6
+    assert main(["export", str(mcap), "-o", str(tmp_path / "run.xlsx")]) == 2
+    assert main(["export", str(torn), "-o", str(tmp_path / "torn.csv")]) == 6
+    assert main(["export", str(C172P), "-o", str(tmp_path / "log.csv")]) == 6
+
+    said = capsys.readouterr().err.splitlines()
+    assert [line for line in said if "yawid: " not in line] == []
+    for line, words in zip(
+        said,
+        ("--force", "must end in .parquet, .csv, .npz", "recover", "no MCAP file"),
+        strict=True,
+    ):
+        assert words in line
+    assert out.read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "torn.mcap"}
