@@ -36,7 +36,7 @@ def tables(run: Run) -> Iterator[Table]:
 
 def assert_same(ours: Run, theirs: Run) -> None:
     for one, other in zip(tables(ours), tables(theirs), strict=True):
-        assert (one.units, one.says, one.title) == (other.units, other.says, other.title)
+        assert (one.units, one.says, repr(one)) == (other.units, other.says, repr(other))
         for name in one:
             exact = {"equal_nan": True} if one[name].dtype.kind in "fM" else {}
             assert np.array_equal(one[name], other[name], **exact), name
@@ -137,6 +137,7 @@ def test_an_unusable_run_says_so_before_any_number_and_nothing_in_it_is_markup(
     run = yawid.replay(log)
 
     assert not run.summary.deciding.usable
+    assert "NOT USABLE" in repr(run.modes)
     page = run._repr_html_() + run.samples._repr_html_() + run.manoeuvres._repr_html_()
     assert page.index("NOT USABLE, the numbers are for study only") < page.index("wn ")
     assert ": NOT USABLE" in repr(run).partition("\n")[0]
@@ -146,7 +147,7 @@ def test_an_unusable_run_says_so_before_any_number_and_nothing_in_it_is_markup(
 
 
 TAGS = (
-    "div", "p", "b", "ul", "li", "table", "thead", "tbody", "tr", "th", "td", "br", "small",
+    "div", "p", "pre", "b", "ul", "li", "table", "thead", "tbody", "tr", "th", "td", "br", "small",
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ stand under the same names in Python, in what is exported, and in what can be re
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -31,6 +31,8 @@ OUTPUTS: Final = {
     "yaw": ("mean_heading_rate", "change of yaw over the interval before, by its length"),
 }
 """Name and meaning of what the model's output is: of --output yaw-rate alone it is r."""
+_TYPES: Final[Mapping[str, type]] = {"double": float, "bool": bool, "fixed32": int}
+"""Of protobuf's, those that are numbers: all else becomes text."""
 HALF: Final = "half-travel"
 """The unit as a record and the command line spell it."""
 
@@ -80,8 +82,9 @@ def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     from_ground = samples.noted & Noted.GROUND_SPEED != 0
     airspeed = np.where(from_ground, np.nan, samples.airspeed)
     yield known.column("Sample.airspeed", "airspeed", airspeed)
-    for name in ("yaw", "altitude", "on_ground"):
+    for name in ("yaw", "altitude"):
         yield known.column(f"Sample.{name}", name, getattr(samples, name))
+    yield Column("on_ground", samples.on_ground, "1", "1 on the ground, 0 in the air")
     modes = texts(samples.mode, lambda mode: _mode_name(grid, mode))
     yield Column("mode", modes, says="flight mode")
     why = "why the estimators were not to learn from it"
@@ -164,14 +167,14 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
     """Yield a row per manoeuvre: conditions, answer, and the theta that answers."""
     found = summary.manoeuvres or []
     fields = [manoeuvre_fields(each) for each in found]
-    for name, kind, _ in TABLE["Manoeuvre"]:
+    types = {name: _TYPES.get(kind, object) for name, kind, _ in TABLE["Manoeuvre"]}
+    for name in dict.fromkeys(("n", "usable", "reasons", *types)):
         values = [_one(each[name]) for each in fields]
-        text = kind == "string" or kind.endswith("[]")
-        dtype: Any = object if text else {"double": float, "bool": bool}.get(kind, int)
-        yield known.column(f"Manoeuvre.{name}", name, np.array(values, dtype))
-    used = () if summary.flight is None else summary.flight.used
-    says = "whether the flight's answer rests on it"
-    yield Column("used", np.array([each.n in used for each in found], bool), says=says)
+        yield known.column(f"Manoeuvre.{name}", name, np.array(values, types[name]))
+        if name == "usable":
+            used = () if summary.flight is None else summary.flight.used
+            says = "whether the flight's answer rests on it"
+            yield Column("used", np.array([each.n in used for each in found], bool), says=says)
     kinds = (("theta", "", "parameter"), ("theta_std", "_std", "its sigma, of noise"))
     for name in _parameters(found):
         for field, suffix, says in kinds:

@@ -20,8 +20,8 @@ def told(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
 def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
     """Return a run as a notebook shows it: HTML without script, style but its own, or sources."""
     said = "".join(f"<li>{escape(line)}</li>" for line in reasons(summary))
-    dim = "" if summary.deciding.usable else ' style="opacity:0.6"'
-    rows = "".join(f"<div>{escape(line)}</div>" for line in answer(summary))
+    dim = "" if summary.deciding.usable else ";opacity:0.6"
+    lines = escape("\n".join(answer(summary)))
     heads = "".join(f"<th>{name}</th>" for name in ("table", "rows", "columns"))
     body = "".join(
         f"<tr><td>{escape(table.title)}</td><td>{len(table)}</td>"
@@ -30,7 +30,7 @@ def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
     )
     return (
         f"<div><p><b>{escape(verdict(summary))}</b> {escape(str(path))}</p><ul>{said}</ul>"
-        f"<div{dim}>{rows}</div>"
+        f'<pre style="white-space:pre-wrap{dim}">{lines}</pre>'
         f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -55,5 +55,6 @@ def answer(summary: RunSummary) -> Iterator[str]:
     if summary.flight is None and mode is not None and summary.answering is not None:
         wn = " ".join(filter(None, with_sigma(mode.wn_rad_s, mode.wn_std)))
         zeta = " ".join(filter(None, with_sigma(mode.zeta, mode.zeta_std)))
-        who = summary.answering.upper()
-        yield f"stream  wn {wn} rad/s, zeta {zeta} at its end, by {who}; ± is one sigma"
+        yield f"stream  wn {wn} rad/s, zeta {zeta} at its end, by {summary.answering.upper()}"
+    if summary.estimates:
+        yield "        ± is one sigma"

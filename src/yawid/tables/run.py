@@ -1,7 +1,7 @@
 """``yawid.load`` and ``yawid.replay``: a run in Python, from its file or from a log."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -25,7 +25,7 @@ from yawid.tables.columns import (
     record_columns,
     sample_columns,
 )
-from yawid.tables.table import Table
+from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
@@ -63,17 +63,17 @@ class Run:
     def estimates(self) -> Mapping[str, Table]:
         """By method, the one asked for first: theta, sigma, prediction, a row per sample."""
         return {
-            method: Table(f"estimates by {method}", [*self._estimate(estimate)])
+            method: self._made_of(
+                f"estimates by {method}",
+                estimate_columns(self._rows.samples, estimate, self._known),
+            )
             for method, estimate in self._rows.estimates.items()
         }
-
-    def _estimate(self, estimate: EstimateBlock) -> Any:
-        return estimate_columns(self._rows.samples, estimate, self._known)
 
     @cached_property
     def modes(self) -> Table:
         """The first method's Dutch roll, poles and physics, a row per sample."""
-        return Table("modes", [*mode_columns(self._rows, self._known)])
+        return self._made_of("modes", mode_columns(self._rows, self._known))
 
     @cached_property
     def manoeuvres(self) -> Table:
@@ -83,7 +83,12 @@ class Run:
     @cached_property
     def record(self) -> Table:
         """Samples and the first method's results beside them, as ``yawid export`` writes them."""
-        return Table("samples and results", record_columns(self._rows, self._known))
+        return self._made_of("samples and results", record_columns(self._rows, self._known))
+
+    def _made_of(self, title: str, columns: Iterable[Column]) -> Table:
+        """Return a table of results; of a run that is not usable its title says so."""
+        mark = "" if self.summary.deciding.usable else " (of a run that is NOT USABLE)"
+        return Table(title + mark, [*columns])
 
     def to_pandas(self) -> Any:
         """Return ``record`` as a pandas.DataFrame; see :meth:`Table.to_pandas`."""

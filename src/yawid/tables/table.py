@@ -47,6 +47,11 @@ class Table:
         """The names of the columns, in order."""
         return tuple(self._values)
 
+    @property
+    def counted(self) -> str:
+        """What the rows are, and how many."""
+        return f"{self.title}, {len(self)} row{'' if len(self) == 1 else 's'}"
+
     def keys(self) -> tuple[str, ...]:
         """Return the names of the columns: ``dict(table)`` gives the arrays by name."""
         return self.columns
@@ -124,7 +129,7 @@ class Table:
     def __repr__(self) -> str:
         units = {name: f" [{unit}]" for name, unit in self.units.items() if unit not in ("", "1")}
         named = ", ".join(name + units.get(name, "") for name in self)
-        text = f"{self.title}, {len(self)} rows: {named}"
+        text = f"{self.counted}: {named}"
         return fill(text, 100, subsequent_indent="    ", break_on_hyphens=False)
 
     def _repr_html_(self) -> str:
@@ -141,10 +146,10 @@ class Table:
             for row in rows
         ]
         if is_cut:
-            lines.insert(half, f'<td colspan="{len(self.columns)}">…</td>')
+            lines.insert(half, f'<td>…</td><td colspan="{len(self.columns) - 1}"></td>')
         body = "".join(f"<tr>{line}</tr>" for line in lines)
         return (
-            f'<div style="overflow-x:auto"><p>{escape(self.title)}, {len(self)} rows</p>'
+            f'<div style="overflow-x:auto;white-space:nowrap"><p>{escape(self.counted)}</p>'
             f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
         )
 
