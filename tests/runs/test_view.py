@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 from finished_runs import replayed
 from forged_runs import forge
+from msgspec import structs
 from places import C172P
+from sinks.mcap.mcap_reading import decoded
 from sinks.rerun.rerun_reading import recorded, statics
 from sinks.sink_blocks import FLIGHT, make_manoeuvre
 
 from yawid.cli.main import main
+from yawid.runs.view import FOXGLOVE, PLOTJUGGLER, plotjuggler_layout
 from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.palette import DATA, MODEL, RUDDER
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +146,105 @@ def test_a_file_that_is_no_finished_run_is_one_line(
         assert error.count("\n") == 1
         assert str(path) in error
     assert sorted(p.name for p in tmp_path.iterdir()) in ([], ["bad.mcap"])
+
+
+def read_as_others_do(run: Path) -> dict[str, set[str]]:
+    """The fields of each topic by what the file says of itself, a dot before a field's field."""
+    return {topic: fields_of(found[0][1]) for topic, found in decoded(run).items()}
+
+
+def fields_of(message: Any, prefix: str = "") -> set[str]:
+    found = set()
+    for field in message.DESCRIPTOR.fields:
+        found.add(prefix + field.name)
+        if field.message_type is not None and not field.is_repeated:
+            found |= fields_of(getattr(message, field.name), f"{prefix}{field.name}.")
+    return found
+
+
+NOT_DRAWN = {"/yawid/log", "/yawid/mode"}
+
+
+def test_every_curve_of_the_plotjuggler_layout_is_in_a_run_and_every_topic_is_drawn(run: Path):
+    root = ET.parse(PLOTJUGGLER).getroot()
+    made = {each.get("name") for each in root.iter("snippet")}
+    sources = {each.text for tag in ("linked_source", "v1") for each in root.iter(tag)}
+    curves = sources | {each.get("name") for each in root.iter("curve")} - made
+    numbers = {
+        f"{topic}/{field.replace('.', '/')}"
+        for topic, fields in read_as_others_do(run).items()
+        for field in fields
+    }
+    assert len(curves) > 30
+    assert curves <= numbers
+    topics = {name.partition("/parameters/")[0] + "/" for name in curves}
+    for topic in read_as_others_do(run).keys() - NOT_DRAWN:
+        assert any(name.startswith(f"{topic}/") for name in topics), topic
+    [chosen] = {each.get("selected_topics") for each in root.iter("parameters")}
+    assert read_as_others_do(run).keys() - {"/yawid/log"} <= set(chosen.split(";"))
+
+
+def test_every_field_of_the_foxglove_layout_is_in_a_run_and_every_topic_is_drawn(run: Path):
+    layout = json.loads(FOXGLOVE.read_text())
+    paths = re.findall(r'"/yawid/[^"]+"', json.dumps(layout["configById"]))
+    told = read_as_others_do(run)
+    drawn = [path.strip('"').partition(".") for path in paths]
+    assert len(drawn) > 30
+    assert {topic for topic, *_ in drawn} == {*told, "/yawid/log"}
+    assert all(not field or field in told[topic] for topic, _, field in drawn)
+    panels = re.findall(r'"([A-Za-z]+![a-z_]+)"', json.dumps(layout["layout"]))
+    assert sorted(panels) == sorted(layout["configById"])
+
+
+def test_both_layouts_have_the_colours_of_all_pictures():
+    foxglove = json.loads(FOXGLOVE.read_text())["configById"]["Plot!yaw_rate"]["paths"]
+    assert [path["color"] for path in foxglove] == [DATA, MODEL]
+    curves = {each.get("name"): each.get("color") for each in ET.parse(PLOTJUGGLER).iter("curve")}
+    assert curves["/yawid/sample/yaw_rate"] == DATA
+    assert curves["/yawid/estimate/y_hat"] == MODEL
+    assert curves["/yawid/sample/rudder"] == RUDDER
+
+
+def test_plotjuggler_is_given_the_run_in_a_layout_without_what_the_run_has_not(run: Path):
+    told = open_run(run)
+    assert told.grid is not None
+    told.grid = replace(told.grid, methods=("els",), parameters=("a1", "b1", "c1", "bias"))
+    told.summary = structs.replace(told.summary, manoeuvres=None, flight=None)
+    root = ET.fromstring(plotjuggler_layout(told))
+    curves = {each.get("name", "") for each in root.iter("curve")}
+    assert {name for name in curves if "/parameters/" in name} == {
+        f"/yawid/estimate/parameters/{name}" for name in told.grid.parameters
+    }
+    assert "wn + 2 sigma" in curves
+    assert not any("rml" in name or "manoeuvre" in name or "flight" in name for name in curves)
+    assert not any("manoeuvre" in each.get("name", "") for each in root.iter("snippet"))
+    file = root.find("previouslyLoaded_Datafiles/fileInfo")
+    assert file is not None
+    assert file.get("filename") == str(run)
+    assert file.find("plugin[@ID='DataLoad MCAP']/parameters") is not None
+    unusable = structs.replace(told.summary.verdict, usable=False)
+    told.summary = structs.replace(told.summary, verdict=unusable)
+    first = next(ET.fromstring(plotjuggler_layout(told)).iter("Tab"))
+    assert first.get("tab_name", "").startswith("NOT USABLE")
+
+
+@pytest.mark.parametrize("viewer", ["plotjuggler", "foxglove"])
+def test_a_program_that_is_not_here_is_named_with_its_layout_and_one_that_is_is_started(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, viewer: str
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["view", str(run), "--in", viewer]) == 6
+    [line] = capsys.readouterr().err.splitlines()
+    assert "get it from" in line
+    assert "/layouts/" in line
+    program = tmp_path / {"foxglove": "foxglove-studio"}.get(viewer, viewer)
+    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/told\n')
+    program.chmod(0o755)
+    assert main(["view", str(run), "--in", viewer]) == 0
+    assert str(run) in capsys.readouterr().out
+    *options, file = (tmp_path / "told").read_text().split()
+    assert options == (["--nosplash", "--layout"] if viewer == "plotjuggler" else [])
+    assert str(run) in (Path(file).read_text() if options else file)
+    program.write_text("#!/bin/sh\nexit 3\n")
+    assert main(["view", str(run), "--in", viewer]) == 6
+    assert main(["view", str(run), "--in", viewer, "--save", "x.rrd"]) == 2

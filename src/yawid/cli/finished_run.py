@@ -13,10 +13,17 @@ _RUN = "the file of a finished run"
 def add_finished_run(commands: Any) -> None:
     """Add the commands to the parser's."""
     view = add_command(
-        commands, "view", "RUN.mcap", "show a finished run in the Rerun viewer",
-        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd",
+        commands, "view", "RUN.mcap", "show a finished run in Rerun, PlotJuggler or Foxglove",
+        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --in plotjuggler",
     )  # fmt: skip
     view.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
+    view.add_argument(
+        "--in",
+        dest="viewer",
+        choices=("rerun", "plotjuggler", "foxglove"),
+        default="rerun",
+        help="the program to show it in (default: rerun)",
+    )
     view.add_argument("--save", type=Path, metavar="X.rrd", help="write a recording instead")
     view.add_argument(
         "--to", metavar="URL", help="send it to a viewer: rerun+http://HOST:PORT/proxy"
@@ -66,8 +73,13 @@ def add_finished_run(commands: Any) -> None:
 
 def _view(arguments: argparse.Namespace) -> int:
     from yawid.errors import ConfigError
-    from yawid.runs.view import view
+    from yawid.runs.view import VIEWERS, view
 
+    if arguments.viewer != "rerun":
+        if arguments.save is not None or arguments.to is not None or arguments.force:
+            raise ConfigError(f"--save, --to and --force are of Rerun, not {arguments.viewer}")
+        print(VIEWERS[arguments.viewer](arguments.mcap), flush=True)
+        return 0
     if arguments.save is not None and arguments.to is not None:
         raise ConfigError("--save and --to: choose one")
     if arguments.to is not None and not arguments.to.startswith("rerun+http"):

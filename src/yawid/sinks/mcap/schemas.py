@@ -150,12 +150,16 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/modes": "yawid.Modes",
     "/yawid/mode": "yawid.Mode",
     "/yawid/manoeuvre": "yawid.Manoeuvre",
+    "/yawid/flight": "yawid.Verdict",
     "/yawid/verdict": "yawid.Verdict",
     "/yawid/log": "foxglove.Log",
 }
 """Every topic of our files and the message on it."""
 SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
 MANOEUVRE: Final = "/yawid/manoeuvre"
+FLIGHT: Final = "/yawid/flight"
+"""The verdict that decides where there was a manoeuvre; VERDICT is that of the stream."""
+VERDICT: Final = "/yawid/verdict"
 MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
 """Of a mode: fields of ``yawid.Modes`` by themselves and after ``dutch_roll_``."""
 

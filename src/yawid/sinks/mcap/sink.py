@@ -28,11 +28,13 @@ from yawid.sinks.mcap.messages import (
     verdict_message,
 )
 from yawid.sinks.mcap.schemas import (
+    FLIGHT,
     LOG,
     MANOEUVRE,
     MODES,
     SAMPLE,
     TOPICS,
+    VERDICT,
     estimate_topics,
     schema_data,
     units,
@@ -221,6 +223,9 @@ class McapSink:
         with os_errors_as_sink_error(self._part):
             verdict = verdict_message(summary.verdict)
             self._writer.add_message(self._verdict_channel, last_ns, verdict)
+            if summary.flight is not None:
+                verdict = verdict_message(summary.flight.verdict)
+                self._writer.add_message(self._channel(FLIGHT), last_ns, verdict)
             self._add_record("source", summary.own_source.to_json())
             objects = summary.to_json()
             for name in ("vehicle", "channels", "link"):
@@ -258,7 +263,7 @@ class McapSink:
             for name, value in metadata.items():
                 self._add_record(name, value)
             self._log_channel = self._channel(LOG)
-            self._verdict_channel = self._channel("/yawid/verdict")
+            self._verdict_channel = self._channel(VERDICT)
             self._stream.flush()
 
     def _channel(self, topic: str, metadata: Mapping[str, str] | None = None) -> int:
