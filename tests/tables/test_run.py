@@ -115,7 +115,7 @@ def test_what_was_torn_is_refused_as_by_replay(mcap: Path, tmp_path: Path) -> No
     data = mcap.read_bytes()
     torn, flipped = tmp_path / "torn.mcap", tmp_path / "flipped.mcap"
     torn.write_bytes(data[: len(data) // 2])
-    middle = len(data) // 3
+    middle = data.index(b"zstd") + 200  # within a chunk: what stands about it need not be read
     flipped.write_bytes(data[:middle] + bytes([data[middle] ^ 255]) + data[middle + 1 :])
 
     for path in (torn, flipped):
