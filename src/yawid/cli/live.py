@@ -46,13 +46,13 @@ def add_live(commands: Any) -> None:
     )  # fmt: skip
     live.add_argument(
         "--publish", metavar="ENDPOINT",
-        help="transmit: the answer once a second as MAVLink (NAMED_VALUE_FLOAT yaw_wn, ..., and "
-        "STATUSTEXT) to udpout:HOST:PORT, to who sends to udpin:HOST:PORT, or tap: back over the "
-        "tap's own link",
+        help="transmit: the answer once a second as MAVLink, NAMED_VALUE_FLOAT and STATUSTEXT, to "
+        "udpout:HOST:PORT (a ground station listens there), to who sends to udpin:HOST:PORT, or "
+        "tap: back over the tap's own link, to the vehicle too (default: transmit nothing)",
     )  # fmt: skip
     live.add_argument(
         "--publish-compid", type=int, default=COMPID, metavar="N",
-        help=f"the component that publishes in the vehicle's system ({COMPID})",
+        help=f"component of the vehicle's system that publishes, 2 to 255 (default: {COMPID})",
     )  # fmt: skip
     add_outputs(live)
     live.set_defaults(run=_live)

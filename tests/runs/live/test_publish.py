@@ -94,15 +94,17 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
     assert summary.link.lost == 0
 
     quiet = tmp_path / "quiet"
-    with listening(tmp_path, outputs=Outputs(quiet, "live")) as session:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
-            send(SENT, session.port, vehicle)
-            wait_for_size(session.part("tlog"), tlog_size(SENT))
-            session.screen.wait_for("manoeuvre 1 (")
-            time.sleep(1.1)
-            vehicle.settimeout(0.0)
-            with pytest.raises(BlockingIOError):  # not one byte that was not asked for
-                vehicle.recv(1)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        listening(tmp_path, outputs=Outputs(quiet, "live")) as session,
+    ):
+        send(SENT, session.port, vehicle)
+        wait_for_size(session.part("tlog"), tlog_size(SENT))
+        session.screen.wait_for("manoeuvre 1 (")
+        time.sleep(1.1)
+        vehicle.settimeout(0.0)
+        with pytest.raises(BlockingIOError):  # not one byte that was not asked for
+            vehicle.recv(1)
     [other] = session.ended
     assert (other.summary.estimates, other.summary.verdict) == (summary.estimates, summary.verdict)
     assert other.summary.manoeuvres[0].estimates == summary.manoeuvres[0].estimates
