@@ -46,7 +46,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "fleet": {"config", "dataset", "pipeline", "results", "runs", "sinks", "sinks/mcap"}
     | {"sources", WIRE},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
-    "tables": {"channels", "config", "physics", "results", "runs", "sources", WIRE, LOGS}
+    "tables": {"channels", "config", "physics", "results", "runs", "sources", WIRE, LOGS, RECORDS}
     | {"sinks", "sinks/mcap", "sinks/terminal"},
     "cli": {"config", "estimation", "fleet", "offline", "plant", "report", "results", "runs"}
     | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", "tables", "trend"}

@@ -11,13 +11,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import EstimateBlock, Held, Noted, SampleBlock, Status
+from yawid.blocks import Bools, EstimateBlock, Noted, SampleBlock, Status
 from yawid.config.run import RunConfig
 from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import HALF_TRAVEL, Grid
+from yawid.sinks.base import HALF_TRAVEL as HALF
+from yawid.sinks.base import Grid
 from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
 from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE, units
+from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, held_text
 from yawid.tables.table import Column
 
 _UNIT: Final = re.compile(r"(1|s|m|rad|m/s|rad/s|1/s|1/s\^2|percent|half.travel)( per .+)?")
@@ -33,15 +35,13 @@ OUTPUTS: Final = {
 """Name and meaning of what the model's output is: of --output yaw-rate alone it is r."""
 _TYPES: Final[Mapping[str, type]] = {"double": float, "bool": bool, "fixed32": int}
 """Of protobuf's, those that are numbers: all else becomes text."""
-HALF: Final = "half-travel"
-"""The unit as a record and the command line spell it."""
 
 
 class Units:
     """Unit and meaning of each field of a run, as its MCAP would have them."""
 
     def __init__(self, grid: Grid, config: RunConfig) -> None:
-        self._units = units(grid.rudder_unit.replace(HALF_TRAVEL, HALF))
+        self._units = units(grid.rudder_unit.replace(HALF, HALF_TRAVEL))
         self.grid, self.config = grid, config
         name, says = OUTPUTS[config.output]
         if config.turn == "remove":
@@ -57,7 +57,7 @@ class Units:
 
     def surface(self, name: str) -> str:
         """Return the unit of an input."""
-        return self.grid.unit_of(name).replace(HALF_TRAVEL, HALF)
+        return self.grid.unit_of(name).replace(HALF, HALF_TRAVEL)
 
 
 def unit_in(text: str) -> tuple[str, str]:
@@ -69,39 +69,41 @@ def unit_in(text: str) -> tuple[str, str]:
 
 
 def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
-    """Yield what was measured, a row per sample: the names of a record, then the rest."""
+    """Yield what was measured, a row per sample: a record's columns that come first."""
     grid = known.grid
+    yield _kept("t", samples.boot_us / 1e6)
     mean = f"mean deflection over [t, t + {grid.sample_time_s:g} s), positive nose right"
-    yield known.column("Sample.boot_time", "t", samples.boot_us / 1e6)
-    column = grid.inputs.index("rudder")
-    yield Column("rudder", samples.u[:, column], known.surface("rudder"), mean)
-    yield Column(known.output, samples.y, "rad/s", known.output_says)
-    yield known.column("Sample.roll", "roll", samples.roll)
-    aileron = known.column("Sample.aileron", "aileron", samples.aileron)
-    yield aileron._replace(unit=known.surface("aileron"))
-    from_ground = samples.noted & Noted.GROUND_SPEED != 0
-    airspeed = np.where(from_ground, np.nan, samples.airspeed)
-    yield known.column("Sample.airspeed", "airspeed", airspeed)
-    for name in ("yaw", "altitude"):
-        yield known.column(f"Sample.{name}", name, getattr(samples, name))
-    yield Column("on_ground", samples.on_ground, "1", "1 on the ground, 0 in the air")
-    modes = texts(samples.mode, lambda mode: _mode_name(grid, mode))
-    yield Column("mode", modes, says="flight mode")
-    why = "why the estimators were not to learn from it"
-    yield Column("held", texts(samples.held, lambda bits: _flags(Held, bits)), says=why)
+    rudder = samples.u[:, grid.inputs.index("rudder")]
+    yield Column("rudder", rudder, known.surface("rudder"), mean)
+    yield Column(known.output, samples.y, COLUMNS["r"].unit, known.output_says)
+    yield _kept("roll", samples.roll)
+    yield _kept("aileron", samples.aileron)
+    yield _kept("airspeed", np.where(_is_ground(samples), np.nan, samples.airspeed))
+    yield _kept("yaw", samples.yaw)
+    yield _kept("altitude", samples.altitude)
+    yield _kept("on_ground", samples.on_ground)
+    yield _kept("mode", texts(samples.mode, lambda mode: _mode_name(grid, mode)))
+    yield _kept("held", texts(samples.held, held_text))
 
 
-def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
-    """Yield what a record does not have."""
-    yield known.column("Sample.turn_rate", "turn_rate", samples.turn)
-    speed = np.where(samples.noted & Noted.GROUND_SPEED != 0, samples.airspeed, np.nan)
-    says = "in place of an airspeed that is not known"
-    yield Column("ground_speed", speed, "m/s", says)
-    noted = texts(samples.noted, lambda bits: _flags(Noted, bits))
-    yield Column("noted", noted, says="what is to be known of it beside")
+def further_columns(samples: SampleBlock) -> Iterator[Column]:
+    """Yield the rest of a record's columns, and what is noted."""
+    yield _kept("turn_rate", samples.turn)
+    yield _kept("ground_speed", np.where(_is_ground(samples), samples.airspeed, np.nan))
     time = samples.unix_ns.astype("datetime64[ns]")
     time = np.where(samples.unix_ns < FIRST_KNOWN_NS, np.datetime64("NaT"), time)
-    yield Column("time", time, "UTC", "the vehicle's time; none where no date is known")
+    yield _kept("time", time)
+    yield Column("noted", texts(samples.noted, _noted), says="what is to be known of it beside")
+
+
+def _kept(name: str, values: NDArray[Any]) -> Column:
+    return Column(name, values, COLUMNS[name].unit, COLUMNS[name].says)
+
+
+def _is_ground(samples: SampleBlock) -> Bools:
+    """Tell of which samples (n,) the airspeed is the ground speed."""
+    found: Bools = samples.noted & Noted.GROUND_SPEED != 0
+    return found
 
 
 def estimate_columns(
@@ -109,14 +111,13 @@ def estimate_columns(
 ) -> Iterator[Column]:
     """Yield an estimator's rows: theta by the names of its parameters, each with its sigma."""
     grid = known.grid
-    yield known.column("Sample.boot_time", "t", samples.boot_us / 1e6)
+    yield _kept("t", samples.boot_us / 1e6)
     kinds = (("", estimate.theta, "parameter"), ("_std", estimate.theta_std, "its sigma, of noise"))
     for suffix, values, says in kinds:
         for i, name in enumerate(grid.parameters):
             yield Column(name + suffix, values[:, i], theta_unit(name, known), says)
     yield from fit_columns(estimate, known)
-    held = texts(samples.held, lambda bits: _flags(Held, bits))
-    yield Column("held", held, says="why it did not learn")
+    yield _kept("held", texts(samples.held, held_text))
 
 
 def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
@@ -132,7 +133,7 @@ def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
 def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
     """Yield the first method's Dutch roll, its poles and the numbers of eq. 22-23, sigma beside."""
     modes = rows.modes
-    yield known.column("Sample.boot_time", "t", rows.samples.boot_us / 1e6)
+    yield _kept("t", rows.samples.boot_us / 1e6)
     yield from dutch_roll_columns(rows, known)
     for i in range(modes.poles.shape[1]):
         for part, values in (("re", modes.poles.real), ("im", modes.poles.imag)):
@@ -159,7 +160,7 @@ def record_columns(rows: RunRows, known: Units) -> list[Column]:
         *fit.values(),
         *roll,
         status,
-        *further_columns(rows.samples, known),
+        *further_columns(rows.samples),
     ]
 
 
@@ -195,7 +196,7 @@ def theta_unit(name: str, known: Units) -> str:
 def texts(codes: NDArray[Any], word: Callable[[Any], str | None]) -> NDArray[Any]:
     """Return codes (n,) as texts (n,), None where there is none."""
     kinds, which = np.unique(codes, return_inverse=True)
-    return np.array([word(code) for code in kinds.tolist()], object)[which]
+    return np.array([word(code) or None for code in kinds.tolist()], object)[which]
 
 
 def _mode_name(grid: Grid, mode: float) -> str | None:
@@ -206,9 +207,8 @@ def _mode_name(grid: Grid, mode: float) -> str | None:
     return f"{mode:.0f}" if name == f"mode {mode:.0f}" else name
 
 
-def _flags(kind: type[Held] | type[Noted], bits: int) -> str | None:
-    names = (str(flag.name).lower() for flag in kind if flag.value & bits)
-    return " ".join(names) or None
+def _noted(bits: int) -> str:
+    return " ".join(str(flag.name).lower() for flag in Noted if flag.value & bits)
 
 
 def _one(value: Any) -> Any:

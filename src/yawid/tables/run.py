@@ -56,7 +56,7 @@ class Run:
     def samples(self) -> Table:
         """What was measured, a row per sample, held ones too."""
         samples, known = self._rows.samples, self._known
-        columns = [*sample_columns(samples, known), *further_columns(samples, known)]
+        columns = [*sample_columns(samples, known), *further_columns(samples)]
         return Table("samples", columns)
 
     @cached_property
