@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "manoeuvres": {*STAGES, "results", WIRE},
     "sinks": {WIRE, "estimation", "results"},
     "sinks/mcap": {"config", "estimation", "physics", "results", "sinks"},
-    "sinks/rerun": {"physics", "results", "sinks"},
+    "sinks/rerun": {"config", "physics", "results", "sinks"},
     "sinks/terminal": {"channels", "results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "results"}
     | {"sinks", "sinks/mcap", "sinks/rerun"},

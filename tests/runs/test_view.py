@@ -38,7 +38,7 @@ def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
     saved, viewed = recorded(run.with_suffix(".rrd")), recorded(tmp_path / "view.rrd")
     assert saved.keys() == viewed.keys()
     assert len(saved) > 10
-    assert saved["/state/manoeuvre"]["StateChange:state"] == [["1"], [""]]
+    assert saved["/state/manoeuvre"]["StateChange:state"] == [["1 usable"], [""]]
     for entity, columns in saved.items():
         names = [name for name in columns if ":" in name or name in ("boot_time", "unix_time")]
         for name in names:
@@ -69,11 +69,11 @@ def test_manoeuvres_are_shown_at_the_very_samples_though_their_dates_are_rounded
 
     samples = next(open_run(run).samples())
     lane = recorded(tmp_path / "view.rrd")["/state/manoeuvre"]
-    assert lane["StateChange:state"] == [["1"], [""], ["2"], [""]]
+    assert lane["StateChange:state"] == [["1 usable"], [""], ["2 usable"], [""]]
     assert [t // 1000 for t in lane["boot_time"]] == samples.boot_us[[100, 150, 200, 300]].tolist()
     assert lane["unix_time"] == samples.unix_ns[[100, 150, 200, 300]].tolist()
     [table] = statics(tmp_path / "view.rrd", "/manoeuvres", "TextDocument:text")[-1]
-    assert table.startswith("The flight: **ωn 10.10 ± 0.30")
+    assert table.startswith("The flight: **ωn 10.10 ± 0.15")
     assert table.count("| FBWA |") == 2
 
 

@@ -13,9 +13,9 @@ from sinks.rerun.rerun_reading import VIEWER, fail, recorded, save, statics, val
 from sinks.sink_blocks import (
     FLIGHT,
     GRID,
-    PARAMETERS,
     SAMPLE_TIME_S,
     SUMMARY,
+    Blocks,
     make_blocks,
     make_manoeuvre,
     run_script,
@@ -24,20 +24,33 @@ from sinks.sink_blocks import (
 
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
+from yawid.sinks.palette import BAD, ELS, RML, RUDDER
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.rerun.sink import RerunSink
 
 
+def known(blocks: Blocks) -> Blocks:
+    """The blocks with a Dutch roll at 2 to 3 rad/s, known well enough to be drawn."""
+    samples, estimates, modes = blocks
+    wn = 2.0 + np.arange(len(samples)) / len(samples)
+    roll = np.column_stack([wn, 0.05 * wn, 0.1 * wn, 0.02 * wn])
+    return samples, estimates, replace(modes, dutch_roll=roll)
+
+
 def test_the_saved_recording_holds_every_sample_on_both_clocks(tmp_path: Path) -> None:
-    samples, estimates, modes = make_blocks(n=2500)
+    samples, estimates, modes = known(make_blocks(n=2500))
     entities = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
     els = estimates["els"]
     live = els.status != Status.WARMING_UP
-    yaw_rate = np.column_stack([samples.y, np.where(live, els.y_hat, np.nan)])
+    # Measured last, so that it lies above.
+    yaw_rate = np.column_stack([np.where(live, els.y_hat, np.nan), samples.y])
     np.testing.assert_array_equal(values(entities, "/input"), samples.u)
     np.testing.assert_array_equal(values(entities, "/yaw_rate"), yaw_rate)
     theta = np.where(live[:, None], els.theta, np.nan)
-    np.testing.assert_array_equal(values(entities, "/parameters/theta"), theta)
+    drawn = [values(entities, f"/parameters/{letter}") for letter in "abc"]
+    a, b, c = (each[:, : each.shape[1] // 3] for each in drawn)
+    # PARAMETERS: a1 a2 b1 b2 c1 bias; the bias is drawn with b.
+    np.testing.assert_array_equal(np.hstack([a, b[:, :2], c, b[:, 2:]]), theta)
     np.testing.assert_array_equal(values(entities, "/dutch_roll/wn")[:, 0], modes.dutch_roll[:, 0])
     boot = np.sort(entities["/input"]["boot_time"]) // 1000
     np.testing.assert_array_equal(boot, samples.boot_us)
@@ -46,23 +59,56 @@ def test_the_saved_recording_holds_every_sample_on_both_clocks(tmp_path: Path) -
 
 
 def test_bands_are_two_sigma_on_either_side(tmp_path: Path) -> None:
-    blocks = make_blocks(n=50)
+    blocks = known(make_blocks(n=50))
     entities = recorded(save(tmp_path / "a.rrd", blocks))
     els = blocks[1]["els"]
     innovation = values(entities, "/innovation")
     np.testing.assert_array_equal(innovation[:, 0], els.innovation)
     np.testing.assert_allclose(innovation[:, 1:], np.outer(els.noise_std, [-2, 2]))
     wn, lower, upper = values(entities, "/dutch_roll/wn").T
-    drawn = ~np.isnan(lower)
-    np.testing.assert_allclose((upper - lower)[drawn], 4 * blocks[2].dutch_roll[drawn, 1])
-    assert drawn.sum() > 10
-    assert (lower[drawn] >= -wn[drawn]).all()
+    np.testing.assert_allclose(upper - lower, 4 * blocks[2].dutch_roll[:, 1])
+    np.testing.assert_allclose(upper - wn, wn - lower)
+
+
+def test_a_dutch_roll_that_is_not_known_leaves_its_lines_open(tmp_path: Path) -> None:
+    samples, estimates, modes = known(make_blocks(n=50))
+    modes.dutch_roll[20:30, 1] = modes.dutch_roll[20:30, 0]
+    modes.dutch_roll[40:, 3] = 0.5
+    entities = recorded(save(tmp_path / "a.rrd", (samples, estimates, modes)))
+    for name in ("wn", "zeta"):
+        line = values(entities, f"/dutch_roll/{name}")
+        assert np.flatnonzero(np.isnan(line[:, 0])).tolist() == [*range(20, 30), *range(40, 50)]
+
+
+def test_the_other_method_s_dutch_roll_is_drawn_over_time_in_its_own_colour(
+    tmp_path: Path,
+) -> None:
+    samples, estimates, modes = known(make_blocks(n=100))
+    rml = estimates["rml"]
+    s = 2.0 * np.exp(1j * np.arccos(-0.3))
+    z = np.exp(s * SAMPLE_TIME_S)
+    rows = rml.rows.copy()
+    rows[:, :4] = -2.0 * z.real, abs(z) ** 2, 0.5, 0.3
+    estimates = estimates | {"rml": replace(rml, rows=rows)}
+    path = save(tmp_path / "a.rrd", (samples, estimates, modes))
+    entities = recorded(path)
+    twice_a_second = samples.k % round(0.5 / SAMPLE_TIME_S) == 0
+    live = rml.status != Status.WARMING_UP
+    for name, value in (("wn", 2.0), ("zeta", 0.3)):
+        line = np.array(entities[f"/dutch_roll/{name}/rml"]["Scalars:scalars"])
+        assert len(line) == (twice_a_second & live).sum() > 3
+        np.testing.assert_allclose(line, value, rtol=1e-9)
+        colours = [
+            statics(path, f"/dutch_roll/{name}{method}", "SeriesLines:colors")[0][0]
+            for method in ("", "/rml")
+        ]
+        assert [f"#{colour >> 8:06x}" for colour in colours] == [ELS, RML]
 
 
 def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
     path = save(tmp_path / "a.rrd", make_blocks(n=10))
-    [names] = statics(path, "/parameters/theta", "SeriesLines:names")
-    assert names == list(PARAMETERS)
+    [names] = statics(path, "/parameters/b", "SeriesLines:names")
+    assert names == ["b1", "b2", "bias", *["2 sigma of noise"] * 6]
     assert statics(path, "/input", "SeriesLines:names") == [["rudder [half travel]"]]
     in_rad = RerunSink("save", name="flight", warn=fail, path=tmp_path / "b.rrd")
     in_rad.start(replace(GRID, inputs=("rudder", "aileron"), rudder_unit="rad"))
@@ -171,7 +217,11 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_manoeuvre_is_a_state_of_its_lane_from_its_first_sample_to_its_last(flown: Path) -> None:
     samples, *_ = make_blocks(n=200)
     lane = recorded(flown)["/state/manoeuvre"]
-    assert lane["StateChange:state"] == [["1"], [""], ["2 not usable"], [""]]
+    assert lane["StateChange:state"] == [["1 usable"], [""], ["2 not usable"], [""]]
+    [*_, names] = statics(flown, "/state/manoeuvre", "StateConfiguration:values")
+    [*_, colours] = statics(flown, "/state/manoeuvre", "StateConfiguration:colors")
+    assert names == ["1 usable", "2 not usable"]
+    assert [f"#{colour >> 8:06x}" for colour in colours] == [RUDDER, BAD]
     rows = [20, 60, 80, 130]
     assert [t // 1000 for t in lane["boot_time"]] == samples.boot_us[rows].tolist()
     assert lane["unix_time"] == samples.unix_ns[rows].tolist()
@@ -192,21 +242,23 @@ def test_the_dutch_roll_of_a_manoeuvre_is_a_bar_with_its_band_and_ends_with_it(
 def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     [table] = statics(flown, "/manoeuvres", "TextDocument:text")[-1]
     flight = (
-        "The flight: **ωn 10.10 ± 0.30 rad/s, ζ 0.630 ± 0.040** (2σ; of it noise: ωn ± 0.04, "
-        "ζ ± 0.006) at 20.5 m/s, airframe, of manoeuvre 1, 3; 2 disagree: usable."
+        "The flight: **ωn 10.10 ± 0.15 rad/s, ζ 0.630 ± 0.020** (of it noise: ωn ± 0.02, "
+        "ζ ± 0.003) at 20.5 m/s, airframe, of manoeuvre 1, 3; 2 disagree: usable."
     )
     assert table.splitlines() == [
         flight,
         "",
         "| | mode | loop | V m/s | ωn rad/s | ζ | usable |",
         "|-:|-|-|-:|-:|-:|-|",
-        "| 1 | FBWA | with roll loop | 21.5 | 10.20 ± 0.40 | 0.620 ± 0.060 | usable |",
+        "| 1 | FBWA | with roll loop | 21.5 | 10.20 ± 0.20 | 0.620 ± 0.030 | usable |",
         "| 2 |  | with roll loop |  | none | none | not usable, not excited |",
         "",
-        "± is two sigma: noise, scatter over the record, structure.",
+        "± is one sigma: noise, scatter over the record, structure.",
     ]
     [verdict] = statics(flown, "/verdict", "TextDocument:text")[-1]
-    assert verdict == f"# Usable\n{flight}\n"
+    assert verdict.startswith(f"# Usable\n{flight}\n")
+    assert "| yaw channel, manoeuvre 1, RML |" in verdict
+    assert "static gain K | -1.50 ± 0.10 rad/s per half travel |" in verdict
 
 
 def test_a_flight_that_says_nothing_says_why() -> None:
@@ -218,7 +270,8 @@ def test_a_flight_that_says_nothing_says_why() -> None:
     heading, said, *reasons = text.splitlines()
     assert heading == "# Not usable"
     assert said == "The flight: no answer: not usable, not excited."
-    assert len(reasons) == len(verdict.reasons)
+    assert len([line for line in reasons if line.startswith("- **")]) == len(verdict.reasons)
+    assert "The numbers are not to be used: they are shown to find out why." in reasons
 
 
 def test_a_run_without_manoeuvres_has_no_table(tmp_path: Path) -> None:
@@ -248,10 +301,11 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
         if "ViewBlueprint:space_origin" in batch.schema.names
         for [origin] in batch.column("ViewBlueprint:space_origin").to_pylist()
     }
-    flight = {"/input", "/yaw_rate", "/innovation", "/state", "/parameters"}
+    flight = {"/input", "/yaw_rate", "/innovation", "/state"}
+    learnt = {"/dutch_roll/wn", "/dutch_roll/zeta", *(f"/parameters/{x}" for x in "abc")}
     worth = {"/verdict", "/manoeuvres", "/log", "/z_plane", "/whiteness"}
     hidden = {"/none"}  # holds the time range that all time axes share
-    assert origins == flight | worth | hidden | {"/dutch_roll/wn", "/dutch_roll/zeta"}
+    assert origins == flight | learnt | worth | hidden
     subprocess.run([VIEWER, "rrd", "verify", str(path)], check=True, capture_output=True)
 
 

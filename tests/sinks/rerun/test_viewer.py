@@ -93,11 +93,11 @@ def test_a_viewer_that_died_is_noticed_by_the_next_flush() -> None:
     with viewer("--serve-grpc") as (address, process):
         view = RerunView(address, "flight")
         view.start(GRID)
-        view.write(samples, estimates["els"], modes)
+        view.write(samples, estimates, modes)
         view.flush()
         process.kill()
         process.wait()
-        view.write(samples, estimates["els"], modes)
+        view.write(samples, estimates, modes)
         with pytest.raises(RuntimeError):
             view.flush()
 

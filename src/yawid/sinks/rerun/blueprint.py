@@ -1,6 +1,5 @@
 """The first picture of a run in Rerun: the panels, their order and what stays as it is."""
 
-from collections.abc import Mapping
 from typing import Any, Final
 from uuid import UUID
 
@@ -10,20 +9,10 @@ from numpy.typing import NDArray
 import rerun as rr
 import rerun.blueprint as rrb
 from yawid.blocks import Floats
-from yawid.sinks.palette import BAD, GOOD, NEUTRAL, Rgba, rgba
-from yawid.sinks.rerun.derived_panels import USED, damping_lines
+from yawid.sinks.palette import NEUTRAL, Rgba, rgba
+from yawid.sinks.rerun.derived_panels import damping_lines
 
 TIMELINE: Final = "boot_time"
-_USED: Final[Rgba] = rgba(GOOD)
-LANES: Final[Mapping[str, Mapping[str, Rgba]]] = {
-    "estimator": {
-        "warming up": (130, 119, 23, 255),
-        "tracking": _USED,
-        "held": rgba(NEUTRAL),
-        "diverged": rgba(BAD),
-    },
-    "samples": {USED: _USED},
-}
 SHARED_TIME_AXIS: Final = UUID("5c0dca6a-e63f-9cf7-f657-2602590474cc")
 _ANGLE: Final = np.linspace(0.0, 2.0 * np.pi, 181)
 
@@ -31,9 +20,9 @@ _ANGLE: Final = np.linspace(0.0, 2.0 * np.pi, 181)
 def blueprint() -> rrb.Blueprint:
     """Return the panels: what went in and came out, what was learnt, what it is worth."""
     flight = rrb.Vertical(
-        _lines("Rudder and aileron", "/input"),
-        _lines("Yaw rate [rad/s]: measured, predicted", "/yaw_rate"),
-        _lines("Innovation [rad/s]", "/innovation"),
+        _lines("Rudder (green), aileron (brown)", "/input"),
+        _lines("Yaw rate [rad/s]: measured (blue) over predicted (orange)", "/yaw_rate"),
+        _lines("Innovation [rad/s], measured less predicted; 2 sigma of noise", "/innovation"),
         rrb.StateTimelineView(
             name="Held stretches, status, flight mode, manoeuvres",
             origin="/state",
@@ -42,11 +31,16 @@ def blueprint() -> rrb.Blueprint:
         _whole_run(),
         row_shares=[3, 4, 3, 3, 1],
     )
+    dutch_roll = "ELS (pink), RML (violet), manoeuvre (bar); 2 sigma"
     learnt = rrb.Vertical(
-        _lines("Dutch roll: natural frequency [rad/s]", "/dutch_roll/wn"),
-        _lines("Dutch roll: damping ratio", "/dutch_roll/zeta"),
-        _lines("Parameters (b: rad/s per unit of its input)", "/parameters"),
-        row_shares=[3, 3, 4],
+        _lines(f"Dutch roll, wn [rad/s]: {dutch_roll}", "/dutch_roll/wn"),
+        _lines(f"Dutch roll, zeta: {dutch_roll}; grey: MIL-F-8785C", "/dutch_roll/zeta"),
+        _lines("Parameters a; 2 sigma of noise", "/parameters/a", legend=True),
+        _lines(
+            "Parameters b [rad/s per unit of input], bias [rad/s]", "/parameters/b", legend=True
+        ),
+        _lines("Parameters c, of the noise", "/parameters/c", legend=True),
+        row_shares=[4, 4, 3, 3, 3],
     )
     return rrb.Blueprint(
         rrb.Horizontal(flight, learnt, _worth(), column_shares=[5, 5, 4]),
@@ -68,14 +62,13 @@ def _worth() -> rrb.Vertical:
             name="Poles (x) and zeros (o), imaginary axis up",
             origin="/z_plane",
             visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-1.15, 1.15]),
-            background=(255, 255, 255, 255),
         ),
         rrb.BarChartView(
             name="Residuals: autocorrelation by lag, last minute, 2 sigma",
             origin="/whiteness",
             plot_legend=rrb.PlotLegend(visible=False),
         ),
-        row_shares=[3, 4, 3],
+        row_shares=[5, 4, 3],
     )
 
 
@@ -92,23 +85,22 @@ def _whole_run() -> rrb.TimeSeriesView:
     return view
 
 
-def _lines(name: str, origin: str) -> rrb.TimeSeriesView:
+def _lines(name: str, origin: str, *, legend: bool = False) -> rrb.TimeSeriesView:
+    """Return a view of lines; a legend lies on them, so only what a name cannot say has one."""
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
-    legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
-    return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked, plot_legend=legend)
+    corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked, plot_legend=corner)
 
 
 def log_furniture(recording: rr.RecordingStream) -> None:
-    """Log what never changes: unit circle, axes and zeta lines, colours of the lanes and bars."""
+    """Log what never changes: unit circle, axes and zeta lines."""
     circle = points(np.exp(1j * _ANGLE))
     cross = [points(np.array([-1.3, 1.3])), points(np.array([-1.1j, 1.1j]))]
     dampings = [points(half) for z in damping_lines() for half in (z, np.conj(z))]
-    _log_strips(recording, "z_plane/unit_circle", [circle], (60, 60, 60, 255), 1.5)
-    _log_strips(recording, "z_plane/axes", cross, (170, 170, 170, 255), 0.7)
-    _log_strips(recording, "z_plane/zeta", dampings, (205, 205, 205, 255), 0.6)
-    for lane, states in LANES.items():
-        style = rr.StateConfiguration(values=list(states), colors=list(states.values()))
-        recording.log(f"state/{lane}", style, static=True)
+    # Grey, paler the less it matters: to be seen on the viewer's dark ground and its light one.
+    _log_strips(recording, "z_plane/unit_circle", [circle], rgba(NEUTRAL), 1.5)
+    _log_strips(recording, "z_plane/axes", cross, rgba(NEUTRAL, 160), 0.7)
+    _log_strips(recording, "z_plane/zeta", dampings, rgba(NEUTRAL, 100), 0.6)
 
 
 def points(z: NDArray[Any]) -> Floats:

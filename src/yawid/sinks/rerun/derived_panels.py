@@ -12,14 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status, words
-from yawid.physics.modes import discrete_poles
+from yawid.config.estimator import ArmaxOrders
+from yawid.physics.modes import discrete_poles, modes
 from yawid.sinks.base import Grid
+from yawid.sinks.palette import BAD, CARE, GOOD, NEUTRAL
 
 PLANE_S = 2.0
+OTHERS_S = 0.5
 WHITENESS_S = 20.0
 WINDOW_S = 60.0
 LAGS = 20
 USED = "used"
+_STATUS = {
+    Status.WARMING_UP: CARE,
+    Status.TRACKING: GOOD,
+    Status.HELD: NEUTRAL,
+    Status.DIVERGED: BAD,
+}
 _NOTED = {
     Noted.SATURATED: "rudder at its stop",
     Noted.AIRSPEED_CHANGED: "airspeed changed",
@@ -34,6 +43,7 @@ class Change:
     lane: str
     row: int
     state: str
+    colour: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +53,14 @@ class Plane:
     rows: Ints
     poles: NDArray[np.complex128]
     zeros: NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Rolls:
+    """Dutch roll (n, 2), wn in rad/s and zeta, at ``rows`` (n,) of the block."""
+
+    rows: Ints
+    dutch_roll: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +88,11 @@ class Marks:
         self._mode_name = grid.mode_name
         self._na = sum(name[0] == "a" for name in grid.parameters)
         self._nb = sum(name[0] == "b" and name[1:].isdigit() for name in grid.parameters)
+        nc = sum(name[0] == "c" for name in grid.parameters)
+        # nk, which a grid does not tell, does not matter where one pair of poles oscillates.
+        self._orders = ArmaxOrders(na=self._na, nb=(self._nb,), nc=nc, nk=(1,))
+        self._sample_time_s = grid.sample_time_s
+        self._rolls_step = max(1, round(OTHERS_S / grid.sample_time_s))
         self._plane_step = max(1, round(PLANE_S / grid.sample_time_s))
         self._white_step = max(1, round(WHITENESS_S / grid.sample_time_s))
         self._window = max(4 * LAGS, round(WINDOW_S / grid.sample_time_s))
@@ -83,15 +106,17 @@ class Marks:
         codes = np.column_stack([samples.held, estimate.status, samples.noted, modes])
         for row in [0, *(np.flatnonzero((codes[1:] != codes[:-1]).any(axis=1)) + 1).tolist()]:
             held, status, noted = (int(code) for code in codes[row, :3])
+            text = _sample_text(held, noted)
+            noted_colour = GOOD if text == USED else CARE
             now = {
-                "estimator": words(Status(status)),
-                "samples": _sample_text(held, noted),
-                "flight_mode": self._mode_name(samples.mode[row]),
+                "estimator": (words(Status(status)), _STATUS[Status(status)]),
+                "samples": (text, NEUTRAL if held else noted_colour),
+                "flight_mode": (self._mode_name(samples.mode[row]), NEUTRAL),
             }
-            for lane, state in now.items():
+            for lane, (state, colour) in now.items():
                 if self._states.get(lane) != state:
                     self._states[lane] = state
-                    yield Change(lane, row, state)
+                    yield Change(lane, row, state, colour)
 
     def plane(self, samples: SampleBlock, estimate: EstimateBlock) -> Plane:
         """Return poles and zeros every other second; NaN where there is none."""
@@ -102,6 +127,20 @@ class Marks:
         with np.errstate(divide="ignore", invalid="ignore"):
             monic = b[:, 1:] / b[:, :1]
         return Plane(rows, discrete_poles(theta[:, : self._na]), discrete_poles(monic))
+
+    def rolls(
+        self, samples: SampleBlock, estimate: EstimateBlock, known: NDArray[np.bool_]
+    ) -> Rolls:
+        """Return the Dutch roll of a method that the modes are not of, twice a second.
+
+        Its sigma is not at hand, so it is told where the first method's is ``known`` (n,), else
+        NaN, which leaves the line open.
+        """
+        live = estimate.status != Status.WARMING_UP
+        rows = np.flatnonzero((samples.k % self._rolls_step == 0) & live)
+        there = EstimateBlock(estimate.without_covariance[rows], estimate.p)
+        found = modes(there, self._orders, self._sample_time_s).dutch_roll[:, ::2]
+        return Rolls(rows, np.where(known[rows, None], found, np.nan))
 
     def whiteness(self, samples: SampleBlock, estimate: EstimateBlock) -> list[Whiteness]:
         """Return the autocorrelation of the last minute's residuals every twenty seconds."""

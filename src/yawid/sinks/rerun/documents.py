@@ -1,32 +1,79 @@
-"""What the viewer shows as text: the verdict, and the manoeuvres as a table."""
+"""What the viewer shows as text: the verdict with its numbers, and the manoeuvres as a table.
 
-from collections.abc import Sequence
+A number after ± is one sigma.
+"""
 
-from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, RunSummary, VerdictSummary
-from yawid.sinks.answers import cards, noise_spreads, sigma_means, with_two_sigma
+from collections.abc import Iterator, Mapping, Sequence
+
+from yawid.physics.names import OF_YAW_CHANNEL
+from yawid.results.run_summary import (
+    DutchRoll,
+    Flight,
+    Manoeuvre,
+    MethodSummary,
+    RunSummary,
+    Value,
+    VerdictSummary,
+)
+from yawid.sinks.answers import noise_spreads, sigma_means, with_sigma
+from yawid.sinks.base import HALF_TRAVEL
+
+_UNUSABLE = "The numbers are not to be used: they are shown to find out why."
+
+_DERIVATIVES = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", "K", "T_theta_s")
+"""Of the yaw channel's numbers; wn and zeta stand above."""
 
 
-def verdict_markdown(summary: RunSummary) -> str:
-    """Return the verdict that decides for the text panel: the answer, then the reasons."""
+def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str:
+    """Return the verdict that decides for the text panel: the answer, reasons, then numbers."""
     verdict = summary.deciding
     lines = ["# Usable" if verdict.usable else "# Not usable"]
     if summary.flight is not None:
         lines.append(flight_line(summary.flight))
-    else:
-        lines += _stream_lines(summary)
+    elif summary.answering is not None:
+        said = _answer(summary.dutch_roll, usable=verdict.usable)
+        lines.append(f"The stream, {summary.answering.upper()}: {said}.")
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
+    if not verdict.usable:
+        lines += ["", _UNUSABLE]
+    lines += _methods(summary.estimates or {})
+    whose, physics = _yaw_channel(summary)
+    if physics:
+        lines += ["", f"| yaw channel, {whose} | |", "|-|-:|"]
+        lines += _numbers(physics, rudder_unit)
     return "\n".join(lines) + "\n"
 
 
-def _stream_lines(summary: RunSummary) -> list[str]:
-    method, first = summary.answering, next(iter(summary.estimates or {}), "")
-    lines = []
-    if method is not None and method != first:
-        lines.append(f"Answered by {method.upper()}; the lines drawn are those of {first.upper()}.")
-    return lines + [
-        f"- {card.question.rstrip('?')}: **{card.answer}** {card.spread}".rstrip()
-        for card in cards(summary)[:3]
-    ]
+def _methods(estimates: Mapping[str, MethodSummary]) -> Iterator[str]:
+    if estimates:
+        yield from ("", "| stream at its end | ωn rad/s | ζ | fit simulated |", "|-|-:|-:|-:|")
+    for method, estimate in estimates.items():
+        wn, zeta = _with_sigmas(estimate.dutch_roll)
+        fit = estimate.fit.simulation_pct
+        yield f"| {method.upper()} | {wn} | {zeta} | {'' if fit is None else f'{fit:.0f} %'} |"
+
+
+def _yaw_channel(summary: RunSummary) -> tuple[str, Mapping[str, Value]]:
+    """Return whose yaw channel is shown, and it: that of the answer, of the surest manoeuvre."""
+    used = summary.flight.used if summary.flight is not None else []
+    found = [m for m in summary.manoeuvres or () if m.n in used and m.answer and m.answer.physics]
+    if found:
+        best = min(found, key=lambda each: (each.dutch_roll and each.dutch_roll.wn_std) or 1e9)
+        assert best.answer is not None  # as chosen
+        return f"manoeuvre {best.n}, {best.answer.method.upper()}", best.answer.physics or {}
+    if summary.flight is None and summary.answer is not None and summary.answering is not None:
+        return f"stream, {summary.answering.upper()}", summary.answer.physics or {}
+    return "", {}
+
+
+def _numbers(physics: Mapping[str, Value], rudder_unit: str) -> Iterator[str]:
+    for key in _DERIVATIVES:
+        name, found = OF_YAW_CHANNEL[key], physics.get(key, Value())
+        if found.value is None:
+            continue
+        number = " ".join(filter(None, with_sigma(found.value, found.std)))
+        unit = name.unit.format(rudder=rudder_unit)
+        yield f"| {name.text} {name.symbols} | {number} {unit} |"
 
 
 def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None) -> str:
@@ -41,25 +88,33 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None
         cells += [*_with_sigmas(each.dutch_roll), _usable(each.verdict)]
         lines.append(f"| {' | '.join(cells)} |")
     means = sigma_means(each.dutch_roll for each in found)
-    return "\n".join([*lines, "", f"± is two sigma{means}."]) + "\n"
+    return "\n".join([*lines, "", f"± is one sigma{means}."]) + "\n"
 
 
 def flight_line(flight: Flight) -> str:
     """Return what the manoeuvres of a flight say together."""
-    wn, zeta = _with_sigmas(flight.dutch_roll)
-    noise = noise_spreads(flight.dutch_roll, 2.0)
-    of_noise = f"; of it noise: ωn {noise[0]}, ζ {noise[1]}" if noise else ""
-    answer = f"**ωn {wn} rad/s, ζ {zeta}** (2σ{of_noise})"
-    said = f"The flight: {'no answer' if flight.dutch_roll is None else answer}"
+    noise = noise_spreads(flight.dutch_roll)
+    of_noise = f" (of it noise: ωn {noise[0]}, ζ {noise[1]})" if noise else ""
+    answer = _answer(flight.dutch_roll, usable=flight.verdict.usable)
+    said = f"The flight: {answer}{of_noise}"
     if flight.airspeed_m_s is not None:
         said += f" at {flight.airspeed_m_s:.1f} m/s"
     if flight.loop is not None:
         said += f", {flight.loop.replace('_', ' ')}"
     if flight.used:
-        said += f", of manoeuvre {_numbers(flight.used)}"
+        said += f", of manoeuvre {_listed(flight.used)}"
     if flight.disagree:
-        said += f"; {_numbers(flight.disagree)} disagree"
+        said += f"; {_listed(flight.disagree)} disagree"
     return f"{said}: {_usable(flight.verdict)}."
+
+
+def _answer(roll: DutchRoll | None, *, usable: bool) -> str:
+    """Return wn and zeta, set in bold where they may be used."""
+    if roll is None:
+        return "no answer"
+    wn, zeta = _with_sigmas(roll)
+    bold = "**" if usable else ""
+    return f"{bold}ωn {wn} rad/s, ζ {zeta}{bold}"
 
 
 def _usable(verdict: VerdictSummary) -> str:
@@ -74,9 +129,9 @@ def _with_sigmas(roll: DutchRoll | None) -> tuple[str, str]:
     if roll is None:
         return "none", "none"
     pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
-    wn, zeta = (" ".join(with_two_sigma(*pair)) for pair in pairs)
+    wn, zeta = (" ".join(filter(None, with_sigma(*pair))) for pair in pairs)
     return wn, zeta
 
 
-def _numbers(found: Sequence[int]) -> str:
+def _listed(found: Sequence[int]) -> str:
     return ", ".join(map(str, found))

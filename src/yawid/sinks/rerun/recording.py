@@ -8,6 +8,7 @@ import os
 import shutil
 import socket
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -19,13 +20,14 @@ import rerun as rr
 from rerun.encodings import TensorDataBatch
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
 from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import Grid, LogLevel
-from yawid.sinks.palette import MODEL, NEUTRAL, rgba
+from yawid.sinks.base import HALF_TRAVEL, Grid, LogLevel
+from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
-from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Whiteness
+from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
 from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
 from yawid.sinks.rerun.series import (
     group_rows,
+    is_known,
     manoeuvre_rows,
     manoeuvre_styles,
     series_styles,
@@ -54,6 +56,9 @@ class RerunView:
         self._bound = 0.0
         self._boot_offset_us: int | None = None  # boot time minus Unix time
         self._manoeuvres: list[Manoeuvre] = []
+        self._has_bars = False
+        self._rudder_unit = HALF_TRAVEL
+        self._colours: dict[str, dict[str, str]] = {}
         # Building it also warms up what else makes the first rows of a live run wait for 0.2 s.
         first = blueprint()
         self._recording = rr.RecordingStream(APPLICATION)
@@ -72,7 +77,7 @@ class RerunView:
 
     def start(self, grid: Grid) -> None:
         """Name and colour the lines."""
-        self._marks = Marks(grid)
+        self._marks, self._grid, self._rudder_unit = Marks(grid), grid, grid.rudder_unit
         for entity, style in series_styles(grid).items():
             self._recording.log(entity, rr.SeriesLines(**style), static=True)
         poles = rr.LineStrips2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(1.2))
@@ -80,34 +85,43 @@ class RerunView:
         self._recording.log("z_plane/poles", poles, static=True)
         self._recording.log("z_plane/zeros", zeros, static=True)
 
-    def write(self, samples: SampleBlock, primary: EstimateBlock, modes: ModesBlock) -> None:
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
         """Take a block; its rows go out by the thousand or with :meth:`flush`."""
         self._boot_offset_us = int(samples.boot_us[-1] - samples.unix_ns[-1] // 1000)
-        rows = group_rows(samples, primary, modes)
+        primary, *_ = estimates.values()
+        rows = group_rows(self._grid.parameters, samples, primary, modes)
         self._batch.append((samples.boot_us, samples.unix_ns, rows))
         self._waiting += len(samples)
         for change in self._marks.changes(samples, primary):
             self._send_change(samples, change)
         self._send_plane(samples, self._marks.plane(samples, primary))
         self._send_whiteness(samples, self._marks.whiteness(samples, primary))
+        for method in self._grid.methods[1:]:
+            rolls = self._marks.rolls(samples, estimates[method], is_known(modes))
+            self._send_rolls(samples, method, rolls)
         if self._waiting >= BATCH_ROWS:
             self._send()
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """Show a manoeuvre: a state of its lane, its Dutch roll as bars, a row of the table."""
-        if not self._manoeuvres:
-            for entity, style in manoeuvre_styles().items():
-                self._recording.log(entity, rr.SeriesLines(**style), static=True)
         self._manoeuvres.append(found)
         self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
         boot_us = np.rint(np.array([found.from_s, found.to_s]) * 1e6).astype(np.int64)
         unix_ns = np.array(span_ns, np.int64)
-        state = f"{found.n}" if found.verdict.usable else f"{found.n} not usable"
+        usable = found.verdict.usable
+        state = f"{found.n} usable" if usable else f"{found.n} not usable"
+        self._colour("manoeuvre", state, RUDDER if usable else BAD)
         lane = rr.StateChange.columns(state=[state, ""])  # an empty state leaves a gap
         times = [_boot_times(boot_us), _unix_times(unix_ns)]
         self._recording.send_columns("state/manoeuvre", times, lane)
-        if found.dutch_roll is None:
+        if found.dutch_roll is None or found.answer is None:
             return
+        if not self._has_bars:
+            self._has_bars = True
+            for entity, style in manoeuvre_styles(found.answer.method).items():
+                self._recording.log(entity, rr.SeriesLines(**style), static=True)
         after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
         after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
         for entity, rows in manoeuvre_rows(found.dutch_roll).items():
@@ -137,7 +151,7 @@ class RerunView:
         Raises:
             RuntimeError: not all of it could be written.
         """
-        self._show("verdict", verdict_markdown(summary))
+        self._show("verdict", verdict_markdown(summary, self._rudder_unit))
         found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
         self._show("manoeuvres", manoeuvres_markdown(found, summary.flight))
         self.close()
@@ -152,7 +166,17 @@ class RerunView:
         document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
         self._recording.log(entity, document, static=True)
 
+    def _colour(self, lane: str, state: str, colour: str) -> None:
+        """Give a state its colour when it first comes; left to itself the viewer takes any."""
+        known = self._colours.setdefault(lane, {})
+        if state not in known:
+            known[state] = colour
+            colours = [rgba(each) for each in known.values()]
+            style = rr.StateConfiguration(values=list(known), colors=colours)
+            self._recording.log(f"state/{lane}", style, static=True)
+
     def _send_change(self, samples: SampleBlock, change: Change) -> None:
+        self._colour(change.lane, change.state, change.colour)
         state = rr.StateChange.columns(state=[change.state])
         self._recording.send_columns(
             f"state/{change.lane}", _times(samples, np.array([change.row])), state
@@ -171,6 +195,14 @@ class RerunView:
             else:
                 rows = rr.Points2D.columns(positions=at).partition(there.sum(axis=1))
             self._recording.send_columns(f"z_plane/{entity}", times, rows)
+
+    def _send_rolls(self, samples: SampleBlock, method: str, rolls: Rolls) -> None:
+        if not len(rolls.rows):
+            return
+        times = _times(samples, rolls.rows)
+        for column, name in enumerate(("wn", "zeta")):
+            line = rr.Scalars.columns(scalars=rolls.dutch_roll[:, column])
+            self._recording.send_columns(f"dutch_roll/{name}/{method}", times, line)
 
     def _send_whiteness(self, samples: SampleBlock, whites: list[Whiteness]) -> None:
         if not whites:

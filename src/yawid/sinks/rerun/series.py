@@ -1,8 +1,10 @@
 """What the viewer draws: the lines of each entity, their names, colours and values."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.physics.flying_qualities import LEVELS
@@ -15,17 +17,20 @@ from yawid.sinks.palette import (
     METHODS,
     MODEL,
     NEUTRAL,
-    RML,
     Rgba,
     rgba,
 )
 
-PALE_ALPHA: Final = 90
-LINE_WIDTH, BAND_WIDTH, BAR_WIDTH = 1.5, 0.7, 4.0
+PALE_ALPHA, BAR_ALPHA = 90, 130
+LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0
 # Of one name, so that the legend has one entry for all bounds.
-BAND: Final = "± 2 sigma of noise"
-BAND_OF_MANOEUVRE: Final = "± 2 sigma"
+BAND: Final = "2 sigma of noise"
+BAND_OF_MANOEUVRE: Final = "2 sigma"
 """Not of noise alone, unless the file is of an older version."""
+UNKNOWN: Final = 0.2
+"""Sigma over wn, and of zeta, from which on there is no line: it would squeeze the axis."""
+GROUPS: Final[Mapping[str, str]] = {"a": "a", "b": "b", "c": "c", "bias": "b"}
+"""The panel of a parameter: by its letter; the bias goes with b, which is in rad/s too."""
 ZETA_LEVELS: Final = {
     f"level {level}: {zeta:.2f}": zeta for level, (zeta, *_) in enumerate(LEVELS[:2], start=1)
 }
@@ -51,36 +56,66 @@ def _banded(
     )
 
 
+def groups(parameters: Sequence[str]) -> dict[str, list[int]]:
+    """Return which columns of theta each panel draws."""
+    found: dict[str, list[int]] = {}
+    for column, name in enumerate(parameters):
+        letter = name if name in GROUPS else name[0]
+        found.setdefault(GROUPS[letter], []).append(column)
+    return found
+
+
 def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
-    """Return names, colours and widths of the lines of every entity, in column order."""
-    p = len(grid.parameters)
-    colours = [rgba(LINES[i % len(LINES)]) for i in range(p)]
-    first = rgba(METHODS.get(grid.methods[0], MODEL))
-    return {
+    """Return names, colours and widths of the lines of every entity, in column order.
+
+    What comes later lies above: measured above predicted, which is the wider line.
+    """
+    first, *others = grid.methods
+    styles = {
         "input": _style(
             [f"{name} [{grid.unit_of(name)}]" for name in grid.inputs],
             [rgba(INPUTS.get(name, NEUTRAL)) for name in grid.inputs],
             [LINE_WIDTH] * len(grid.inputs),
         ),
         "yaw_rate": _style(
-            ["measured [rad/s]", "predicted [rad/s]"], [rgba(DATA), rgba(MODEL)], [LINE_WIDTH] * 2
+            ["predicted [rad/s]", "measured [rad/s]"],
+            [rgba(MODEL, BAR_ALPHA), rgba(DATA)],
+            [UNDER_WIDTH, LINE_WIDTH],
         ),
         "innovation": _banded("innovation [rad/s]", rgba(MODEL)),
-        "parameters/theta": _style(list(grid.parameters), colours, [LINE_WIDTH] * p),
-        "parameters/band": _style(
-            [BAND] * (2 * p), [_pale(colour) for colour in colours] * 2, [BAND_WIDTH] * (2 * p)
-        ),
-        "dutch_roll/wn": _banded("wn [rad/s]", first),
-        "dutch_roll/zeta": _banded("zeta", first),
+        "dutch_roll/wn": _banded(f"wn of {first.upper()} [rad/s]", _of_method(first)),
+        "dutch_roll/zeta": _banded(f"zeta of {first.upper()}", _of_method(first)),
         "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [rgba(NEUTRAL)] * 2, [BAND_WIDTH] * 2),
     }
+    for method in others:
+        for entity, unit in (("wn", " [rad/s]"), ("zeta", "")):
+            name = f"{entity} of {method.upper()}{unit}"
+            style = _style([name], [_of_method(method)], [LINE_WIDTH])
+            styles[f"dutch_roll/{entity}/{method}"] = style
+    for letter, columns in groups(grid.parameters).items():
+        colours = [rgba(LINES[i % len(LINES)]) for i in range(len(columns))]
+        styles[f"parameters/{letter}"] = _style(
+            [*(grid.parameters[i] for i in columns), *[BAND] * (2 * len(columns))],
+            [*colours, *[_pale(colour) for colour in colours] * 2],
+            [*[LINE_WIDTH] * len(columns), *[BAND_WIDTH] * (2 * len(columns))],
+        )
+    return styles
 
 
-def manoeuvre_styles() -> dict[str, dict[str, Any]]:
-    """Return the style of what :func:`manoeuvre_rows` draws over the lines of the stream."""
+def _of_method(method: str) -> Rgba:
+    return rgba(METHODS.get(method, NEUTRAL))
+
+
+def manoeuvre_styles(method: str) -> dict[str, dict[str, Any]]:
+    """Return the style of what :func:`manoeuvre_rows` draws beside the lines of the stream.
+
+    ``method`` is whose answer it is.
+    """
+    names = {"wn": "wn of a manoeuvre [rad/s]", "zeta": "zeta of a manoeuvre"}
+    bar = rgba(METHODS.get(method, NEUTRAL), BAR_ALPHA)  # the stream's lines are seen through it
     return {
-        f"dutch_roll/{entity}/manoeuvre": _banded(name, rgba(RML), BAR_WIDTH, BAND_OF_MANOEUVRE)
-        for entity, name in (("wn", "wn of a manoeuvre [rad/s]"), ("zeta", "zeta of a manoeuvre"))
+        f"dutch_roll/{entity}/manoeuvre": _banded(name, bar, BAR_WIDTH, BAND_OF_MANOEUVRE)
+        for entity, name in names.items()
     }
 
 
@@ -88,16 +123,12 @@ def manoeuvre_rows(roll: DutchRoll) -> dict[str, Floats]:
     """Return the values (3, 3) of every entity: at a manoeuvre's begin, at its end, none after."""
     pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
     rows = {}
-    for entity, (value, std) in zip(manoeuvre_styles(), pairs, strict=True):
+    for name, (value, std) in zip(("wn", "zeta"), pairs, strict=True):
+        entity = f"dutch_roll/{name}/manoeuvre"
         bar = np.array([value, np.nan if std is None else std])
         rows[entity] = np.full((3, 3), np.nan)
         rows[entity][:2] = _with_band(bar[:1], 2.0 * bar[1:])
     return rows
-
-
-def _two_sigma(std: Floats, limit: Floats | float) -> Floats:
-    """Return 2 std, NaN beyond ``limit``: such a band says "unknown" and squeezes the axis."""
-    return 2.0 * np.where(std <= limit, std, np.nan)
 
 
 def _with_band(value: Floats, two_sigma: Floats) -> Floats:
@@ -105,22 +136,34 @@ def _with_band(value: Floats, two_sigma: Floats) -> Floats:
     return np.column_stack([value, value - two_sigma, value + two_sigma])
 
 
+def is_known(modes: ModesBlock) -> NDArray[np.bool_]:
+    """Return where (n,) the Dutch roll is known well enough for a line."""
+    wn, wn_std, _, zeta_std = modes.dutch_roll.T
+    known: NDArray[np.bool_] = (wn_std < UNKNOWN * wn) & (zeta_std < UNKNOWN)
+    return known
+
+
 def group_rows(
-    samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock
+    parameters: Sequence[str], samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock
 ) -> dict[str, Floats]:
-    """Return the values (n, m) of every entity of :func:`series_styles`; NaN leaves a line open."""
+    """Return the values (n, m) of every entity that has one a sample; NaN leaves a line open."""
     live = estimate.status != Status.WARMING_UP
     theta = np.where(live[:, None], estimate.theta, np.nan)
-    band = _two_sigma(estimate.theta_std, np.maximum(np.abs(estimate.theta), 1.0))
     noise = 2.0 * estimate.noise_std
     wn, wn_std, zeta, zeta_std = modes.dutch_roll.T
-    return {
+    known = is_known(modes)
+    rows = {
         "input": samples.u,
-        "yaw_rate": np.column_stack([samples.y, np.where(live, estimate.y_hat, np.nan)]),
+        "yaw_rate": np.column_stack([np.where(live, estimate.y_hat, np.nan), samples.y]),
         "innovation": np.column_stack([estimate.innovation, -noise, noise]),
-        "parameters/theta": theta,
-        "parameters/band": np.hstack([theta - band, theta + band]),
-        "dutch_roll/wn": _with_band(wn, _two_sigma(wn_std, wn)),
-        "dutch_roll/zeta": _with_band(zeta, _two_sigma(zeta_std, 0.5)),
+        "dutch_roll/wn": _with_band(np.where(known, wn, np.nan), 2.0 * wn_std),
+        "dutch_roll/zeta": _with_band(np.where(known, zeta, np.nan), 2.0 * zeta_std),
         "dutch_roll/zeta/level": np.tile(list(ZETA_LEVELS.values()), (len(samples), 1)),
     }
+    for letter, columns in groups(parameters).items():
+        std, size = estimate.theta_std[:, columns], np.abs(theta[:, columns])
+        # A wider band than all values says "unknown", and would squeeze the axis.
+        band = 2.0 * np.where(std <= size.max(axis=1, keepdims=True), std, np.nan)
+        value = theta[:, columns]
+        rows[f"parameters/{letter}"] = np.hstack([value, value - band, value + band])
+    return rows

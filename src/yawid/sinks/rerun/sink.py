@@ -60,15 +60,14 @@ class RerunSink:
             self._failed(error)
 
     def start(self, grid: Grid) -> None:
-        """See the protocol; of its methods only the first is drawn."""
+        """See the protocol; of methods after the first only the Dutch roll is drawn."""
         self._attempt(lambda view: view.start(grid))
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
         """See :meth:`yawid.sinks.base.Sink.write`."""
-        primary = next(iter(estimates.values()))
-        self._attempt(lambda view: view.write(samples, primary, modes))
+        self._attempt(lambda view: view.write(samples, estimates, modes))
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
