@@ -15,7 +15,7 @@ from places import C172P, REPLAY_LOGS
 
 import yawid
 from yawid.errors import ConfigError, SourceError, YawidError
-from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap import reader
 from yawid.tables.run import Run
 from yawid.tables.table import Column, Table
 
@@ -69,7 +69,7 @@ def test_of_an_mcap_too_even_where_its_own_name_would_be_written(
 def test_columns_bear_the_names_of_records_and_of_theta_with_their_units(
     mcap: Path, run: Run
 ) -> None:
-    rows = next(open_run(mcap).blocks())
+    rows = next(reader.open_run(mcap).blocks())
     els = run.estimates["els"]
 
     assert run.samples.columns[:3] == ("t", "rudder", "r")
@@ -125,6 +125,19 @@ def test_what_was_torn_is_refused_as_by_replay(mcap: Path, tmp_path: Path) -> No
         yawid.load(C172P)
     with pytest.raises(YawidError, match="cannot read"):
         yawid.load(tmp_path / "absent.mcap")
+
+
+def test_a_long_run_is_read_a_block_at_a_time(mcap: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = mcap.open("rb")
+    monkeypatch.setattr(reader, "BLOCK_ROWS", 100)
+    found = reader.open_run(mcap)
+    monkeypatch.setattr(reader, "_opened", lambda path: stream)
+
+    blocks = found.blocks()
+    next(blocks)
+
+    assert 0 < stream.tell() < mcap.stat().st_size / 2
+    assert sum(len(block.samples) for block in blocks) == found.rows - 100
 
 
 def test_an_unusable_run_says_so_before_any_number_and_nothing_in_it_is_markup(
@@ -223,6 +236,7 @@ def test_xarray_has_units_at_each_variable_and_time_along(run: Run) -> None:
     assert found["wn"].attrs["units"] == "rad/s"
     np.testing.assert_array_equal(found["t"], run.samples.t)
     assert found["time"].dtype.kind == "M"
+    assert found["held"].dtype.kind == "U"  # texts can be saved, objects not
 
 
 def test_a_table_shows_its_first_and_last_rows() -> None:

@@ -23,7 +23,7 @@ from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import written_whole
 from yawid.tables.columns import Units, record_columns
-from yawid.tables.table import Column
+from yawid.tables.table import Column, filled
 
 FORMATS: Final = (".parquet", ".csv", ".npz")
 Tables = Iterator[list[Column]]
@@ -113,9 +113,7 @@ def _npz(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     arrays: dict[str, Any] = {}
     for pieces in zip(*parts, strict=True):
         values = np.concatenate([piece.values for piece in pieces])
-        if values.dtype == object:  # NumPy would have to pickle it
-            values = np.array(["" if each is None else each for each in values], np.str_)
-        arrays[pieces[0].name] = values
+        arrays[pieces[0].name] = filled(values)  # objects would have to be pickled
     units = {column.name: column.unit for column in parts[0]}
     np.savez_compressed(stream, units=json.dumps(units), facts=json.dumps(facts), **arrays)
 

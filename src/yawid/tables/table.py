@@ -120,9 +120,7 @@ class Table:
             ConfigError: xarray is not installed.
         """
         along = self.columns[0] if self.columns else "row"
-        variables = {
-            column.name: (along, column.values, _described(column)) for column in self.each()
-        }
+        variables = {c.name: (along, filled(c.values), _described(c)) for c in self.each()}
         over = {name: variables.pop(name) for name in (along, "time") if name in variables}
         return library("xarray").Dataset(variables, over, {"title": self.title})
 
@@ -173,6 +171,13 @@ def library(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise ConfigError(f"to_{name} needs {name}: pip install {name} ({error})") from error
+
+
+def filled(values: NDArray[Any]) -> NDArray[Any]:
+    """Return texts (n,) as NumPy's own, empty where there is none; numbers as they are."""
+    if values.dtype != object:
+        return values
+    return np.array(["" if each is None else each for each in values], np.str_)
 
 
 def _plain(values: NDArray[Any]) -> Any:
