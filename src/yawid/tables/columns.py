@@ -151,17 +151,11 @@ def dutch_roll_columns(rows: RunRows, known: Units) -> Iterator[Column]:
 
 def record_columns(rows: RunRows, known: Units) -> list[Column]:
     """Return what is exported: the columns of a record, then the results, then what is left."""
-    first = fit_columns(rows.estimates[known.grid.methods[0]], known)
-    fit = {column.name: column for column in first if column.name != "noise_std"}
-    status = fit.pop("status")
-    roll = dutch_roll_columns(rows, known)
-    return [
-        *sample_columns(rows.samples, known),
-        *fit.values(),
-        *roll,
-        status,
-        *further_columns(rows.samples),
-    ]
+    columns = [*sample_columns(rows.samples, known)]
+    for estimate in list(rows.estimates.values())[:1]:  # the first; without a grid there is none
+        *fit, _, status = fit_columns(estimate, known)
+        columns += [*fit, *dutch_roll_columns(rows, known), status]
+    return [*columns, *further_columns(rows.samples)]
 
 
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
