@@ -50,11 +50,14 @@ def test_a_replay_in_python_is_the_run_that_the_command_line_writes_to_the_bit_a
 ) -> None:
     monkeypatch.chdir(tmp_path)
 
-    direct = yawid.replay(C172P, rate=10)
+    options = tmp_path / "options.toml"
+    options.write_text('rate = 5\nout = "elsewhere"\nformat = "tlog"\n')
+
+    direct = yawid.replay(C172P, rate=10, config=options)
 
     assert_same(direct, run)
     assert direct.summary.files is None
-    assert not [*tmp_path.iterdir()]
+    assert [*tmp_path.iterdir()] == [options]
 
 
 def test_of_an_mcap_too_even_where_its_own_name_would_be_written(

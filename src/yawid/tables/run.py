@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
+
+OF_FILES: Final = ("out", "force", "json", "rerun")
+"""What a TOML file may say to the command line of what is written: here nothing is."""
 
 
 class Run:
@@ -147,12 +150,15 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
     from yawid.runs.stop import StopFlag
     from yawid.sinks.mcap.chunks import is_mcap
 
-    log = Path(path)
-    read_options = _read_options(
-        options.pop("format", "auto"), options.pop("signing_key_file", None)
-    )
-    toml = options.pop("config", None)
+    log, toml = Path(path), options.pop("config", None)
     loaded = {} if toml is None else read_toml(Path(toml))
+    loaded = {name.replace("-", "_"): loaded[name] for name in loaded}
+    for name in OF_FILES:
+        loaded.pop(name, None)
+    form, key_file = (
+        options.pop(name, loaded.pop(name, None)) for name in ("format", "signing_key_file")
+    )
+    read_options = _read_options(form or "auto", key_file)
     automatic = options.get("orders", loaded.get("orders")) == "auto"
     for each in (options, loaded):
         if each.get("orders") == "auto":
