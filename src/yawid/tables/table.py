@@ -79,8 +79,10 @@ class Table:
         return Table(self.title, [c._replace(values=c.values[key]) for c in self.each()])
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        if name.startswith("_") or name not in self._values:
-            raise AttributeError(f"a table of {len(self.columns)} columns has no {name!r}")
+        if name.startswith("_") or name in Table.__slots__:  # asked for before they are there
+            raise AttributeError(name)
+        if name not in self._values:
+            raise AttributeError(f"{self.title} have no column {name!r}: {', '.join(self)}")
         return self._values[name]
 
     def __dir__(self) -> list[str]:
