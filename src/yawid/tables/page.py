@@ -1,6 +1,6 @@
 """What a notebook and a prompt show of a run: whether it may be used first, then the answer."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
     said = "".join(f"<li>{escape(line)}</li>" for line in reasons(summary))
     dim = "" if summary.deciding.usable else ";opacity:0.6"
     lines = escape("\n".join(answer(summary)))
-    heads = "".join(f"<th>{name}</th>" for name in ("table", "rows", "columns"))
+    heads = '<th>table</th><th>rows</th><th style="text-align:left">columns</th>'
     body = "".join(
         f"<tr><td>{escape(table.title)}</td><td>{len(table)}</td>"
         f'<td style="text-align:left">{escape(", ".join(table))}</td></tr>'
@@ -30,7 +30,7 @@ def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
     )
     return (
         f"<div><p><b>{escape(verdict(summary))}</b> {escape(str(path))}</p><ul>{said}</ul>"
-        f'<pre style="white-space:pre-wrap{dim}">{lines}</pre>'
+        f'<pre style="white-space:pre-wrap;font-family:monospace{dim}">{lines}</pre>'
         f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -47,14 +47,13 @@ def reasons(summary: RunSummary) -> list[str]:
     return [f"{reason.id}: {reason.text}" for reason in summary.deciding.reasons]
 
 
-def answer(summary: RunSummary) -> Iterator[str]:
-    """Yield the flight's answer line by line, or the stream's where there was no manoeuvre."""
-    for row in flight_rows(summary):
-        yield f"{row.name:>6}  {row.text}"
+def answer(summary: RunSummary) -> list[str]:
+    """Return the flight's answer line by line, or the stream's where there was no manoeuvre."""
+    lines = [f"{row.name:>6}  {row.text}" for row in flight_rows(summary)]
     mode = summary.dutch_roll
     if summary.flight is None and mode is not None and summary.answering is not None:
         wn = " ".join(filter(None, with_sigma(mode.wn_rad_s, mode.wn_std)))
         zeta = " ".join(filter(None, with_sigma(mode.zeta, mode.zeta_std)))
-        yield f"stream  wn {wn} rad/s, zeta {zeta} at its end, by {summary.answering.upper()}"
-    if summary.estimates:
-        yield "        ± is one sigma"
+        by = summary.answering.upper()
+        lines.append(f"stream  wn {wn} rad/s, zeta {zeta} at its end, by {by}")
+    return [*lines, "        ± is one sigma"] if any("±" in line for line in lines) else lines
