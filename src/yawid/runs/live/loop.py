@@ -169,6 +169,7 @@ def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Pu
         return
     key = setting.read_options.key
     publisher = open_publisher(options.publish, tap, options.publish_compid, key)
+    setting.say(f"publishing to {publisher.name} as component {publisher.compid} of the vehicle")
     try:
         yield Publish(publisher, setting.fits, setting.reached_us)
     finally:

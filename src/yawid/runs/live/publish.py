@@ -14,6 +14,8 @@ SILENT_US = 5_000_000
 """Nobody speaks for a vehicle that has been silent for so long."""
 SETTLE_S = 10.0
 """A verdict of the first seconds, when little has come yet, is not worth a text."""
+REASON_S = 15.0
+"""The reasons of texts that say "not usable", one after the other, are so far apart."""
 
 
 class Published:
@@ -21,10 +23,11 @@ class Published:
 
     def __init__(self, worker: Worker) -> None:
         self.answer = RunningAnswer(worker)
-        self.round_s = float("-inf")
+        self.round_s = -math.inf
         self.manoeuvres = 0
         self.since_s = math.inf
         self.state: str | None = None
+        self.told_s = -math.inf
 
 
 class Publish:
@@ -38,7 +41,7 @@ class Publish:
         self._worker = worker
         self._reached_us = reached_us
         self._known: dict[tuple[int, int], Published] = {}
-        self._next_s = float("-inf")
+        self._next_s = -math.inf
         self._refused: set[tuple[int, int]] = set()
         self._shared_said = False
 
@@ -90,8 +93,8 @@ class Publish:
         known, pipeline = self._known[vehicle], session.pipeline
         answer = known.answer.look(pipeline, session.decoder.link)
         known.since_s = min(known.since_s, now_s)
-        if now_s - known.since_s >= SETTLE_S:
-            self._tell_change(vehicle[0], answer, known)
+        if answer is not None and now_s - known.since_s >= SETTLE_S:
+            self._tell_change(vehicle[0], answer, known, now_s)
         newest_us = [us for us in pipeline.channels.segmenter.newest if us is not None]
         boot_ms = max(newest_us, default=0) // 1000
         if self._publisher.send_round(vehicle[0], boot_ms, values_of(answer), now_s):
@@ -104,12 +107,17 @@ class Publish:
         for found in news:
             self._publisher.say(sysid, INFO, manoeuvre_text(found))
 
-    def _tell_change(self, sysid: int, answer: Answer | None, known: Published) -> None:
-        """Have a text sent where the verdict is another than the one told last."""
-        if answer is not None and answer.state != known.state:
-            known.state = answer.state
-            severity = NOTICE if answer.verdict.usable else INFO
-            self._publisher.say(sysid, severity, verdict_text(answer), about="verdict")
+    def _tell_change(self, sysid: int, answer: Answer, known: Published, now_s: float) -> None:
+        """Have a text sent where the verdict is another than the one told last.
+
+        Of what cannot be used yet the reason may change with every look: it is told less often.
+        """
+        turns = "usable" in (answer.state, known.state) or known.state is None
+        if answer.state == known.state or not (turns or now_s - known.told_s >= REASON_S):
+            return
+        known.state, known.told_s = answer.state, now_s
+        severity = NOTICE if answer.verdict.usable else INFO
+        self._publisher.say(sysid, severity, verdict_text(answer), about="verdict")
 
 
 def values_of(answer: Answer | None) -> dict[str, float]:

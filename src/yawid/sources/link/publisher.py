@@ -2,6 +2,14 @@
 
 The answer is sent in the vehicle's name (its system id) by a component of its own, in rounds of a
 HEARTBEAT and NAMED_VALUE_FLOATs, with STATUSTEXTs between them.
+
+Who sees it depends on where it comes in. What comes back to an ``--out`` of MAVProxy goes to the
+vehicle, which logs it, and MAVProxy itself shows nothing of it; a router hands it to everybody.
+MAVProxy's graph knows the messages of its first link alone: there the answer must come in by the
+UDP port of that link, beside the vehicle's own frames. By a link of its own it is in ``status`` and
+``watch`` only, and commands of ground stations behind MAVProxy, which go to whichever link the
+newest HEARTBEAT of that system came by, must be kept to the first one by ``set mavfwd_link 1``.
+Texts of a component other than the autopilot MAVProxy shows after ``set target_component 0``.
 """
 
 import errno
