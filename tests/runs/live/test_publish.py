@@ -7,8 +7,11 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from struct import pack
 
 import pytest
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
@@ -16,11 +19,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.channels.stage import WANTED
 from yawid.errors import ConfigError
+from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import DutchRoll
+from yawid.results.summary import summarise
 from yawid.runs.live import LiveOptions
 from yawid.runs.live.publish import values_of, verdict_text
-from yawid.runs.live.running_answer import Answer
+from yawid.runs.live.running_answer import Answer, RunningAnswer
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.mavlink.decoder import Decoder
@@ -126,6 +131,33 @@ def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tm
     senders = [m.get_srcSystem() for m in beats if m.get_type() == "HEARTBEAT"]
     assert {*senders[:2]} == {*senders[2:4]} == {1, 2}
     assert {m.get_srcComponent() for m in beats} == {77}
+
+
+class Later:
+    """A worker that does what it is given when the test says so."""
+
+    waiting = 0
+
+    def submit(self, act: Callable[..., object], *given: object) -> Future[object]:
+        self.done: Future[object] = Future()
+        self.act = partial(act, *given)
+        return self.done
+
+
+def test_the_stream_s_answer_is_its_summary_s_as_it_stood_when_it_was_asked_for():
+    config = replace(CONFIG, manoeuvres="off")
+    decoder, pipeline, worker = Decoder(WANTED), Pipeline(config), Later()
+    records = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in enumerate(SENT)]
+    half = len(records) * 3 // 4
+    pipeline.feed(decoder.feed(b"".join(records[:half])))
+    answer = RunningAnswer(worker)
+    assert answer.look(pipeline, decoder.link) is None  # nobody has judged it yet
+    summary, verdict = summarise(pipeline, decoder.link, "", "")
+    pipeline.feed(decoder.feed(b"".join(records[half:])))
+    worker.done.set_result(worker.act())
+    found = answer.look(pipeline, decoder.link)
+    assert (found.verdict, found.dutch_roll) == (verdict, summary.dutch_roll)
+    assert summarise(pipeline, decoder.link, "", "")[0].dutch_roll != found.dutch_roll
 
 
 ROLL = DutchRoll(wn_rad_s=10.06, wn_std=0.28, zeta=0.646, zeta_std=0.042)
