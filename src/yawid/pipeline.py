@@ -69,11 +69,15 @@ class Pipeline:
             return None
         return [] if self._manoeuvres is None else [a.found for a in self._manoeuvres.answered]
 
-    @property
-    def progress(self) -> tuple[Progress, int]:
-        """How the manoeuvre stands that is on its way, and how many wait for their answer."""
+    def progress(self, *, closely: bool) -> tuple[Progress, int]:
+        """Return how the manoeuvre on its way stands, and how many wait for their answer.
+
+        ``closely`` with how far the rudder moved, which takes a while to find.
+        """
         stage = self._manoeuvres
-        return (Progress(), 0) if stage is None else (stage.progress, stage.unanswered)
+        if stage is None:
+            return Progress(), 0
+        return stage.progress(closely=closely), stage.unanswered
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
         """Return what the manoeuvres say together and its verdict, None where there is none."""

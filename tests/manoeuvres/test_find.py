@@ -387,3 +387,21 @@ def test_a_stretch_that_is_open_or_longer_is_searched(window: dict[str, float]):
 
 def test_a_named_stretch_without_a_sample_is_none():
     assert Stated().finish() == []
+
+
+def test_how_a_manoeuvre_on_its_way_stands_is_known_and_looking_changes_nothing():
+    finder = Finder(TS_S, 1.0)
+    samples = stream(flown(rest(20), doublets(10), rest(20)))
+    seen, found = [], []
+    for first in range(0, len(samples), HZ):
+        found += finder.feed(samples.select(slice(first, first + HZ)))
+        seen.append(finder.progress(closely=True))
+    assert spans(found) == USUAL
+    before, moving, resting, after = (seen[i] for i in (18, 27, 32, 40))
+    assert (before.from_s, before.stroke) == (None, pytest.approx(0.0))
+    assert moving.is_excited
+    assert moving.stroke == pytest.approx(0.4)
+    assert moving.from_s == samples.boot_us[BEGIN - HZ] / 1e6
+    assert resting.from_s == moving.from_s
+    assert 2.0 < resting.rests_s < 5.0
+    assert after.from_s is None

@@ -60,8 +60,9 @@ def add_live(commands: Any) -> None:
 
 def _live(arguments: argparse.Namespace) -> int:
     """Tap the link; print what each vehicle's session came to and return the highest code."""
-    from yawid.runs.live import Console, LiveOptions, live, session_name
+    from yawid.runs.live import LiveOptions, live, session_name
     from yawid.runs.stop import StopFlag
+    from yawid.sinks.terminal.live_screen import console_for
     from yawid.sinks.terminal.summary_table import print_summary
 
     if auto_orders(arguments):
@@ -84,7 +85,7 @@ def _live(arguments: argparse.Namespace) -> int:
     )
     with StopFlag().installed() as stop:
         ended = live(
-            options, config, outputs, stop, Console(sys.stderr), read_options_of(arguments)
+            options, config, outputs, stop, console_for(sys.stderr), read_options_of(arguments)
         )
     for session in ended:
         if arguments.json:

@@ -52,9 +52,8 @@ class Stated:
         self._kept.append(samples)
         return []
 
-    @property
-    def progress(self) -> Progress:
-        """How the stretch stands."""
+    def progress(self, *, closely: bool) -> Progress:
+        """Return how the stretch stands; it need not be looked at ``closely``."""
         if not self._kept:
             return Progress()
         first_us, last_us = self._kept[0].boot_us[0], self._kept[-1].boot_us[-1]
@@ -94,10 +93,9 @@ class Finder:
         """Return the manoeuvre that the end of the samples ends, if there is one."""
         return self._section.finish()
 
-    @property
-    def progress(self) -> Progress:
-        """How the manoeuvre stands that may be on its way."""
-        return self._section.progress()
+    def progress(self, *, closely: bool) -> Progress:
+        """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
+        return self._section.progress(closely=closely)
 
     def _breaks(self, samples: SampleBlock) -> Bools:
         """Return at which rows (n,) something ends that a manoeuvre must not reach across.
@@ -252,9 +250,11 @@ class _Section:
         own = rudder[rows] - columns[rows, :-1] @ coefficients
         return np.asarray(own, np.float64)
 
-    def progress(self) -> Progress:
-        """See :class:`Progress`."""
+    def progress(self, *, closely: bool) -> Progress:
+        """See :class:`Finder`."""
         found = Progress() if self._open is None else self._open.progress()
+        if not closely:
+            return found
         seen = np.concatenate([self._past, *(_measured(b, self._unit) for b in self._undecided)])
         if not len(seen) or seen[-1, 0] - self._reach < seen[0, 0]:
             return found

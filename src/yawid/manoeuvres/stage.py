@@ -28,10 +28,9 @@ class Manoeuvres:
         self._count = 0
         self._finder = _finder(setting.config, setting.sample_time_s)
 
-    @property
-    def progress(self) -> Progress:
-        """How the manoeuvre stands that may be on its way."""
-        return self._finder.progress
+    def progress(self, *, closely: bool) -> Progress:
+        """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
+        return self._finder.progress(closely=closely)
 
     @property
     def unanswered(self) -> int:

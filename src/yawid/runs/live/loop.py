@@ -20,6 +20,7 @@ from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sinks.part_file import os_errors_as_sink_error
+from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
 from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
@@ -149,6 +150,7 @@ def _attend(
     try:
         loop = _Loop(tap, sessions, setting, options, console, publish)
         loop.run(stop)
+        console.close()  # what is left to do is told in lines; a second Ctrl-C ends it at once
         tap.close()
         return loop.finish()
     except ConfigError as error:
@@ -235,9 +237,27 @@ class _Loop:
                     self._tell(line)
             stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
-                self._console.show(self._sessions.line(self._dropped()) or "no vehicle yet")
+                self._show()
             if fed:
                 self._keep_apart(time.monotonic() - self._read_s)
+
+    def _show(self) -> None:
+        """Show where the sessions stand: as a line, or on the screen."""
+        begun_s = time.monotonic()
+        line = self._sessions.line(self._dropped()) or "no vehicle yet"
+        if not self._console.draws:
+            self._console.show(line)
+            return
+        now_us, last_us = self._tap.stamps.now(), self._tap.inbox.last_us
+        facts = ScreenFacts(
+            endpoint=str(self._tap.endpoint),
+            lasted_s=time.monotonic() - self._begun_s,
+            age_s=(now_us - last_us) / 1e6 if last_us else None,
+            dropped=self._dropped(),
+            vehicles=tuple(self._sessions.facts()),
+            line=line,
+        )
+        self._console.draw(facts, time.monotonic() - begun_s)
 
     def finish(self) -> list[Ended]:
         """Take what is still queued, then finish every session; the tap is closed."""

@@ -19,12 +19,14 @@ from yawid.results.run_summary import LiveFacts, Manoeuvre, RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
+from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.open_log import ReadOptions
 
 INPUT_OR_OUTPUT_FAILED = 6
@@ -83,7 +85,7 @@ class LiveSession:
         self._seen = 0
         self._others: set[int] = set()
         self._signing_said = setting.read_options.key is not None
-        self._standing = Standing()
+        self._standing, self._gatherer = Standing(), Gatherer()
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -148,6 +150,11 @@ class LiveSession:
         now_us = self._setting.reached_us()
         stands = self._standing.line(self.pipeline, self.decoder.link, now_us, dropped)
         return f"{self._label}{stands}"
+
+    def facts(self, *, closely: bool = True) -> VehicleFacts:
+        """Return what a screen shows of the session, ``closely`` with the rudder's movement."""
+        quiet = self._standing.quiet(self.pipeline, self._setting.reached_us())
+        return self._gatherer.facts(self.pipeline, self.decoder.link, quiet, closely=closely)
 
     def word(self) -> str:
         """Return one word or two on where the session stands."""

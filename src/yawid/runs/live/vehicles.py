@@ -12,6 +12,7 @@ from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.saved_state import check_states
 from yawid.runs.live.standing import SILENT
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
+from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.link.tap import sysid_of
 from yawid.sources.mavlink.enums import AUTOPILOT_INVALID
 from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
@@ -20,6 +21,8 @@ KEPT = 8192
 """Records kept of systems that have not said that they are vehicles, for who does say so later."""
 FEW = 4
 """Vehicles of which each has its own part of the line."""
+CLOSELY = 20
+"""Vehicles of which a screen shows how their rudders move: as many as a usual one has rows."""
 _HEARTBEAT = 0
 
 
@@ -44,6 +47,10 @@ class Single:
     def line(self, dropped: str) -> str:
         """Return a line on where they stand, "" before the first; ``dropped`` is the tap's part."""
         return self._session.line(dropped)
+
+    def facts(self) -> list[VehicleFacts]:
+        """Return what a screen shows of them."""
+        return [self._session.facts()]
 
     def finish(self, live: LiveFacts) -> list[Ended]:
         """Finish them all; ``live`` is what the tap adds to their summaries."""
@@ -123,6 +130,13 @@ class Fleet:
         gaps = sum(session.decoder.link.lost for session in running)
         counts = f"{len(running)} vehicles, {rate:.0f} msg/s, lost {gaps}, dropped {dropped}"
         return f"{counts}: {', '.join(parts)}"
+
+    def facts(self) -> list[VehicleFacts]:
+        """See :class:`Single`; of many only what comes first is looked at closely."""
+        found = [(s.facts(closely=False), s) for s in self.running()]
+        first = sorted(found, key=lambda each: each[0].urgency)[:CLOSELY]
+        close = {facts.sysid: session.facts() for facts, session in first}
+        return [close.get(facts.sysid, facts) for facts, _ in found]
 
     def finish(self, live: LiveFacts) -> list[Ended]:
         """See :class:`Single`; where there was no vehicle, one summary says so."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import Outlet
 
 PLAIN_LINE_S = 10.0
@@ -64,6 +65,10 @@ class Console:
     def is_due(self) -> bool:
         """Whether it is time for the next state of the line."""
         return time.monotonic() >= self._next_s
+
+    def draw(self, facts: LiveFacts, took_s: float) -> None:
+        """Show where the session stands, where it draws; the facts took so long to gather."""
+        raise NotImplementedError
 
     def show(self, line: str) -> None:
         """Show where the session stands: in place on a terminal, else as a line of its own."""

@@ -1,0 +1,111 @@
+"""What the live screen shows of a session, gathered from where it stands."""
+
+import math
+import time
+from collections import deque
+
+from yawid.blocks import EstimateBlock, Held, Status, words
+from yawid.channels.vehicle import TYPE_NAMES
+from yawid.pipeline import Pipeline
+from yawid.results.run_summary import Flight
+from yawid.runs.live.standing import SILENT, answering, dutch_roll
+from yawid.sinks.terminal.live_facts import VehicleFacts
+from yawid.sources.mavlink.link_stats import LinkStats
+
+WINDOW_S = 2.0
+"""Rates are of so long, and so long no sample is used before it is said why."""
+
+
+class Gatherer:
+    """Gathers one session's facts; it keeps what rates are counted from, and the flight."""
+
+    def __init__(self) -> None:
+        self._counts: deque[tuple[float, int, int, int, int]] = deque()
+        self._flight: Flight | None = None
+        self._told = 0
+
+    def facts(
+        self, pipeline: Pipeline, link: LinkStats, quiet: str, *, closely: bool
+    ) -> VehicleFacts:
+        """Return the facts; ``closely`` with what takes a while: rudder, running estimate."""
+        channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
+        rates, unused = self._rates(pipeline, link)
+        progress, unanswered = pipeline.progress(closely=closely)
+        flight = self._flight_of(pipeline)
+        name = ""
+        if vehicle is not None:
+            kind = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
+            name = f"{vehicle.sysid}/{vehicle.compid} {kind}, {vehicle.autopilot_name}"
+        reasons = [] if flight is None else flight.verdict.reasons
+        fatal = [reason for reason in reasons if reason.weight == "fatal"]
+        return VehicleFacts(
+            sysid=0 if vehicle is None else vehicle.sysid,
+            name=name,
+            rudder=", ".join(surface.source for surface in channels.surfaces),
+            yaw=channels.yaw.label if channels.yaw.rows else "",
+            quiet=quiet,
+            held=_held(pipeline) if unused and not quiet else "",
+            message_hz=rates[0],
+            yaw_hz=rates[1],
+            rudder_hz=rates[2],
+            lost=link.lost,
+            finds=pipeline.config.manoeuvres != "off",
+            stroke=progress.stroke,
+            rests_s=progress.rests_s,
+            from_s=progress.from_s,
+            lasted_s=progress.lasted_s,
+            is_excited=progress.is_excited,
+            unanswered=unanswered,
+            manoeuvres=tuple(pipeline.manoeuvres or ()),
+            flight=flight,
+            stream=_stream(pipeline) if closely else "",
+            state=SILENT if quiet else _state(pipeline),
+            verdict=None if flight is None else flight.verdict.usable,
+            why=tuple(f"{reason.id}: {reason.text}" for reason in fatal or reasons),
+        )
+
+    def _rates(self, pipeline: Pipeline, link: LinkStats) -> tuple[tuple[float, ...], bool]:
+        """Return the rates of messages, yaw and rudder in Hz, and whether no sample is used."""
+        yaw, rudder = pipeline.channels.flows
+        now = time.monotonic(), link.frames, yaw.steps, rudder.steps, pipeline.channels.used
+        self._counts.append(now)
+        while len(self._counts) > 2 and now[0] - self._counts[1][0] >= WINDOW_S:
+            self._counts.popleft()
+        first = self._counts[0]
+        lasted_s = now[0] - first[0]
+        counted = zip(first[1:4], now[1:4], strict=True)
+        rates = tuple((after - before) / max(lasted_s, 1e-9) for before, after in counted)
+        return rates, lasted_s >= WINDOW_S and now[4] == first[4]
+
+    def _flight_of(self, pipeline: Pipeline) -> Flight | None:
+        """Return what the manoeuvres say together, found again as one more is answered."""
+        count = len(pipeline.manoeuvres or ())
+        if count != self._told:
+            self._told, found = count, pipeline.flight([])
+            self._flight = None if found is None else found[0]
+        return self._flight
+
+
+def _held(pipeline: Pipeline) -> str:
+    """Return why the newest sample is not used."""
+    if pipeline.newest is None:
+        return ""
+    return ", ".join(words(flag) for flag in Held(int(pipeline.newest.held[-1])))
+
+
+def _stream(pipeline: Pipeline) -> str:
+    """Return the running estimate in words."""
+    if pipeline.bank is None or not pipeline.bank.last:
+        return ""
+    method, status, roll = answering(pipeline.bank)
+    said = dutch_roll(*roll)
+    if math.isfinite(roll[0]):
+        said += f" by {method.upper()} (± of noise)"
+    return said if status == Status.TRACKING else f"{said}, {words(status)}"
+
+
+def _state(pipeline: Pipeline) -> str:
+    if pipeline.bank is None or not pipeline.bank.last:
+        return ""
+    block: EstimateBlock = pipeline.bank.last[pipeline.config.method]
+    return words(Status(int(block.status[-1])))

@@ -1,0 +1,309 @@
+"""The live screen as a page of text: of one vehicle everything, of several a row each."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from textwrap import wrap
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.segment import Segment
+from rich.table import Table
+from rich.text import Text
+
+from yawid.channels.sample_flags import WINDOW_S
+from yawid.results.excitation import LEAST_STROKE
+from yawid.results.run_summary import DutchRoll
+from yawid.sinks.answers import conditions, counted, with_sigma
+from yawid.sinks.terminal.flight_table import manoeuvres_table
+from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
+
+LEAST_WIDTH, LEAST_HEIGHT = 72, 20
+"""A smaller window has no room for the page: it shows one line."""
+DEAD_S = 1.5
+"""A link that has brought nothing for so long is dead."""
+NAME_WIDTH = 10
+SCALE = 0.5
+"""The meter's end, in parts of half the travel."""
+BAR, SHORT_BAR = 20, 5
+MOVING_S = 1.0
+"""A rudder that has rested for less is still moving."""
+LEAST_EVENTS, MOST_WHY, MOST_LINES = 3, 3, 60
+"""Lines that what was said has at least, a verdict's reasons and the last state at most."""
+_NEEDED = f"{100 * LEAST_STROKE:.0f} %"
+_LEGEND = (
+    f"rudder: how far it moved by itself in {WINDOW_S:.0f} s, {_NEEDED} needed; ± is one sigma"
+)
+_RED = "bold white on red"
+Said = Sequence[tuple[str, str]]
+"""What was said so far, the time of day and the text of each, the newest last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """Renders facts and what was said to the size of the window.
+
+    What stays when the screen is left, ``is_last``, is as high as need be, without what was said.
+    """
+
+    facts: LiveFacts
+    said: Said
+    is_last: bool = False
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the lines, see rich's protocol."""
+        width, height = options.max_width, console.height
+        if not self.is_last and (width < LEAST_WIDTH or height < LEAST_HEIGHT):
+            yield Text(f"yawid: {self.facts.line}")
+            return
+        room = MOST_LINES if self.is_last else height - LEAST_EVENTS - 1
+        page = _one if len(self.facts.vehicles) == 1 else _several
+        options = options.update(height=None)
+        lines = console.render_lines(page(self.facts, width, room), options, pad=False)
+        for line in lines:
+            yield from line
+            yield Segment.line()
+        if not self.is_last:
+            yield Group(*_events(self.said, width, height - len(lines) - 1))
+
+
+def what_to_do(vehicle: VehicleFacts) -> tuple[str, str]:
+    """Return what the pilot is to do next, in words, and rich's style of it."""
+    if vehicle.quiet:
+        return "wait: while nothing comes nothing is recorded", "red"
+    if not vehicle.rudder or not vehicle.yaw:
+        missing = [name for name in ("rudder", "yaw") if not getattr(vehicle, name)]
+        return f"wait: no {' and no '.join(missing)} yet", "yellow"
+    if not vehicle.state:
+        return "wait: the first five seconds tell the message rates", "yellow"
+    if vehicle.held:
+        return f"wait: no sample is used now: {vehicle.held}", "yellow"
+    if not vehicle.finds:
+        return "move the rudder: no manoeuvres are looked for, the stream alone answers", ""
+    if vehicle.from_s is None:
+        if vehicle.unanswered:
+            return "wait: being estimated; or fly the next one", "cyan"
+        return f"move the rudder: a doublet of more than {_NEEDED} of half travel", ""
+    if vehicle.stroke is None:
+        return "move the rudder: what of it follows the aileron is not known yet", "yellow"
+    if not vehicle.is_excited:
+        return "move the rudder more", "yellow"
+    if vehicle.rests_s < MOVING_S:
+        return f"enough: now let go, {WINDOW_S:.0f} s of rest end the manoeuvre", "green"
+    left_s = max(WINDOW_S - vehicle.rests_s, 0.0)
+    return f"let go: {left_s:.0f} s more of rest end the manoeuvre", "green"
+
+
+def _one(facts: LiveFacts, width: int, room: int) -> Group:
+    """Return the page of the one vehicle there is."""
+    [vehicle] = facts.vehicles
+    head = [
+        _title(facts, vehicle.name, width),
+        *_link(facts, vehicle, width),
+        Text(),
+        _row("RUDDER", _meter(vehicle)),
+        _row("NEXT", Text(*what_to_do(vehicle))),
+        _row("RECORDING", _recording(vehicle)),
+    ]
+    stream = _wrapped("STREAM", vehicle.stream or "wn: not yet", width)
+    foot = [*_answer(vehicle, width), *stream]
+    rows = room - len(head) - len(foot) - 3
+    newest = vehicle.manoeuvres[-max(rows, 1) :]
+    table = (Text(), manoeuvres_table(newest, vehicle.flight), Text()) if newest else (Text(),)
+    return Group(*head, *table, *foot)
+
+
+def _several(facts: LiveFacts, width: int, room: int) -> Group:
+    """Return the page of none or of several vehicles: what is wrong first where not all fit."""
+    vehicles = facts.vehicles
+    lost, rate = sum(v.lost for v in vehicles), sum(v.message_hz for v in vehicles)
+    title = _title(facts, f"{len(vehicles) or 'no'} vehicles{'' if vehicles else ' yet'}", width)
+    dead = [_row("LINK", Text(f" {quiet.upper()} ", _RED))] if (quiet := _dead(facts)) else []
+    counts = _row("" if dead else "LINK", _counts(facts, rate, lost))
+    link = [*dead, counts, Text()]
+    rows = room - len(link) - 3
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for name in ("sys", "msg/s"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in ("rudder", "now"):
+        table.add_column(name, no_wrap=True)
+    for name in ("n", "wn rad/s", "zeta"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True, overflow="ellipsis")
+    in_turn = (
+        sorted(vehicles, key=lambda each: each.urgency) if len(vehicles) > rows else list(vehicles)
+    )
+    shown, others = in_turn[: max(rows, 1)], in_turn[max(rows, 1) :]
+    for vehicle in sorted(shown, key=lambda each: each.sysid):
+        table.add_row(*_cells(vehicle), style="red" if vehicle.quiet else "")
+    states = Counter(vehicle.state or "waiting" for vehicle in others).most_common()
+    rest = ", ".join(f"{count} {state}" for state, count in states)
+    more = [Text(f"and {len(others)} more: {rest}")] if others else []
+    if not others and shown:
+        more = [Text(_LEGEND, "dim")]
+    return Group(title, *link, *([table] if shown else []), *more)
+
+
+def _cells(vehicle: VehicleFacts) -> Iterator[RenderableType]:
+    yield str(vehicle.sysid)
+    yield f"{vehicle.message_hz:.0f}"
+    yield _bar(vehicle.stroke, SHORT_BAR)
+    yield _now(vehicle)
+    flight = vehicle.flight
+    usable = 0 if flight is None else len(flight.used)
+    yield f"{usable}/{len(vehicle.manoeuvres)}" if vehicle.manoeuvres else "-"
+    yield from _numbers(None if flight is None else flight.dutch_roll)
+    if vehicle.verdict is None:
+        yield Text(vehicle.state, "dim")
+    elif vehicle.verdict:
+        yield Text("usable", "green")
+    else:
+        yield Text(vehicle.why[0].partition(":")[0] if vehicle.why else "not usable", "red")
+
+
+def _numbers(roll: DutchRoll | None) -> tuple[str, str]:
+    if roll is None:
+        return "-", "-"
+    wn, zeta = with_sigma(roll.wn_rad_s, roll.wn_std), with_sigma(roll.zeta, roll.zeta_std)
+    return "".join(wn).replace(" ", ""), "".join(zeta).replace(" ", "")
+
+
+def _now(vehicle: VehicleFacts) -> str:
+    """Return in a few words what goes on."""
+    if vehicle.quiet:
+        return f"silent {vehicle.quiet.partition(' for ')[2]}"
+    if vehicle.held or not vehicle.state:
+        return vehicle.held or "waiting"
+    if vehicle.from_s is not None:
+        if not vehicle.is_excited:
+            return "move it more"
+        return f"moves, {vehicle.lasted_s:.0f} s" if vehicle.rests_s < MOVING_S else "let go"
+    return "estimated" if vehicle.unanswered else "move it"
+
+
+def _title(facts: LiveFacts, about: str, width: int) -> Text:
+    begin, end = f" yawid live  {facts.endpoint}  {about}", f"{_span(facts.lasted_s)} "
+    return Text(f"{begin:<{width - len(end)}}"[: width - len(end)] + end, "reverse")
+
+
+def _link(facts: LiveFacts, vehicle: VehicleFacts, width: int) -> Iterator[Text]:
+    """Yield the rows of a link and its channels; a dead one is in red, with how long."""
+    if quiet := _dead(facts) or vehicle.quiet:
+        yield _row("LINK", Text(f" {quiet.upper()} ", _RED))
+    else:
+        yield _row("LINK", _counts(facts, vehicle.message_hz, vehicle.lost))
+    rudder = f"{vehicle.rudder} {_hz(vehicle.rudder_hz)}" if vehicle.rudder else "not known yet"
+    yaw = f"{vehicle.yaw} {_hz(vehicle.yaw_hz)}" if vehicle.yaw else "not known yet"
+    if quiet:
+        yield _row("", _counts(facts, vehicle.message_hz, vehicle.lost))
+    yield from _wrapped("", f"rudder {rudder}, yaw {yaw}", width)
+
+
+def _counts(facts: LiveFacts, rate: float, lost: int) -> Text:
+    text = Text(f"{rate:.0f} msg/s, ")
+    text.append(f"lost {lost}", "yellow" if lost else "").append(", ")
+    text.append(f"dropped {facts.dropped}", "" if facts.dropped == "0" else "red")
+    if facts.age_s is not None:
+        text.append(", ").append(f"last message {_age(facts.age_s)} ago")
+    return text
+
+
+def _dead(facts: LiveFacts) -> str:
+    """Return how long nothing has come, empty while something does."""
+    age_s = facts.lasted_s if facts.age_s is None else facts.age_s
+    yet = "yet " if facts.age_s is None else ""
+    return f"nothing received {yet}for {_span(age_s)}" if age_s > DEAD_S else ""
+
+
+def _meter(vehicle: VehicleFacts) -> Text:
+    """Return how far the rudder moved by itself against what is needed."""
+    text = _bar(vehicle.stroke, BAR)
+    text.append(f" of half travel in {WINDOW_S:.0f} s; {_NEEDED} needed")
+    return text
+
+
+def _bar(stroke: float | None, size: int) -> Text:
+    """Return a bar of ``size`` columns with the threshold marked, and the stroke in percent."""
+    mark, full = round(size * LEAST_STROKE / SCALE), 0.0 if stroke is None else stroke / SCALE
+    filled = min(round(size * full), size)
+    style = "green" if stroke is not None and stroke >= LEAST_STROKE else "yellow"
+    text = Text()
+    for first, stop in ((0, mark), (mark, size)):
+        solid = min(max(filled - first, 0), stop - first)
+        text.append("|", "bold") if first else None
+        text.append("█" * solid, style).append("·" * (stop - first - solid), "dim")
+    text.append(">" if full > 1.0 else " ")
+    return text.append("  ? %" if stroke is None else f"{100 * min(stroke, 9.99):3.0f} %", "bold")
+
+
+def _recording(vehicle: VehicleFacts) -> Text:
+    """Return what is being recorded and how many manoeuvres there have been."""
+    count = len(vehicle.manoeuvres)
+    number = count + vehicle.unanswered + 1
+    waits = f", {vehicle.unanswered} being estimated" if vehicle.unanswered else ""
+    so_far = f"{count or 'none'} answered{waits}"
+    if vehicle.from_s is None:
+        return Text(f"nothing; {so_far}")
+    begun = f"manoeuvre {number} from {vehicle.from_s:.0f} s on, {vehicle.lasted_s:.0f} s long"
+    return Text().append(begun, "bold").append(f"; {so_far}")
+
+
+def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
+    """Yield the rows of the flight's answer, and of the verdict as it stands."""
+    flight = vehicle.flight
+    if flight is not None:
+        count, roll = counted(flight, vehicle.manoeuvres), flight.dutch_roll
+        said, where = "no answer", ""
+        if roll is not None:
+            wn = " ".join(filter(None, with_sigma(roll.wn_rad_s, roll.wn_std)))
+            zeta = " ".join(filter(None, with_sigma(roll.zeta, roll.zeta_std)))
+            said, where = f"wn {wn} rad/s, zeta {zeta}", conditions(flight)
+        yield _row("FLIGHT", Text().append(said, "bold").append("  (± is one sigma)"))
+        yield from _wrapped("", ", ".join(filter(None, (where, count))), width)
+    if vehicle.verdict is None:
+        yield _row("VERDICT", Text("none yet: no manoeuvre has been answered"))
+        return
+    word = Text("usable", "bold green") if vehicle.verdict else Text("NOT USABLE", "bold red")
+    if not vehicle.why:
+        yield _row("VERDICT", word)
+        return
+    why = wrap(f"{word.plain}: {'; '.join(vehicle.why)}", width - NAME_WIDTH, max_lines=MOST_WHY)
+    yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :]))
+    yield from (_row("", Text(line)) for line in why[1:])
+
+
+def _events(said: Said, width: int, room: int) -> list[RenderableType]:
+    """Return the last of what was said, as many lines as there is room for."""
+    lines: list[RenderableType] = []
+    for clock, text in reversed(said):
+        parts = wrap(text, width - NAME_WIDTH, break_on_hyphens=False) or [""]
+        rows: list[RenderableType] = [_row(clock, Text(parts[0]))]
+        rows += [Text(" " * NAME_WIDTH + part) for part in parts[1:]]
+        if len(lines) + len(rows) > room:
+            break
+        lines = rows + lines
+    return [Text("─" * width, "dim"), *lines]
+
+
+def _row(name: str, text: Text) -> Text:
+    return Text().append(f"{name:<{NAME_WIDTH}}", "dim").append_text(text)
+
+
+def _wrapped(name: str, text: str, width: int) -> Iterator[Text]:
+    for i, line in enumerate(wrap(text, width - NAME_WIDTH, break_on_hyphens=False)):
+        yield _row(name if i == 0 else "", Text(line))
+
+
+def _hz(rate: float) -> str:
+    return f"{rate:.0f} Hz" if rate >= 10.0 else f"{rate:.1f} Hz"
+
+
+def _age(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds < 10.0 else _span(seconds)
+
+
+def _span(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,106 @@
+"""The live screen: facts drawn on a terminal by rich, a few times a second, on its own thread."""
+
+import os
+import threading
+import time
+from collections import deque
+from typing import IO, TextIO, cast
+
+from yawid.sinks.terminal.live_facts import LiveFacts
+from yawid.sinks.terminal.outlet import LEAVE_S, Direct
+from yawid.sinks.terminal.progress import Console, updates_in_place
+
+REFRESH_S = 0.4
+SHARE = 0.03
+"""The part of a session's time that gathering what is drawn may take."""
+KEPT = 200
+"""Lines said that stand below the screen once it is left."""
+USUAL_SIZE = 80, 24
+
+
+def console_for(stream: TextIO) -> Console:
+    """Return what a live session talks to: a screen, or lines where there is no room for one."""
+    if not updates_in_place(stream) or not (stream.encoding or "").lower().startswith("utf"):
+        return Console(stream)
+    from yawid.sinks.terminal.live_page import LEAST_HEIGHT, LEAST_WIDTH
+
+    width, height = size_of(stream)
+    if width < LEAST_WIDTH or height < LEAST_HEIGHT:
+        return Console(stream)
+    return LiveScreen(stream)
+
+
+def size_of(stream: TextIO) -> tuple[int, int]:
+    """Return columns and lines of a terminal; one that does not say has the usual ones."""
+    try:
+        columns, lines = os.get_terminal_size(stream.fileno())
+    except (OSError, ValueError):
+        return USUAL_SIZE
+    return (columns, lines) if columns and lines else USUAL_SIZE
+
+
+class LiveScreen(Console):
+    """Draws on the terminal's other screen until it is closed; then it is a console of lines.
+
+    Closing leaves the terminal as it was, with what was said and the last state as lines. All
+    drawing is done by a thread: a terminal that hangs keeps nobody waiting.
+    """
+
+    draws = True
+
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__(stream, REFRESH_S)
+        self._stream = stream
+        self._said: deque[tuple[str, str]] = deque(maxlen=KEPT)
+        self._facts: LiveFacts | None = None
+        self._news = threading.Event()
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = threading.Thread(
+            target=self._run, name="yawid-screen", daemon=True
+        )
+        self._thread.start()
+
+    def say(self, text: str) -> None:
+        """Show a line among those that were said last."""
+        if self._thread is None:
+            super().say(text)
+            return
+        self._said.append((time.strftime("%H:%M:%S"), text))
+        self._news.set()
+
+    def draw(self, facts: LiveFacts, took_s: float) -> None:
+        """Show where the session stands; of many vehicles the less often the more they are."""
+        self._next_s = time.monotonic() + max(self._period_s, took_s / SHARE)
+        self._facts = facts
+        self._news.set()
+
+    def close(self) -> None:
+        """Leave the screen."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._closing.set()
+            self._news.set()
+            thread.join(LEAVE_S)
+        super().close()
+
+    def _run(self) -> None:
+        from rich.console import Console as RichConsole
+        from rich.live import Live
+
+        from yawid.sinks.terminal.live_page import Page
+
+        direct = Direct(self._stream)
+        console = RichConsole(file=cast(IO[str], direct), force_terminal=True, highlight=False)
+        with Live(console=console, screen=True, auto_refresh=False, transient=True,
+                  redirect_stdout=False, redirect_stderr=False) as live:  # fmt: skip
+            while not self._closing.is_set():
+                self._news.wait()
+                self._news.clear()
+                if self._facts is not None:
+                    console.size = size_of(self._stream)
+                    live.update(Page(self._facts, tuple(self._said)), refresh=True)
+                self._closing.wait(REFRESH_S / 2)  # what comes at once is drawn at once
+        for _, text in self._said:
+            direct.write(f"yawid: {text}\n")
+        if self._facts is not None:
+            console.print(Page(self._facts, (), is_last=True))

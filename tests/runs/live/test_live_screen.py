@@ -1,0 +1,84 @@
+"""The live screen on a real terminal, and lines where there is none."""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import os
+import pty
+import struct
+import termios
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from live_link import CONFIG, frames, free_port, send
+
+from yawid.runs.live import LiveOptions, live
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag
+from yawid.sinks.terminal.live_screen import LiveScreen, console_for
+
+
+class Terminal:
+    """A pseudo terminal of 80x24 and what has been written to it."""
+
+    def __init__(self, lines: int = 24) -> None:
+        self._master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", lines, 80, 0, 0))
+        self.stream = open(slave, "w", encoding="utf-8")  # noqa: PTH123, SIM115 # closed below
+        self.written = b""
+        """Since what was waited for last."""
+
+    def wait_for(self, text: str, within_s: float = 10.0) -> None:
+        late_s = time.monotonic() + within_s
+        while text.encode() not in self.written:
+            assert time.monotonic() < late_s, f"{text!r} is not in {self.written[-2000:]!r}"
+            self.written += os.read(self._master, 65536)
+        self.written = self.written[self.written.index(text.encode()) :]
+
+    def close(self) -> None:
+        self.stream.close()
+        os.close(self._master)
+
+
+@pytest.fixture(autouse=True)
+def xterm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+
+
+def test_the_screen_says_a_dead_link_within_two_seconds_and_leaves_the_terminal_clean(
+    tmp_path: Path,
+) -> None:
+    terminal, port, stop = Terminal(), free_port(), StopFlag()
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    console = console_for(terminal.stream)
+    outputs = Outputs(tmp_path, "live")
+    session = threading.Thread(target=live, args=(options, CONFIG, outputs, stop, console))
+    session.start()
+    terminal.wait_for("listening on")
+    send(frames(20.0, doublet_s=8.0), port)
+    sent_s = time.monotonic()
+    terminal.wait_for("manoeuvre 1 (107 to 115 s")
+    terminal.wait_for("NOTHING RECEIVED FOR", within_s=2.0)
+    assert time.monotonic() - sent_s < 2.0
+    stop.is_set = True
+    terminal.wait_for("\x1b[?25h")  # the cursor
+    terminal.wait_for("\x1b[?1049l")
+    terminal.wait_for("\nyawid: manoeuvre 1 (107 to 115 s")
+    terminal.wait_for("VERDICT")
+    session.join()
+    terminal.close()
+
+
+@pytest.mark.parametrize("why", ["no terminal", "dumb", "small"])
+def test_there_are_lines_where_no_screen_can_be_drawn(
+    why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = Terminal(lines=10 if why == "small" else 24)
+    if why == "dumb":
+        monkeypatch.setenv("TERM", "dumb")
+    stream = io.StringIO() if why == "no terminal" else terminal.stream
+    assert not isinstance(console_for(stream), LiveScreen)
+    terminal.close()

@@ -1,0 +1,113 @@
+"""The live screen holds every fact at 80x24, and nothing of it is cut."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import pytest
+from hand_flights import four_of_a_flight
+from rich.console import Console
+from rich.screen import Screen
+
+from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
+from yawid.sinks.terminal.live_page import Page, what_to_do
+
+FLIGHT = four_of_a_flight()
+FLYING = VehicleFacts(
+    sysid=1,
+    name="1/1 fixed wing, ArduPilot",
+    rudder="SERVO_OUTPUT_RAW.servo4_raw",
+    yaw="ATTITUDE.yawspeed",
+    message_hz=1183.2,
+    yaw_hz=50.0,
+    rudder_hz=8.25,
+    lost=12345,
+    stroke=0.07,
+    rests_s=0.2,
+    from_s=1512.0,
+    lasted_s=112.0,
+    unanswered=1,
+    manoeuvres=tuple(FLIGHT.manoeuvres or ()),
+    flight=FLIGHT.flight,
+    stream="wn 9.267 ± 0.062 rad/s, zeta 0.579 ± 0.0041 by ELS (± of noise)",
+    state="tracking",
+    verdict=False,
+    why=("not_excited: the rudder never moved on its own by 10 % of half its travel",),
+)
+LINK = LiveFacts("udpin:0.0.0.0:14550", 133.0, 0.12, "at least 7", (FLYING,), "1 vehicle, 9 msg/s")
+SAID = [
+    (f"12:03:0{i}", f"manoeuvre {i} (34 to 60 s, FBWA, 51 m/s): " + 5 * "word ") for i in (1, 2)
+]
+
+
+def drawn(facts: LiveFacts, width: int = 80, height: int = 24) -> list[str]:
+    """Return the lines of a window without colours."""
+    out = io.StringIO()
+    console = Console(file=out, width=width, height=height, force_terminal=True, color_system=None)
+    console.print(Screen(Page(facts, SAID)))
+    lines = out.getvalue().removesuffix("\n").split("\n")
+    assert (len(lines), max(map(len, lines))) == (height, width)
+    return lines
+
+
+def with_vehicles(*vehicles: VehicleFacts) -> LiveFacts:
+    return replace(LINK, vehicles=vehicles)
+
+
+def test_a_window_of_80_by_24_holds_every_fact_and_cuts_none() -> None:
+    lines = drawn(LINK)
+    text = " ".join(" ".join(lines).split())
+    for fact in (
+        LINK.endpoint, FLYING.name, FLYING.stream, *FLYING.why,
+        "2 min 13 s", "1183 msg/s", "lost 12345", "dropped at least 7", "0.1 s ago",
+        "rudder SERVO_OUTPUT_RAW.servo4_raw 8.2 Hz", "yaw ATTITUDE.yawspeed 50 Hz",
+        "███·|················ 7 % of half travel in 5 s; 10 % needed",
+        "move the rudder more", "manoeuvre 6 from 1512 s on, 112 s long",
+        "10.27±0.11 0.624±0.012 used", "disagrees", "not_converged",
+        "wn 10.21 ± 0.16 rad/s, zeta 0.624 ± 0.021 (± is one sigma)", "from 2 of 4 manoeuvres",
+        "NOT USABLE", "12:03:02 manoeuvre 2",
+    ):  # fmt: skip
+        assert fact in text
+    assert "…" not in text
+
+
+def test_a_dead_link_stands_in_red_with_how_long() -> None:
+    out = io.StringIO()
+    console = Console(file=out, width=80, height=24, force_terminal=True, color_system="standard")
+    dead = replace(FLYING, quiet="nothing received for 7 s")
+    console.print(Page(replace(with_vehicles(dead), age_s=7.3), ()))
+    assert "\x1b[1;37;41m NOTHING RECEIVED FOR 7 S " in out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rudder": ""}, "wait: no rudder yet"),
+        ({"state": ""}, "wait: the first five seconds tell the message rates"),
+        ({"held": "on ground"}, "wait: no sample is used now: on ground"),
+        ({"from_s": None}, "wait: being estimated; or fly the next one"),
+        ({"from_s": None, "unanswered": 0}, "move the rudder: a doublet of more than 10 % of"),
+        ({}, "move the rudder more"),
+        ({"is_excited": True}, "enough: now let go, 5 s of rest end the manoeuvre"),
+        ({"is_excited": True, "rests_s": 1.8}, "let go: 3 s more of rest end the manoeuvre"),
+    ],
+)
+def test_the_pilot_is_told_what_to_do(change: dict[str, object], words: str) -> None:
+    said, _ = what_to_do(replace(FLYING, **change))
+    assert said.startswith(words)
+
+
+def test_of_many_vehicles_those_in_trouble_have_a_row_and_the_rest_are_counted() -> None:
+    many = [replace(FLYING, sysid=i, from_s=None, unanswered=0) for i in range(1, 255)]
+    many[199] = replace(many[199], quiet="nothing received for 42 s")
+    lines = drawn(with_vehicles(*many))
+    rows = [line.split() for line in lines if line[:3].strip().isdigit()]
+    assert [row[0] for row in rows] == [*map(str, range(1, len(rows))), "200"]
+    assert " ".join(rows[-1][-9:]) == ("7 % silent 42 s 2/4 10.21±0.16 0.624±0.021 not_excited")
+    assert any(f"and {254 - len(rows)} more: {254 - len(rows)} tracking" in line for line in lines)
+    assert any(line.startswith(SAID[1][0]) for line in lines[-3:])
+
+
+def test_a_window_too_small_for_the_page_has_the_line() -> None:
+    assert drawn(LINK, 50, 10)[0].strip() == "yawid: 1 vehicle, 9 msg/s"
