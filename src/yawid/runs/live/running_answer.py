@@ -14,6 +14,8 @@ from yawid.sources.mavlink.link_stats import LinkStats
 
 AGAIN_S, SHARE = 2.0, 0.05
 """A stream is judged so far apart at least, and so that judging takes this part of the time."""
+SHARE_SHOWN = 0.01
+"""The same where a person looks on and nobody else hears of it."""
 
 
 class Answer(NamedTuple):
@@ -34,11 +36,12 @@ class RunningAnswer:
 
     A stream takes a tenth of a second to be judged: that is done beside the loop, by ``worker``, of
     the stream as it stood. Where the flight cannot be used yet its verdict stands and the stream
-    still gives the numbers.
+    still gives the numbers. ``share`` is the part of the time that judging the stream may take.
     """
 
-    def __init__(self, worker: Worker) -> None:
+    def __init__(self, worker: Worker, share: float = SHARE) -> None:
         self._worker = worker
+        self._share = share
         self._judging: Future[tuple[Answer, float]] | None = None
         self._of_stream: Answer | None = None
         self._next_s = float("-inf")
@@ -59,7 +62,7 @@ class RunningAnswer:
         now_s = time.monotonic()
         if self._judging is not None and self._judging.done():
             self._of_stream, took_s = self._judging.result()
-            self._judging, self._next_s = None, now_s + max(AGAIN_S, took_s / SHARE)
+            self._judging, self._next_s = None, now_s + max(AGAIN_S, took_s / self._share)
         if bank is None or not bank.last or basis.rates_hz is None:
             return Answer(Verdict.of(basis.reasons), None)
         if self._judging is None and now_s >= self._next_s and not self._worker.waiting:

@@ -7,8 +7,12 @@ from collections import deque
 from yawid.blocks import EstimateBlock, Held, Status, words
 from yawid.channels.vehicle import TYPE_NAMES
 from yawid.pipeline import Pipeline
+from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Flight
+from yawid.results.summary import basis_of, of_the_log
+from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
 from yawid.runs.live.standing import SILENT, answering, dutch_roll
+from yawid.runs.live.worker import Worker
 from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.mavlink.link_stats import LinkStats
 
@@ -17,12 +21,15 @@ WINDOW_S = 2.0
 
 
 class Gatherer:
-    """Gathers one session's facts; it keeps what rates are counted from, and the flight."""
+    """Gathers one session's facts; it keeps what rates are counted from.
 
-    def __init__(self) -> None:
+    With ``worker`` the stream too is judged now and then, beside the loop, until a manoeuvre has
+    been answered.
+    """
+
+    def __init__(self, worker: Worker | None = None) -> None:
         self._counts: deque[tuple[float, int, int, int, int]] = deque()
-        self._flight: Flight | None = None
-        self._told = 0
+        self._of_stream = None if worker is None else RunningAnswer(worker, SHARE_SHOWN)
 
     def facts(
         self, pipeline: Pipeline, link: LinkStats, quiet: str, *, closely: bool
@@ -31,12 +38,12 @@ class Gatherer:
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress(closely=closely)
-        flight = self._flight_of(pipeline)
+        flight, verdict = self._answer(pipeline, link)
         name = ""
         if vehicle is not None:
             kind = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
             name = f"{vehicle.sysid}/{vehicle.compid} {kind}, {vehicle.autopilot_name}"
-        reasons = [] if flight is None else flight.verdict.reasons
+        reasons = () if verdict is None else verdict.reasons
         fatal = [reason for reason in reasons if reason.weight == "fatal"]
         return VehicleFacts(
             sysid=0 if vehicle is None else vehicle.sysid,
@@ -60,7 +67,7 @@ class Gatherer:
             flight=flight,
             stream=_stream(pipeline) if closely else "",
             state=SILENT if quiet else _state(pipeline),
-            verdict=None if flight is None else flight.verdict.usable,
+            verdict=None if verdict is None else verdict.usable,
             why=tuple(f"{reason.id}: {reason.text}" for reason in fatal or reasons),
         )
 
@@ -77,13 +84,13 @@ class Gatherer:
         rates = tuple((after - before) / max(lasted_s, 1e-9) for before, after in counted)
         return rates, lasted_s >= WINDOW_S and now[4] == first[4]
 
-    def _flight_of(self, pipeline: Pipeline) -> Flight | None:
-        """Return what the manoeuvres say together, found again as one more is answered."""
-        count = len(pipeline.manoeuvres or ())
-        if count != self._told:
-            self._told, found = count, pipeline.flight([])
-            self._flight = None if found is None else found[0]
-        return self._flight
+    def _answer(self, pipeline: Pipeline, link: LinkStats) -> tuple[Flight | None, Verdict | None]:
+        """Return the flight and its verdict; before there is one the stream's, where judged."""
+        found = pipeline.flight(of_the_log(basis_of(pipeline, link).reasons))
+        if found is not None:
+            return found
+        answer = None if self._of_stream is None else self._of_stream.look(pipeline, link)
+        return None, None if answer is None else answer.verdict
 
 
 def _held(pipeline: Pipeline) -> str:

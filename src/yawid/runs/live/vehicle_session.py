@@ -85,7 +85,9 @@ class LiveSession:
         self._seen = 0
         self._others: set[int] = set()
         self._signing_said = setting.read_options.key is not None
-        self._standing, self._gatherer = Standing(), Gatherer()
+        self._standing = Standing()
+        # Of several vehicles nobody has the streams judged while they fly.
+        self._gatherer = Gatherer(None if label else setting.fits)
 
     @property
     def vehicle(self) -> tuple[int, int] | None:

@@ -17,8 +17,8 @@ class VehicleFacts:
     where that is not known; ``rests_s`` how long it has rested. The manoeuvre being recorded began
     at ``from_s`` since boot, None where there is none, and ``is_excited`` once it has moved far
     enough; ``unanswered`` have ended and are being estimated. ``stream`` is the running estimate in
-    words, ``state`` in one or two; ``verdict`` is whether the answer may be used, None before there
-    is one, and ``why`` its reasons in words.
+    words, ``state`` in one or two; ``verdict`` is whether the answer may be used, the flight's or
+    before that the stream's, None where it is not known, and ``why`` its reasons in words.
     """
 
     sysid: int = 0

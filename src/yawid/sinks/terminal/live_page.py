@@ -252,21 +252,20 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
     flight = vehicle.flight
     if flight is not None:
         count, roll = counted(flight, vehicle.manoeuvres), flight.dutch_roll
-        said, where = "no answer", ""
+        told, where = "no answer", ""
         if roll is not None:
             wn = " ".join(filter(None, with_sigma(roll.wn_rad_s, roll.wn_std)))
             zeta = " ".join(filter(None, with_sigma(roll.zeta, roll.zeta_std)))
-            said, where = f"wn {wn} rad/s, zeta {zeta}", conditions(flight)
-        yield _row("FLIGHT", Text().append(said, "bold").append("  (± is one sigma)"))
+            told, where = f"wn {wn} rad/s, zeta {zeta}", conditions(flight)
+        yield _row("FLIGHT", Text().append(told, "bold").append("  (± is one sigma)"))
         yield from _wrapped("", ", ".join(filter(None, (where, count))), width)
     if vehicle.verdict is None:
-        yield _row("VERDICT", Text("none yet: no manoeuvre has been answered"))
+        yield _row("VERDICT", Text("none yet"))
         return
     word = Text("usable", "bold green") if vehicle.verdict else Text("NOT USABLE", "bold red")
-    if not vehicle.why:
-        yield _row("VERDICT", word)
-        return
-    why = wrap(f"{word.plain}: {'; '.join(vehicle.why)}", width - NAME_WIDTH, max_lines=MOST_WHY)
+    of = "" if flight else " (the stream by itself: no manoeuvre has been answered)"
+    said = "; ".join((f"{word.plain}{of}", *vehicle.why))
+    why = wrap(said, width - NAME_WIDTH, max_lines=MOST_WHY)
     yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :]))
     yield from (_row("", Text(line)) for line in why[1:])
 
