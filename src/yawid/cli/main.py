@@ -133,8 +133,12 @@ def _add_looks(commands: Any) -> None:
     """Add the commands that look at a log and write no run."""
     inspect = add_command(
         commands, "inspect", "LOG", "say what a log can answer, and how to ask",
-        "yawid inspect flight.tlog\nyawid inspect flight.BIN --json --from 300 --to 420",
+        "yawid inspect flight.tlog\nyawid inspect flight.tlog --card | lp\n"
+        "yawid inspect flight.BIN --json --from 300 --to 420",
     )  # fmt: skip
+    inspect.add_argument(
+        "--card", action="store_true", help="print what to fly next instead: a card on one page"
+    )
     orders = add_command(
         commands, "orders", "LOG", "compare orders and delays on a log",
         "yawid orders flight.tlog\nyawid orders flight.tlog --from 300 --to 420",
@@ -210,12 +214,13 @@ def _orders(arguments: argparse.Namespace) -> int:
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.runs.inspect_log import inspect
+    from yawid.sinks.terminal.card import print_card
     from yawid.sinks.terminal.inspection import print_inspection
 
-    automatic = auto_orders(arguments)
+    automatic, with_card = auto_orders(arguments), arguments.card
     run = partial(inspect, arguments.log, config_of(arguments), read_options_of(arguments))
-    run = partial(run, automatic=automatic)
-    return _told(run, arguments.json, print_inspection)
+    run = partial(run, automatic=automatic, with_card=with_card)
+    return _told(run, arguments.json, print_card if with_card else print_inspection)
 
 
 def _told(

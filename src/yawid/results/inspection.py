@@ -4,6 +4,7 @@ from typing import Any
 
 from msgspec import field
 
+from yawid.results.flight_test_card import FlightTestCard
 from yawid.results.run_summary import Flight, Manoeuvre, Origin, Part, VerdictSummary
 
 
@@ -44,7 +45,7 @@ class Inspection(Origin, frozen=True, kw_only=True):
 
     ``unchecked`` says that frames are signed and nobody checks them, ``excited`` where the rudder
     moved on its own, ``manoeuvres`` and ``flight`` what a replay as asked for says, ``recommend``
-    the options of a replay and what to ``record`` next time.
+    the options of a replay and what to ``record`` next time, ``card`` what to fly, if asked for.
     """
 
     senders: dict[str, int]
@@ -58,4 +59,5 @@ class Inspection(Origin, frozen=True, kw_only=True):
     flight: Flight | None = None
     recommend: dict[str, Any]
     command: str | None = None
+    card: FlightTestCard | None = None
     verdict: VerdictSummary

@@ -23,6 +23,7 @@ from yawid.config.run import BOTH, RunConfig
 from yawid.errors import ConfigError
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
+from yawid.results.flight_test_card import FlightTestCard, Flown, make_card, why_no_card
 from yawid.results.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
 from yawid.results.judge_samples import (
     LEAST_RATE_HZ,
@@ -55,6 +56,8 @@ LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
 NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 MOST_REMEDIES = 2
+TAP = "udpin:127.0.0.1:14560"
+"""Where a ground station is told to pass its link on to."""
 
 
 def inspect(
@@ -63,6 +66,7 @@ def inspect(
     read_options: ReadOptions | None = None,
     *,
     automatic: bool = False,
+    with_card: bool = False,
 ) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
@@ -77,10 +81,10 @@ def inspect(
     with closing(open_log(log, read_options, again=True)) as source:
         if automatic:
             config = with_orders(source, config)
-        return _inspected(source, config)
+        return _inspected(source, config, with_card=with_card)
 
 
-def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
+def _inspected(source: Log, config: RunConfig, *, with_card: bool) -> tuple[Inspection, Verdict]:
     pipeline, survey = KeepingPipeline(config), Survey()
     pipeline.channels.watch = survey.note
     run_log(source, pipeline)
@@ -122,9 +126,26 @@ def _inspected(source: Log, config: RunConfig) -> tuple[Inspection, Verdict]:
         flight=whole.summary.flight,
         recommend=recommend,
         command=command,
+        card=_card(whole.summary, pipeline, rates, config) if with_card else None,
         verdict=as_summary(chosen.verdict),
     )
     return inspection, chosen.verdict
+
+
+def _card(
+    summary: RunSummary,
+    pipeline: KeepingPipeline,
+    rates: Mapping[str, MessageRate],
+    config: RunConfig,
+) -> FlightTestCard | None:
+    """Return what to fly next, None for what has no rudder."""
+    if why_no_card(summary) is not None:
+        return None
+    flown = Flown.of(SampleBlock.joined(pipeline.kept)) if pipeline.kept else Flown()
+    rates_hz = {name: each.rate_hz for name, each in rates.items()}
+    live = shlex.join(["yawid", "live", TAP, *_words(replace(config, from_s=None, to_s=None))])
+    known = pipeline.channels.parameters.values
+    return make_card(summary, flown, rates_hz, known, config.rudder_max_deg, live)
 
 
 def said_options(config: RunConfig) -> dict[str, Any]:
@@ -152,14 +173,17 @@ def command_line(log: Path, config: RunConfig, read_options: ReadOptions) -> str
 
     It gives no option at its default that was not given: what is given binds every manoeuvre.
     """
-    words = ["yawid", "replay", str(log)]
-    for name, value in _options(config, config.given).items():
-        words += [f"--{name}", str(value)]
+    words = ["yawid", "replay", str(log), *_words(config)]
     if read_options.form != "auto":
         words += ["--format", read_options.form]
     if read_options.key_file is not None:
         words += ["--signing-key-file", str(read_options.key_file)]
     return shlex.join(words)
+
+
+def _words(config: RunConfig) -> list[str]:
+    options = _options(config, config.given).items()
+    return [word for name, value in options for word in (f"--{name}", str(value))]
 
 
 def _rates(survey: Survey) -> dict[str, MessageRate]:

@@ -1,0 +1,138 @@
+"""The test card: its numbers are the log's own, what nobody knows is left blank."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+import pytest
+from flightlog import FlightLog
+from hand_flights import forty, four_of_a_flight, none_usable
+from manoeuvres.streams import stream
+from msgspec.structs import replace
+from places import C172P, REPLAY_LOGS
+from printed import printed
+
+from yawid.cli.main import main
+from yawid.results.flight_test_card import FlightTestCard, Flown, make_card
+from yawid.results.inspection import Inspection
+from yawid.results.run_summary import ChannelFound, Origin, RunSummary, VehicleSeen
+from yawid.sinks.terminal.card import print_card
+
+LIVE = "yawid live udpin:127.0.0.1:14560"
+RUDDER = ChannelFound("servo4", min_us=1000.0, trim_us=1500.0, max_us=1900.0)
+
+
+def card_of(
+    summary: RunSummary, parameters: dict[str, float] | None = None, flown: Flown | None = None
+) -> FlightTestCard:
+    return make_card(summary, flown or Flown(), {}, parameters or {}, 20.0, LIVE)
+
+
+def page_of(summary: RunSummary, card: FlightTestCard | None) -> list[str]:
+    origin = {name: getattr(summary, name) for name in Origin.__struct_fields__}
+    report = Inspection(
+        **origin, senders={}, by_sender={}, rates={}, excited=[], recommend={}, card=card,
+        verdict=summary.verdict,
+    )  # fmt: skip
+    stream = io.StringIO()
+    print_card(report, stream)
+    return stream.getvalue().splitlines()
+
+
+def test_its_times_are_parts_of_the_period_that_the_flight_says():
+    card = card_of(four_of_a_flight()).manoeuvre
+
+    assert card.period_s == pytest.approx(2 * np.pi / (10.21 * np.sqrt(1 - 0.624**2)))
+    assert (card.side_s, card.unit_s) == (card.period_s / 2, card.period_s / 4)
+    assert not card.wn_guessed
+
+
+def test_the_rudder_is_told_in_percent_in_pulses_to_either_side_and_in_degrees():
+    first, most = card_of(
+        replace(four_of_a_flight(), channels={"rudder": RUDDER})
+    ).manoeuvre.amplitude
+
+    assert (first.percent, first.low_us, first.high_us, first.deg) == (15.0, 1425.0, 1560.0, 3.0)
+    assert (most.percent, most.low_us, most.high_us, most.deg) == (30.0, 1350.0, 1620.0, 6.0)
+
+
+def test_more_manoeuvres_lower_the_noise_and_the_floor_but_not_what_all_have_in_common():
+    after_4, after_8 = card_of(four_of_a_flight()).expected
+
+    common = 0.16**2 - 0.03**2 - 0.15**2
+    for expected, n in ((after_4, 6), (after_8, 10)):
+        floor = 0.015 * 10.21 * np.sqrt(3 / (n - 1))
+        wn_std = np.sqrt(common + 0.03**2 * 2 / n + floor**2)
+        assert expected.wn_std == pytest.approx(wn_std)
+
+
+def test_airspeeds_lie_within_what_was_flown_and_keep_away_from_the_stall():
+    speeds = np.linspace(10.0, 30.0, 201)
+    flown = Flown.of(stream(np.zeros(201), airspeed=speeds))
+
+    assert card_of(four_of_a_flight(), flown=flown).conditions.airspeeds_m_s == [17.0, 20.0, 23.0]
+    limited = card_of(four_of_a_flight(), {"AIRSPEED_MIN": 16.0}, flown)
+    assert limited.conditions.airspeeds_m_s == [20.0, 23.0]
+    assert card_of(four_of_a_flight()).conditions.airspeeds_m_s == []
+
+
+def test_parameters_bear_the_names_of_the_log_and_their_values_to_go_back_to():
+    known = {"MAV1_EXTRA1": 4.0, "MAV2_EXTRA1": 10.0, "KFF_RDDRMIX": 0.5, "YAW2SRV_DAMP": 0.2}
+    card = card_of(none_usable(), known)
+
+    assert card.rates[0].name == "MAVn_EXTRA1"
+    assert card.rates[0].now == {"MAV1_EXTRA1": 4.0, "MAV2_EXTRA1": 10.0}
+    page = "\n".join(page_of(none_usable(), card))
+    assert "MAVn_EXTRA1 = 25 for ATTITUDE; now 4 to 10" in page
+    assert "KFF_RDDRMIX = 0 (rudder follows the aileron); afterwards back to 0.5" in page
+    assert "YAW2SRV_DAMP = 0" in page
+
+
+def test_without_an_answer_the_period_is_a_guess_and_says_so():
+    summary = none_usable()
+    card = card_of(summary)
+    page = "\n".join(page_of(summary, card))
+
+    assert (card.manoeuvre.wn_rad_s, card.manoeuvre.wn_guessed) == (6.0, True)
+    assert "GUESSED" in page
+    assert "not_converged" in page
+    assert "[ ] ________" in page
+
+
+@pytest.mark.parametrize("autopilot", [3, 12, 0])
+@pytest.mark.parametrize("make", [none_usable, forty])
+def test_it_is_one_page_of_80_columns_and_60_lines(make, autopilot: int):
+    summary = replace(make(), vehicle=VehicleSeen(1, 1, 1, autopilot))
+    page = page_of(summary, card_of(summary))
+
+    assert len(page) <= 60
+    assert max(map(len, page)) <= 80
+
+
+def test_inspect_prints_the_card_of_a_log_and_puts_it_into_the_json(capsys):
+    for log, code in ((C172P, 0), (REPLAY_LOGS / "no_rudder" / "log.tlog", 3)):
+        assert main(["inspect", str(log), "--card"]) == code
+        assert capsys.readouterr().out.startswith("TEST CARD")
+    assert main(["inspect", str(C172P), "--card", "--json", "--rudder-max-deg", "16"]) == 0
+    card = printed("inspect", capsys.readouterr().out)["card"]
+    assert card["manoeuvre"]["wn_rad_s"] == pytest.approx(2.43, abs=0.02)
+    assert card["manoeuvre"]["amplitude"][1]["deg"] == pytest.approx(4.8)
+    assert card["live"] == f"{LIVE} --rudder-max-deg 16.0"
+
+
+def test_what_has_no_rudder_gets_one_line_and_the_code_of_its_verdict(tmp_path, capsys):
+    log = FlightLog()
+    log.heartbeat(1.0, kind=2)
+    for i in range(20):
+        log.attitude(1.0 + 0.02 * i, 0.0)
+    path = tmp_path / "copter.tlog"
+    path.write_bytes(log.data)
+
+    assert main(["inspect", str(path), "--card"]) == 3
+    assert capsys.readouterr().out == (
+        f"no card: a quadrotor has no rudder to be moved on its own: {path}\n"
+    )
+    assert main(["inspect", str(path), "--card", "--json"]) == 3
+    assert "card" not in json.loads(capsys.readouterr().out)
