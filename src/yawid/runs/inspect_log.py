@@ -31,7 +31,7 @@ from yawid.results.judge_samples import (
     WORTH_PCT,
 )
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import Origin
+from yawid.results.run_summary import Origin, RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
