@@ -30,8 +30,10 @@ from yawid.sinks.rerun.sink import RerunSink
 
 
 def known(blocks: Blocks) -> Blocks:
-    """The blocks with a Dutch roll at 2 to 3 rad/s, known well enough to be drawn."""
+    """The blocks with parameters and a Dutch roll known well enough to be drawn."""
     samples, estimates, modes = blocks
+    for each in estimates.values():
+        each.theta_std[:] *= 1e-9
     wn = 2.0 + np.arange(len(samples)) / len(samples)
     roll = np.column_stack([wn, 0.05 * wn, 0.1 * wn, 0.02 * wn])
     return samples, estimates, replace(modes, dutch_roll=roll)
@@ -237,6 +239,23 @@ def test_the_dutch_roll_of_a_manoeuvre_is_a_bar_with_its_band_and_ends_with_it(
         np.testing.assert_allclose(found["Scalars:scalars"], [bar, bar, [np.nan] * 3])
         assert [t // 1000 for t in found["boot_time"][:2]] == samples.boot_us[[20, 60]].tolist()
         assert samples.unix_ns[60] < found["unix_time"][2] < samples.unix_ns[61]
+
+
+def test_the_bar_of_a_manoeuvre_that_is_not_usable_is_of_one_colour_and_has_no_band(
+    tmp_path: Path,
+) -> None:
+    samples, *_ = make_blocks(n=200)
+    found, span_ns = make_manoeuvre(samples, 20, 60)
+    verdict = msgspec.structs.replace(found.verdict, usable=False)
+    sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    sink.manoeuvre(msgspec.structs.replace(found, verdict=verdict), span_ns)
+    sink.finish(SUMMARY, {})
+    entities = recorded(tmp_path / "a.rrd")
+    assert "/dutch_roll/wn/manoeuvre" not in entities
+    bar = entities["/dutch_roll/wn/refused"]["Scalars:scalars"]
+    np.testing.assert_allclose(bar, [[10.2], [10.2], [np.nan]])
+    [[colour]] = statics(tmp_path / "a.rrd", "/dutch_roll/wn/refused", "SeriesLines:colors")
+    assert f"#{colour >> 8:06x}" == BAD
 
 
 def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:

@@ -31,10 +31,10 @@ def blueprint() -> rrb.Blueprint:
         _whole_run(),
         row_shares=[3, 4, 3, 3, 1],
     )
-    dutch_roll = "ELS (pink), RML (violet), manoeuvre (bar); 2 sigma"
+    dutch_roll = "ELS pink, RML violet; bars: manoeuvres, red: not usable; 2 sigma"
     learnt = rrb.Vertical(
-        _lines(f"Dutch roll, wn [rad/s]: {dutch_roll}", "/dutch_roll/wn"),
-        _lines(f"Dutch roll, zeta: {dutch_roll}; grey: MIL-F-8785C", "/dutch_roll/zeta"),
+        _lines(f"wn [rad/s]: {dutch_roll}", "/dutch_roll/wn"),
+        _lines("zeta, likewise; grey: levels 1 and 2 of MIL-F-8785C", "/dutch_roll/zeta"),
         _lines("Parameters a; 2 sigma of noise", "/parameters/a", legend=True),
         _lines(
             "Parameters b [rad/s per unit of input], bias [rad/s]", "/parameters/b", legend=True

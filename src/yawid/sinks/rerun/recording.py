@@ -124,7 +124,7 @@ class RerunView:
                 self._recording.log(entity, rr.SeriesLines(**style), static=True)
         after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
         after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
-        for entity, rows in manoeuvre_rows(found.dutch_roll).items():
+        for entity, rows in manoeuvre_rows(found.dutch_roll, usable=usable).items():
             self._recording.send_columns(entity, after, rr.Scalars.columns(scalars=rows))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:

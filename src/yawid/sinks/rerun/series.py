@@ -11,6 +11,7 @@ from yawid.physics.flying_qualities import LEVELS
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import (
+    BAD,
     DATA,
     INPUTS,
     LINES,
@@ -21,7 +22,7 @@ from yawid.sinks.palette import (
     rgba,
 )
 
-PALE_ALPHA, BAR_ALPHA = 90, 130
+PALE_ALPHA, UNDER_ALPHA, BAR_ALPHA = 90, 130, 190
 LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0
 # Of one name, so that the legend has one entry for all bounds.
 BAND: Final = "2 sigma of noise"
@@ -79,7 +80,7 @@ def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
         ),
         "yaw_rate": _style(
             ["predicted [rad/s]", "measured [rad/s]"],
-            [rgba(MODEL, BAR_ALPHA), rgba(DATA)],
+            [rgba(MODEL, UNDER_ALPHA), rgba(DATA)],
             [UNDER_WIDTH, LINE_WIDTH],
         ),
         "innovation": _banded("innovation [rad/s]", rgba(MODEL)),
@@ -109,25 +110,30 @@ def _of_method(method: str) -> Rgba:
 def manoeuvre_styles(method: str) -> dict[str, dict[str, Any]]:
     """Return the style of what :func:`manoeuvre_rows` draws beside the lines of the stream.
 
-    ``method`` is whose answer it is.
+    ``method`` is whose answer it is; where that is not usable, the bar is of one colour for all.
     """
     names = {"wn": "wn of a manoeuvre [rad/s]", "zeta": "zeta of a manoeuvre"}
     bar = rgba(METHODS.get(method, NEUTRAL), BAR_ALPHA)  # the stream's lines are seen through it
-    return {
-        f"dutch_roll/{entity}/manoeuvre": _banded(name, bar, BAR_WIDTH, BAND_OF_MANOEUVRE)
-        for entity, name in names.items()
-    }
+    styles = {}
+    for entity, name in names.items():
+        used, refused = (f"dutch_roll/{entity}/{kind}" for kind in ("manoeuvre", "refused"))
+        styles[used] = _banded(name, bar, BAR_WIDTH, BAND_OF_MANOEUVRE)
+        styles[refused] = _style([f"{name}, not usable"], [rgba(BAD, BAR_ALPHA)], [BAR_WIDTH])
+    return styles
 
 
-def manoeuvre_rows(roll: DutchRoll) -> dict[str, Floats]:
-    """Return the values (3, 3) of every entity: at a manoeuvre's begin, at its end, none after."""
+def manoeuvre_rows(roll: DutchRoll, *, usable: bool) -> dict[str, Floats]:
+    """Return the values (3, m) of every entity: at a manoeuvre's begin, at its end, none after.
+
+    Only what is usable has a band: of the others sigma says nothing.
+    """
     pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
     rows = {}
     for name, (value, std) in zip(("wn", "zeta"), pairs, strict=True):
-        entity = f"dutch_roll/{name}/manoeuvre"
         bar = np.array([value, np.nan if std is None else std])
-        rows[entity] = np.full((3, 3), np.nan)
-        rows[entity][:2] = _with_band(bar[:1], 2.0 * bar[1:])
+        line = _with_band(bar[:1], 2.0 * bar[1:]) if usable else bar[None, :1]
+        entity = f"dutch_roll/{name}/{'manoeuvre' if usable else 'refused'}"
+        rows[entity] = np.vstack([line, line, np.full_like(line, np.nan)])
     return rows
 
 
@@ -151,19 +157,19 @@ def group_rows(
     theta = np.where(live[:, None], estimate.theta, np.nan)
     noise = 2.0 * estimate.noise_std
     wn, wn_std, zeta, zeta_std = modes.dutch_roll.T
-    known = is_known(modes)
+    drawn = is_known(modes)
     rows = {
         "input": samples.u,
         "yaw_rate": np.column_stack([np.where(live, estimate.y_hat, np.nan), samples.y]),
         "innovation": np.column_stack([estimate.innovation, -noise, noise]),
-        "dutch_roll/wn": _with_band(np.where(known, wn, np.nan), 2.0 * wn_std),
-        "dutch_roll/zeta": _with_band(np.where(known, zeta, np.nan), 2.0 * zeta_std),
+        "dutch_roll/wn": _with_band(np.where(drawn, wn, np.nan), 2.0 * wn_std),
+        "dutch_roll/zeta": _with_band(np.where(drawn, zeta, np.nan), 2.0 * zeta_std),
         "dutch_roll/zeta/level": np.tile(list(ZETA_LEVELS.values()), (len(samples), 1)),
     }
     for letter, columns in groups(parameters).items():
         std, size = estimate.theta_std[:, columns], np.abs(theta[:, columns])
-        # A wider band than all values says "unknown", and would squeeze the axis.
-        band = 2.0 * np.where(std <= size.max(axis=1, keepdims=True), std, np.nan)
-        value = theta[:, columns]
+        # A sigma larger than all values says "unknown", and would squeeze the axis.
+        known = std <= size.max(axis=1, keepdims=True)
+        value, band = np.where(known, theta[:, columns], np.nan), 2.0 * std
         rows[f"parameters/{letter}"] = np.hstack([value, value - band, value + band])
     return rows
