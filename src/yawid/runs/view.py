@@ -136,7 +136,8 @@ def _has(run: McapRun, curve: str) -> bool:
         topics |= {MANOEUVRE, FLIGHT}
     topic, _, parameter = curve.partition("/parameters/")
     if parameter:
-        return grid is not None and parameter in grid.parameters and topic in topics
+        tells = "Estimate.parameters" in run.metadata.get("units", {})  # older files do not
+        return tells and grid is not None and parameter in grid.parameters and topic in topics
     return topic.rpartition("/")[0] in topics
 
 

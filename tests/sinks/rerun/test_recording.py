@@ -289,8 +289,18 @@ def test_a_flight_that_says_nothing_says_why() -> None:
     heading, said, *reasons = text.splitlines()
     assert heading == "# Not usable"
     assert said == "The flight: no answer: not usable, not excited."
-    assert len([line for line in reasons if line.startswith("- **")]) == len(verdict.reasons)
-    assert "The numbers are not to be used: they are shown to find out why." in reasons
+    assert len(reasons) == len(verdict.reasons)
+
+
+def test_numbers_of_an_unusable_run_are_said_not_to_be_used_and_are_not_bold() -> None:
+    found, _ = make_manoeuvre(make_blocks()[0], 10, 60)
+    assert found.answer is not None
+    shown = msgspec.structs.replace(SUMMARY, estimates={"rml": found.answer})
+    text = verdict_markdown(shown)
+    assert text.startswith("# Not usable\nThe stream, RML: ωn 10.20 ± 0.20 rad/s, ζ 0.620 ± 0.030.")
+    assert "The numbers are not to be used: they are shown to find out why." in text
+    assert "| RML | 10.20 ± 0.20 | 0.620 ± 0.030 | 87 % |" in text
+    assert text.endswith("± is one sigma: noise, scatter over the record, structure.\n")
 
 
 def test_a_run_without_manoeuvres_has_no_table(tmp_path: Path) -> None:

@@ -34,13 +34,16 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
         said = _answer(summary.dutch_roll, usable=verdict.usable)
         lines.append(f"The stream, {summary.answering.upper()}: {said}.")
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
-    if not verdict.usable:
+    if summary.estimates and not verdict.usable:
         lines += ["", _UNUSABLE]
     lines += _methods(summary.estimates or {})
     whose, physics = _yaw_channel(summary)
     if physics:
         lines += ["", f"| yaw channel, {whose} | |", "|-|-:|"]
         lines += _numbers(physics, rudder_unit)
+    if summary.estimates:
+        roll = summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
+        lines += ["", f"± is one sigma{sigma_means([roll])}."]
     return "\n".join(lines) + "\n"
 
 
