@@ -92,8 +92,11 @@ def _view(arguments: argparse.Namespace) -> int:
 
 def _report(arguments: argparse.Namespace) -> int:
     from yawid.report.write import write_report
+    from yawid.sinks.terminal.progress import progress
 
-    print(write_report(arguments.mcap, arguments.out, force=arguments.force), flush=True)
+    with progress(sys.stderr, f"report of {arguments.mcap.name}"):
+        path = write_report(arguments.mcap, arguments.out, force=arguments.force)
+    print(path, flush=True)
     return 0
 
 

@@ -8,6 +8,7 @@ Akaike and Schwarz and the whiteness of the residuals stand beside it, and the c
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -58,9 +59,15 @@ def candidates(n_inputs: int, *, extra_b: int = 0) -> list[ArmaxOrders]:
 
 
 def compare_orders(
-    u: Floats, y: Floats, sample_time_s: float, tried: list[ArmaxOrders]
+    u: Floats,
+    y: Floats,
+    sample_time_s: float,
+    tried: list[ArmaxOrders],
+    advance: Callable[[int], None] = lambda count: None,
 ) -> list[Candidate]:
     """Return the candidates, best simulation first, for u (n, inputs) and y (n,), NaN held.
+
+    ``advance`` is called with 1 as each has been tried.
 
     Raises:
         NotIdentifiable: fewer than 200 samples.
@@ -70,7 +77,10 @@ def compare_orders(
         raise NotIdentifiable(f"{good.sum()} samples: {LEAST_SAMPLES} are needed to compare orders")
     # Two thirds of what can be used, not of the clock: a flight may begin on the ground.
     split = int(np.flatnonzero(good)[int(TRAINING * good.sum())])
-    found = [_try(u, y, split, sample_time_s, orders) for orders in tried]
+    found = []
+    for orders in tried:
+        found.append(_try(u, y, split, sample_time_s, orders))
+        advance(1)
     return sorted(found, key=lambda candidate: -candidate.simulation_pct)
 
 

@@ -1,5 +1,6 @@
 """Which orders suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
 
+import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +17,11 @@ from yawid.results.run_summary import DutchRoll, Orders
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.runs.trials import Trials
+from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import Log, ReadOptions, Source
 
 
-def try_orders(pipeline: KeepingPipeline) -> tuple[list[Candidate], Candidate]:
+def try_orders(pipeline: KeepingPipeline, bar: Bar) -> tuple[list[Candidate], Candidate]:
     """Return every structure tried on a run's samples, best simulation first, and the one to use.
 
     Raises:
@@ -30,7 +32,8 @@ def try_orders(pipeline: KeepingPipeline) -> tuple[list[Candidate], Candidate]:
         raise NotIdentifiable("no sample has both rudder and yaw rate")
     samples = SampleBlock.joined(pipeline.kept)
     tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
-    found = compare_orders(samples.u, samples.y, samples.sample_time_s, tried)
+    bar.begin(f"{len(tried)} structures", len(tried))
+    found = compare_orders(samples.u, samples.y, samples.sample_time_s, tried, bar)
     return found, recommended(found)
 
 
@@ -44,11 +47,12 @@ def with_orders(source: Source, config: RunConfig) -> RunConfig:
         ConfigError: what is asked for does not fit the source.
     """
     pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
-    run_log(source, pipeline)
-    try:
-        _, chosen = try_orders(pipeline)
-    except NotIdentifiable:
-        return config
+    with progress(sys.stderr, "choosing orders", source.size) as bar:
+        run_log(source, pipeline, advance=bar)
+        try:
+            _, chosen = try_orders(pipeline, bar)
+        except NotIdentifiable:
+            return config
     return _with(chosen, config)
 
 
@@ -71,13 +75,16 @@ def orders_report(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    with closing(open_log(log, read_options, again=True)) as source:
+    with (
+        closing(open_log(log, read_options, again=True)) as source,
+        progress(sys.stderr, log.name, source.size) as bar,
+    ):
         pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
-        run_log(source, pipeline)
+        run_log(source, pipeline, advance=bar)
         if not pipeline.kept:
             raise _why_nothing(source, pipeline)
-        found, chosen = try_orders(pipeline)
-        verdict = Trials(source).of(_with(chosen, config)).verdict
+        found, chosen = try_orders(pipeline, bar)
+        verdict = Trials(source, bar).of(_with(chosen, config)).verdict
     report = OrdersReport(
         log=str(log.absolute()),
         recommended=Orders(**_orders(chosen)) if verdict.usable else None,

@@ -5,6 +5,7 @@ own.
 """
 
 import shlex
+import sys
 from collections.abc import Container, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, fields, replace
@@ -36,6 +37,7 @@ from yawid.results.summary import as_summary, summarise
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.run_log import KeepingPipeline, open_log, run_log
 from yawid.runs.trials import Trial, Trials
+from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
 from yawid.sources.mavlink.sequence import SenderStats
 from yawid.sources.open_log import Log, ReadOptions
@@ -81,13 +83,16 @@ def inspect(
     with closing(open_log(log, read_options, again=True)) as source:
         if automatic:
             config = with_orders(source, config)
-        return _inspected(source, config, with_card=with_card)
+        with progress(sys.stderr, log.name, source.size) as bar:
+            return _inspected(source, config, bar, with_card=with_card)
 
 
-def _inspected(source: Log, config: RunConfig, *, with_card: bool) -> tuple[Inspection, Verdict]:
+def _inspected(
+    source: Log, config: RunConfig, bar: Bar, *, with_card: bool
+) -> tuple[Inspection, Verdict]:
     pipeline, survey = KeepingPipeline(config), Survey()
     pipeline.channels.watch = survey.note
-    run_log(source, pipeline)
+    run_log(source, pipeline, advance=bar)
     log, link = source.path, source.link
     whole = Trial(config, *summarise(pipeline, link, str(log.absolute()), source.sha256))
     found: list[Span] = []
@@ -104,7 +109,7 @@ def _inspected(source: Log, config: RunConfig, *, with_card: bool) -> tuple[Insp
         later_hz = min(each.rate_hz for each in rates.values())
         if len(pipeline.channels.boots.spans_us) < 2:
             longest = structs.replace(longest, boot=config.boot)
-        chosen = _best(Trials(source), whole, longest, later_hz)
+        chosen = _best(Trials(source, bar), whole, longest, later_hz)
         recommend = said_options(chosen.config)
         command = command_line(log, chosen.config, source.options)
     ids = [r.id for r in chosen.verdict.reasons if r.exit_code or r.id in WORTH_SAYING]

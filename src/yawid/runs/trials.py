@@ -11,6 +11,7 @@ from yawid.results.reasons import Verdict
 from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.run_log import run_log
+from yawid.sinks.terminal.progress import Bar
 from yawid.sources.open_log import Log
 
 
@@ -48,10 +49,11 @@ class Trial:
 
 
 class Trials:
-    """Replays of one log without outputs, each configuration estimated once."""
+    """Replays of one log without outputs, each configuration estimated once; ``bar`` shows each."""
 
-    def __init__(self, source: Log) -> None:
+    def __init__(self, source: Log, bar: Bar) -> None:
         self._source = source
+        self._bar = bar
         self._made: dict[RunConfig, Trial] = {}
 
     def of(self, config: RunConfig) -> Trial:
@@ -62,7 +64,9 @@ class Trials:
         """
         if config not in self._made:
             pipeline = Pipeline(config)
-            run_log(self._source, pipeline)
+            name, size = self._source.path.name, self._source.size
+            self._bar.begin(f"{name}: trial {len(self._made) + 1}", size)
+            run_log(self._source, pipeline, advance=self._bar)
             reacts = 0.0
             if pipeline.bank is not None and config.inputs == BOTH:
                 reacts = reaction_shares(pipeline.bank.history())[1]

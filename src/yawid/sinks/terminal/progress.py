@@ -4,37 +4,92 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import Outlet
 
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+SOON_S = 1.0
+"""What takes no longer needs no bar."""
 PLAIN_LINE_S = 10.0
 TERMINAL_LINE_S = 0.5
 _CLEAR = "\r\x1b[2K"
+_TASK: "TaskID" = 0  # type: ignore[assignment] # the one task there is
+
+
+class Bar:
+    """Shows on ``stream`` how far a piece of work has come, once it is to be shown."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+        self._name, self._total, self._done = "", 0.0, 0
+        self._shown: Progress | None = None
+        self._is_over = False
+
+    def begin(self, name: str, total: float = 0.0) -> None:
+        """Say what is done now and how much it is, in any unit; 0 where nobody can say."""
+        with self._lock:
+            self._name, self._total, self._done = name, total, 0
+            if self._shown is not None:
+                self._shown.reset(_TASK, description=name, total=total or None)
+
+    def __call__(self, count: int) -> None:
+        """Say that so much more is done."""
+        self._done += count
+        if self._shown is not None:
+            self._shown.update(_TASK, completed=self._done)
+
+    def show(self) -> None:
+        """Show it from now on."""
+        from rich import progress as parts
+        from rich.console import Console as RichConsole
+
+        columns = (
+            parts.TextColumn("{task.description}"),
+            parts.BarColumn(),
+            parts.TaskProgressColumn(show_speed=False),
+            parts.TimeElapsedColumn(),
+        )
+        with self._lock:
+            if not self._is_over:
+                console = RichConsole(file=self._stream)
+                self._shown = parts.Progress(*columns, console=console, transient=True)
+                self._shown.add_task(self._name, total=self._total or None, completed=self._done)
+                self._shown.start()
+
+    def close(self) -> None:
+        """Take it away."""
+        with self._lock:
+            self._is_over = True
+            if self._shown is not None:
+                self._shown.stop()
 
 
 @contextmanager
-def progress(stream: TextIO, name: str, total_bytes: int) -> Iterator[Callable[[float], None]]:
-    """Show how far a log of ``total_bytes`` has been read; yields ``advance(bytes)``."""
-    if not stream.isatty():
-        yield lambda count: None
-        return
-    from rich import progress as parts
-    from rich.console import Console as RichConsole
+def progress(stream: TextIO, name: str, total: float = 0.0) -> Iterator[Bar]:
+    """Show on a terminal how far work has come that takes longer than ``SOON_S``.
 
-    columns = (
-        parts.TextColumn("{task.description}"),
-        parts.BarColumn(),
-        parts.DownloadColumn(),
-        parts.TransferSpeedColumn(),
-        parts.TimeRemainingColumn(),
-    )
-    with parts.Progress(*columns, console=RichConsole(file=stream), transient=True) as bar:
-        task = bar.add_task(name, total=total_bytes)
-        yield lambda count: bar.update(task, advance=count)
+    Yields what is called with how much more of ``total`` is done; 0 where nobody can say.
+    """
+    bar = Bar(stream)
+    bar.begin(name, total)
+    if not updates_in_place(stream):
+        yield bar
+        return
+    soon = threading.Timer(SOON_S, bar.show)
+    soon.daemon = True
+    soon.start()
+    try:
+        yield bar
+    finally:
+        soon.cancel()
+        bar.close()
 
 
 class Console:
