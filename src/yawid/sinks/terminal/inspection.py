@@ -109,7 +109,7 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[s
         why = ", ".join(f"{count} {reason}" for reason, count in fatal.most_common())
         yield "flight", f"{_count(len(manoeuvres))}, none usable: {why}"
         return
-    yield "flight", f"{_roll(flight.dutch_roll)} by {_count(len(flight.used))}"
+    yield "flight", f"{_roll(flight.dutch_roll)} (± is one sigma) by {_count(len(flight.used))}"
     for each in manoeuvres[:MOST_MANOEUVRES]:
         yield f"#{each.n}", _manoeuvre(each)
     if len(manoeuvres) > MOST_MANOEUVRES:

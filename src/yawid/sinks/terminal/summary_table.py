@@ -80,7 +80,8 @@ def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]
     answers = summary.answering if summary.verdict.usable and summary.flight is None else None
     table = Table(box=None, pad_edge=False)
     has_total = any(noise_spreads(each.dutch_roll) for each in estimates.values())
-    table.add_column("± is one sigma" if has_total else "± is one sigma of noise")
+    said = bool(summary.manoeuvres) and has_total  # by the notes below these
+    table.add_column("" if said else "± is one sigma" if has_total else "± is one sigma of noise")
     for method in estimates:
         marked = " answers" if method == answers and len(estimates) > 1 else ""
         table.add_column(method.upper() + marked, justify="right")
