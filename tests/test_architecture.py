@@ -20,8 +20,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "plant": set(),
     WIRE: set(),
     LOGS: {WIRE},
-    RECORDS: set(),
-    "sources": {WIRE, LOGS},
+    RECORDS: {WIRE, LOGS},
+    "sources": {WIRE, LOGS, RECORDS},
     LINK: {WIRE, "sources"},
     "channels": {"config", WIRE},
     "estimation": {"config"},
@@ -37,7 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sinks", "sinks/mcap", "sinks/rerun"},
     "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},
     "runs": {"config", "channels", "offline", "physics", "pipeline", "plant", "results"}
-    | {"sources", WIRE, LOGS, *SINKS},
+    | {"sources", WIRE, LOGS, RECORDS, *SINKS},
     "runs/live": {*STAGES, "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
     "runs/regress": {"config", "channels", "pipeline", "results", "runs", "sinks"}

@@ -148,6 +148,45 @@ class FrameBlock:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordBlock(Columns):
+    """Rows of a record that never was MAVLink, in order: see ``sources/records/columns.py``.
+
+    Of each row, (n,), unknown values being NaN: ``order``, its place; ``t_us`` since the record's
+    beginning and ``received_us`` of Unix time, the same where no date is known; whether it
+    ``has_yaw`` and ``has_surfaces``. A row without either says that something begins anew after it:
+    its ``held`` says why. ``rudder`` is in half travels or in rad, signed as in the file,
+    ``aileron`` in half travels; rates in rad/s, angles in rad, the yaw not unwrapped; airspeed in
+    m/s, ``by_ground`` 1 where it is the ground speed. ``held`` has the bits of :class:`Held`, all
+    of them, or is -1 where the record does not say.
+
+    Common to all rows: what each channel is called there, and by whom its flight modes are named
+    (autopilot and vehicle type).
+    """
+
+    called: Mapping[str, str]
+    modes_of: tuple[int, int]
+    order: Ints
+    received_us: Ints
+    t_us: Ints
+    has_yaw: Bools
+    has_surfaces: Bools
+    held: Ints
+    rudder: Floats
+    aileron: Floats
+    r: Floats
+    q: Floats
+    roll: Floats
+    pitch: Floats
+    yaw: Floats
+    turn: Floats
+    airspeed: Floats
+    by_ground: Floats
+    altitude: Floats
+    on_ground: Floats
+    mode: Floats
+
+
+@dataclass(frozen=True, slots=True)
 class SampleBlock(Columns):
     """Samples on the uniform grid ``t_k = k * sample_time_s`` of vehicle time.
 

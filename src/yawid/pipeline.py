@@ -9,7 +9,7 @@ The only module that knows all stages; where messages come from, a file or a soc
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
-from yawid.blocks import FrameBlock, ModesBlock, SampleBlock
+from yawid.blocks import FrameBlock, ModesBlock, RecordBlock, SampleBlock
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
@@ -83,10 +83,13 @@ class Pipeline:
         """Return what the manoeuvres say together and its verdict, None where there is none."""
         return None if self._manoeuvres is None else self._manoeuvres.flight(of_the_log)
 
-    def feed(self, block: FrameBlock | SampleBlock | None) -> None:
-        """Take a block of messages or samples in; every sample it completes is estimated."""
+    def feed(self, block: FrameBlock | RecordBlock | SampleBlock | None) -> None:
+        """Take messages, a record's rows or samples in; all samples they complete are estimated."""
         if isinstance(block, SampleBlock):
             self.estimate(block)
+        elif isinstance(block, RecordBlock):
+            for samples in self.channels.feed_record(block):
+                self.estimate(samples)
         elif block is not None:
             for samples in self.channels.feed(block):
                 self.estimate(samples)
@@ -135,9 +138,7 @@ class Pipeline:
             mean_output=self.config.output == "yaw",
             servo_tau_s=self.config.servo_tau,
         )
-        vehicle, modes_of = self.channels.lock.vehicle, self._modes_of
-        if vehicle is not None:
-            modes_of = vehicle.autopilot, vehicle.type
+        modes_of = self.channels.modes_of or self._modes_of
         if self.config.manoeuvres != "off":
             rates_hz = self._rates_hz or (1.0 / sample_time_s,) * 2
             if self.channels.intervals_us is not None:
@@ -151,7 +152,7 @@ class Pipeline:
             self.config.inputs,
             self.bank.methods,
             sample_time_s,
-            rudder_unit(self.config.rudder_max_deg),
+            rudder_unit(in_rad=self.config.in_rad),
             *modes_of,
         )
         for sink in self.sinks:

@@ -139,6 +139,9 @@ class Aligner:
         holds = np.searchsorted(times, cuts[:-1], side="right") - 1
         area = self._surface.values[holds] * np.diff(cuts)[:, None]
         mean = np.add.reduceat(area, starts, axis=0) / self._ts_us
+        # What did not move has its own value for a mean, to the bit: a run's export is such.
+        alone = np.diff(starts, append=len(holds)) == 1
+        mean[alone] = self._surface.values[holds[starts[alone]]]
         interval = (times[holds + 1] - times[holds]).astype(float)
         closing = np.searchsorted(times, edges[1:], side="left")
         return mean, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]

@@ -94,7 +94,7 @@ class Conditioner:
         return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))
 
     def _flag_saturation(self, block: SampleBlock) -> SampleBlock:
-        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self.config.half_travel
+        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self.config.stop
         return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 
     def _differenced(self, block: SampleBlock) -> SampleBlock:

@@ -120,6 +120,13 @@ class Segmenter:
         self.epoch += 1
         self._restart(Held.RUDDER_CHANGED)
 
+    def begin_anew(self, why: Held) -> None:
+        """Start a new segment for a reason that a record gives."""
+        if why & Held.RUDDER_CHANGED:
+            self.new_meaning()
+        else:
+            self._restart(why)
+
     def _restart(self, why: Held) -> None:
         self._why = why
         self.newest = [None, None]

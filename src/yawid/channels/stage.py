@@ -1,14 +1,15 @@
-"""The stage as a whole: blocks of messages in, blocks of samples out.
+"""The stage as a whole: blocks of messages, or a record's rows, in; blocks of samples out.
 
 lock the vehicle -> name its surfaces -> rows on the vehicle's clock -> segments -> one grid
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import FrameBlock, Held, MessageBlock, SampleBlock
+from yawid.blocks import FrameBlock, Held, MessageBlock, RecordBlock, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner, finer_by
@@ -20,7 +21,7 @@ from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import Piece, Series
 from yawid.channels.stick_fallback import ReceivedMessages
 from yawid.channels.surface import OUTPUTS, STICKS, Surface
-from yawid.channels.surface_reader import SurfaceReader
+from yawid.channels.surface_reader import SurfaceReader, record_surfaces, record_values
 from yawid.channels.vehicle import VehicleLock
 from yawid.channels.yaw_reader import SOURCES, UNTIMED, YawReader
 from yawid.config.run import RunConfig
@@ -65,6 +66,14 @@ class Channels:
         self.yaw = YawReader(heading_rate=config.output == "heading-rate")
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
+        self.is_record = False
+        self._modes_of: tuple[int, int] | None = None
+
+    @property
+    def modes_of(self) -> tuple[int, int] | None:
+        """Autopilot and vehicle type, by which flight modes are named; None where nobody says."""
+        vehicle = self.lock.vehicle
+        return self._modes_of if vehicle is None else (vehicle.autopilot, vehicle.type)
 
     # Any bits may stand in a float of the log: what is not sound becomes NaN, and held.
     @np.errstate(over="ignore", invalid="ignore")
@@ -80,6 +89,28 @@ class Channels:
                 self._surface.observe_own_clock(stretch, surfaces)
                 self.yaw.wait(self._surface.own_clock)
             samples += self._read(stretch, surfaces)
+        return samples
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def feed_record(self, block: RecordBlock) -> list[SampleBlock]:
+        """Take rows of a record in; return the samples that they complete, in order."""
+        self.is_record, self._modes_of = True, block.modes_of
+        self.command.armed = self.command.moved = True  # a record has no commands to doubt
+        self.surfaces = record_surfaces(block, self.config)
+        changes = np.flatnonzero(~(block.has_yaw | block.has_surfaces))
+        samples: list[SampleBlock] = []
+        for first, stop in pairwise([-1, *changes.tolist(), len(block)]):
+            if first >= 0:
+                self.segmenter.begin_anew(Held(int(block.held[first])))
+            rows = block.select(slice(first + 1, stop))
+            values = record_values(rows, self.config)
+            lost = np.where(np.isnan(values[:, :-1]).any(axis=1), Held.RUDDER_INVALID.value, 0)
+            yaw = self.yaw.read_record(rows.select(rows.has_yaw), lost[rows.has_yaw])
+            # A row's surfaces complete the sample before, and come first.
+            surface = Series(2 * rows.order, rows.received_us, rows.t_us, values)
+            surface = surface.select(rows.has_surfaces)
+            self.surface_rows += len(surface)
+            samples += self._segments(yaw, surface)
         return samples
 
     def finish(self) -> list[SampleBlock]:

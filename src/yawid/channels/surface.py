@@ -51,7 +51,7 @@ class Surface:
 
     ``how`` says how it was found (parameter, option, assumed, ...); ``scale`` turns half the travel
     into the unit wanted, sign included. ``twins`` are further outputs of the same function, which
-    are not read but should move alike.
+    are not read but should move alike. ``column`` is what a record that has no messages calls it.
     """
 
     message: str
@@ -59,10 +59,13 @@ class Surface:
     parts: tuple[Part, ...]
     scale: float = 1.0
     twins: tuple[Part, ...] = ()
+    column: str = ""
 
     @property
     def source(self) -> str:
-        """The message fields, as a person would write them."""
+        """The message fields, as a person would write them; a record's column."""
+        if self.column:
+            return self.column
         return " and ".join(self.name_of(part) for part in self.parts)
 
     def name_of(self, part: Part) -> str:

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import Ints, MessageBlock
+from yawid.blocks import Floats, Ints, MessageBlock, RecordBlock
 from yawid.channels.clock import NEWEST, UNIX_US, OwnClock, boot_us, unwrap_uint32_us
 from yawid.channels.series import Latest, Readings, Series
 from yawid.channels.surface import Part, Surface
+from yawid.config.run import RunConfig
 
 APART_US = 10_000_000
 TOLERANCE = 0.05
@@ -135,3 +136,25 @@ class SurfaceReader:
             self._unix_offset = int(reported[start] - beside[start])
             times[start:] = reported[start:] - self._unix_offset
         return times
+
+
+def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...]:
+    """Return the inputs' surfaces as a record calls them."""
+    how = "column"
+    if not config.travel_is_known:
+        how += f", in parts of {config.travel_said}"
+    hows = {"rudder": how, "aileron": "column"}
+    return tuple(
+        Surface("", hows[name], (Part(0, None),), column=block.called[name])
+        for name in config.inputs
+    )
+
+
+def record_values(block: RecordBlock, config: RunConfig) -> Floats:
+    """Return the inputs of a record's rows, and at last the aileron's, (n, inputs + 1)."""
+    sign = -1.0 if config.rudder_sign == "nose-left" else 1.0
+    # In rad already, or in half travels of so many rad.
+    scale = sign if config.rudder_unit in ("rad", "deg") else sign * config.half_travel
+    rudder = block.rudder if scale == 1.0 else scale * block.rudder
+    found = {"rudder": rudder, "aileron": block.aileron}
+    return np.column_stack([*(found[name] for name in config.inputs), block.aileron])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Held, Ints, MessageBlock, euler
+from yawid.blocks import Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.series import Series
@@ -97,6 +97,7 @@ class YawReader:
 
     heading_rate: bool = False
     source: str | None = None
+    column: str = ""
     rows: int = 0
     _turns: int = 0
     _last_yaw: float | None = None
@@ -106,8 +107,10 @@ class YawReader:
 
     @property
     def label(self) -> str:
-        """The message field read."""
-        return f"{self.source}.{SOURCES[self.source][0]}" if self.source else ""
+        """The message field read, or a record's column."""
+        if self.source is None:
+            return self.column
+        return f"{self.source}.{SOURCES[self.source][0]}"
 
     def wait(self, clock: OwnClock) -> None:
         """Wait for a better source than VFR_HUD while another message's clock goes on."""
@@ -161,15 +164,39 @@ class YawReader:
         unwrapped = self._unwrap(yaw)
         rate = r if self._slope is None else self._slope.of(t_us, unwrapped)
         if self.heading_rate and self._slope is None:
-            upright = np.where(np.abs(pitch) < STEEPEST, np.cos(pitch), np.nan)
-            rate = (q * np.sin(roll) + r * np.cos(roll)) / upright
+            rate = _heading_rate(roll, pitch, q, r)
         held = context.at(block.order)
-        speed = np.where(held[:, 0] > LEAST_AIRSPEED, held[:, 0], np.nan)
-        turn = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
+        turn = _turn_rate(held[:, 0], roll, pitch)
         held[:, -1] += int(Held.STEEP) * (np.maximum(np.abs(roll), np.abs(pitch)) > UPRIGHT)
         self.rows += len(block)
         values = np.column_stack([rate, unwrapped, roll, turn, held])
         return Series(block.order, block.received_us, t_us, values)
+
+    def read_record(self, block: RecordBlock, lost: Ints) -> Series:
+        """Return the rows of a record that have a yaw rate, or say why they are held.
+
+        Where the record itself says what is held, that is all of it; what the grid will add of its
+        own for values that are ``lost`` (n,) is taken off.
+        """
+        self.column = block.called["r"]
+        if len(block) == 0:
+            return Series.empty(COLUMNS)
+        told = block.held >= 0
+        rate, unwrapped = _angles(block.r)[0], self._unwrap(block.yaw)
+        level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)
+        if self.heading_rate:
+            rate = _heading_rate(block.roll, level, block.q, rate)
+        turn = np.where(told, block.turn, _turn_rate(block.airspeed, block.roll, level))
+        on_ground = np.where(told, block.on_ground, _grounded(block))
+        lost = lost + int(Held.YAW_INVALID) * np.isnan(rate)
+        held = np.where(block.held > 0, block.held - lost, 0)
+        held = held - int(Held.ON_GROUND) * (told & (on_ground == 1.0))
+        steep = ~told & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
+        held = held + int(Held.STEEP) * steep
+        self.rows += len(block)
+        state = block.airspeed, on_ground, block.mode, block.altitude, block.by_ground, held
+        values = np.column_stack([rate, unwrapped, block.roll, turn, *state])
+        return Series(2 * block.order + 1, block.received_us, block.t_us, values)
 
     def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
         """Return the rows for which the clock has moved on since the row before, and its time.
@@ -195,6 +222,27 @@ class YawReader:
         unwrapped = yaw.copy()
         unwrapped[rows] = known + 2.0 * np.pi * turns
         return unwrapped
+
+
+def _heading_rate(roll: Floats, pitch: Floats, q: Floats, r: Floats) -> Floats:
+    """Return the rate of the heading (n,) in rad/s by Euler's formula."""
+    upright = np.where(np.abs(pitch) < STEEPEST, np.cos(pitch), np.nan)
+    rate: Floats = (q * np.sin(roll) + r * np.cos(roll)) / upright
+    return rate
+
+
+def _turn_rate(airspeed: Floats, roll: Floats, pitch: Floats) -> Floats:
+    """Return the yaw rate (n,) in rad/s of a level turn with that bank."""
+    speed = np.where(airspeed > LEAST_AIRSPEED, airspeed, np.nan)
+    turn: Floats = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
+    return turn
+
+
+def _grounded(block: RecordBlock) -> Floats:
+    """Return 1 on the ground, 0 in the air (n,): by the speed where the record does not say."""
+    slow, fast = block.airspeed < LEAST_AIRSPEED, block.airspeed >= LEAST_AIRSPEED
+    by_speed = np.where(slow, 1.0, np.where(fast, 0.0, np.nan))
+    return np.where(np.isfinite(block.on_ground), block.on_ground, by_speed)
 
 
 @dataclass(slots=True)

@@ -28,6 +28,7 @@ from yawid.cli.options import (
     add_estimator_options,
     add_format,
     add_outputs,
+    add_record_options,
     add_signing,
     auto_orders,
     config_of,
@@ -57,7 +58,7 @@ OVERVIEW = {
     "the program itself": ("schema", "warm", "completion"),
 }
 """The commands by what a person comes with, as ``yawid --help`` lists them."""
-RECORDED = "tlog, dataflash .BIN or PX4 .ulg (extra ulog)"
+RECORDED = "tlog, dataflash .BIN, PX4 .ulg (extra ulog), CSV or Parquet"
 TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
 TRIED |= {"--manoeuvres"}
 """Options of an estimator that are nothing to the comparison of orders."""
@@ -126,6 +127,7 @@ yawid replay day/*.BIN --out answers --json > answers.jsonl"""
     replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
     add_format(replay)
     add_outputs(replay)
+    add_record_options(replay)
     replay.set_defaults(run=_replay)
 
 
@@ -149,6 +151,7 @@ def _add_looks(commands: Any) -> None:
         add_format(command)
         add_signing(command)
         add_estimator_options(command, without)
+        add_record_options(command)
         command.set_defaults(run=run)
 
 

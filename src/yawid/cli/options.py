@@ -111,6 +111,16 @@ MODEL: tuple[Option, ...] = (
     ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"),
     ("--turn", str, "keep|remove", "take off the turn rate that the bank implies (default: keep)"),
 )
+RECORD: tuple[Option, ...] = (
+    (
+        "--columns",
+        str,
+        "NAME=COLUMN,...",
+        "names of columns: rudder=delta_r,r=Rate[deg/s] (default: t, rudder, r, ...)",
+    ),
+    ("--units", str, "rad|deg", "of angles and rates that say none (default: none)"),
+    ("--rudder-unit", str, "half-travel|rad|deg", "of a rudder that says none (default: none)"),
+)
 ESTIMATOR_OPTIONS = (*SAMPLES, *CHANNELS, *MODEL)
 TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"}
 
@@ -183,6 +193,13 @@ def add_estimator_options(
                 group.add_argument(name, type=kind, metavar=metavar, help=text)
 
 
+def add_record_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how the columns of a CSV or Parquet file are called and measured."""
+    group = parser.add_argument_group("the columns of CSV and Parquet")
+    for name, kind, metavar, text in RECORD:
+        group.add_argument(name, type=kind, metavar=metavar, help=text)
+
+
 def auto_orders(arguments: argparse.Namespace) -> bool:
     """Tell whether the orders are to be chosen by the log; the option is then out of the way."""
     auto: bool = getattr(arguments, "orders", None) == "auto"
@@ -213,7 +230,7 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the estimator options that were given, by their names without dashes."""
     return {
         name[2:]: value
-        for name, *_ in ESTIMATOR_OPTIONS
+        for name, *_ in (*ESTIMATOR_OPTIONS, *RECORD)
         if (value := getattr(arguments, name[2:].replace("-", "_"), None)) is not None
     }
 

@@ -73,7 +73,13 @@ def _add_simulate(commands: Any) -> None:
         choices=PLANTS,
         help="yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)",
     )
-    simulate.add_argument("--out", type=Path, required=True, metavar="FILE", help="csv, tlog, mcap")
+    simulate.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="csv, parquet, tlog, mcap; -: csv to stdout",
+    )
     simulate.add_argument(
         "--input", default="3211", metavar="KIND",
         help="step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)",
@@ -187,5 +193,6 @@ def _simulate(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         force=arguments.force,
     )
-    print(arguments.out)
+    if str(arguments.out) != "-":
+        print(arguments.out)
     return 0

@@ -26,11 +26,15 @@ DEFAULT_MEMORY_S = 60.0
 _INTEGERS = ("sysid", "boot")
 BINDING = ("orders", "inputs", "turn")
 """What is chosen for each manoeuvre unless the user gave it."""
+GIVEN = (*BINDING, "rudder_sign")
+"""What it matters of whether the user gave it, even where it is what it would be anyway."""
+RUDDER_UNITS = ("half-travel", "rad", "deg")
 _LIMITS: dict[str, tuple[Callable[[float], bool], str]] = {
     "memory": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
     "forgetting": (lambda factor: 0.0 < factor <= 1.0, "lie in (0, 1]"),
     "rate": (lambda hz: 0.1 <= hz <= 1000.0, "lie in 0.1 to 1000 Hz"),
     "rudder_max_deg": (lambda deg: 0.0 < deg <= 90.0, "be > 0 and at most 90"),
+    "rudder_stroke_rad": (lambda rad: 0.0 < rad < math.inf, "be > 0 and finite"),
     "servo_tau": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
     "from_s": (math.isfinite, "be finite"),
     "to_s": (math.isfinite, "be finite"),
@@ -42,9 +46,10 @@ _LISTS: dict[str, tuple[type, str]] = {
     "orders": (int, "na,nb,nc,nk, four whole numbers (auto: only replay, inspect and fleet)"),
     "inputs": (str, "rudder or rudder,aileron"),
     "given": (str, "names of settings"),
+    "columns": (str, "NAME=COLUMN,..."),
     "band": (float, "LO,HI in Hz"),
 }
-_CHOICES: dict[str, tuple[str, ...]] = {
+_CHOICES: dict[str, tuple[str | None, ...]] = {
     "method": METHODS,
     "also": (*METHODS, "none"),
     "engine": ENGINES,
@@ -52,10 +57,15 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "turn": ("keep", "remove"),
     "manoeuvres": ("auto", "off"),
     "rudder_sign": ("nose-right", "nose-left"),
+    "rudder_unit": (*RUDDER_UNITS, None),
+    "units": ("rad", "deg", None),
 }
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
 FORGETTING = frozenset({"memory", "forgetting"})
-_FLOATS = ("memory", "forgetting", "rate", "rudder_max_deg", "servo_tau", "from_s", "to_s")
+_FLOATS = (
+    *("memory", "forgetting", "rate", "rudder_max_deg", "rudder_stroke_rad"),
+    *("servo_tau", "from_s", "to_s"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +79,11 @@ class RunConfig:
     ``boot`` the only boot of the vehicle whose samples count, from 1 (None: all of them).
     ``manoeuvres`` says whether they are looked for. Orders, inputs and turn bind every manoeuvre
     where they differ from their defaults, or are named in ``given``.
+
+    Of a record that never was MAVLink ``columns`` are the names of its columns (NAME=COLUMN),
+    ``units`` those of its angles and ``rudder_unit`` the rudder's where it does not say them itself
+    (None). ``rudder_stroke_rad`` is its largest stroke within 5 s, which stands in for half of a
+    travel that is not known.
 
     Raises:
         ConfigError: a value outside its limits.
@@ -89,6 +104,10 @@ class RunConfig:
     aileron: str = "auto"
     rudder_sign: str = "nose-right"
     rudder_max_deg: float | None = None
+    rudder_unit: str | None = None
+    rudder_stroke_rad: float | None = None
+    columns: tuple[str, ...] = ()
+    units: str | None = None
     servo_tau: float | None = None
     from_s: float | None = None
     to_s: float | None = None
@@ -113,6 +132,7 @@ class RunConfig:
         object.__setattr__(self, "orders", tuple(self.orders))
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "given", tuple(self.given))
+        object.__setattr__(self, "columns", tuple(self.columns))
         self._check_model()
         self._check_channels()
         self._check_numbers()
@@ -127,10 +147,10 @@ class RunConfig:
             raise ConfigError(f"--orders: {text}")
         for name, choices in _CHOICES.items():
             if (value := getattr(self, name)) not in choices:
-                option = name.replace("_", "-")
-                raise ConfigError(f"--{option} must be one of {', '.join(choices)}, got {value!r}")
-        if unknown := set(self.given) - set(BINDING):
-            raise ConfigError(f"given must name some of {', '.join(BINDING)}, got {min(unknown)!r}")
+                option, names = name.replace("_", "-"), ", ".join(filter(None, choices))
+                raise ConfigError(f"--{option} must be one of {names}, got {value!r}")
+        if unknown := set(self.given) - set(GIVEN):
+            raise ConfigError(f"given must name some of {', '.join(GIVEN)}, got {min(unknown)!r}")
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting say the same thing: give one of them")
 
@@ -162,8 +182,36 @@ class RunConfig:
 
     @property
     def half_travel(self) -> float:
-        """What half the rudder's travel measures in the unit of u: 1, or its deflection in rad."""
-        return 1.0 if self.rudder_max_deg is None else math.radians(self.rudder_max_deg)
+        """What half the rudder's travel measures in the unit of u: 1, or its deflection in rad.
+
+        Where nobody knows it the largest stroke stands in: what is judged by it is then relative.
+        """
+        if self.rudder_max_deg is not None:
+            return math.radians(self.rudder_max_deg)
+        return 1.0 if self.rudder_stroke_rad is None else self.rudder_stroke_rad
+
+    @property
+    def stop(self) -> float:
+        """The rudder's full deflection in the unit of u, infinite where nobody knows it."""
+        return self.half_travel if self.travel_is_known else math.inf
+
+    @property
+    def travel_said(self) -> str:
+        """What ``half_travel`` is, in words."""
+        if self.travel_is_known:
+            return "half its travel"
+        stroke_deg = math.degrees(self.half_travel)
+        return f"its largest stroke in the record ({stroke_deg:.3g} deg; its travel is not known)"
+
+    @property
+    def travel_is_known(self) -> bool:
+        """Whether it is known how far the rudder moves, in the unit of u."""
+        return self.rudder_max_deg is not None or self.rudder_stroke_rad is None
+
+    @property
+    def in_rad(self) -> bool:
+        """Whether u is the rudder in rad, not in half travels."""
+        return self.rudder_max_deg is not None or self.rudder_unit in ("rad", "deg")
 
     def armax_orders(self) -> ArmaxOrders:
         """Return the orders with nb and nk for every input.
@@ -249,7 +297,7 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
             options = sorted(each.removesuffix("_s").replace("_", "-") for each in known)
             raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
         settings[name] = _typed(name, value, where)
-    settings.setdefault("given", tuple(name for name in BINDING if name in settings))
+    settings.setdefault("given", tuple(name for name in GIVEN if name in settings))
     return settings
 
 
@@ -262,7 +310,8 @@ def _typed(name: str, value: Any, where: str) -> Any:
         except (TypeError, ValueError):
             parts = typed = ()
         # 3.5 is no order, and 3 none to put in its place.
-        if not (typed or name == "given") or not (isinstance(value, str) or typed == parts):
+        may_be_empty = name in ("given", "columns")
+        if not (typed or may_be_empty) or not (isinstance(value, str) or typed == parts):
             raise ConfigError(f"{where}: {name} must be {wanted_list}, got {value!r}")
         return typed
     numeric = name in _FLOATS

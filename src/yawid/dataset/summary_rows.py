@@ -179,6 +179,8 @@ def _judged(verdict: VerdictSummary) -> Row:
     }
 
 
-def _us(date: str) -> int | None:
+def _us(date: str | None) -> int | None:
     """Return us since 1970 of an ISO date in UTC; None where the log did not know it."""
+    if date is None:
+        return None
     return known_date(round(datetime.fromisoformat(date).timestamp() * 1e6))

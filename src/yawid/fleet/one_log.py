@@ -22,7 +22,7 @@ from yawid.results.run_summary import LinkCounts, ReasonSummary, RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.replay_mcap import RunSource, changed, conclude
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.run_log import open_log, run_log, settled
 from yawid.sinks.mcap.chunks import is_mcap
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.mavlink.signing import SigningKey
@@ -81,6 +81,7 @@ def _log_rows(path: Path, spec: Spec) -> Rows:
     options, config = read_options_of(spec), RunConfig(**spec.settings)
     with ExitStack() as stack:
         source = stack.enter_context(closing(open_log(path, options, again=spec.automatic)))
+        config = settled(source, config)
         if spec.automatic:
             config = with_orders(source, config)
         first = _flown(source, config, spec)
@@ -90,6 +91,7 @@ def _log_rows(path: Path, spec: Spec) -> Rows:
         def another(config: RunConfig) -> _Flown | None:
             if not again:
                 again.append(stack.enter_context(closing(open_log(path, options, again=True))))
+                settled(again[0], config)
             try:
                 return _flown(again[0], config, spec)
             except ConfigError:  # nothing of this boot is asked for

@@ -196,7 +196,7 @@ def short_reasons(fits: Fits, history: History, evidence: Evidence) -> Iterator[
     if moves < LEAST_SWINGS:
         yield Reason(
             "not_excited",
-            f"the rudder moved by {100 * LEAST_STROKE:.0f} % of half its travel or more "
+            f"the rudder moved by {100 * LEAST_STROKE:.0f} % of {fits.config.travel_said} or more "
             f"{'one way only' if moves else 'nowhere'}: there and back is needed",
         )
     seconds = fits.sample_time_s * np.count_nonzero(np.isfinite(history.y))

@@ -14,6 +14,8 @@ BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
 """... and those in which that depends on the bank."""
 MOSTLY = 0.5
+FIRST_DATE_NS = 10**18
+"""Unix time in 2001: no flight is as early, no boot lasts as long."""
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -27,7 +29,7 @@ class Conditions:
     from_s: float
     to_s: float
     duration_s: float
-    date: str
+    date: str | None
     mode: str | None
     loop: str
     airspeed_m_s: float | None
@@ -78,7 +80,9 @@ def _mean(x: Floats) -> float | None:
     return float(np.nanmean(x)) if np.isfinite(x).any() else None
 
 
-def _date(unix_ns: int) -> str:
-    """Return the UTC time in ISO 8601, to the millisecond."""
+def _date(unix_ns: int) -> str | None:
+    """Return the UTC time in ISO 8601, to the millisecond; None of a time since boot."""
+    if unix_ns < FIRST_DATE_NS:
+        return None
     when = EPOCH + timedelta(microseconds=unix_ns // 1000)
     return when.isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -53,8 +53,8 @@ def read_step(
     """Return t (n,) in s, y (n,), and the step's height and time in s, of a CSV file (-: stdin).
 
     Its first line names the columns t and y, and u where it is known: what is not given of the step
-    is then read off it, else it is 1 at 0 s. Other columns and empty lines are ignored; an empty y
-    is NaN.
+    is then read off it, else it is 1 at 0 s. A record's r is such a y, its rudder a u. A row of
+    units, other columns and empty lines are ignored; an empty y is NaN.
 
     Raises:
         SourceError: the file cannot be read or is not text.
@@ -77,14 +77,18 @@ def read_step(
 def _columns(name: str, lines: Iterable[str]) -> tuple[Floats, Floats, Floats | None]:
     rows = csv.reader(lines)
     header = [column.strip().lower() for column in next(rows, [])]
+    for column, of_record in (("y", "r"), ("u", "rudder")):
+        if column not in header:
+            header = [column if each == of_record else each for each in header]
     for column in ("t", "y"):
         if header.count(column) != 1:
             raise ConfigError(f"{name}: the first line must name one column t and one y: {header}")
     wanted = ["t", "y"] + ["u"] * (header.count("u") == 1)
     places = [header.index(column) for column in wanted]
-    found = []
+    found: list[list[float]] = []
     for row in rows:
-        if not any(cell.strip() for cell in row):
+        is_units = not found and not any(c.isdigit() for c in "".join(row[: places[0] + 1]))
+        if is_units or not any(cell.strip() for cell in row):
             continue
         cells = [row[place].strip() if place < len(row) else "" for place in places]
         try:

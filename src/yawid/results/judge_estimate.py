@@ -363,8 +363,8 @@ def bank_verdict(
             answers = method
     reasons = [
         *others,
-        *excitation_reasons(judged.moved),
-        *input_reasons(config.inputs, history.u, travel_unit),
+        *excitation_reasons(judged.moved, config.travel_said),
+        *input_reasons(config.inputs, history.u, config.stop),
         *flight_reasons(history, config.turn),
         *_by_effect(feedback_reasons(config.inputs, history), evidence[answers]),
         *damper_reasons(judged.reacts, evidence[answers].early_response),

@@ -89,38 +89,38 @@ def changed_rates(
             return
 
 
-def excitation_reasons(found: Excitation) -> Iterator[Reason]:
+def excitation_reasons(found: Excitation, travel: str = "half its travel") -> Iterator[Reason]:
     """Judge whether the rudder moved, and by itself rather than as the aileron's copy.
 
     It has moved if it did in any five seconds: what an hour of trim drift covers is nothing to
-    learn from, and ten doublets in an hour are.
+    learn from, and ten doublets in an hour are. ``travel`` says of what the strokes are parts.
     """
     needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"
     if found.most_whole < LEAST_STROKE:
         yield Reason(
             "not_excited",
             f"the rudder's largest movement within {WINDOW_S:g} s is {100 * found.most_whole:.1f} "
-            f"% of half its travel: {needed}",
+            f"% of {travel}: {needed}",
         )
     elif found.most_own < LEAST_STROKE:
         yield Reason(
             "mixed_rudder",
-            f"the rudder follows the aileron: of its {100 * found.most_whole:.0f} % of half its "
-            f"travel within {WINDOW_S:g} s no more than {100 * found.most_own:.1f} % are its own, "
+            f"the rudder follows the aileron: of its {100 * found.most_whole:.0f} % of {travel} "
+            f"within {WINDOW_S:g} s no more than {100 * found.most_own:.1f} % are its own, "
             f"and {needed}",
         )
 
 
-def input_reasons(inputs: tuple[str, ...], u: Floats, travel_unit: float) -> Iterator[Reason]:
+def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[Reason]:
     """Judge the inputs (n, inputs): kept apart from each other, not at their stops.
 
-    ``travel_unit`` is what half the rudder's travel measures in the unit of ``u``.
+    ``stop`` is the rudder's full deflection in the unit of ``u``.
     """
     rows = u[np.isfinite(u).all(axis=1)]
     if len(rows) < 2:
         yield Reason("not_excited", "there is no stretch with both rudder and yaw rate")
         return
-    stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * travel_unit))
+    stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * stop))
     if stops > SATURATED_SHARE:
         text = f"the rudder stood at its stops for {100 * stops:.0f} % of the time"
         yield Reason("saturated", text)

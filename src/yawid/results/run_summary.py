@@ -218,8 +218,9 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
 class Manoeuvre(Part, frozen=True, kw_only=True):
     """One manoeuvre, in seconds since boot, the conditions it was flown in, and its answer.
 
-    ``date`` is the UTC time of its first sample (ISO 8601). ``loop`` says whose number it is:
-    ``airframe``, ``with_roll_loop`` in a flight mode that holds roll, ``unknown`` without a mode.
+    ``date`` is the UTC time of its first sample (ISO 8601), None where no date is known. ``loop``
+    says whose number it is: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
+    ``unknown`` without a mode.
     ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know.
     """
 
@@ -227,7 +228,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     from_s: Number
     to_s: Number
     duration_s: Number
-    date: str
+    date: str | None = None
     mode: str | None = None
     loop: str
     airspeed_m_s: Number | None = None

@@ -129,17 +129,22 @@ def as_summary(verdict: Verdict) -> VerdictSummary:
 
 def _link(link: LinkStats, channels: Channels) -> LinkCounts:
     segmenter, aligner = channels.segmenter, channels.aligner
-    return LinkCounts(
+    breaks = LinkCounts(
+        reboots=segmenter.reboots,
+        clock_steps=segmenter.clock_steps,
+        gaps=segmenter.silences + (0 if aligner is None else aligner.gaps),
+        clock_leap_s=segmenter.leap_us / 1e6 if segmenter.leap_us else None,
+    )
+    if channels.is_record:
+        return breaks
+    return replace(
+        breaks,
         frames=link.frames,
         skipped_bytes=link.skipped_bytes,
         bad_crc=link.bad_crc,
         unknown=link.unknown,
         lost=link.lost,
-        reboots=segmenter.reboots,
-        clock_steps=segmenter.clock_steps,
-        gaps=segmenter.silences + (0 if aligner is None else aligner.gaps),
         unsigned_rejected=link.unsigned_rejected,
-        clock_leap_s=segmenter.leap_us / 1e6 if segmenter.leap_us else None,
     )
 
 
@@ -216,13 +221,15 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
         found.append(Reason("not_excited", f"every sample is held: {why}"))
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
-    return Basis(found, (yaw_hz, rudder_hz), abs(channels.surfaces[0].scale))
+    return Basis(found, (yaw_hz, rudder_hz), pipeline.config.half_travel)
 
 
 def _missing(pipeline: Finished, link: LinkStats) -> Iterator[Reason]:
     """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
     channels, config = pipeline.channels, pipeline.config
     vehicle = channels.lock.vehicle
+    if channels.is_record:
+        return  # it was refused, or has both
     if vehicle is None:
         rejected = link.unsigned_rejected
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""

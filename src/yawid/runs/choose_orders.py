@@ -15,7 +15,7 @@ from yawid.results.reasons import Verdict
 from yawid.results.reports import OrdersReport, OrdersTried
 from yawid.results.run_summary import DutchRoll, Orders
 from yawid.results.summary import as_summary, summarise
-from yawid.runs.run_log import KeepingPipeline, open_log, run_log
+from yawid.runs.run_log import KeepingPipeline, open_log, run_log, settled
 from yawid.runs.trials import Trials
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import Log, ReadOptions, Source
@@ -79,6 +79,7 @@ def orders_report(
         closing(open_log(log, read_options, again=True)) as source,
         progress(sys.stderr, log.name, source.size) as bar,
     ):
+        config = settled(source, config)
         pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
         run_log(source, pipeline, advance=bar)
         if not pipeline.kept:

@@ -35,7 +35,7 @@ from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Origin, RunSummary
 from yawid.results.summary import as_summary, summarise
 from yawid.runs.choose_orders import with_orders
-from yawid.runs.run_log import KeepingPipeline, open_log, run_log
+from yawid.runs.run_log import KeepingPipeline, open_log, run_log, settled
 from yawid.runs.trials import Trial, Trials
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
@@ -81,6 +81,7 @@ def inspect(
         ConfigError: what is asked for does not fit the log.
     """
     with closing(open_log(log, read_options, again=True)) as source:
+        config = settled(source, config)
         if automatic:
             config = with_orders(source, config)
         with progress(sys.stderr, log.name, source.size) as bar:
@@ -164,7 +165,7 @@ def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
     found = {}
     for option in fields(config):
         value = getattr(config, option.name)
-        if value is None or option.name == "given":
+        if value is None or option.name in ("given", "rudder_stroke_rad"):
             continue
         if value == option.default and option.name not in always:
             continue

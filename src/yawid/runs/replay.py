@@ -22,7 +22,7 @@ from yawid.runs.outputs import (
     parameters_of,
     whole_or_none,
 )
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.run_log import open_log, run_log, settled
 from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
 from yawid.sinks.terminal.progress import progress
@@ -57,6 +57,7 @@ def replay(
     with stop.raising():
         source = open_log(log, read_options, again=automatic)
     with closing(source):
+        config = settled(source, config)
         if automatic:
             from yawid.runs.choose_orders import with_orders  # few ask for it
 

@@ -1,14 +1,17 @@
 """One recorded source through one pipeline: what replay, inspect, orders and regress have alike."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED
-from yawid.config.run import RunConfig
+from yawid.config.run import BOTH, RunConfig
+from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.runs.stop import StopFlag
 from yawid.sources.open_log import Log, ReadOptions, Source
+from yawid.sources.records.find_columns import Asked
 
 
 def open_log(log: Path, options: ReadOptions | None = None, *, again: bool = False) -> Log:
@@ -18,6 +21,42 @@ def open_log(log: Path, options: ReadOptions | None = None, *, again: bool = Fal
         SourceError: there is no such file, it cannot be read, or it is no log.
     """
     return Log(log, WANTED, options, again=again)
+
+
+def settled(source: Log, config: RunConfig) -> RunConfig:
+    """Return the configuration with what a record says of its rudder; a log's stays as it is.
+
+    Raises:
+        ConfigError: an option is missing, does not fit, or is for another kind of file.
+        ChannelError: the record has no time, rudder or yaw rate.
+        SourceError: a cell of it is not understood.
+    """
+    record = source.record
+    if record is None:
+        for name in ("columns", "units", "rudder_unit"):
+            if getattr(config, name):
+                option = name.replace("_", "-")
+                raise ConfigError(f"--{option} is for CSV and Parquet, and {source.path} is a log")
+        return config
+    for name in BOTH:
+        if getattr(config, name) != "auto":
+            raise ConfigError(
+                f"--{name} {getattr(config, name)}: {source.path} has columns, no channels; name "
+                f"one by --columns {name}=COLUMN"
+            )
+    needs = [*config.inputs[1:]]
+    needs += ["yaw"] if config.output == "yaw" else []
+    needs += ["roll", "pitch", "q"] if config.output == "heading-rate" else []
+    sign = config.rudder_sign if config.binds("rudder_sign") else None
+    said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
+    found = record.settle(Asked(*said, tuple(needs)))
+    return replace(
+        config,
+        rudder_unit=found.rudder_unit,
+        rudder_sign=found.rudder_sign,
+        rudder_max_deg=found.rudder_max_deg,
+        rudder_stroke_rad=found.stroke_rad,
+    )
 
 
 def run_log(

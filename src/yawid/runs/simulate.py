@@ -2,6 +2,7 @@
 
 import csv
 import io
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,15 @@ from yawid.sources.open_log import TlogBytes
 FULL_RUDDER_RAD = np.deg2rad(25.0)
 """The deflection that a tlog shows as full travel: --rudder-max-deg 25 makes radians of it
 again."""
-COLUMNS = ("t", "u", "y", "yaw", "roll")
+COLUMNS = {
+    "t": ("t", "s"),
+    "rudder": ("u", "rad nose-right"),
+    "r": ("y", "rad/s"),
+    "yaw": ("yaw", "rad"),
+    "roll": ("roll", "rad"),
+}
+"""A record's columns, by the simulation's, and their units: no option is needed to replay it."""
+STDOUT = Path("-")
 
 
 def simulate_to_file(
@@ -37,15 +46,17 @@ def simulate_to_file(
     seed: int,
     force: bool,
 ) -> Simulation:
-    """Simulate and write; the suffix of ``out`` says as what: csv (t,u,y,yaw,roll), tlog or mcap.
+    """Simulate and write; the suffix of ``out`` says as what: csv, parquet, tlog or mcap.
+
+    ``-`` is a CSV on stdout.
 
     Raises:
         ConfigError: another suffix, or a value outside its limits.
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
-    writers = {".csv": _csv, ".tlog": _tlog}
-    if out.suffix not in (*writers, ".mcap"):
-        raise ConfigError(f"--out must end in .csv, .tlog or .mcap, got {out}")
+    writers = {".csv": _csv, ".parquet": _parquet, ".tlog": _tlog}
+    if out.suffix not in (*writers, ".mcap") and out != STDOUT:
+        raise ConfigError(f"--out must end in .csv, .parquet, .tlog or .mcap, or be -, got {out}")
     simulation = simulate_plant(
         plant,
         excitation,
@@ -57,6 +68,9 @@ def simulate_to_file(
     if out.suffix == ".mcap":
         _mcap(simulation, out, rate_hz, force)
         return simulation
+    if out == STDOUT:
+        sys.stdout.write(_csv(simulation).decode())
+        return simulation
     check_free(out, force=force)
     write_whole({out: writers[out.suffix](simulation)}, force=force)
     return simulation
@@ -66,9 +80,22 @@ def _csv(simulation: Simulation) -> bytes:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    columns = [getattr(simulation, name).tolist() for name in COLUMNS]
+    writer.writerow([unit for _, unit in COLUMNS.values()])
+    columns = [getattr(simulation, name).tolist() for name, _ in COLUMNS.values()]
     writer.writerows([f"{value:.12g}" for value in row] for row in zip(*columns, strict=True))
     return text.getvalue().encode()
+
+
+def _parquet(simulation: Simulation) -> bytes:
+    import pyarrow as pa  # few ask for it
+    import pyarrow.parquet as pq
+
+    units = {name: {"unit": unit} for name, (_, unit) in COLUMNS.items()}
+    fields = [pa.field(name, pa.float64(), metadata=unit) for name, unit in units.items()]
+    arrays = [pa.array(getattr(simulation, name)) for name, _ in COLUMNS.values()]
+    out = io.BytesIO()
+    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), out)
+    return out.getvalue()
 
 
 def _tlog(simulation: Simulation) -> bytes:

@@ -194,7 +194,9 @@ def _span_ns(found: Manoeuvre, boot_us: Ints, unix_ns: Ints) -> tuple[int, int]:
     Raises:
         ValueError: its date is none.
     """
-    date = datetime.fromisoformat(found.date)
+    # Where no date is known the samples' Unix time is that since boot.
+    text = found.date or datetime.fromtimestamp(found.from_s, UTC).isoformat()
+    date = datetime.fromisoformat(text)
     begin_s = date.replace(tzinfo=date.tzinfo or UTC).timestamp()
     ends = (found.from_s, begin_s), (found.to_s, begin_s + found.duration_s)
     span_ns = []

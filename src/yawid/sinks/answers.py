@@ -141,8 +141,10 @@ def kappa(flight: Flight, sigmas: float = 1.0) -> str:
     return " ".join(filter(None, (value, spread, "· V")))
 
 
-def utc(date: str) -> str:
+def utc(date: str | None) -> str:
     """Return an ISO 8601 time in UTC as people read it, to the second."""
+    if date is None:
+        return "date unknown"
     return f"{date[:19].replace('T', ' ')} UTC"
 
 

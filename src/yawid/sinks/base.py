@@ -44,9 +44,9 @@ class Grid:
         return mode_name(self.autopilot, self.vehicle_type, int(custom_mode))
 
 
-def rudder_unit(max_deg: float | None) -> str:
-    """Return the unit of a rudder of which ``--rudder-max-deg`` is known or not."""
-    return HALF_TRAVEL if max_deg is None else "rad"
+def rudder_unit(*, in_rad: bool) -> str:
+    """Return the unit of a rudder that is in rad or not."""
+    return "rad" if in_rad else HALF_TRAVEL
 
 
 class Sink(Protocol):

@@ -1,6 +1,7 @@
 """One way to read every kind of log: open it, then take blocks of messages from it.
 
-A log is known by its first bytes, never by its name: dataflash, ULog, and a telemetry log else.
+A log is known by its first bytes, never by its name: dataflash, ULog, Parquet, a table of texts,
+and a telemetry log else. What is called .csv or .parquet is told why it is none.
 """
 
 import hashlib
@@ -11,7 +12,7 @@ from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import Protocol
 
-from yawid.blocks import FrameBlock, SampleBlock
+from yawid.blocks import FrameBlock, RecordBlock, SampleBlock
 from yawid.sources.logs.dataflash import DataflashReader
 from yawid.sources.logs.dataflash_index import MAGIC as DATAFLASH
 from yawid.sources.logs.tlog import Digest, Form, check_readable, read_tlog
@@ -20,9 +21,15 @@ from yawid.sources.logs.ulog import UlogReader
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.mavlink.signing import Signing, SigningKey
+from yawid.sources.records.csv_table import looks_like_csv
+from yawid.sources.records.parquet_table import MAGIC as PARQUET
+from yawid.sources.records.record import Record
 
 SUFFIXES = (".tlog", ".bin", ".ulg")
 """What logs are called, by their kind: telemetry, dataflash, ULog."""
+RECORDS = (".csv", ".parquet")
+HEAD = 1 << 14
+"""Bytes by which a file's kind is known."""
 IN_MEMORY = 64 << 20
 """Bytes of decoded messages kept in memory; what is more goes to a file of its own."""
 
@@ -58,7 +65,7 @@ class Source(Protocol):
     def size(self) -> int:
         """Bytes of the file."""
 
-    def read(self) -> Iterator[tuple[int, FrameBlock | SampleBlock | None]]:
+    def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | SampleBlock | None]]:
         """Yield (bytes read, what they hold) from the start, what was held back at the end too."""
 
 
@@ -90,6 +97,8 @@ class TlogReader:
 class Log:
     """A log opened for reading: the ``wanted`` messages, their counts and the file's hash.
 
+    ``record`` is what never was MAVLink, to be settled before it is read; None of all else.
+
     It is decoded once. With ``again`` its messages are kept for whoever reads it again, those
     beyond ``IN_MEMORY`` in a temporary file, until ``close``.
 
@@ -112,12 +121,17 @@ class Log:
         self._kept = SpooledTemporaryFile(IN_MEMORY) if again else None  # noqa: SIM115 until the end
         self._is_decoded = False
 
-    def _open(self, path: Path, wanted: Iterable[str]) -> TlogReader | DataflashReader | UlogReader:
+    def _open(
+        self, path: Path, wanted: Iterable[str]
+    ) -> TlogReader | DataflashReader | UlogReader | Record:
         head = _head(path) if self.options.form == "auto" else b""
         if head.startswith(DATAFLASH):
             return DataflashReader(path)
         if head.startswith(ULOG):
             return UlogReader(path)
+        named = self.options.form == "auto" and path.suffix.lower() in RECORDS and path.is_file()
+        if named or head.startswith(PARQUET) or looks_like_csv(head):
+            return Record(path)
         return TlogReader(path, self.options.decoder(wanted), self.options.form)
 
     def close(self) -> None:
@@ -131,6 +145,11 @@ class Log:
         return self._reader.link
 
     @property
+    def record(self) -> Record | None:
+        """The record that this is, None of a log."""
+        return self._reader if isinstance(self._reader, Record) else None
+
+    @property
     def vehicle_id(self) -> str | None:
         """What the log itself calls its vehicle, None where it does not."""
         return self._reader.vehicle_id if isinstance(self._reader, UlogReader) else None
@@ -140,7 +159,7 @@ class Log:
         """The hash of the file's bytes, once it has been read."""
         return self._digest.hexdigest()
 
-    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
+    def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | None]]:
         """See :class:`Source`."""
         if self._is_decoded:
             assert self._kept is not None, "a log is decoded once"
@@ -191,6 +210,6 @@ def _head(path: Path) -> bytes:
         return b""
     try:
         with path.open("rb") as file:
-            return file.read(len(ULOG))
+            return file.read(HEAD)
     except OSError:
         return b""

@@ -52,7 +52,7 @@ class Run:
         self.path, self.summary, self.config = path, summary, config
         self._rows = no_rows() if rows is None else rows
         if grid is None:
-            grid = Grid((), config.inputs, (), math.nan, rudder_unit(config.rudder_max_deg))
+            grid = Grid((), config.inputs, (), math.nan, rudder_unit(in_rad=config.in_rad))
         self._known = Units(grid, config)
 
     @cached_property

@@ -26,6 +26,7 @@ SAVE_S = 60.0
 _REMEDY = "remove it or take another file for --state to start again"
 # Which samples and what is read off the model, not what is made of them.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "given")
+_OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad")
 
 
 class StateFile:
@@ -197,7 +198,7 @@ def _key(bank: Bank, channels: Channels) -> dict[str, Any]:
 
 
 def _settings(config: RunConfig) -> dict[str, Any]:
-    settings = {k: v for k, v in asdict(config).items() if k not in _NOT_THE_MODEL}
+    settings = {k: v for k, v in asdict(config).items() if k not in (*_NOT_THE_MODEL, *_OF_RECORDS)}
     return dict(json.loads(json.dumps(settings)))
 
 

@@ -13,7 +13,7 @@ from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.regress.compare import NOT_COMPARED
 from yawid.runs.regress.table import TableSink
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.run_log import open_log, run_log, settled
 from yawid.sources.open_log import SUFFIXES
 
 _KEYS = {
@@ -80,7 +80,7 @@ class Case:
             ConfigError: the options do not fit the log.
         """
         rows, source = TableSink(), open_log(self.log)
-        pipeline = Pipeline(self.config, [rows])
+        pipeline = Pipeline(settled(source, self.config), [rows])
         run_log(source, pipeline)
         summary, _ = summarise(pipeline, source.link, self.log.name, source.sha256)
         rows.finish(summary, {})

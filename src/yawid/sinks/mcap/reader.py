@@ -304,7 +304,7 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
             tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
         )
         autopilot, kind = (int(record.get(name, "0")) for name in ("autopilot", "vehicle_type"))
-        unit, sample_time_s = rudder_unit(config.rudder_max_deg), float(record["sample_time_s"])
+        unit, sample_time_s = rudder_unit(in_rad=config.in_rad), float(record["sample_time_s"])
         grid = Grid(parameters, inputs, methods, sample_time_s, unit, autopilot, kind)
     except (KeyError, ValueError) as error:
         raise ValueError(f"its grid cannot be read: {error!r}") from error

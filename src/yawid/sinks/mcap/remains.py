@@ -96,9 +96,14 @@ class Remains:
 
     def _config(self) -> RunConfig:
         """Return the configuration that the head of the file tells."""
-        texts = {known.name for known in fields(RunConfig) if isinstance(known.default, str)}
+        of_type = {known.name: known.type for known in fields(RunConfig)}
         texts_of = self.metadata["configuration"]
-        settings = {n: text if n in texts else json.loads(text) for n, text in texts_of.items()}
+        settings = {
+            name: text
+            if of_type.get(name) is str or (of_type.get(name) == str | None and text != "null")
+            else json.loads(text)
+            for name, text in texts_of.items()
+        }
         given = {name: value for name, value in settings.items() if value is not None}
         return RunConfig(**check_settings(given, "configuration"))
 

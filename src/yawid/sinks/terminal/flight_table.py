@@ -169,6 +169,8 @@ def _since(manoeuvres: Sequence[Manoeuvre]) -> Iterator[str]:
     """Say when the seconds of the manoeuvres began: with it the date of each is known."""
     boots: list[tuple[datetime, list[int]]] = []
     for each in manoeuvres:
+        if each.date is None:
+            continue
         try:
             boot = datetime.fromisoformat(each.date) - timedelta(seconds=each.from_s)
         except (ValueError, OverflowError):  # the vehicle's clock may say anything

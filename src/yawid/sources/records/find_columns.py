@@ -1,0 +1,184 @@
+"""Which of a file's columns is which of the table's, and in what unit it is, if anybody says so."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+from yawid.blocks import Floats, Ints
+from yawid.errors import ChannelError, ConfigError, SourceError
+from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL
+from yawid.sources.records.units import (
+    ANGLES,
+    UNITS,
+    Header,
+    Unit,
+    by_suffix,
+    fits,
+    header_of,
+    is_column,
+    unit_of,
+)
+
+LIKELY: Final = {
+    "t": "time timestamp sec",
+    "rudder": "rud deltar dr",
+    "r": "yawrate yawspeed gyroz wz ratez",
+    "aileron": "ail deltaa da",
+    "roll": "phi bank",
+    "pitch": "theta",
+    "yaw": "psi heading hdg",
+    "q": "pitchrate",
+}
+"""How others' names for the columns begin: said in a refusal, never taken for granted."""
+WITHOUT_UNIT: Final = frozenset({"mode", "held", "time", "on_ground"})
+_WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]")
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What options say of a record, None where they do not; ``needs`` are further columns."""
+
+    columns: tuple[str, ...] = ()
+    units: str | None = None
+    rudder_unit: str | None = None
+    rudder_sign: str | None = None
+    rudder_max_deg: float | None = None
+    needs: tuple[str, ...] = ()
+
+
+class Table(Protocol):
+    """A file's columns; ``rows`` counts what each of them holds, ``facts`` are the file's own."""
+
+    path: Path
+    names: list[str]
+    units: list[str]
+    facts: dict[str, str]
+    rows: int
+
+    def texts(self, column: int) -> list[str] | None:
+        """Return a column's texts, those missing empty; None where it holds none."""
+
+    def numbers(self, column: int) -> Floats:
+        """Return a column's numbers (n,), NaN where one is missing."""
+
+    def dates_ns(self, column: int) -> Ints | None:
+        """Return a column's dates in ns of Unix time (n,), None where it has no type for them."""
+
+    def line(self, row: int) -> str:
+        """Say where a row stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One of a file's columns as one of the table's, and its unit; None where nobody says it."""
+
+    place: int
+    header: Header
+    unit: Unit | None = None
+    spelt: str = ""
+
+    @property
+    def label(self) -> str:
+        """The column as a person would name it, with its unit."""
+        return f"{self.header.name} [{self.spelt}]" if self.spelt else self.header.name
+
+
+def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
+    """Return a file's columns by the table's names: as options say, else by their own names.
+
+    Raises:
+        ConfigError: an option names what is not there, or no unit.
+        ChannelError: there is no time, rudder or yaw rate, or not what is needed beside them.
+        SourceError: two columns have one name, or one a unit that it cannot have.
+    """
+    pairs = zip(table.names, table.units, strict=True)
+    headers = [header_of(*each) for each in pairs]
+    found: dict[str, Found] = {}
+    for said in asked.columns:
+        name, place, spelt = _mapped(table, headers, said)
+        found[name] = _with_unit(table, name, place, headers[place], spelt, asked.units)
+    mapped, taken = set(found), {each.place for each in found.values()}
+    for place, header in enumerate(headers):
+        own = is_column(header.name)
+        if own is None or own in mapped or place in taken:
+            continue
+        if own in found:
+            raise SourceError(
+                f"{table.path}: two columns are {own}: {found[own].header.name} and "
+                f"{header.name}; name one by --columns {own}=COLUMN"
+            )
+        found[own] = _with_unit(table, own, place, header, None, asked.units)
+    if "t" not in found and "time" in found and _has_dates(table, found["time"].place):
+        found["t"] = found["time"]
+    for name in ("t", "rudder", "r", *asked.needs):
+        if name not in found:
+            raise ChannelError(_missing(table, name, headers, taken))
+    return found
+
+
+def _has_dates(table: Table, place: int) -> bool:
+    return table.dates_ns(place) is not None or table.texts(place) is not None
+
+
+def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, str | None]:
+    """Return column, place and unit of an option's ``NAME=COLUMN``, ``NAME=COLUMN[unit]``."""
+    name, _, wanted = (part.strip() for part in said.partition("="))
+    if name not in COLUMNS or not wanted:
+        names = ", ".join(COLUMNS)
+        raise ConfigError(f"--columns takes NAME=COLUMN, NAME one of {names}; got {said!r}")
+    spelt, places = None, _called(table, headers, wanted)
+    if not places and (parts := _WITH_UNIT.fullmatch(wanted)):
+        wanted, spelt = parts.groups()
+        places = _called(table, headers, wanted)
+        if unit_of(spelt) is None:
+            raise ConfigError(f"--columns {said}: {spelt!r} is no unit that is known here")
+    if len(places) != 1:
+        what = f"{len(places)} columns are" if places else "no column is"
+        raise ConfigError(
+            f"--columns {said}: {what} called {wanted} in {table.path}, which has "
+            f"{', '.join(table.names)}"
+        )
+    return name, places[0], spelt
+
+
+def _called(table: Table, headers: list[Header], name: str) -> list[int]:
+    both = zip(table.names, headers, strict=True)
+    return [i for i, (whole, header) in enumerate(both) if name in (whole, header.name)]
+
+
+def _with_unit(
+    table: Table, name: str, place: int, header: Header, spelt: str | None, units: str | None
+) -> Found:
+    """Return a column with its unit: an option's, the header's, its name's, or that of --units."""
+    if name in WITHOUT_UNIT:
+        return Found(place, header)
+    own = COLUMNS[name].unit
+    said = spelt or header.unit or by_suffix(header.name, name)
+    if said is None and units is not None and own in ANGLES:
+        said = own.replace("rad", units)
+    if said is None:
+        return Found(place, header)
+    unit = unit_of(said)
+    if unit is None or not fits(unit, name):
+        likely = [each for each, unit in UNITS.items() if unit.of == own][:4]
+        wanted = ["half-travel", "rad", "deg"] if own == HALF_TRAVEL else likely
+        raise SourceError(
+            f"{table.path}, column {header.name}: its unit is {said!r}, and {name} needs one of "
+            f"{', '.join(wanted)}: say which by --columns '{name}={header.name}[{own}]'"
+        )
+    return Found(place, header, unit, said)
+
+
+def _missing(table: Table, name: str, headers: list[Header], taken: set[int]) -> str:
+    """Say that a column is missing, and what may be it under another name."""
+    begins = tuple(LIKELY.get(name, name).split())
+    near = [
+        header.name
+        for place, header in enumerate(headers)
+        if place not in taken and re.sub(r"[^a-z0-9]", "", header.name.lower()).startswith(begins)
+    ]
+    return (
+        f"{table.path}: no column is {name} ({COLUMNS[name].says}): name it by "
+        f"--columns {name}={near[0] if near else 'COLUMN'}; there are {', '.join(table.names)}"
+    )

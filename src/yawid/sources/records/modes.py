@@ -1,0 +1,41 @@
+"""Flight modes by name: which autopilot's they are, and the number each has there."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.sources.mavlink.enums import ARDUPILOT, FIXED_WING, PX4, mode_name, px4_custom_modes
+
+AUTOPILOTS: Final = {"ArduPilot": ARDUPILOT, "PX4": PX4}
+"""Those whose modes have names here, as :mod:`yawid.channels.vehicle` calls them."""
+FIRST_OF_NOBODY: Final = 1000
+"""Modes of names that no autopilot here has count from this: the name is lost, a change is not."""
+_NUMBERS: Final = {ARDUPILOT: range(64), PX4: sorted({*px4_custom_modes(np.arange(64)).tolist()})}
+
+
+def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple[int, int]]:
+    """Return modes (n,) as HEARTBEAT.custom_mode, NaN where a text is empty, and whose they are.
+
+    That is autopilot and vehicle type, (0, 0) where it is nobody's: the ``autopilot`` named, else
+    the one that has most of the names.
+    """
+    names = list(dict.fromkeys(text for text in texts if text and not text.isdigit()))
+    known = {who: _numbers(who) for who in _NUMBERS} if names or autopilot else {}
+    who = AUTOPILOTS.get(autopilot or "", 0)
+    if not who and names:
+        who = max(known, key=lambda each: sum(name in known[each] for name in names))
+        who = who if any(name in known[who] for name in names) else 0
+    numbers = dict(known.get(who, {}))
+    for name in names:
+        numbers.setdefault(name, FIRST_OF_NOBODY + len(numbers))
+    found = {text: float(text) if text.isdigit() else numbers.get(text, np.nan)
+             for text in set(texts)}  # fmt: skip
+    return np.array([found[text] for text in texts], float), (who, FIXED_WING if who else 0)
+
+
+def _numbers(autopilot: int) -> dict[str, int]:
+    """Return the number of each mode's name."""
+    named = ((mode_name(autopilot, FIXED_WING, n), n) for n in _NUMBERS[autopilot])
+    return {name: number for name, number in named if not name.startswith("mode ")}

@@ -1,0 +1,99 @@
+"""A Parquet file as a table; its fields' metadata say the units, under ``unit`` or ``units``.
+
+pyarrow is loaded where such a file is read: it takes a fifth of a second.
+"""
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawid.blocks import Floats, Ints
+from yawid.errors import SourceError
+
+MAGIC: Final = b"PAR1"
+
+
+class ParquetTable:
+    """The columns of a Parquet file; ``facts`` are the file's metadata, as far as it is text.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self.path, self._arrow = path, pa
+        try:
+            self._file = pq.ParquetFile(path)
+            schema = self._file.schema_arrow
+        except (pa.ArrowException, OSError, ValueError) as error:
+            raise SourceError(f"{path}: Parquet that cannot be read: {error}") from error
+        self.names = list(schema.names)
+        self.units = [_unit(schema.field(i).metadata or {}) for i in range(len(self.names))]
+        said = {k: v for k, v in (schema.metadata or {}).items() if k != b"ARROW:schema"}
+        self.facts = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace")
+                      for k, v in said.items()}  # fmt: skip
+        self.rows = int(self._file.metadata.num_rows)
+
+    def texts(self, column: int) -> list[str] | None:
+        """Return the texts of a column, missing ones empty; None where it does not hold texts."""
+        values = self._read(column)
+        kind = values.type
+        if self._arrow.types.is_dictionary(kind):
+            values = values.cast(kind.value_type)
+            kind = kind.value_type
+        if not (self._arrow.types.is_string(kind) or self._arrow.types.is_large_string(kind)):
+            return None
+        return [each or "" for each in values.to_pylist()]
+
+    def numbers(self, column: int) -> Floats:
+        """Return the numbers of a column, NaN where it is null.
+
+        Raises:
+            SourceError: it holds something else.
+        """
+        values, types = self._read(column), self._arrow.types
+        try:
+            if types.is_duration(values.type):
+                whole = values.cast(self._arrow.duration("ns")).cast(self._arrow.int64())
+                return _with_nan(whole) / 1e9
+            return _with_nan(values)
+        except (self._arrow.ArrowException, ValueError, TypeError) as error:
+            raise SourceError(
+                f"{self.path}, column {self.names[column]}: {values.type} is no number"
+            ) from error
+
+    def dates_ns(self, column: int) -> Ints | None:
+        """Return the Unix time in ns (n,), int64's least where it is null; None of other types."""
+        values = self._read(column)
+        if not self._arrow.types.is_timestamp(values.type):
+            return None
+        whole = values.cast(self._arrow.timestamp("ns", tz=values.type.tz))
+        found: NDArray[Any] = whole.to_numpy(zero_copy_only=False).astype("datetime64[ns]")
+        return found.astype(np.int64)
+
+    def line(self, row: int) -> str:
+        """Return the number of a row, from 1."""
+        return f"row {row + 1}"
+
+    def _read(self, column: int) -> Any:
+        try:
+            read = self._file.read(columns=[self.names[column]])
+            return read.column(0).combine_chunks()
+        except (self._arrow.ArrowException, OSError, ValueError, IndexError) as error:
+            raise SourceError(
+                f"{self.path}, column {self.names[column]}: it cannot be read: {error}"
+            ) from error
+
+
+def _with_nan(values: Any) -> Floats:
+    return np.asarray(values.cast("float64").to_numpy(zero_copy_only=False), np.float64)
+
+
+def _unit(metadata: dict[bytes, bytes]) -> str:
+    found = metadata.get(b"unit") or metadata.get(b"units") or b""
+    return found.decode("utf-8", "replace")

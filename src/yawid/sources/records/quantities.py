@@ -1,0 +1,218 @@
+"""A column's values in the table's unit, or one line that says what must still be said of it."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Floats, Ints
+from yawid.errors import ConfigError, SourceError
+from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, held_bits
+from yawid.sources.records.find_columns import Asked, Found, Table
+from yawid.sources.records.rows import BACK_US, largest_stroke, usual_interval_us
+from yawid.sources.records.times import NO_DATE, dates_ns_of, is_unix
+from yawid.sources.records.units import ANGLES, UNITS, is_column, unit_of
+
+MOST: Final = {
+    **dict.fromkeys(("r", "q", "turn_rate"), 3.0),
+    **{"roll": 3.2, "pitch": 1.6, "yaw": 6.3, "aileron": 2.0},
+}
+"""More is none of the table's own unit where nobody says that it is."""
+MOST_RUDDER: Final = {HALF_TRAVEL: 2.0, "rad": 1.6, "deg": 90.0}
+LEAST_STEP_S, MOST_STEP_S = 1e-4, 2.0
+"""Between rows, in the median, if nobody says that t is in seconds."""
+LATEST_S: Final = 9e9
+LEAST_STROKE_RAD: Final = 1e-6
+AILERON_RAD: Final = float(np.deg2rad(1.0))
+"""An aileron that moves by less than this is not stretched any further."""
+MOST_BACK_SHARE, MOST_BACK = 0.01, 10
+"""Of steps back: more of them and the rows are in no order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What is known of a record's rudder at last.
+
+    Its unit as ``--rudder-unit`` names it, its sign, full travel in deg if that is known, else the
+    largest stroke within 5 s in rad.
+    """
+
+    rudder_unit: str
+    rudder_sign: str
+    rudder_max_deg: float | None
+    stroke_rad: float | None
+
+
+def place_of(table: Table, found: Found) -> str:
+    """Return file and column as a refusal names them."""
+    return f"{table.path}, column {found.header.name}"
+
+
+def in_its_unit(table: Table, name: str, found: Found) -> Floats:
+    """Return a column in the table's unit.
+
+    Raises:
+        ConfigError: nobody says its unit, and it is not the table's by its name or its values.
+        SourceError: a cell is no number.
+    """
+    values, header = table.numbers(found.place), found.header
+    if found.unit is not None:
+        return values * found.unit.factor if found.unit.factor != 1.0 else values
+    own = COLUMNS[name].unit
+    option = f"--columns '{name}={header.name}[UNIT]'"
+    if own in ANGLES:
+        option = f"--units deg or --units rad, or of it alone by {option}"
+    if is_column(header.name) != name and name != "on_ground":
+        raise ConfigError(
+            f"{place_of(table, found)}: nothing says the unit of this {name}: say it by {option}"
+        )
+    most = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    if most > MOST.get(name, np.inf):
+        raise ConfigError(
+            f"{place_of(table, found)}: it goes up to {most:.4g}, which is too much in {own}, and "
+            f"nothing says another unit: say it by {option}"
+        )
+    return values
+
+
+def rudder_of(
+    table: Table, found: Found, asked: Asked, own: dict[str, str], t_us: Ints
+) -> tuple[Floats, Settled]:
+    """Return the rudder in half travels or in rad, as signed in the file, and what is known of it.
+
+    ``own`` is what a file of yawid's says of itself.
+
+    Raises:
+        ConfigError: unit or sign must be said, or cannot be what is said.
+        SourceError: a cell is no number.
+    """
+    where, option = place_of(table, found), asked.rudder_unit
+    if found.unit is not None and option is not None and unit_of(option) != found.unit:
+        raise ConfigError(f"{where}: it is in {found.spelt}, and --rudder-unit says {option}")
+    if found.unit is None and option is None:
+        raise ConfigError(
+            f"{where}: nothing says its unit: --rudder-unit half-travel, rad or deg is needed"
+        )
+    unit = found.unit or UNITS[option or HALF_TRAVEL]
+    name = next(each for each in MOST_RUDDER if UNITS[each] == unit)
+    values = table.numbers(found.place)
+    most = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    if most > MOST_RUDDER[name]:
+        other = f"--columns 'rudder={found.header.name}[UNIT]'" if found.unit else "--rudder-unit"
+        raise ConfigError(
+            f"{where}: it goes up to {most:.4g}, which is too much in {name}: say another unit by "
+            f"{other}, or leave empty what is missing"
+        )
+    sign = asked.rudder_sign or found.header.sign or own.get("rudder_sign")
+    if sign is None and unit.of == "rad":
+        raise ConfigError(
+            f"{where}: where does positive rudder turn the nose? Flight test often has the "
+            "trailing edge left positive, which is nose-left: say --rudder-sign nose-right or "
+            "nose-left"
+        )
+    max_deg, said = asked.rudder_max_deg, own.get("rudder_max_deg")
+    if max_deg is None and said is not None:
+        max_deg = float(said)
+    values = values if unit.factor == 1.0 else values * unit.factor
+    stroke = None
+    if unit.of == "rad" and max_deg is None:
+        stroke = max(largest_stroke(t_us, values), LEAST_STROKE_RAD)
+    return values, Settled(name, sign or "nose-right", max_deg, stroke)
+
+
+def aileron_of(table: Table, found: Found, t_us: Ints) -> Floats:
+    """Return the aileron in half travels, an angle in parts of its largest stroke.
+
+    Nobody knows its travel, and no answer is in its unit.
+
+    Raises:
+        ConfigError, SourceError: as :func:`in_its_unit`.
+    """
+    values = in_its_unit(table, "aileron", found)
+    if found.unit is None or found.unit.of == HALF_TRAVEL:
+        return values
+    return np.asarray(values / max(largest_stroke(t_us, values), AILERON_RAD))
+
+
+def held_of(table: Table, found: Found) -> Ints:
+    """Return the bits of Held (n,) that a column of texts says.
+
+    Raises:
+        SourceError: a word is no reason.
+    """
+    texts = table.texts(found.place) or [""] * table.rows
+    bits: dict[str, int] = {}
+    for row, text in enumerate(texts):
+        if text not in bits:
+            try:
+                bits[text] = held_bits(text)
+            except KeyError as error:
+                raise SourceError(
+                    f"{place_of(table, found)}, {table.line(row)}: {text!r} is no reason to hold a "
+                    "sample that yawid export gives: leave the column out or empty"
+                ) from error
+    return np.array([bits[text] for text in texts], np.int64)
+
+
+def dates_of(table: Table, found: Found) -> Ints | None:
+    """Return a column of dates in ns of Unix time (n,), None where it holds none.
+
+    Raises:
+        SourceError: it holds texts that are no dates.
+    """
+    dates, texts = table.dates_ns(found.place), table.texts(found.place)
+    if dates is not None or texts is None:
+        return dates
+    try:
+        return dates_ns_of(texts)
+    except ValueError as error:
+        line, text = table.line(texts.index(str(error))), repr(str(error))
+        raise SourceError(
+            f"{place_of(table, found)}, {line}: {text} is no time: seconds, Unix time or ISO "
+            "8601 with a date is needed"
+        ) from error
+
+
+def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
+    """Return t in us (n,) since the record's beginning, and Unix time in ns, None if unknown.
+
+    Raises:
+        ConfigError: t can hardly be in s, and nobody says so.
+        SourceError: a row has no time, or time does not go on.
+    """
+    t = found["t"]
+    where, unix_ns = place_of(table, t), dates_of(table, t)
+    if unix_ns is None:
+        t_s = table.numbers(t.place) * (1.0 if t.unit is None else t.unit.factor)
+        _must_have_all(table, t, np.isfinite(t_s))
+        if np.abs(t_s).max() > LATEST_S:
+            raise ConfigError(f"{where}: it goes up to {np.abs(t_s).max():.4g} s{_say_unit(t)}")
+        t_us = np.rint(t_s * 1e6).astype(np.int64)
+        unix_ns = t_us * 1000 if is_unix(t_s) else None
+    if unix_ns is not None:
+        _must_have_all(table, t, unix_ns != NO_DATE)
+        t_us = (unix_ns - unix_ns[0]) // 1000
+    step_s, back = usual_interval_us(t_us) / 1e6, int((np.diff(t_us) <= -BACK_US).sum())
+    if step_s == 0.0:
+        raise SourceError(f"{where}: the time does not go on in it")
+    if t.unit is None and not LEAST_STEP_S <= step_s <= MOST_STEP_S:
+        raise ConfigError(f"{where}: its median step is {step_s:g} s{_say_unit(t)}")
+    if back > max(MOST_BACK, MOST_BACK_SHARE * len(t_us)):
+        raise SourceError(
+            f"{where}: the time falls back at {back} of {len(t_us)} rows: they must be in its order"
+        )
+    if unix_ns is None and "time" in found and found["time"].place != t.place:
+        unix_ns = dates_of(table, found["time"])
+    return t_us, unix_ns
+
+
+def _must_have_all(
+    table: Table, found: Found, has: "np.ndarray[tuple[int], np.dtype[np.bool_]]"
+) -> None:
+    if not has.all():
+        row = int(np.argmin(has))
+        raise SourceError(f"{place_of(table, found)}, {table.line(row)}: a row without a time")
+
+
+def _say_unit(t: Found) -> str:
+    return f"; say another unit by --columns 't={t.header.name}[ms]'"

@@ -1,0 +1,157 @@
+"""A record opened for reading: rows of the channels, once it is settled what its columns mean.
+
+Nothing is guessed: what neither the file nor an option says is asked for in one line, unless a
+column bears the table's own name and its values fit the table's own unit.
+"""
+
+import tomllib
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Floats, RecordBlock
+from yawid.errors import ChannelError, SourceError
+from yawid.sources.logs.tlog import CHUNK, Digest
+from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.sources.records.csv_table import CsvTable
+from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
+from yawid.sources.records.modes import modes_of
+from yawid.sources.records.parquet_table import MAGIC, ParquetTable
+from yawid.sources.records.quantities import (
+    Settled,
+    aileron_of,
+    held_of,
+    in_its_unit,
+    place_of,
+    rudder_of,
+    times_of,
+)
+from yawid.sources.records.rows import laid_out
+from yawid.sources.records.times import offsets_us
+
+SHORTEST: Final = 3
+MEASURED: Final = frozenset(
+    {"r", "q", "roll", "pitch", "yaw", "turn_rate", "airspeed", "ground_speed", "altitude"}
+    | {"on_ground"}
+)
+"""Columns that are numbers in units, and used as they are."""
+
+
+class Record:
+    """A record: ``settle`` says what its columns mean, then ``read`` yields its rows.
+
+    Raises:
+        SourceError: it cannot be read, or is not understood.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with path.open("rb") as file:
+                is_parquet = file.read(len(MAGIC)) == MAGIC
+            data = b"" if is_parquet else path.read_bytes()
+        except OSError as error:
+            raise SourceError(f"cannot read {path}: {error.strerror}") from error
+        self._table: Table = ParquetTable(path) if is_parquet else CsvTable(path, data)
+        self._rows: RecordBlock | None = None
+        if self._table.rows < SHORTEST:
+            raise SourceError(f"{path}: {self._table.rows} rows of data are too few for a record")
+
+    @property
+    def link(self) -> LinkStats:
+        """There was no link: the times of the first and last row alone."""
+        if self._rows is None:
+            return LinkStats()
+        times = self._rows.received_us
+        return LinkStats(first_us=int(times.min()), last_us=int(times.max()))
+
+    def settle(self, asked: Asked) -> Settled:
+        """Say what the columns mean, by the file and by what was asked.
+
+        Raises:
+            ConfigError: an option is missing, or says something else than the file.
+            ChannelError: there is no time, rudder or yaw rate, or not what is needed beside them.
+            SourceError: a cell is not understood.
+        """
+        table = self._table
+        found = find_columns(table, asked)
+        t_us, unix_ns = times_of(table, found)
+        own, nothing = _own_facts(table.facts), np.full(table.rows, np.nan)
+        rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
+        held = held_of(table, found["held"]) if "held" in found else np.full(table.rows, -1)
+        have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
+        airspeed, by_ground = _airspeed(have, nothing, told="held" in found)
+        mode, whose = _modes(table, found, own.get("autopilot"))
+        measured = ("r", "q", "roll", "pitch", "yaw", "altitude", "on_ground")
+        self._rows = laid_out(
+            RecordBlock(
+                called={name: each.label for name, each in found.items()},
+                modes_of=whose,
+                order=np.arange(table.rows),
+                received_us=t_us + (0 if unix_ns is None else offsets_us(t_us, unix_ns)),
+                t_us=t_us,
+                has_yaw=np.ones(table.rows, bool),
+                has_surfaces=np.ones(table.rows, bool),
+                held=held,
+                rudder=rudder,
+                aileron=aileron_of(table, found["aileron"], t_us)
+                if "aileron" in found
+                else nothing,
+                turn=have.get("turn_rate", nothing),
+                airspeed=airspeed,
+                by_ground=by_ground,
+                mode=mode,
+                **{name: have.get(name, nothing) for name in measured},
+            )
+        )
+        for name, has in (("rudder", self._rows.has_surfaces), ("r", self._rows.has_yaw)):
+            if not has.any():
+                raise ChannelError(f"{place_of(table, found[name])}: it holds no value at all")
+        return settled
+
+    def read(self, digest: Digest) -> Iterator[tuple[int, RecordBlock | None]]:
+        """Yield (bytes, rows) from the start, continuing ``digest`` by the file's bytes."""
+        assert self._rows is not None, "a record is settled before it is read"
+        pieces = max(self.path.stat().st_size // CHUNK + 1, 1)
+        edges = [len(self._rows) * i // pieces for i in range(pieces + 1)]
+        with self.path.open("rb") as file:
+            for low, high in pairwise(edges):
+                chunk = file.read(CHUNK)
+                digest.update(chunk)
+                yield len(chunk), self._rows.select(slice(low, high)) if high > low else None
+
+
+def _airspeed(have: dict[str, Floats], nothing: Floats, *, told: bool) -> tuple[Floats, Floats]:
+    """Return the airspeed (n,), and 1 where it is the ground speed that stands in for it.
+
+    It does where the file has no airspeed, or is a run's export, which leaves it out there.
+    """
+    air, ground = have.get("airspeed", nothing), have.get("ground_speed", nothing)
+    stands_in = np.isnan(air) & np.isfinite(ground) & (told or "airspeed" not in have)
+    return np.where(stands_in, ground, air), stands_in.astype(float)
+
+
+def _modes(
+    table: Table, found: dict[str, Found], autopilot: str | None
+) -> tuple[Floats, tuple[int, int]]:
+    """Return the flight modes (n,) as numbers, and autopilot and vehicle type whose they are."""
+    if "mode" not in found:
+        return np.full(table.rows, np.nan), (0, 0)
+    texts = table.texts(found["mode"].place)
+    if texts is None:
+        return table.numbers(found["mode"].place), modes_of([], autopilot)[1]
+    return modes_of(texts, autopilot)
+
+
+def _own_facts(facts: dict[str, str]) -> dict[str, str]:
+    """Return what yawid's own export says in a file's metadata of sign, travel and autopilot."""
+    try:
+        settings = tomllib.loads(facts["configuration"])
+    except (KeyError, tomllib.TOMLDecodeError):
+        return {}
+    own = {"rudder_sign": "nose-right", "autopilot": facts.get("autopilot", "")}
+    max_deg = settings.get("rudder_max_deg")
+    return own | ({"rudder_max_deg": repr(max_deg)} if isinstance(max_deg, float | int) else {})

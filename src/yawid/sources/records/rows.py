@@ -1,0 +1,146 @@
+"""A record's columns made rows of the channels: which row has what, and how long it holds."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats, Held, Ints, RecordBlock
+
+GONE_S: Final = 2.0
+"""Over a longer silence nothing is interpolated."""
+BACK_US: Final = 1_000_000
+"""A time that falls back by as much begins anew, as a clock does at boot."""
+BRIDGED, JITTER_US = 3.0, 5_000
+"""A row holds to the next one, unless that is later than two lost rows explain."""
+MARKS: Final = int(Held.GAP | Held.REBOOT)
+"""Reasons that a run's export gives for what is missing beside the row: no sample stood there."""
+STRETCH_S: Final = 1.0
+STROKE_S: Final = 5.0
+
+
+def laid_out(block: RecordBlock) -> RecordBlock:
+    """Return the rows (m,) that the channels see, from those (n,) that the file has.
+
+    Where the file does not say what is ``held``, each channel has rows of its own: the yaw's are
+    those with a rate, the surfaces' those with a rudder; beside them angles are interpolated, and
+    all else is as it was last. A run's own export says it, and its rows are complete.
+    """
+    told = bool((block.held >= 0).any())
+    block = block if told else _filled(block)
+    changed = (block.held > 0) & (block.held & int(Held.RUDDER_CHANGED) != 0)
+    marks = (block.held > 0) & (block.held & MARKS != 0)
+    # What is missing later on shows by its time.
+    changed[0] |= marks[0]
+    marks[0] = False
+    is_held = (block.held > 0) & ~marks & ~changed
+    has_yaw = np.isfinite(block.r) & ~changed | is_held
+    has_surfaces = np.isfinite(block.rudder) & ~changed | is_held
+    kept = ~marks & (has_yaw | has_surfaces | changed)
+    rows = replace(block, has_yaw=has_yaw, has_surfaces=has_surfaces)
+    return _ended(_dated(rows.select(np.flatnonzero(kept))))
+
+
+def _dated(block: RecordBlock) -> RecordBlock:
+    """Return the rows, each received as the one before it was, by Unix minus boot time.
+
+    A sample is complete with the next row's rudder, and must not know that row's date yet.
+    """
+    offset_us, steps = block.received_us - block.t_us, np.diff(block.t_us)
+    goes_on = np.concatenate([[False], (steps > 0) & (steps <= 1e6 * GONE_S)])
+    before = np.where(goes_on, np.roll(offset_us, 1), offset_us)
+    return replace(block, received_us=block.t_us + before)
+
+
+def _ended(block: RecordBlock) -> RecordBlock:
+    """Add a row of the surfaces one interval after each that nothing follows in time.
+
+    A row's rudder is known to hold until the next; before a gap, and at the end, for an interval.
+    """
+    rows = np.flatnonzero(block.has_surfaces | ~block.has_yaw)
+    t_us, ends = block.t_us[rows], ~block.has_surfaces[rows]
+    interval_us = usual_interval_us(t_us[~ends])
+    after = np.append(t_us[1:], np.iinfo(np.int64).max)
+    last = (after - t_us > BRIDGED * interval_us + JITTER_US) | (after <= t_us - BACK_US)
+    last |= np.append(ends[1:], True)
+    closing = rows[last & ~ends]
+    where = np.sort(np.concatenate([np.arange(len(block)), closing]), kind="stable")
+    is_added = np.concatenate([[False], np.diff(where) == 0])
+    block = block.select(where)
+    later = np.where(is_added, interval_us, 0)
+    return replace(
+        block,
+        order=np.arange(len(block)),
+        t_us=block.t_us + later,
+        received_us=block.received_us + later,
+        has_yaw=block.has_yaw & ~is_added,
+    )
+
+
+def usual_interval_us(t_us: Ints) -> int:
+    """Return the median of the steps forward of times (n,), 0 where there is none."""
+    steps = np.diff(t_us)
+    steps = steps[steps > 0]
+    return int(np.median(steps)) if len(steps) else 0
+
+
+def _filled(block: RecordBlock) -> RecordBlock:
+    """Return the rows with what other channels say at the time of each."""
+    columns: dict[str, Any] = {}
+    edges = [0, *(np.flatnonzero(np.diff(block.t_us) <= -BACK_US) + 1).tolist(), len(block)]
+    for name in ("roll", "pitch", "yaw", "turn", "q"):
+        values = getattr(block, name)
+        if np.isfinite(values).any() and not np.isfinite(values).all():
+            parts = [_between(block.t_us[a:b], values[a:b], is_angle=name == "yaw")
+                     for a, b in pairwise(edges)]  # fmt: skip
+            columns[name] = np.concatenate(parts)
+    for name in ("aileron", "airspeed", "by_ground", "altitude", "on_ground", "mode"):
+        columns[name] = newest(getattr(block, name))
+    return replace(block, **columns)
+
+
+def newest(values: Floats) -> Floats:
+    """Return values (n,), each that is NaN being the last one known before."""
+    at = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
+    return np.where(at >= 0, values[np.maximum(at, 0)], np.nan)
+
+
+def _between(t_us: Ints, values: Floats, *, is_angle: bool) -> Floats:
+    """Return values (n,) with those that are missing on the line between their neighbours."""
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < 2:
+        return values
+    known = known[forward(t_us[known])]
+    t, found = t_us[known].astype(float), values[known]
+    wanted = ~np.isfinite(values)
+    line = np.interp(t_us[wanted], t, np.unwrap(found) if is_angle else found, np.nan, np.nan)
+    after = np.clip(np.searchsorted(t, t_us[wanted]), 1, len(t) - 1)
+    line[t[after] - t[after - 1] > 1e6 * GONE_S] = np.nan
+    filled = values.copy()
+    filled[wanted] = line
+    return filled
+
+
+def forward(t_us: Ints) -> Bools:
+    """Return which of times (n,) are later than all before them."""
+    before = np.maximum.accumulate(np.append(np.iinfo(np.int64).min, t_us))[:-1]
+    return np.asarray(t_us > before)
+
+
+def largest_stroke(t_us: Ints, values: Floats) -> float:
+    """Return how far values (n,) moved within 5 s at most, 0 where they never did."""
+    known = np.isfinite(values)
+    if not known.any():
+        return 0.0
+    second = (t_us[known] // int(1e6 * STRETCH_S)) - int(t_us[known].min() // int(1e6 * STRETCH_S))
+    starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
+    high = np.maximum.reduceat(values[known], starts)
+    low = np.minimum.reduceat(values[known], starts)
+    when, most = second[starts], 0.0
+    for count in range(min(round(STROKE_S / STRETCH_S), len(starts))):  # so many stretches on
+        n = len(starts) - count
+        near = (when[count:] - when[:n] >= 0) & (when[count:] - when[:n] < STROKE_S / STRETCH_S)
+        reach = np.maximum(high[count:] - low[:n], high[:n] - low[count:])[near]
+        most = max(most, float(reach.max(initial=0.0)))
+    return most
