@@ -14,6 +14,7 @@ from yawid.channels.clock import NEWEST, UNIX_US, OwnClock, boot_us, unwrap_uint
 from yawid.channels.series import Latest, Readings, Series
 from yawid.channels.surface import Part, Surface
 from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
 
 APART_US = 10_000_000
 TOLERANCE = 0.05
@@ -139,7 +140,13 @@ class SurfaceReader:
 
 
 def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...]:
-    """Return the inputs' surfaces as a record calls them."""
+    """Return the inputs' surfaces as a record calls them.
+
+    Raises:
+        ConfigError: it has not all of them.
+    """
+    if missing := set(config.inputs) - block.called.keys():
+        raise ConfigError(f"--inputs: the record has no column {' and '.join(missing)}")
     how = "column"
     if not config.travel_is_known:
         how += f", in parts of {config.travel_said}"

@@ -1,0 +1,193 @@
+"""Records that never were MAVLink, through the same grid, manoeuvres and verdict as any log."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from finished_runs import replayed
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from places import ROOT
+
+from yawid.blocks import RecordBlock, SampleBlock
+from yawid.channels.stage import Channels
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
+from yawid.plant.excitation import Excitation
+from yawid.plant.simulate import simulate_plant
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sources.records.find_columns import Asked
+from yawid.sources.records.record import Record
+
+GAPS = ROOT / "replay_logs/c172p_gaps/log.tlog"
+
+
+def samples_of(run: McapRun) -> SampleBlock:
+    return SampleBlock.joined(list(run.samples()))
+
+
+def assert_same(ours: SampleBlock, theirs: SampleBlock, *, but: str = "") -> None:
+    for field in fields(SampleBlock):
+        if field.name != but:
+            columns = getattr(ours, field.name), getattr(theirs, field.name)
+            np.testing.assert_array_equal(*columns, err_msg=field.name)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_what_is_exported_of_a_run_replays_to_the_same_samples_and_answers(
+    tmp_path: Path, suffix: str
+) -> None:
+    options = "--manoeuvres", "off", "--also", "none"
+    first = replayed(GAPS, tmp_path, *options)
+    exported = tmp_path / f"exported{suffix}"
+    assert main(["export", str(first), "-o", str(exported)]) == 0
+    again = open_run(replayed(exported, tmp_path, *options))
+
+    run, later = open_run(first), slice(1, None)
+    assert np.count_nonzero(samples_of(run).held) == 4
+    # The first is held and has a gap behind it: what comes before a record is not in it.
+    ours, theirs = samples_of(again).select(later), samples_of(run).select(later)
+    assert_same(ours, theirs, but="received_us")
+    assert again.summary.estimates == run.summary.estimates
+    assert again.grid == run.grid
+    assert again.summary.vehicle is None
+    assert again.summary.link.frames is None
+
+
+ROWS = st.lists(
+    st.tuples(
+        st.sampled_from([0.05, 0.05, 0.05, 0.1, 0.4, 0.0, 12.0]),
+        st.one_of(st.none(), st.floats(-1.0, 1.0)),
+        st.one_of(st.none(), st.floats(-1.0, 1.0)),
+        st.sampled_from(["", "", "", "steep", "gap", "rudder_changed"]),
+    ),
+    min_size=20,
+    max_size=150,
+)
+
+
+def channels_fed(blocks: list[RecordBlock]) -> list[SampleBlock]:
+    channels = Channels(RunConfig())
+    return [each for block in blocks for each in channels.feed_record(block)] + channels.finish()
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    rows=ROWS,
+    told=st.booleans(),
+    back=st.sets(st.integers(0, 150), max_size=4),
+    cuts=st.sets(st.integers(1, 200)),
+)
+def test_no_sample_depends_on_how_a_record_was_cut(
+    tmp_path_factory: pytest.TempPathFactory,
+    rows: list[tuple[float, float | None, float | None, str]],
+    told: bool,
+    back: set[int],
+    cuts: set[int],
+) -> None:
+    path = tmp_path_factory.mktemp("cut") / "record.csv"
+    lines, t = (
+        ["t,rudder,r,roll,held" if told else "t,rudder,r,roll,note", "s,half-travel,rad/s,rad,"],
+        10.0,
+    )
+    for i, (step, u, r, held) in enumerate([(0.05, 0.0, 0.0, "")] * 110 + rows):
+        t += -1.5 if i - 110 in back else step
+        u, r = (None, None) if told and held else (u, r)
+        cells = ("" if each is None else repr(each) for each in (u, r))
+        lines.append(f"{t:.3f},{','.join(cells)},{0.01 * (i % 7)},{held}")
+    path.write_text("\n".join(lines) + "\n")
+    record = Record(path)
+    record.settle(Asked())
+    whole = record._rows
+    assert whole is not None
+
+    expected = channels_fed([whole])
+    edges = sorted({0, len(whole), *(cut for cut in cuts if cut < len(whole))})
+    found = channels_fed([whole.select(slice(a, b)) for a, b in pairwise(edges)])
+    assert len(expected) > 0
+    assert_same(SampleBlock.joined(found), SampleBlock.joined(expected))
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated flight as a test pilot's tools write it: uneven, in deg, trailing edge left."""
+    excitation = Excitation(kind="3211", amplitude=0.05, start_s=5.0, unit_s=0.7, seed=0)
+    plant = simulate_plant("yaw", excitation, duration_s=40.0, sample_time_s=0.01, noise_std=0.001)
+    kept = np.random.default_rng(1).random(len(plant.t)) < 0.4
+    columns = plant.t, -np.rad2deg(plant.u), np.rad2deg(plant.y)
+    path = tmp_path_factory.mktemp("flight") / "flight.csv"
+    rows = np.column_stack([each[kept] for each in columns])
+    np.savetxt(path, rows, "%.6f", ";", header="t;delta_r_deg;YawRate [deg/s]", comments="")
+    return path
+
+
+NAMES = "--columns", "rudder=delta_r_deg,r=YawRate", "--rudder-sign", "nose-left"
+
+
+def test_any_flight_test_is_answered_as_a_log_is(
+    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(flight), "--out", str(tmp_path), "--json", *NAMES]) == 0
+
+    found = json.loads(capsys.readouterr().out)
+    (manoeuvre,) = found["manoeuvres"]
+    # The plant's own: a_omega a_z + a_beta = 0.7 * 0.3 + 5.5.
+    assert found["flight"]["dutch_roll"]["wn_rad_s"] == pytest.approx(np.sqrt(5.71), rel=0.01)
+    assert found["flight"]["dutch_roll"]["zeta"] == pytest.approx(0.5 / np.sqrt(5.71), abs=0.01)
+    assert manoeuvre["estimates"]["rml"]["physics"]["a_my_delta_h"]["value"] > 0.0
+    assert "vehicle" not in found
+    assert set(found["link"]) == {"reboots", "clock_steps", "gaps"}
+    assert "date" not in manoeuvre
+    rudder = found["channels"]["rudder"]
+    assert rudder["source"] == "delta_r_deg [deg]"
+    assert rudder["how"].startswith(
+        "column, in parts of its largest stroke in the record (5.73 deg"
+    )
+    assert found["channels"]["yaw"]["source"] == "YawRate [deg/s]"
+
+    run = replayed(tmp_path / "flight.mcap", tmp_path / "again")
+    assert open_run(run).summary.manoeuvres == open_run(tmp_path / "flight.mcap").summary.manoeuvres
+    assert open_run(run).grid.rudder_unit == "rad"
+
+
+def test_its_sign_is_the_options_and_inspect_says_the_command(
+    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inspected = ["inspect", str(flight), "--json", "--manoeuvres", "off", *NAMES]
+    assert main(inspected) == 0
+    left = json.loads(capsys.readouterr().out)
+    assert "--columns rudder=delta_r_deg,r=YawRate" in left["command"]
+    assert "--rudder-sign nose-left" in left["command"]
+
+    assert main([*inspected[:-1], "nose-right"]) == 0
+    right = json.loads(capsys.readouterr().out)
+    assert "wrong_sign" in [reason["id"] for reason in right["verdict"]["reasons"]]
+
+
+def test_a_rudder_at_rest_is_not_excited_whatever_its_travel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = np.column_stack([np.arange(0.0, 30.0, 0.05), np.full(600, 2.0), np.sin(np.arange(600))])
+    np.savetxt(tmp_path / "a.txt", rows, "%.4f", header="t rudder_deg r_deg_s")
+    replay = ["replay", str(tmp_path / "a.txt"), "--out", str(tmp_path), "--rudder-sign"]
+
+    assert main([*replay, "nose-right", "--json"]) == 5
+    reason = json.loads(capsys.readouterr().out)["verdict"]["reasons"][0]
+    assert reason["id"] == "not_excited"
+    assert "its travel is not known" in reason["text"]
+
+
+def test_options_of_records_and_of_logs_are_not_mixed(
+    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = "--out", str(tmp_path)
+    assert main(["replay", str(GAPS), "--units", "deg", *out]) == 2
+    assert "--units is for CSV and Parquet" in capsys.readouterr().err
+    assert main(["replay", str(flight), "--rudder", "servo:4", *out]) == 2
+    assert "--columns rudder=COLUMN" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
