@@ -28,6 +28,7 @@ DATES = "".join(
 UNDERSTOOD = {
     "suffixes": HEAD + BODY,
     "a unit row": "t,rudder,r\ns,deg,deg/s\n" + BODY,
+    "a unit row without the time's": "t,rudder,r\n,deg,deg/s\n" + BODY,
     "brackets": "t [s], rudder [deg], r (°/s)\n" + BODY,
     "a title, comments, empty lines": "Flight 12, of May\n# by hand\n\nt,rudder_deg,r_dps\n\n"
     + BODY,
@@ -117,9 +118,14 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         "t,rudder_deg,YawRate\n" + BODY,
         RIGHT,
         ChannelError,
-        "no column is r .*--columns r=YawRate; there are t, rudder_deg, YawRate",
+        "no column is r .*--columns 'r=YawRate'; there are t, rudder_deg, YawRate",
     ),
-    "no time": ("Time,rudder_deg,r_deg_s\n" + BODY, RIGHT, ChannelError, "--columns t=Time"),
+    "no time and no rate": (
+        "Time,rudder_deg,Yaw Rate\n" + BODY,
+        RIGHT,
+        ChannelError,
+        "no column is t .*, r .*--columns 't=Time,r=Yaw Rate'",
+    ),
     "no unit of the rudder": (
         "t,rudder,r_deg_s\n" + BODY,
         RIGHT,

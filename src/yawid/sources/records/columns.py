@@ -25,7 +25,7 @@ class RecordColumn(NamedTuple):
 
 
 COLUMNS: Final = {
-    "t": RecordColumn("s", "time since boot, or since 1970 (then the date is known)"),
+    "t": RecordColumn("s", "time since boot, or since 1970: then the date is known"),
     "rudder": RecordColumn(HALF_TRAVEL, "deflection from now on, positive nose right"),
     "r": RecordColumn("rad/s", "yaw rate now, positive nose right"),
     "roll": RecordColumn("rad", "bank, right wing down positive"),

@@ -236,8 +236,11 @@ def _layout(rows: Sequence[Row]) -> tuple[int, int] | None:
     names = next((i for i, row in enumerate(rows) if _names_time(row)), None)
     if names is not None:
         time = next(i for i, c in enumerate(rows[names]) if is_column(header_of(c).name) == "t")
-        below = rows[names + 1][time].strip() if _has(rows, names + 1, time) else ""
-        is_units = bool(below) and not any(c.isdigit() for c in below)  # no unit of time has any
+        if len(rows) == names + 1:
+            return names, names + 1
+        below = rows[names + 1][time].strip() if time < len(rows[names + 1]) else ""
+        is_units = not any(c.isdigit() for c in below)  # no unit of time has any
+        is_units = is_units and (bool(below) or _are_units(_trimmed(rows[names + 1])))
         return names, names + 1 + is_units
     first = next((i for i, row in enumerate(rows) if _is_data(row)), None)
     if first is None:
@@ -247,10 +250,6 @@ def _layout(rows: Sequence[Row]) -> tuple[int, int] | None:
         return first, first
     is_units = len(heads) > 1 and _are_units(rows[heads[-1]])
     return heads[-1 - is_units], first
-
-
-def _has(rows: Sequence[Row], row: int, cell: int) -> bool:
-    return row < len(rows) and cell < len(rows[row])
 
 
 def _are_units(row: Row) -> bool:

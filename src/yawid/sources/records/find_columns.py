@@ -111,9 +111,9 @@ def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
         found[own] = _with_unit(table, own, place, header, None, asked.units)
     if "t" not in found and "time" in found and _has_dates(table, found["time"].place):
         found["t"] = found["time"]
-    for name in ("t", "rudder", "r", *asked.needs):
-        if name not in found:
-            raise ChannelError(_missing(table, name, headers, taken))
+    missing = [name for name in ("t", "rudder", "r", *asked.needs) if name not in found]
+    if missing:
+        raise ChannelError(_missing(table, missing, headers, taken))
     return found
 
 
@@ -170,15 +170,20 @@ def _with_unit(
     return Found(place, header, unit, said)
 
 
-def _missing(table: Table, name: str, headers: list[Header], taken: set[int]) -> str:
-    """Say that a column is missing, and what may be it under another name."""
-    begins = tuple(LIKELY.get(name, name).split())
-    near = [
-        header.name
+def _missing(table: Table, names: list[str], headers: list[Header], taken: set[int]) -> str:
+    """Say which columns are missing, and what may be them under other names."""
+    plain = {
+        place: re.sub(r"[^a-z0-9]", "", header.name.lower())
         for place, header in enumerate(headers)
-        if place not in taken and re.sub(r"[^a-z0-9]", "", header.name.lower()).startswith(begins)
-    ]
+        if place not in taken
+    }
+    options = []
+    for name in names:
+        begins = tuple(LIKELY.get(name, name).split())
+        near = next((i for i, text in plain.items() if text.startswith(begins)), None)
+        options.append(f"{name}={'COLUMN' if near is None else headers[near].name}")
+    means = ", ".join(f"{name} ({COLUMNS[name].says})" for name in names)
     return (
-        f"{table.path}: no column is {name} ({COLUMNS[name].says}): name it by "
-        f"--columns {name}={near[0] if near else 'COLUMN'}; there are {', '.join(table.names)}"
+        f"{table.path}: no column is {means}: say which by --columns '{','.join(options)}'; there "
+        f"are {', '.join(table.names)}"
     )

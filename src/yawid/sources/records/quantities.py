@@ -91,7 +91,8 @@ def rudder_of(
         raise ConfigError(f"{where}: it is in {found.spelt}, and --rudder-unit says {option}")
     if found.unit is None and option is None:
         raise ConfigError(
-            f"{where}: nothing says its unit: --rudder-unit half-travel, rad or deg is needed"
+            f"{where}: nothing says its unit: --rudder-unit half-travel, rad or deg is needed, and "
+            "--rudder-sign of the latter two"
         )
     unit = found.unit or UNITS[option or HALF_TRAVEL]
     name = next(each for each in MOST_RUDDER if UNITS[each] == unit)
