@@ -298,7 +298,7 @@ DEFECTS = (
     ),
     Defect(
         "a manoeuvre may last two hours",
-        "manoeuvres/find.py",
+        "manoeuvres/candidate.py",
         "LONGEST_S = 120.0",
         "LONGEST_S = 7200.0",
         FIND + "test_after_120_seconds_the_rest_is_the_next",

@@ -15,7 +15,7 @@ from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvres.answer import Setting
-from yawid.manoeuvres.find import Progress
+from yawid.manoeuvres.candidate import Progress
 from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict

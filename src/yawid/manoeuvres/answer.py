@@ -190,7 +190,8 @@ def short_reasons(fits: Fits, history: History, evidence: Evidence) -> Iterator[
     wn_rad_s, simulated = float(evidence.dutch_roll[0]), evidence.simulation_pct
     unit = fits.config.half_travel
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan) / unit
-    if np.isfinite(history.aileron).any():
+    aileron = history.aileron[np.isfinite(history.aileron)]
+    if len(aileron) and float(np.ptp(aileron)) > 0.0:  # else nothing of the rudder is its copy
         rudder = own_part(rudder, history.aileron, history.mode, fits.sample_time_s)
     moves = swings(rudder[np.isfinite(rudder)], LEAST_STROKE)
     if moves < LEAST_SWINGS:

@@ -1,5 +1,6 @@
 """In which conditions a manoeuvre was flown, and whose answer it therefore is."""
 
+import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
@@ -74,6 +75,13 @@ def loop_of(autopilot: int, mode: str) -> str:
     if mode in LIMITED[autopilot]:
         return UNKNOWN
     return AIRFRAME if mode in BARE[autopilot] else WITH_ROLL_LOOP
+
+
+def is_bare(modes_of: tuple[int, int], mode: float) -> bool:
+    """Tell whether a mode, NaN where unknown, leaves the surfaces to the sticks alone."""
+    if not math.isfinite(mode):
+        return False
+    return loop_of(modes_of[0], mode_name(*modes_of, int(mode))) == AIRFRAME
 
 
 def _mean(x: Floats) -> float | None:

@@ -5,40 +5,28 @@ has rested for 5 s; the free decay is in it. Decisions are made second by second
 what came until then: where a stream is cut into blocks changes nothing.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from yawid.blocks import Bools, Floats, SampleBlock, shifted
-from yawid.channels.sample_flags import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, extremes
-from yawid.results.excitation import CHUNK_S, LEAST_STROKE, REACH_S, ROWS_PER_LAG, mix
+from yawid.channels.sample_flags import WINDOW_S, extremes
+from yawid.manoeuvres.candidate import MOVES, Candidate, Progress, flown_in
+from yawid.results.excitation import (
+    CHUNK_S,
+    MODE_LATE_S,
+    REACH_S,
+    ROWS_PER_LAG,
+    mix,
+)
 
 LEAD_S = 1.0
 """What comes before the first movement, in s."""
 STRIDE_S = 1.0
-LONGEST_S = 120.0
 LONGEST_GAP_S = 2.0
 LONGEST_STATED_S = 600.0
 """A stretch named by --from and --to is one manoeuvre up to this length."""
-MOVES = 2.0 * LEAST_TRAVEL
-"""A rudder that covers more than this of half its travel within 5 s has left where it stood."""
-
-
-class Progress(NamedTuple):
-    """How a manoeuvre stands that may be on its way; it changes nothing of what is found.
-
-    ``stroke`` is how far the rudder's own part moved within the newest 5 s, in parts of half its
-    travel, None where too little is known of how it follows the aileron; ``rests_s`` how long it
-    has rested. Of the manoeuvre being recorded, if there is one: its first second since boot, how
-    long it is, and whether it has moved far enough to be answered.
-    """
-
-    stroke: float | None = None
-    rests_s: float = 0.0
-    from_s: float | None = None
-    lasted_s: float = 0.0
-    is_excited: bool = False
 
 
 class Stated:
@@ -68,10 +56,17 @@ class Stated:
 class Finder:
     """Finds manoeuvres; ``travel_unit`` is half the rudder's travel in the unit of ``u``.
 
-    What is kept is bounded: 120 s of a manoeuvre and 26 s to compare with.
+    ``is_bare`` tells of a flight mode whether the sticks alone move the surfaces in it. What is
+    kept is bounded: 120 s of a manoeuvre and 26 s to compare with.
     """
 
-    def __init__(self, sample_time_s: float, travel_unit: float) -> None:
+    def __init__(
+        self,
+        sample_time_s: float,
+        travel_unit: float,
+        is_bare: Callable[[float], bool] | None = None,
+    ) -> None:
+        self._is_bare = is_bare
         self._section = _Section(sample_time_s, travel_unit)
         self._longest = round(LONGEST_GAP_S / sample_time_s)
         self._last: SampleBlock | None = None
@@ -81,10 +76,15 @@ class Finder:
     def feed(self, samples: SampleBlock) -> list[SampleBlock]:
         """Take samples in; return the manoeuvres that they end, each as a block of its own."""
         found: list[SampleBlock] = []
-        edges = [0, *np.flatnonzero(self._breaks(samples)).tolist(), len(samples)]
+        broken, of_mode = self._breaks(samples)
+        edges = [0, *np.flatnonzero(broken | of_mode).tolist(), len(samples)]
         for i, (first, stop) in enumerate(pairwise(edges)):
-            if i > 0:
+            if i > 0 and broken[first]:
                 found += self._section.finish()
+            elif i > 0:
+                mode = float(samples.mode[first])
+                is_bare = self._is_bare is not None and self._is_bare(mode)
+                found += self._section.change_mode(mode, is_bare=is_bare)
             if stop > first:
                 found += self._section.feed(samples.select(slice(first, stop)))
         return found
@@ -97,16 +97,16 @@ class Finder:
         """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
         return self._section.progress(closely=closely)
 
-    def _breaks(self, samples: SampleBlock) -> Bools:
+    def _breaks(self, samples: SampleBlock) -> tuple[Bools, Bools]:
         """Return at which rows (n,) something ends that a manoeuvre must not reach across.
 
         That is 2 s without a sample that can be used, another boot, another meaning of the
-        channels, another flight mode.
+        channels; and, in the second place, another flight mode.
         """
         last = self._last or samples.select(slice(0, 1))
         known, before = np.nan_to_num(samples.mode, nan=-1.0), np.nan_to_num(last.mode, nan=-1.0)
-        broken: Bools = np.diff(known, prepend=before) != 0.0
-        broken |= np.diff(samples.epoch, prepend=last.epoch) != 0
+        of_mode: Bools = np.diff(known, prepend=before) != 0.0
+        broken: Bools = np.diff(samples.epoch, prepend=last.epoch) != 0
         rebooted = np.diff(samples.k, prepend=last.k) < 0
         used = samples.held == 0
         # Of a boot that begins, what came before it is no gap: its k counts anew.
@@ -119,11 +119,11 @@ class Finder:
         self._last, self._lost = samples.select(slice(-1, None)), bool(lost[-1])
         final = int(np.maximum.accumulate(anchors)[-1])
         self._used_k = int(samples.k[final]) if final >= 0 else int(carried)
-        return broken
+        return broken, of_mode
 
 
 class _Section:
-    """Samples of one boot, meaning and flight mode without a long gap between them."""
+    """Samples of one boot and meaning without a long gap between them, and of one flight mode."""
 
     def __init__(self, sample_time_s: float, travel_unit: float) -> None:
         self._ts_s = sample_time_s
@@ -133,15 +133,17 @@ class _Section:
         self._window = max(2, round(WINDOW_S / sample_time_s))
         self._chunk = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * (2 * self._reach + 2))
         self._lead = round(LEAD_S / sample_time_s)
+        self._late = round(MODE_LATE_S / sample_time_s)
         self._start()
 
     def _start(self) -> None:
         self._undecided: list[SampleBlock] = []
         self._before: SampleBlock | None = None
+        self._earlier: SampleBlock | None = None
         self._past = np.empty((0, 3))
         self._next_stride: int | None = None
         self._decided_k = 0
-        self._open: _Candidate | None = None
+        self._open: Candidate | None = None
 
     def feed(self, samples: SampleBlock) -> list[SampleBlock]:
         """Take samples of the section in; return the manoeuvres that they end."""
@@ -160,11 +162,52 @@ class _Section:
                 self._pass_rest(int(samples.k[-1]))
         return found
 
+    def change_mode(self, mode: float, *, is_bare: bool) -> list[SampleBlock]:
+        """Return what the change to a flight mode ends: not a manoeuvre that has just begun.
+
+        A HEARTBEAT tells a mode up to 1.5 s late. ArduPilot's plane-doublets.lua changes to MANUAL,
+        a bare mode, and moves the rudder at once: all of such a manoeuvre was flown in MANUAL.
+        """
+        if not is_bare:
+            return self.finish()
+        newest_k = int(self._undecided[-1].k[-1]) if self._undecided else self._decided_k
+        if self._open is None and not self._moves_now():
+            found = self._decide_rest()
+            lead = self._before
+            self._start()
+            self._earlier = None if lead is None else flown_in(mode, lead)
+            return found
+        found = []
+        if newest_k - self._reach > self._decided_k:
+            found = self._step(newest_k - self._reach, is_last=True)
+        # How the newest rows follow the aileron is not known yet: the new mode decides on them.
+        left = [flown_in(mode, rows) for rows in self._undecided]
+        if self._open is not None and newest_k - self._open.began_k < self._late:
+            self._open.flown_in(mode)
+            self._undecided = left
+            self._next_stride = (self._decided_k // self._stride + 1) * self._stride
+            return found
+        lead, self._undecided = self._before, []
+        found += self.finish()
+        self._before = None if lead is None else flown_in(mode, lead)
+        for rows in left:
+            found += self.feed(rows)
+        return found
+
+    def _moves_now(self) -> bool:
+        """Tell whether the rudder moves in the rows that are not decided on."""
+        moved = [_measured(rows, self._unit)[:, 1] for rows in self._undecided]
+        known = np.concatenate([x[np.isfinite(x)] for x in moved]) if moved else np.empty(0)
+        return len(known) > 0 and float(np.ptp(known)) > MOVES
+
+    def _decide_rest(self) -> list[SampleBlock]:
+        if not self._undecided:
+            return []
+        return self._step(int(self._undecided[-1].k[-1]), is_last=True)
+
     def finish(self) -> list[SampleBlock]:
         """Return what the section's end ends; the next sample opens another one."""
-        found: list[SampleBlock] = []
-        if self._undecided:
-            found = self._step(int(self._undecided[-1].k[-1]), is_last=True)
+        found = self._decide_rest()
         if self._open is not None and self._open.is_excited:
             found.append(self._open.samples())
         self._start()
@@ -279,7 +322,8 @@ class _Section:
                 self._remember(rows.select(slice(at, first)))
                 at = first
                 if first < len(rows):
-                    self._open = _Candidate(self._ts_s, self._before)
+                    began_k = int(rows.k[first])
+                    self._open = Candidate(self._ts_s, self._lead_of(began_k), began_k)
                 continue
             taken, is_over = self._open.feed(rows.select(slice(at, None)), stroke[at:])
             at += taken
@@ -288,6 +332,13 @@ class _Section:
                 self._open, self._before = None, None
         return found
 
+    def _lead_of(self, began_k: int) -> SampleBlock | None:
+        """Return the second before: of the earlier mode too, where it moves as this one begins."""
+        earlier, self._earlier = self._earlier, None
+        if earlier is None or began_k - int(earlier.k[-1]) > self._reach:
+            return self._before
+        return earlier if self._before is None else SampleBlock.joined([earlier, self._before])
+
     def _remember(self, rows: SampleBlock) -> None:
         """Keep the newest second, with which a manoeuvre begins."""
         if len(rows):
@@ -295,57 +346,6 @@ class _Section:
             if self._before is not None and rows.k[0] > older_k + 1:
                 rows = SampleBlock.joined([self._before, rows])
             self._before = rows.select(slice(int(np.searchsorted(rows.k, older_k + 1)), None))
-
-
-class _Candidate:
-    """What may become a manoeuvre: it begins with ``before``, the second before it moved."""
-
-    def __init__(self, sample_time_s: float, before: SampleBlock | None) -> None:
-        self.is_excited = False
-        self._kept = [] if before is None else [before]
-        self._longest = round(LONGEST_S / sample_time_s)
-        self._window = max(2, round(WINDOW_S / sample_time_s))
-        self._speeds = np.empty(0) if before is None else before.airspeed
-
-    def feed(self, rows: SampleBlock, stroke: Floats) -> tuple[int, bool]:
-        """Take rows up to where it ends; return how many belong to it and whether it has ended."""
-        first_k = self._kept[0].k[0] if self._kept else rows.k[0]
-        resting = np.flatnonzero(stroke <= MOVES)
-        stop = int(resting[0]) + 1 if len(resting) else len(rows)
-        ends = [stop, *self._other_airspeed(rows)]
-        ends.append(int(np.searchsorted(rows.k, first_k + self._longest)))
-        count = min(ends)
-        is_over = count < len(rows) or bool(len(resting) and count == stop)
-        if count:
-            self._kept.append(rows.select(slice(0, count)))
-            self._speeds = np.concatenate([self._speeds, rows.airspeed[:count]])
-            self.is_excited |= bool((stroke[:count] >= LEAST_STROKE).any())
-        return count, is_over
-
-    def _other_airspeed(self, rows: SampleBlock) -> list[int]:
-        """Return the first row at which the newest 5 s differ by 10 % from all of it until then."""
-        speeds = np.concatenate([self._speeds, rows.airspeed])
-        known = np.isfinite(speeds)
-        total, count = np.cumsum(np.where(known, speeds, 0.0)), np.cumsum(known)
-        before = np.arange(len(speeds)) - self._window
-        old = np.where(before >= 0, before, 0)
-        newest_total = total - np.where(before >= 0, total[old], 0.0)
-        newest_count = count - np.where(before >= 0, count[old], 0)
-        sound = (newest_count > 0) & (before >= 0)
-        mean, newest = total / np.maximum(count, 1), newest_total / np.maximum(newest_count, 1)
-        other = sound & (np.abs(newest - mean) > AIRSPEED_SHARE * mean)
-        rest = np.flatnonzero(other[len(self._speeds) :])
-        return [int(rest[0])] if len(rest) else []
-
-    def progress(self) -> Progress:
-        """Return how it stands."""
-        first_us, last_us = self._kept[0].boot_us[0], self._kept[-1].boot_us[-1]
-        lasted_s = (last_us - first_us) / 1e6
-        return Progress(from_s=first_us / 1e6, lasted_s=lasted_s, is_excited=self.is_excited)
-
-    def samples(self) -> SampleBlock:
-        """Return all of it."""
-        return SampleBlock.joined(self._kept)
 
 
 def _measured(rows: SampleBlock, unit: float) -> Floats:

@@ -3,11 +3,13 @@
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future
+from functools import partial
 
 from yawid.blocks import SampleBlock
-from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import Answered, Setting, answer
-from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Progress, Stated
+from yawid.manoeuvres.candidate import Progress
+from yawid.manoeuvres.conditions import is_bare
+from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
 from yawid.manoeuvres.flight import flight_of
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import Flight
@@ -26,7 +28,7 @@ class Manoeuvres:
         self._worker = worker
         self._waiting: deque[Future[Answered]] = deque()
         self._count = 0
-        self._finder = _finder(setting.config, setting.sample_time_s)
+        self._finder = _finder(setting)
 
     def progress(self, *, closely: bool) -> Progress:
         """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
@@ -68,9 +70,11 @@ class Manoeuvres:
         self._waiting.append(future)
 
 
-def _finder(config: RunConfig, sample_time_s: float) -> Finder | Stated:
+def _finder(setting: Setting) -> Finder | Stated:
     """Return what finds manoeuvres; a stretch of at most 600 s that was named is one."""
-    low_us, high_us = config.window_us
+    low_us, high_us = setting.config.window_us
     if high_us - low_us <= 1e6 * LONGEST_STATED_S:
         return Stated()
-    return Finder(sample_time_s, config.half_travel)
+    return Finder(
+        setting.sample_time_s, setting.config.half_travel, partial(is_bare, setting.modes_of)
+    )

@@ -193,8 +193,8 @@ def _automatic(card: FlightTestCard) -> Iterator[Row]:
         hz = 1.0 / asked.period_s
         text = (
             "FW_AT_AXES = 4 (yaw), FW_AT_APPLY = 0, FW_AT_SYSID_TYPE = 2, _TIME = 20, _F0 = "
-            f"{max(0.3 * hz, 0.1):.1f}, _F1 = {max(3.0 * hz, 0.2):.1f}; its loops stay closed: the "
-            "answer is with them"
+            f"{max(0.3 * hz, 0.1):.1f}, _F1 = {max(3.0 * hz, 0.2):.1f}; it is flown with the "
+            "roll loop"
         )
         yield "autotune", text
 

@@ -1,0 +1,107 @@
+"""What an autopilot flies by itself is found and answered without an option.
+
+ArduPilot's plane-doublets.lua changes to MANUAL, pins the aileron to its trim and at once moves the
+rudder, DOUBLET_TIME / 2 to either side, a third of its travel; the HEARTBEAT tells MANUAL up to a
+second later. PX4's autotune adds steps or a sweep to the setpoint of its yaw-rate loop.
+"""
+
+import numpy as np
+import pytest
+from manoeuvres.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans, stream, yawing
+
+from yawid.blocks import Floats, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.manoeuvres.answer import Answered, Setting
+from yawid.manoeuvres.find import Finder
+from yawid.manoeuvres.stage import Manoeuvres
+
+FBWA, MANUAL, PX4_LOITER = 5.0, 0.0, 50_593_792.0
+BEGIN = 30 * HZ
+
+
+def by_script(time_s: float, late_s: float, before: float = FBWA) -> SampleBlock:
+    """A doublet by plane-doublets.lua, six seconds of MANUAL after it, then as before."""
+    half, held = round(time_s / 2 * HZ), round((time_s + 6.0) * HZ)
+    rudder = np.concatenate([np.full(half, -1 / 3), np.full(half, 1 / 3), rest(6.0)])
+    level = 0.1 * np.convolve(np.random.default_rng(3).standard_normal(70 * HZ), np.ones(9) / 9)
+    aileron = level[: BEGIN + held + 20 * HZ]
+    aileron[BEGIN : BEGIN + held] = 0.0
+    whole = np.concatenate([0.5 * aileron[:BEGIN], rudder, 0.5 * aileron[BEGIN + held :]])
+    mode, told = np.full(len(whole), before), BEGIN + round(late_s * HZ)
+    mode[told : told + held] = MANUAL
+    y = yawing(whole, 0.2 * aileron, noise=0.002)
+    return stream(whole, aileron=aileron, mode=mode, y=y)
+
+
+def by_autotune(signal: Floats) -> SampleBlock:
+    """A signal added to the setpoint of the yaw-rate loop, which feeds the measured rate back."""
+    setpoint = np.concatenate([rest(30), signal, rest(20)])
+    rudder = 0.3 * setpoint
+    for _ in range(30):  # u = FF s + P (s - r), r of the u before: it contracts
+        rudder = 0.3 * setpoint + 0.05 * (setpoint - yawing(rudder, noise=0.002))
+    return stream(rudder, aileron=0.0, mode=PX4_LOITER, y=yawing(rudder, noise=0.002))
+
+
+def answered(samples: SampleBlock, autopilot: int) -> list[Answered]:
+    stage = Manoeuvres(Setting(RunConfig(), TS_S, (20.0, 20.0), (autopilot, 1)))
+    stage.feed(samples)
+    stage.finish()
+    return list(stage.ready(wait=True))
+
+
+def assert_right(each: Answered) -> None:
+    roll = each.found.dutch_roll
+    assert each.verdict.usable, each.verdict.reasons
+    assert roll is not None
+    assert roll.wn_rad_s == pytest.approx(WN, rel=0.02)
+    assert roll.zeta == pytest.approx(ZETA, abs=0.02)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3, 0.95])
+def test_a_doublet_by_the_script_is_one_manoeuvre_in_manual(late_s: float):
+    (each,) = answered(by_script(0.5, late_s), 3)
+
+    assert_right(each)
+    assert (each.found.mode, each.found.loop) == ("MANUAL", "airframe")
+    assert each.found.from_s <= BEGIN * TS_S
+
+
+def test_a_doublet_that_begins_as_another_mode_ends_is_cut_where_that_is_told():
+    samples = by_script(1.0, 0.6)
+    told = BEGIN + round(0.6 * HZ)
+    finder = Finder(TS_S, 1.0)  # no mode is bare: as with FBWA and RTL
+
+    first, second = spans(finder.feed(samples) + finder.finish())
+    assert first[1] < told <= second[0]
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3, 0.6])
+def test_where_such_a_stream_is_cut_into_blocks_changes_nothing(late_s: float):
+    samples = by_script(0.5, late_s)
+    found = []
+    for edges in ([], range(BEGIN - 3, BEGIN + 40), range(0, len(samples), 7)):
+        finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)
+        found.append([m for block in cut(samples, edges) for m in finder.feed(block)])
+        found[-1] += finder.finish()
+
+    ((first, last),) = spans(found[0])
+    assert BEGIN - HZ <= first < BEGIN
+    assert last == BEGIN + round(5.5 * HZ) - 1
+    assert set(found[0][0].mode) == {MANUAL}
+    for other in found[1:]:
+        assert_same(found[0], other)
+
+
+@pytest.mark.parametrize("kind", ["steps", "sweep"])
+def test_px4s_autotune_is_a_manoeuvre(kind: str):
+    t = np.arange(10 * HZ) / HZ
+    signal = np.sin(2 * np.pi * (t + 0.45 * t**2))  # 1 to 10 Hz in 10 s, as by default
+    if kind == "steps":
+        lengths = [5, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 5, 4, 3, 2, 1]  # of 0.1 s, 1 and 0 in turn
+        steps = np.repeat(np.arange(len(lengths)) % 2 == 0, np.multiply(lengths, 2)).astype(float)
+        slow = np.convolve(steps, 0.25 * 0.75 ** np.arange(40))[: len(steps)]
+        signal = steps - slow
+    (each,) = answered(by_autotune(signal), 12)
+
+    assert_right(each)
+    assert each.found.loop == "with_roll_loop"
