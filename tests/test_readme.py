@@ -68,7 +68,7 @@ def test_the_python_block_does_what_it_shows():
 
     found = doctest.DocTestRunner().run(example)
 
-    assert found.attempted > 10
+    assert found.attempted >= 10
     assert found.failed == 0
 
 
