@@ -89,7 +89,9 @@ class Gatherer:
         found = pipeline.flight(of_the_log(basis_of(pipeline, link).reasons))
         if found is not None:
             return found
-        answer = None if self._of_stream is None else self._of_stream.look(pipeline, link)
+        answer = None
+        if self._of_stream is not None and link.frames:
+            answer = self._of_stream.look(pipeline, link)
         return None, None if answer is None else answer.verdict
 
 

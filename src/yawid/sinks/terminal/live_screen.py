@@ -40,7 +40,7 @@ def size_of(stream: TextIO) -> tuple[int, int]:
 
 
 class LiveScreen(Console):
-    """Draws on the terminal's other screen until it is closed; then it is a console of lines.
+    """Draws on the terminal's other screen until it is closed; before and after it says lines.
 
     Closing leaves the terminal as it was, with what was said and the last state as lines. All
     drawing is done by a thread: a terminal that hangs keeps nobody waiting.
@@ -55,35 +55,40 @@ class LiveScreen(Console):
         self._facts: LiveFacts | None = None
         self._news = threading.Event()
         self._closing = threading.Event()
-        self._thread: threading.Thread | None = threading.Thread(
-            target=self._run, name="yawid-screen", daemon=True
-        )
-        self._thread.start()
+        self._thread: threading.Thread | None = None
 
     def say(self, text: str) -> None:
         """Show a line among those that were said last."""
-        if self._thread is None:
+        with self._lock:
+            is_shown = self._thread is not None
+            if is_shown:
+                self._said.append((time.strftime("%H:%M:%S"), text))
+                self._news.set()
+        if not is_shown:
             super().say(text)
-            return
-        self._said.append((time.strftime("%H:%M:%S"), text))
-        self._news.set()
 
     def draw(self, facts: LiveFacts, took_s: float) -> None:
         """Show where the session stands; of many vehicles the less often the more they are."""
         self._next_s = time.monotonic() + max(self._period_s, took_s / SHARE)
-        self._facts = facts
+        is_first, self._facts = self._facts is None, facts
+        if is_first:
+            self._thread = threading.Thread(
+                target=self._run, args=(facts,), name="yawid-screen", daemon=True
+            )
+            self._thread.start()
         self._news.set()
 
     def close(self) -> None:
         """Leave the screen."""
-        thread, self._thread = self._thread, None
+        thread = self._thread
         if thread is not None:
             self._closing.set()
             self._news.set()
             thread.join(LEAVE_S)
+            self._thread = None
         super().close()
 
-    def _run(self) -> None:
+    def _run(self, facts: LiveFacts) -> None:
         from rich.console import Console as RichConsole
         from rich.live import Live
 
@@ -91,16 +96,19 @@ class LiveScreen(Console):
 
         direct = Direct(self._stream)
         console = RichConsole(file=cast(IO[str], direct), force_terminal=True, highlight=False)
-        with Live(console=console, screen=True, auto_refresh=False, transient=True,
-                  redirect_stdout=False, redirect_stderr=False) as live:  # fmt: skip
-            while not self._closing.is_set():
-                self._news.wait()
-                self._news.clear()
-                if self._facts is not None:
+        try:
+            with Live(console=console, screen=True, auto_refresh=False, transient=True,
+                      redirect_stdout=False, redirect_stderr=False) as live:  # fmt: skip
+                while not self._closing.is_set():
+                    self._news.wait()
+                    self._news.clear()
+                    facts = self._facts or facts
                     console.size = size_of(self._stream)
-                    live.update(Page(self._facts, tuple(self._said)), refresh=True)
-                self._closing.wait(REFRESH_S / 2)  # what comes at once is drawn at once
-        for _, text in self._said:
-            direct.write(f"yawid: {text}\n")
-        if self._facts is not None:
-            console.print(Page(self._facts, (), is_last=True))
+                    live.update(Page(facts, tuple(self._said)), refresh=True)
+                    self._closing.wait(REFRESH_S / 2)  # what comes at once is drawn at once
+        finally:
+            with self._lock:
+                said, self._thread = list(self._said), None
+            for _, text in said:
+                direct.write(f"yawid: {text}\n")
+        console.print(Page(facts, (), is_last=True))
