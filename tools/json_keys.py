@@ -173,6 +173,7 @@ SAYS: Final[dict[str, str]] = {
     "ask_hz": "message rate to ask for",
     "yaw_hz": "messages of the yaw rate a second in this log",
     "rudder_hz": "messages of the rudder a second in this log",
+    "rates_suffice": "whether both are enough for this aircraft",
     "FlightTestCard.rates": "ArduPilot's stream rates, n the number of the port",
     "FlightTestCard.parameters": "parameters to set for the flight and to restore after it",
     "ParameterToSet.name": "of the parameter",

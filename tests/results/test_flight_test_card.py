@@ -15,8 +15,9 @@ from places import C172P, REPLAY_LOGS
 from printed import printed
 
 from yawid.cli.main import main
-from yawid.results.flight_test_card import FlightTestCard, Flown, make_card
+from yawid.results.flight_test_card import FlightTestCard
 from yawid.results.inspection import Inspection
+from yawid.results.make_card import Flown, make_card
 from yawid.results.run_summary import ChannelFound, Origin, RunSummary, VehicleSeen
 from yawid.sinks.terminal.card import print_card
 
@@ -101,10 +102,11 @@ def test_without_an_answer_the_period_is_a_guess_and_says_so():
     assert "[ ] ________" in page
 
 
-@pytest.mark.parametrize("autopilot", [3, 12, 0])
+@pytest.mark.parametrize("autopilot", [3, 12, 0, None])
 @pytest.mark.parametrize("make", [none_usable, forty])
-def test_it_is_one_page_of_80_columns_and_60_lines(make, autopilot: int):
-    summary = replace(make(), vehicle=VehicleSeen(1, 1, 1, autopilot))
+def test_it_is_one_page_of_80_columns_and_60_lines(make, autopilot: int | None):
+    vehicle = None if autopilot is None else VehicleSeen(1, 1, 1, autopilot)
+    summary = replace(make(), vehicle=vehicle)
     page = page_of(summary, card_of(summary))
 
     assert len(page) <= 60

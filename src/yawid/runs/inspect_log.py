@@ -24,13 +24,14 @@ from yawid.config.run import BOTH, RunConfig
 from yawid.errors import ConfigError
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
-from yawid.results.flight_test_card import FlightTestCard, Flown, make_card, why_no_card
+from yawid.results.flight_test_card import FlightTestCard
 from yawid.results.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
 from yawid.results.judge_samples import (
     LEAST_RATE_HZ,
     MOST_REACTION,
     WORTH_PCT,
 )
+from yawid.results.make_card import Flown, make_card, why_no_card
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Origin, RunSummary
 from yawid.results.summary import as_summary, summarise
@@ -145,11 +146,14 @@ def _card(
     config: RunConfig,
 ) -> FlightTestCard | None:
     """Return what to fly next, None for what has no rudder."""
-    if why_no_card(summary) is not None:
+    if why_no_card(summary.vehicle, summary.verdict) is not None:
         return None
     flown = Flown.of(SampleBlock.joined(pipeline.kept)) if pipeline.kept else Flown()
     rates_hz = {name: each.rate_hz for name, each in rates.items()}
-    live = shlex.join(["yawid", "live", TAP, *_words(replace(config, from_s=None, to_s=None))])
+    live = None
+    if summary.vehicle is not None:
+        words = _words(replace(config, from_s=None, to_s=None, boot=None))
+        live = shlex.join(["yawid", "live", TAP, *words])
     known = pipeline.channels.parameters.values
     return make_card(summary, flown, rates_hz, known, config.rudder_max_deg, live)
 

@@ -6,20 +6,18 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from yawid.results.flight_test_card import (
-    HAND_S,
-    SCRIPT_STEPS,
-    FlightTestCard,
-    ParameterToSet,
-    RudderMove,
-    why_no_card,
-)
+from yawid.results.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
 from yawid.results.inspection import Inspection
+from yawid.results.make_card import why_no_card
 from yawid.results.reasons import ARDUPILOT, PX4
 from yawid.sinks.answers import with_sigma
 from yawid.sinks.terminal.summary_table import WIDTH
 
 BLANK = "________"
+HAND_S = 0.25
+"""A piece that is shorter is nothing for a hand."""
+SCRIPT_STEPS = 45.0
+"""plane-doublets.lua counts the rudder in parts of 45."""
 NAMES = 11
 """Width of the column of names."""
 COLUMNS = {"time": 8, "m/s": 5, "height": 6, "mode": 10, "%": 4, "remark": 24}
@@ -32,7 +30,7 @@ def print_card(report: Inspection, stream: TextIO) -> None:
     """Print the card, or in one line why there is none."""
     card = report.card
     if card is None:
-        stream.write(f"{why_no_card(report)}: {report.log}\n")
+        stream.write(f"{why_no_card(report.vehicle, report.verdict)}: {report.log}\n")
         return
     head, date = "TEST CARD: rudder to yaw", f"date {BLANK}  pilot {BLANK}"
     lines = [f"{head}{date:>{WIDTH - len(head)}}", *_lines(_known(report, card))]
@@ -64,8 +62,9 @@ def _lines(rows: Iterator[Row]) -> Iterator[str]:
 
 
 def _known(report: Inspection, card: FlightTestCard) -> Iterator[Row]:
-    assert report.vehicle is not None  # there is a card
-    yield "aircraft", f"{card.vehicle}, {report.vehicle.sysid}/{report.vehicle.compid}  {BLANK}"
+    seen = report.vehicle
+    address = "" if seen is None else f", {seen.sysid}/{seen.compid}"
+    yield "aircraft", f"{card.vehicle}{address}  {BLANK}"
     yield "log", Path(report.log).name
     if card.answer is not None:
         wn = " ".join(filter(None, with_sigma(card.answer.wn_rad_s, card.answer.wn_std)))
@@ -83,21 +82,24 @@ def _before(card: FlightTestCard) -> Iterator[Row]:
     named = (("yaw", card.yaw_hz), ("rudder", card.rudder_hz))
     has = {name: hz for name, hz in named if hz is not None}
     told = ", ".join(f"{name} {hz:.2g} Hz" for name, hz in has.items()) or "none"
-    enough = len(has) == 2 and min(has.values()) >= 0.95 * card.ask_hz
+    enough = card.rates_suffice
     yield "[ ] rates", f"{'as they were' if enough else f'{card.ask_hz:g} Hz'} (this log: {told})"
     if not enough:
         yield from _rates(card)
     for each in card.parameters:
         back = ", ".join(f"{value:g}" for value in each.now.values()) or BLANK
         yield "[ ] set", f"{each.name} = {each.to:g} ({each.why}); afterwards back to {back}"
-    yield "[ ] log", "recorded from before take-off, parameters downloaded meanwhile"
+    if card.autopilot is not None:
+        yield "[ ] log", "recorded from before take-off, parameters downloaded meanwhile"
+    else:
+        yield "[ ] log", "recorded from before take-off: rudder, yaw rate, airspeed, aileron, bank"
 
 
 def _rates(card: FlightTestCard) -> Iterator[Row]:
     if card.autopilot == PX4:
         for name in ("ATTITUDE", "SERVO_OUTPUT_RAW_0"):
             yield "", f"mavlink stream -d {BLANK} -s {name} -r {card.ask_hz:g}"
-    elif card.autopilot != ARDUPILOT:
+    elif card.autopilot not in (None, ARDUPILOT):
         interval = f"{1e6 / card.ask_hz:.0f} us"
         yield "", f"MAV_CMD_SET_MESSAGE_INTERVAL of ATTITUDE, SERVO_OUTPUT_RAW: {interval}"
     for each in card.rates:
@@ -207,8 +209,9 @@ def _far(move: RudderMove) -> str:
 
 
 def _check(card: FlightTestCard) -> Iterator[Row]:
-    yield "in the air", card.live
-    yield "", "by MAVProxy: output add 127.0.0.1:14560; QGroundControl forwards, too"
+    if card.live is not None:
+        yield "in the air", card.live
+        yield "", "by MAVProxy: output add 127.0.0.1:14560; QGroundControl forwards, too"
     yield "landed", f"yawid inspect {BLANK} --card"
 
 

@@ -1,0 +1,362 @@
+"""The test card of a log: from its answer, its channels and how it was flown.
+
+What the log does not know is None: the card leaves a blank for it, to be filled in by hand. Only
+the Dutch roll's period cannot be left out, since every time on the card hangs on it: where the log
+has no usable answer it is guessed from the airspeed, and the card says so.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Floats, Noted, SampleBlock
+from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES, WITHOUT_RUDDER
+from yawid.results.flight_test_card import (
+    ConditionsToFly,
+    Expected,
+    FlightTestCard,
+    ManoeuvreToFly,
+    ModeToFly,
+    ParameterToSet,
+    RudderMove,
+)
+from yawid.results.reasons import ARDUPILOT, ASK_HZ, PX4
+from yawid.results.run_summary import (
+    ChannelFound,
+    DutchRoll,
+    Flight,
+    Manoeuvre,
+    RunSummary,
+    VehicleSeen,
+    VerdictSummary,
+)
+
+SAMPLES_PER_PERIOD: Final = 16.0
+ENOUGH: Final = 0.9
+LEAST_HZ, MOST_HZ = 10.0, 50.0
+NICE_HZ: Final = (25.0, 40.0, 50.0)
+SMALL_M_S: Final = 32.0
+GUESSES: Final = {True: 6.0, False: 2.5}
+"""Where nothing is known: wn in rad/s of a small aircraft, flown below 32 m/s, and of others."""
+LOW_PCT, HIGH_PCT = 15.0, 30.0
+"""Of half the rudder's travel: to begin with, and at most."""
+DOUBLETS: Final = 3
+"""In a manoeuvre, to either side first: with three of them the free decays tell noise from mode."""
+MANOEUVRES: Final = 4
+"""At each airspeed: from four on their own scatter counts, below them at least 1.5 % of wn."""
+LONGEST_PAUSE_S: Final = 3.5
+"""After five seconds of rest a manoeuvre has ended."""
+REST_S: Final = 10.0
+SETTLE_S: Final = 45.0
+"""To turn, trim and settle on another airspeed."""
+APART: Final = 0.1
+"""Airspeeds nearer to each other than this are one condition."""
+WIDE, STALL_ROOM, ROOM = 0.15, 1.2, 1.05
+"""How far from the median an airspeed is proposed, and from the limits in the parameters."""
+ENDS_PCT: Final = (10.0, 50.0, 90.0)
+MOST_REASONS: Final = 2
+MOSTLY: Final = 0.5
+TAU_SHARE, TAU_ZETA = 0.015, 0.02
+"""Of wn, and of zeta: the floors of the scatter that fewer than four manoeuvres do not show."""
+MIXES: Final[Mapping[int, Mapping[str, str]]] = {
+    ARDUPILOT: {
+        "KFF_RDDRMIX": "rudder follows the aileron",
+        "YAW2SRV_DAMP": "yaw damper moves the rudder",
+        "YAW2SRV_SLIP": "sideslip loop moves the rudder",
+    },
+    PX4: {"FW_RLL_TO_YAW_FF": "rudder follows the roll demand"},
+}
+"""Parameters that move the rudder by themselves, by autopilot, 0 for the test."""
+ALWAYS: Final = ("KFF_RDDRMIX", "FW_RLL_TO_YAW_FF")
+"""... told where the log does not hold them, too."""
+LIMITS: Final = {
+    "least": ("AIRSPEED_MIN", "ARSPD_FBW_MIN", "FW_AIRSPD_MIN"),
+    "most": ("AIRSPEED_MAX", "ARSPD_FBW_MAX", "FW_AIRSPD_MAX"),
+}
+MODES: Final = {ARDUPILOT: ("MANUAL", "FBWA"), PX4: ("MANUAL", "STABILIZED")}
+"""The mode that gives the bare airframe, and one that gives it with the roll loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """How it was flown in the air: airspeed and altitude, 10th, 50th and 90th percentile each.
+
+    ``airspeed_source`` says what the airspeed is: of some logs only the speed over ground.
+    """
+
+    airspeed_m_s: Sequence[float] = ()
+    altitude_m: Sequence[float] = ()
+    airspeed_source: str | None = None
+
+    @classmethod
+    def of(cls, samples: SampleBlock) -> "Flown":
+        """Return it of all samples that are not held: on the ground they are."""
+        used = samples.held == 0
+        speeds, heights = (_percentiles(x[used]) for x in (samples.airspeed, samples.altitude))
+        by_ground = speeds and np.mean(samples.noted[used] & Noted.GROUND_SPEED.value != 0) > MOSTLY
+        source = "ground speed" if by_ground else "airspeed"
+        return cls(speeds, heights, source if speeds else None)
+
+
+def why_no_card(vehicle: VehicleSeen | None, verdict: VerdictSummary) -> str | None:
+    """Say why there is nothing to fly, None where there is.
+
+    A record that never was MAVLink has no vehicle, and that is no reason.
+    """
+    if vehicle is None:
+        unheard = any(reason.id == "no_vehicle" for reason in verdict.reasons)
+        return "no card: the log holds no vehicle" if unheard else None
+    name = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
+    if vehicle.type in WITHOUT_RUDDER:
+        return f"no card: a {name} has no rudder to be moved on its own"
+    return None
+
+
+def make_card(
+    summary: RunSummary,
+    flown: Flown,
+    rates_hz: Mapping[str, float],
+    parameters: Mapping[str, float],
+    rudder_max_deg: float | None,
+    live: str | None,
+) -> FlightTestCard:
+    """Return the card for the aircraft of a summary, if it has one: see :func:`why_no_card`.
+
+    ``rates_hz`` are those of yaw and rudder, ``parameters`` the vehicle's, ``live`` the command
+    that taps it.
+    """
+    autopilot = None if summary.vehicle is None else summary.vehicle.autopilot
+    flight, used = summary.flight, _used(summary)
+    roll = summary.dutch_roll if summary.verdict.usable else None
+    if flight is not None:
+        roll = flight.dutch_roll
+    conditions = _conditions(autopilot, used, flown, parameters)
+    wn = _guess(conditions.airspeed_m_s) if roll is None else roll.wn_rad_s
+    amplitude = [
+        _move(percent, summary.channels.get("rudder"), rudder_max_deg)
+        for percent in (LOW_PCT, HIGH_PCT)
+    ]
+    return FlightTestCard(
+        vehicle=_vehicle(summary.vehicle),
+        autopilot=autopilot,
+        ask_hz=_ask_hz(wn),
+        yaw_hz=rates_hz.get("yaw"),
+        rudder_hz=rates_hz.get("rudder"),
+        rates_suffice=len(rates_hz) == 2 and min(rates_hz.values()) >= _least_hz(roll),
+        rates=list(_rates(autopilot, parameters, _ask_hz(wn))),
+        parameters=list(_mixes(autopilot, parameters)),
+        conditions=conditions,
+        manoeuvre=_manoeuvre(wn, roll, len(conditions.airspeeds_m_s), amplitude),
+        answer=roll,
+        answered=[manoeuvre.n for manoeuvre in used],
+        expected=list(_expected(flight)),
+        lacks=list(_lacks(summary, used)),
+        live=live,
+    )
+
+
+def _conditions(
+    autopilot: int | None, used: Sequence[Manoeuvre], flown: Flown, parameters: Mapping[str, float]
+) -> ConditionsToFly:
+    speeds, heights = flown.airspeed_m_s or (None,) * 3, flown.altitude_m or (None,) * 3
+    limits = _limit("least", parameters), _limit("most", parameters)
+    return ConditionsToFly(
+        airspeed_source=flown.airspeed_source,
+        airspeed_low_m_s=speeds[0],
+        airspeed_m_s=speeds[1],
+        airspeed_high_m_s=speeds[2],
+        airspeed_least_m_s=limits[0],
+        airspeed_most_m_s=limits[1],
+        airspeeds_m_s=[] if flown.airspeed_source == "ground speed" else _airspeeds(speeds, limits),
+        altitude_low_m=heights[0],
+        altitude_high_m=heights[2],
+        modes=list(_modes(autopilot, used)),
+    )
+
+
+def _manoeuvre(
+    wn: float, roll: DutchRoll | None, airspeeds: int, amplitude: list[RudderMove]
+) -> ManoeuvreToFly:
+    """Return the manoeuvre for a wn in rad/s, which is a guess where there is no ``roll``."""
+    period_s = _period_s(wn, 0.0 if roll is None else roll.zeta)
+    pause_s = min(max(2.0 * period_s, 1.0), LONGEST_PAUSE_S)
+    manoeuvre_s = DOUBLETS * (period_s + pause_s)
+    return ManoeuvreToFly(
+        wn_rad_s=wn,
+        wn_guessed=roll is None,
+        period_s=period_s,
+        side_s=period_s / 2.0,
+        unit_s=period_s / 4.0,
+        doublets=DOUBLETS,
+        pause_s=pause_s,
+        manoeuvres=MANOEUVRES,
+        rest_s=REST_S,
+        manoeuvre_s=manoeuvre_s,
+        total_s=max(airspeeds, 1) * (MANOEUVRES * (manoeuvre_s + REST_S) + SETTLE_S),
+        amplitude=amplitude,
+    )
+
+
+def _vehicle(vehicle: VehicleSeen | None) -> str:
+    if vehicle is None:
+        return "not known: a record"
+    kind = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
+    return f"{kind} on {AUTOPILOT_NAMES.get(vehicle.autopilot, f'autopilot {vehicle.autopilot}')}"
+
+
+def _used(summary: RunSummary) -> list[Manoeuvre]:
+    """Return the manoeuvres that the flight's answer rests on."""
+    numbers = () if summary.flight is None else summary.flight.used
+    return [each for each in summary.manoeuvres or () if each.n in numbers]
+
+
+def _percentiles(x: Floats) -> Sequence[float]:
+    known = x[np.isfinite(x)]
+    return tuple(np.percentile(known, ENDS_PCT).tolist()) if len(known) else ()
+
+
+def _guess(airspeed_m_s: float | None) -> float:
+    return GUESSES[airspeed_m_s is None or airspeed_m_s < SMALL_M_S]
+
+
+def _period_s(wn: float, zeta: float) -> float:
+    """Return the period in s of the damped swing; one damped beyond 0.8 is timed as if of that."""
+    return 2.0 * math.pi / (wn * math.sqrt(1.0 - min(max(zeta, 0.0), 0.8) ** 2))
+
+
+def _least_hz(roll: DutchRoll | None) -> float:
+    """Return what is enough for a Dutch roll that is known, in Hz; of a guess, what to ask for."""
+    if roll is None:
+        return ENOUGH * ASK_HZ
+    return ENOUGH * max(LEAST_HZ, SAMPLES_PER_PERIOD * roll.wn_rad_s / (2.0 * math.pi))
+
+
+def _ask_hz(wn: float) -> float:
+    wanted = SAMPLES_PER_PERIOD * wn / (2.0 * math.pi)
+    return next((rate for rate in NICE_HZ if rate >= max(ENOUGH * wanted, ASK_HZ)), MOST_HZ)
+
+
+def _rates(
+    autopilot: int | None, parameters: Mapping[str, float], ask_hz: float
+) -> Iterator[ParameterToSet]:
+    """Yield ArduPilot's stream rates, by the names that its version has."""
+    if autopilot != ARDUPILOT:
+        return
+    for stream, why in (("EXTRA1", "ATTITUDE"), ("RC_CHAN", "SERVO_OUTPUT_RAW")):
+        named = {prefix: re.compile(rf"{prefix}\d+_{stream}") for prefix in ("SR", "MAV")}
+        now = {
+            prefix: {name: value for name, value in parameters.items() if pattern.fullmatch(name)}
+            for prefix, pattern in named.items()
+        }
+        known = [prefix for prefix in now if now[prefix]]
+        name = " or ".join(f"{prefix}n_{stream}" for prefix in known or now)
+        values = now[known[0]] if known else {}
+        yield ParameterToSet(name=name, to=ask_hz, now=values, why=why)
+
+
+def _mixes(autopilot: int | None, parameters: Mapping[str, float]) -> Iterator[ParameterToSet]:
+    """Yield what else moves the rudder, where the log says that it does or does not say."""
+    for name, why in MIXES.get(autopilot or 0, {}).items():
+        value = parameters.get(name)
+        if value or (value is None and name in ALWAYS):
+            now = {} if value is None else {name: value}
+            yield ParameterToSet(name=name, to=0.0, now=now, why=why)
+
+
+def _modes(autopilot: int | None, used: Sequence[Manoeuvre]) -> Iterator[ModeToFly]:
+    for mode, loop in zip(
+        MODES.get(autopilot or 0, ()), ("airframe", "with_roll_loop"), strict=False
+    ):
+        yield ModeToFly(mode=mode, loop=loop, answered=[m.n for m in used if m.loop == loop])
+
+
+def _limit(which: str, parameters: Mapping[str, float]) -> float | None:
+    return next((v for name in LIMITS[which] if (v := parameters.get(name, 0.0)) > 0.0), None)
+
+
+def _airspeeds(flown: Sequence[float | None], limits: Sequence[float | None]) -> list[float]:
+    """Return one to three airspeeds in m/s, within what was flown and apart enough to differ.
+
+    No further from the median than wn over V needs, and with room to the ``limits``, least and
+    most: take-off and landing are flown, too.
+    """
+    low, middle, high = flown
+    if low is None or middle is None or high is None:
+        return []
+    least, most = limits
+    low = max(low, (1.0 - WIDE) * middle, STALL_ROOM * (least or 0.0))
+    high = min(high, (1.0 + WIDE) * middle, (most or math.inf) / ROOM)
+    chosen = [middle]
+    if middle > (1.0 + APART) * low:
+        chosen.insert(0, low)
+    if high > (1.0 + APART) * middle:
+        chosen.append(high)
+    return [round(each, 1) for each in chosen]
+
+
+def _move(percent: float, rudder: ChannelFound | None, max_deg: float | None) -> RudderMove:
+    """Return how far that is; a rudder of two servos has no one pulse."""
+    low = high = None
+    if rudder is not None and not rudder.source.count("servo") > 1:
+        ends = rudder.min_us, rudder.trim_us, rudder.max_us
+        least, trim, most = ends
+        if least is not None and trim is not None and most is not None:
+            low = round(trim - percent / 100.0 * (trim - least))
+            high = round(trim + percent / 100.0 * (most - trim))
+    deg = None if max_deg is None else percent / 100.0 * max_deg
+    return RudderMove(percent=percent, low_us=low, high_us=high, deg=deg)
+
+
+def _expected(flight: Flight | None) -> Iterator[Expected]:
+    """Yield the sigmas after more manoeuvres: noise goes with 1/sqrt(n), what all share stays."""
+    roll = None if flight is None else flight.dutch_roll
+    if flight is None or roll is None or roll.wn_std is None or flight.between_std is None:
+        return
+    n = len(flight.used)
+    floors = (
+        (roll.wn_std, roll.wn_std_noise, flight.between_std.wn_rad_s, TAU_SHARE * roll.wn_rad_s),
+        (roll.zeta_std, roll.zeta_std_noise, flight.between_std.zeta, TAU_ZETA),
+    )
+    for more in (MANOEUVRES, 2 * MANOEUVRES):
+        wn, zeta = (_after(n, more, *each) for each in floors)
+        if wn is not None:
+            yield Expected(more=more, wn_std=wn, zeta_std=zeta)
+
+
+def _after(
+    n: int, more: int, std: float | None, noise: float | None, tau: float | None, floor: float
+) -> float | None:
+    """Return a sigma after ``more`` manoeuvres beside the n that gave it."""
+    if std is None or noise is None or tau is None:
+        return None
+    common = max(std**2 - noise**2 - tau**2, 0.0)
+    # A scatter at its floor was not seen: the floor sinks as manoeuvres come to tell it.
+    now, later = (floor * min(1.0, (3.0 / max(count - 1, 1)) ** 0.5) for count in (n, n + more))
+    tau = later if tau <= 1.001 * now else tau
+    return math.sqrt(common + noise**2 * n / (n + more) + tau**2)
+
+
+def _spread(used: Sequence[Manoeuvre]) -> float:
+    """Return the largest airspeed of manoeuvres over the smallest, less 1; 0 where unknown."""
+    speeds = [each.airspeed_m_s for each in used if each.airspeed_m_s]
+    return max(speeds) / min(speeds) - 1.0 if speeds else 0.0
+
+
+def _lacks(summary: RunSummary, used: Sequence[Manoeuvre]) -> Iterator[str]:
+    """Yield what the log leaves open."""
+    if not summary.deciding.usable:
+        for reason in summary.deciding.fatal[:MOST_REASONS]:
+            yield f"{reason.id}: {reason.text}"
+    loops = {manoeuvre.loop for manoeuvre in used}
+    if loops == {"unknown"}:
+        yield "whose answer it is: the flight mode is not known"
+    elif used and "airframe" not in loops:
+        yield "the bare airframe: no manoeuvre was flown without a roll loop"
+    if used and _spread(used) < APART:
+        yield "how wn goes with the airspeed: all manoeuvres are at one"
+    if used and len(used) < MANOEUVRES:
+        yield f"how manoeuvres scatter: {len(used)} of {MANOEUVRES} needed"
