@@ -47,8 +47,11 @@ def test_bash_takes_the_script_and_offers_every_command(script: Path):
     assert offered(script, "") >= COMMANDS >= {"replay", "live", "completion"}
 
 
+RUDDER = {"--rudder-sign", "--rudder-max-deg", "--rudder-unit"}
+
+
 def test_bash_offers_options_choices_and_files(script: Path):
-    assert offered(script, "replay", "--rudder-") == {"--rudder-sign", "--rudder-max-deg"}
+    assert offered(script, "replay", "--rudder-") == RUDDER
     assert offered(script, "step", "--model", "") == {"first", "second", "yaw"}
     assert offered(script, "replay", "--config", "yawid.b") == {"yawid.bash"}
 
