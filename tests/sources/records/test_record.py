@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 from pathlib import Path
 
@@ -9,7 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from yawid.channels.stage import Channels
+from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, ConfigError, SourceError, YawidError
 from yawid.sources.open_log import Log
 from yawid.sources.records.find_columns import Asked
@@ -265,3 +270,26 @@ def test_texts_that_are_no_table_are_no_records(tmp_path: Path) -> None:
         (tmp_path / "notes.txt").write_text(text)
         with pytest.raises(SourceError):
             _ = Log(tmp_path / "notes.txt", ()).record
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    data=st.one_of(st.binary(max_size=200), st.text(',;\t"#.-0123456789etrudn[]\n', max_size=200)),
+    name=st.sampled_from(sorted(UNDERSTOOD)),
+    where=st.integers(0, 400),
+    instead=st.integers(0, 20),
+)
+def test_damaged_bytes_are_understood_or_refused_and_nothing_else(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes | str, name: str, where: int, instead: int
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "damaged.csv"
+    whole = UNDERSTOOD[name].encode()
+    bits = data if isinstance(data, bytes) else data.encode()
+    path.write_bytes(whole[:where] + bits + whole[where + instead :])
+    with contextlib.suppress(YawidError):
+        record = Record(path)
+        record.settle(RIGHT)
+        assert record._rows is not None
+        channels = Channels(RunConfig())
+        channels.feed_record(record._rows)
+        channels.finish()

@@ -46,7 +46,10 @@ def looks_like_csv(head: bytes) -> bool:
     lines = lines[:-1] if len(lines) > 2 else lines  # the last one may be cut
     used = [line for line in lines if line.strip() and not _is_comment(line)]
     separator = _separator(used)
-    rows = [_split(line, separator) for line in used]
+    try:
+        rows = [_split(line, separator) for line in used]
+    except csv.Error:
+        return False
     found = _layout(rows)
     if found is None or len(rows[found[0]]) < 2:
         return False
@@ -67,9 +70,14 @@ class CsvTable:
     def __init__(self, path: Path, data: bytes) -> None:
         self.path, self.facts = path, dict[str, str]()
         try:
-            text = _decoded(data)
+            self._read(_decoded(data))
         except UnicodeError as error:
             raise SourceError(f"{path}: no text in UTF-8 or UTF-16: {error}") from error
+        except csv.Error as error:
+            raise SourceError(f"{path}: no table of texts: {error}") from error
+
+    def _read(self, text: str) -> None:
+        """Take the file's lines apart."""
         lines = _lines_of(text)
         used = [i for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
         self._separator = _separator([lines[i] for i in used[:MOST_HEADER_LINES]])

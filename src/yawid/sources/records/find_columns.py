@@ -31,7 +31,8 @@ LIKELY: Final = {
     "q": "pitchrate",
 }
 """How others' names for the columns begin: said in a refusal, never taken for granted."""
-WITHOUT_UNIT: Final = frozenset({"mode", "held", "time", "on_ground"})
+WITHOUT_UNIT: Final = frozenset({"mode", "held", "time", "on_ground", "p", "ay"})
+"""Columns of which no unit matters: p may well be a pressure."""
 _WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]")
 
 

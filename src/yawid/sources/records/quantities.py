@@ -19,7 +19,7 @@ MOST: Final = {
 }
 """More is none of the table's own unit where nobody says that it is."""
 MOST_RUDDER: Final = {HALF_TRAVEL: 2.0, "rad": 1.6, "deg": 90.0}
-LEAST_STEP_S, MOST_STEP_S = 1e-4, 2.0
+LEAST_STEP_S, MOST_STEP_S = 9e-4, 2.0
 """Between rows, in the median, if nobody says that t is in seconds."""
 LATEST_S: Final = 9e9
 LEAST_STROKE_RAD: Final = 1e-6
@@ -141,7 +141,14 @@ def held_of(table: Table, found: Found) -> Ints:
     Raises:
         SourceError: a word is no reason.
     """
-    texts = table.texts(found.place) or [""] * table.rows
+    texts = table.texts(found.place)
+    if texts is None:
+        if np.isfinite(table.numbers(found.place)).any():
+            raise SourceError(
+                f"{place_of(table, found)}: numbers, where yawid export gives reasons by their "
+                "names: leave the column out"
+            )
+        texts = [""] * table.rows
     bits: dict[str, int] = {}
     for row, text in enumerate(texts):
         if text not in bits:

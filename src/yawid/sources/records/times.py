@@ -1,5 +1,6 @@
 """When a record's rows were: seconds, Unix time or dates to microseconds since its start."""
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
@@ -13,7 +14,12 @@ UNIX_S: Final = 1e9
 LATEST_S: Final = 4.2e9
 """... and in 2103."""
 NO_DATE: Final = np.iinfo(np.int64).min
-_UTC_ENDS: Final = ("Z", "z", "+00:00", "+0000", " UTC")
+FIRST_YEAR, LAST_YEAR = 1970, 2199
+_ISO_UTC: Final = re.compile(
+    r"((?:19[789]|20\d|21\d)\d-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)"
+    r"(?:[Zz]|\+00:?00| UTC)?",
+    re.ASCII,
+)
 
 
 def dates_ns_of(texts: Sequence[str]) -> Ints:
@@ -24,22 +30,14 @@ def dates_ns_of(texts: Sequence[str]) -> Ints:
     Raises:
         ValueError: a text is no such date; it is the error's text.
     """
-    plain = [_without_zone(text) for text in texts]
+    plain = [_ISO_UTC.fullmatch(text) if text else None for text in texts]
     try:
-        if all(each is not None for each in plain):
-            found = np.array([each or "NaT" for each in plain], "datetime64[ns]")
-            return found.astype(np.int64)
+        if all(found or not text for found, text in zip(plain, texts, strict=True)):
+            whole = [found.group(1) if found else "NaT" for found in plain]
+            return np.array(whole, "datetime64[ns]").astype(np.int64)
     except ValueError:
         pass
     return np.array([_one_ns(text) for text in texts], np.int64)
-
-
-def _without_zone(text: str) -> str | None:
-    """Return a time in UTC without saying so, None where it may be in another zone."""
-    for end in _UTC_ENDS:
-        if text.endswith(end):
-            return text[: -len(end)]
-    return text if "+" not in text and text.count("-") in (0, 2) else None
 
 
 def _one_ns(text: str) -> int:
@@ -49,7 +47,7 @@ def _one_ns(text: str) -> int:
         when = datetime.fromisoformat(text)
     except ValueError:
         raise ValueError(text) from None
-    if len(text) < len("2024-01-01T00:00"):
+    if len(text) < len("2024-01-01T00:00") or not FIRST_YEAR <= when.year <= LAST_YEAR:
         raise ValueError(text)
     when = when.replace(tzinfo=UTC) if when.tzinfo is None else when
     whole = round(when.replace(microsecond=0).timestamp())
