@@ -88,8 +88,9 @@ def test_a_dead_link_stands_in_red_with_how_long() -> None:
         ({"held": "on ground"}, "wait: no sample is used now: on ground"),
         ({"from_s": None}, "wait: being estimated; or fly the next one"),
         ({"from_s": None, "unanswered": 0}, "move the rudder: a doublet of more than 10 % of"),
+        ({"from_s": None, "unanswered": 0, "stroke": None}, "move the rudder; how it follows"),
         ({}, "move the rudder more"),
-        ({"is_excited": True}, "enough: now let go, 5 s of rest end the manoeuvre"),
+        ({"is_excited": True}, "enough: back to neutral, now let go: 5 s of rest end it"),
         ({"is_excited": True, "rests_s": 1.8}, "let go: 3 s more of rest end the manoeuvre"),
     ],
 )

@@ -82,13 +82,13 @@ def what_to_do(vehicle: VehicleFacts) -> tuple[str, str]:
     if vehicle.from_s is None:
         if vehicle.unanswered:
             return "wait: being estimated; or fly the next one", "cyan"
+        if vehicle.stroke is None:
+            return "move the rudder; how it follows the aileron takes some seconds to find", ""
         return f"move the rudder: a doublet of more than {_NEEDED} of half travel", ""
-    if vehicle.stroke is None:
-        return "move the rudder: what of it follows the aileron is not known yet", "yellow"
     if not vehicle.is_excited:
         return "move the rudder more", "yellow"
     if vehicle.rests_s < MOVING_S:
-        return f"enough: now let go, {WINDOW_S:.0f} s of rest end the manoeuvre", "green"
+        return f"enough: back to neutral, now let go: {WINDOW_S:.0f} s of rest end it", "green"
     left_s = max(WINDOW_S - vehicle.rests_s, 0.0)
     return f"let go: {left_s:.0f} s more of rest end the manoeuvre", "green"
 
