@@ -6,10 +6,12 @@ import fcntl
 import io
 import os
 import pty
+import select
 import struct
 import termios
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,18 +26,22 @@ from yawid.sinks.terminal.live_screen import LiveScreen, console_for
 class Terminal:
     """A pseudo terminal of 80x24 and what has been written to it."""
 
-    def __init__(self, lines: int = 24) -> None:
+    def __init__(self) -> None:
         self._master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", lines, 80, 0, 0))
+        self.resize(24)
         self.stream = open(slave, "w", encoding="utf-8")  # noqa: PTH123, SIM115 # closed below
         self.written = b""
         """Since what was waited for last."""
+
+    def resize(self, lines: int) -> None:
+        fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", lines, 80, 0, 0))
 
     def wait_for(self, text: str, within_s: float = 10.0) -> None:
         late_s = time.monotonic() + within_s
         while text.encode() not in self.written:
             assert time.monotonic() < late_s, f"{text!r} is not in {self.written[-2000:]!r}"
-            self.written += os.read(self._master, 65536)
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.written += os.read(self._master, 65536)
         self.written = self.written[self.written.index(text.encode()) :]
 
     def close(self) -> None:
@@ -43,42 +49,46 @@ class Terminal:
         os.close(self._master)
 
 
-@pytest.fixture(autouse=True)
-def xterm(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
     monkeypatch.setenv("TERM", "xterm-256color")
+    opened = Terminal()
+    yield opened
+    opened.close()
 
 
 def test_the_screen_says_a_dead_link_within_two_seconds_and_leaves_the_terminal_clean(
-    tmp_path: Path,
+    tmp_path: Path, terminal: Terminal
 ) -> None:
-    terminal, port, stop = Terminal(), free_port(), StopFlag()
+    port, stop = free_port(), StopFlag()
     options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
     console = console_for(terminal.stream)
     outputs = Outputs(tmp_path, "live")
     session = threading.Thread(target=live, args=(options, CONFIG, outputs, stop, console))
     session.start()
-    terminal.wait_for("listening on")
-    send(frames(20.0, doublet_s=8.0), port)
-    sent_s = time.monotonic()
-    terminal.wait_for("manoeuvre 1 (107 to 115 s")
-    terminal.wait_for("NOTHING RECEIVED FOR", within_s=2.0)
-    assert time.monotonic() - sent_s < 2.0
-    stop.is_set = True
+    try:
+        terminal.wait_for("listening on")
+        send(frames(20.0, doublet_s=8.0), port)
+        sent_s = time.monotonic()
+        terminal.wait_for("NOTHING RECEIVED FOR")
+        assert time.monotonic() - sent_s < 2.0
+        console.say("said meanwhile")
+    finally:
+        stop.is_set = True
     terminal.wait_for("\x1b[?25h")  # the cursor
-    terminal.wait_for("\x1b[?1049l")
-    terminal.wait_for("\nyawid: manoeuvre 1 (107 to 115 s")
+    terminal.wait_for("\x1b[?1049lyawid: said meanwhile")
     terminal.wait_for("VERDICT")
     session.join()
-    terminal.close()
 
 
 @pytest.mark.parametrize("why", ["no terminal", "dumb", "small"])
 def test_there_are_lines_where_no_screen_can_be_drawn(
-    why: str, monkeypatch: pytest.MonkeyPatch
+    why: str, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    terminal = Terminal(lines=10 if why == "small" else 24)
+    assert isinstance(console_for(terminal.stream), LiveScreen)
     if why == "dumb":
         monkeypatch.setenv("TERM", "dumb")
+    if why == "small":
+        terminal.resize(10)
     stream = io.StringIO() if why == "no terminal" else terminal.stream
     assert not isinstance(console_for(stream), LiveScreen)
-    terminal.close()

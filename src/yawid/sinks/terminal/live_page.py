@@ -19,8 +19,8 @@ from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page: it shows one line."""
-DEAD_S = 1.5
-"""A link that has brought nothing for so long is dead."""
+DEAD_S = 1.2
+"""A link that has brought nothing for so long is dead: with what drawing takes, said within 2 s."""
 NAME_WIDTH = 10
 SCALE = 0.5
 """The meter's end, in parts of half the travel."""
@@ -293,7 +293,7 @@ def _wrapped(name: str, text: str, width: int) -> Iterator[Text]:
 
 
 def _hz(rate: float) -> str:
-    return f"{rate:.0f} Hz" if rate >= 10.0 else f"{rate:.1f} Hz"
+    return f"{rate:.1f} Hz" if 0.0 < rate < 10.0 else f"{rate:.0f} Hz"
 
 
 def _age(seconds: float) -> str:

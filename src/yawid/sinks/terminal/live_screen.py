@@ -52,6 +52,7 @@ class LiveScreen(Console):
         super().__init__(stream, REFRESH_S)
         self._stream = stream
         self._said: deque[tuple[str, str]] = deque(maxlen=KEPT)
+        self._unsaid: deque[str] = deque(maxlen=KEPT)  # as a line
         self._facts: LiveFacts | None = None
         self._news = threading.Event()
         self._closing = threading.Event()
@@ -60,9 +61,10 @@ class LiveScreen(Console):
     def say(self, text: str) -> None:
         """Show a line among those that were said last."""
         with self._lock:
+            self._said.append((time.strftime("%H:%M:%S"), text))
             is_shown = self._thread is not None
             if is_shown:
-                self._said.append((time.strftime("%H:%M:%S"), text))
+                self._unsaid.append(text)
                 self._news.set()
         if not is_shown:
             super().say(text)
@@ -105,10 +107,10 @@ class LiveScreen(Console):
                     facts = self._facts or facts
                     console.size = size_of(self._stream)
                     live.update(Page(facts, tuple(self._said)), refresh=True)
-                    self._closing.wait(REFRESH_S / 2)  # what comes at once is drawn at once
+                    self._closing.wait(REFRESH_S / 4)  # what comes at once is drawn at once
         finally:
             with self._lock:
-                said, self._thread = list(self._said), None
-            for _, text in said:
+                unsaid, self._thread = list(self._unsaid), None
+            for text in unsaid:
                 direct.write(f"yawid: {text}\n")
         console.print(Page(facts, (), is_last=True))
