@@ -43,10 +43,12 @@ def test_what_is_exported_of_a_run_replays_to_the_same_samples_and_answers(
     tmp_path: Path, suffix: str
 ) -> None:
     options = "--manoeuvres", "off", "--also", "none"
-    first = replayed(GAPS, tmp_path, *options)
+    in_rad = "--rudder-max-deg", "25"
+    first = replayed(GAPS, tmp_path, *options, *in_rad)
     exported = tmp_path / f"exported{suffix}"
     assert main(["export", str(first), "-o", str(exported)]) == 0
-    again = open_run(replayed(exported, tmp_path, *options))
+    # The metadata of Parquet say how far the rudder moves; the units of both, in which sense.
+    again = open_run(replayed(exported, tmp_path, *options, *in_rad[: 2 * (suffix == ".csv")]))
 
     run, later = open_run(first), slice(1, None)
     assert np.count_nonzero(samples_of(run).held) == 4

@@ -9,6 +9,7 @@ from yawid.cli.options import (
     add_command,
     add_estimator_options,
     add_format,
+    add_record_options,
     add_signing,
     auto_orders,
     config_of,
@@ -49,6 +50,7 @@ def add_fleet(commands: Any) -> None:
     add_format(fleet)
     add_signing(fleet)
     add_estimator_options(fleet)
+    add_record_options(fleet)
     fleet.set_defaults(run=_fleet)
 
 

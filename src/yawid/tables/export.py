@@ -102,7 +102,10 @@ def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
 
 def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     first = next(tables)
-    heads = [column.name for column in first], [column.unit for column in first]
+    # Whose rudder is an angle is asked where it turns the nose: a CSV can say it with the unit.
+    signed = {("rudder", "rad"): "rad nose-right"}
+    units = [signed.get((column.name, column.unit), column.unit) for column in first]
+    heads = [column.name for column in first], units
     stream.write("".join(f"{','.join(head)}\n" for head in heads).encode())
     for columns in chain([first], tables):
         pyarrow.csv.write_csv(_arrow(columns, facts), stream, _NO_HEADER)
