@@ -19,7 +19,6 @@ from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
-from yawid.channels.vehicle import Vehicle
 from yawid.config.run import BOTH, RunConfig
 from yawid.errors import ConfigError
 from yawid.results.advice import what_to_record
@@ -119,7 +118,7 @@ def _inspected(
         recommend["record"] = record
     origin = {name: getattr(whole.summary, name) for name in Origin.__struct_fields__}
     counted = {key: SenderStats(n) for key, n in link.senders.items()} | dict(link.by_sender)
-    vehicle = pipeline.channels.lock.vehicle
+    modes_of = pipeline.channels.modes_of
     inspection = Inspection(
         **origin | {"link": structs.replace(whole.summary.link, signed=link.signed or None)},
         senders={f"{s}/{c}": n for (s, c), n in link.senders.items()},
@@ -127,7 +126,7 @@ def _inspected(
         unchecked=source.options.unchecked(link),
         rates=rates,
         answerable=_answerable(rates),
-        phases=None if vehicle is None else [_phase(phase, vehicle) for phase in survey.phases],
+        phases=None if modes_of is None else [_phase(each, *modes_of) for each in survey.phases],
         excited=found,
         manoeuvres=whole.summary.manoeuvres,
         flight=whole.summary.flight,
@@ -215,11 +214,11 @@ def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
     return Answerable(most_rad_s / LEAST_PER_PERIOD, most_rad_s / GOOD_PER_PERIOD)
 
 
-def _phase(phase: Phase, vehicle: Vehicle) -> FlightPhase:
+def _phase(phase: Phase, autopilot: int, vehicle_type: int) -> FlightPhase:
     """Describe a phase in seconds since boot; what hovers may be slow without standing."""
-    mode = mode_name(vehicle.autopilot, vehicle.type, phase.mode) if phase.mode >= 0 else None
+    mode = mode_name(autopilot, vehicle_type, phase.mode) if phase.mode >= 0 else None
     state = STATES.get(phase.state)
-    hovers = vehicle.type not in (GENERIC, FIXED_WING) or (mode or "").startswith("Q")
+    hovers = vehicle_type not in (GENERIC, FIXED_WING) or (mode or "").startswith("Q")
     if hovers and phase.state == GROUNDED:
         state = "slow"
     return FlightPhase(phase.boot, phase.from_us / 1e6, phase.to_us / 1e6, mode, state)
