@@ -11,7 +11,6 @@ from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.runs.stop import StopFlag
 from yawid.sources.open_log import Log, ReadOptions, Source
-from yawid.sources.records.find_columns import Asked
 
 
 def open_log(log: Path, options: ReadOptions | None = None, *, again: bool = False) -> Log:
@@ -49,6 +48,8 @@ def settled(source: Log, config: RunConfig) -> RunConfig:
     needs += ["roll", "pitch", "q"] if config.output == "heading-rate" else []
     sign = config.rudder_sign if config.binds("rudder_sign") else None
     said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
+    from yawid.sources.records.find_columns import Asked  # a log needs nothing of it
+
     found = record.settle(Asked(*said, tuple(needs)))
     return replace(
         config,

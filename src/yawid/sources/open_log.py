@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from yawid.blocks import FrameBlock, RecordBlock, SampleBlock
 from yawid.sources.logs.dataflash import DataflashReader
@@ -21,9 +21,9 @@ from yawid.sources.logs.ulog import UlogReader
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.mavlink.signing import Signing, SigningKey
-from yawid.sources.records.csv_table import looks_like_csv
-from yawid.sources.records.parquet_table import MAGIC as PARQUET
-from yawid.sources.records.record import Record
+
+if TYPE_CHECKING:
+    from yawid.sources.records.record import Record
 
 SUFFIXES = (".tlog", ".bin", ".ulg")
 """What logs are called, by their kind: telemetry, dataflash, ULog."""
@@ -115,6 +115,7 @@ class Log:
         again: bool = False,
     ) -> None:
         self.options = options or ReadOptions()
+        self.record: Record | None = None
         self._reader = self._open(path, wanted)
         self.path, self.size = path, path.stat().st_size
         self._digest = hashlib.sha256()
@@ -123,15 +124,18 @@ class Log:
 
     def _open(
         self, path: Path, wanted: Iterable[str]
-    ) -> TlogReader | DataflashReader | UlogReader | Record:
+    ) -> "TlogReader | DataflashReader | UlogReader | Record":
         head = _head(path) if self.options.form == "auto" else b""
         if head.startswith(DATAFLASH):
             return DataflashReader(path)
         if head.startswith(ULOG):
             return UlogReader(path)
-        named = self.options.form == "auto" and path.suffix.lower() in RECORDS and path.is_file()
-        if named or head.startswith(PARQUET) or looks_like_csv(head):
-            return Record(path)
+        if self.options.form == "auto" and _may_be_record(path, head):
+            from yawid.sources.records.record import Record, is_record  # a log needs nothing of it
+
+            if path.suffix.lower() in RECORDS or is_record(head):
+                self.record = Record(path)
+                return self.record
         return TlogReader(path, self.options.decoder(wanted), self.options.form)
 
     def close(self) -> None:
@@ -143,11 +147,6 @@ class Log:
     def link(self) -> LinkStats:
         """Counts of what the log holds, once it has been read."""
         return self._reader.link
-
-    @property
-    def record(self) -> Record | None:
-        """The record that this is, None of a log."""
-        return self._reader if isinstance(self._reader, Record) else None
 
     @property
     def vehicle_id(self) -> str | None:
@@ -202,6 +201,11 @@ def log_suffix(path: Path) -> str:
     """Return the one of ``SUFFIXES`` that names the kind of a log."""
     head = _head(path)
     return SUFFIXES[1 if head.startswith(DATAFLASH) else 2 if head.startswith(ULOG) else 0]
+
+
+def _may_be_record(path: Path, head: bytes) -> bool:
+    """Tell if a file may be a record: a stamp begins with 0, a frame of MAVLink 2 with 0xFD."""
+    return path.is_file() and head[:1] not in (b"\0", b"\xfd")
 
 
 def _head(path: Path) -> bytes:

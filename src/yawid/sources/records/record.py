@@ -16,7 +16,7 @@ from yawid.blocks import Floats, RecordBlock
 from yawid.errors import ChannelError, SourceError
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.mavlink.link_stats import LinkStats
-from yawid.sources.records.csv_table import CsvTable
+from yawid.sources.records.csv_table import CsvTable, looks_like_csv
 from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
 from yawid.sources.records.modes import modes_of
 from yawid.sources.records.parquet_table import MAGIC, ParquetTable
@@ -38,6 +38,11 @@ MEASURED: Final = frozenset(
     | {"on_ground"}
 )
 """Columns that are numbers in units, and used as they are."""
+
+
+def is_record(head: bytes) -> bool:
+    """Tell by its first bytes whether a file is Parquet, or a table of texts."""
+    return head.startswith(MAGIC) or looks_like_csv(head)
 
 
 class Record:
@@ -88,7 +93,8 @@ class Record:
         measured = ("r", "q", "roll", "pitch", "yaw", "altitude", "on_ground")
         self._rows = laid_out(
             RecordBlock(
-                called={name: each.label for name, each in found.items()},
+                called={name: each.label for name, each in found.items()}
+                | {"rudder": f"{found['rudder'].header.name} [{settled.rudder_unit}]"},
                 modes_of=whose,
                 order=np.arange(table.rows),
                 received_us=t_us + (0 if unix_ns is None else offsets_us(t_us, unix_ns)),
