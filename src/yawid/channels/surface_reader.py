@@ -149,7 +149,8 @@ def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...
         raise ConfigError(f"--inputs: the record has no column {' and '.join(missing)}")
     how = "column"
     if not config.travel_is_known:
-        how += f", in parts of {config.travel_said}"
+        stroke_deg = float(np.rad2deg(config.half_travel))
+        how += f"; its travel is not known, its largest stroke within 5 s is {stroke_deg:.3g} deg"
     hows = {"rudder": how, "aileron": "column"}
     return tuple(
         Surface("", hows[name], (Part(0, None),), column=block.called[name])
