@@ -22,7 +22,9 @@ from yawid.report.model_pictures import frequency_band, poles_with_sigma, step_b
 from yawid.report.write import report, write_report
 from yawid.sinks.mcap.reader import open_run
 
-PICTURES = ("fit", "residuals", "modes", "parameters", "bode", "poles", "step", "link")
+PICTURES = (
+    "whole", "fit", "bode", "poles", "step", "residuals", "modes", "parameters", "link",
+)  # fmt: skip
 STREAM = ("--manoeuvres", "off")
 """These tests are of the stream's answer; tests of a flight's are in test_flight_page.py."""
 PAIRS = (("wn_rad_s", "wn_std"), ("zeta", "zeta_std"))
@@ -52,10 +54,10 @@ def test_the_first_screen_answers_the_four_questions(good: Path) -> None:
     run = open_run(good)
     mode = run.summary.dutch_roll
     text = first_screen(report(run))
-    assert f"Natural frequency ωn {mode.wn_rad_s:.3f} rad/s ± {2 * mode.wn_std:.3f}" in text
-    assert f"Damping ratio ζ {mode.zeta:.3f} ± {2 * mode.zeta_std:.3f}" in text
-    wn_pct, zeta_pct = (200 * getattr(mode, s) / getattr(mode, v) for v, s in PAIRS)
-    assert f"How sure? Very ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
+    assert f"Natural frequency ωn {mode.wn_rad_s:.3f} rad/s ± {mode.wn_std:.3f}" in text
+    assert f"Damping ratio ζ {mode.zeta:.4f} ± {mode.zeta_std:.4f}" in text
+    wn_pct, zeta_pct = (100 * getattr(mode, s) / getattr(mode, v) for v, s in PAIRS)
+    assert f"How sure? Well ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
     assert "Can I use it? Yes nothing speaks against it" in text
 
 
@@ -136,6 +138,21 @@ def test_it_is_written_beside_the_run_and_never_over_a_file(
     assert main(["report", str(good), "--force"]) == 0
     assert path.read_bytes() == before
     assert not list(good.parent.glob("*.part"))
+
+
+def test_its_pictures_can_be_had_one_by_one_and_never_over_a_file(
+    good: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "pictures"
+    order = ["report", str(good), "-o", str(tmp_path / "a.html"), "--png", str(folder)]
+    assert main(order) == 0
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert set(files) == {f"{key}.png" for key in PICTURES}
+    assert all(data.startswith(b"\x89PNG") for data in files.values())
+    (tmp_path / "a.html").unlink()
+    assert main(order) == 6
+    assert not (tmp_path / "a.html").exists()
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
 
 
 def test_the_file_replays_from_itself(good: Path) -> None:

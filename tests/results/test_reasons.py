@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ast
-from html import escape
 
 import pytest
 from places import SRC
 
-from yawid.report.html import first_screen
+from yawid.report.html import first_screen, prose
 from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.results.run_summary import ReasonSummary, VerdictSummary
+from yawid.results.run_summary import ReasonSummary
+from yawid.sinks.answers import Card
 
 CONTRACT = {
     "interrupted": 130,
@@ -36,11 +36,11 @@ def test_the_table_is_the_contracts_in_its_order():
 @pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.id)
 def test_every_reason_says_what_to_do_in_the_report(kind):
     reason = ReasonSummary(kind.id, kind.weight, "so it was")
-    verdict = VerdictSummary(usable=not kind.exit_code, reasons=[reason])
-    page = first_screen("a.tlog", "", "", [], verdict)
+    card = Card("Can I use it?", "No", "", ())
+    page = first_screen("a.tlog", "", "", [card], [(reason, kind.now)])
 
     assert kind.now.endswith(".")
-    assert f'<span class="advice">{escape(kind.now)}</span>' in page
+    assert f'<span class="advice">{prose(kind.now)}</span>' in page
     assert kind.origin in ("run", "log", "samples", "estimate")
 
 

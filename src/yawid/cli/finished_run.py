@@ -36,13 +36,13 @@ def add_finished_run(commands: Any) -> None:
     )  # fmt: skip
     report.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
     report.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="R.html",
+        "-o", "--out", type=Path, metavar="R.html",
         help="(default: beside the MCAP, under its name)",
+    )  # fmt: skip
+    report.add_argument(
+        "--png", type=Path, metavar="DIR", help="also write its pictures, a PNG each, into DIR"
     )
-    report.add_argument("--force", action="store_true", help="overwrite a report that exists")
+    report.add_argument("--force", action="store_true", help="overwrite files that exist")
     report.set_defaults(run=_report)
     export = add_command(
         commands, "export", "RUN.mcap", "write a finished run's samples and results as a table",
@@ -95,7 +95,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from yawid.sinks.terminal.progress import progress
 
     with progress(sys.stderr, f"report of {arguments.mcap.name}"):
-        path = write_report(arguments.mcap, arguments.out, force=arguments.force)
+        path = write_report(arguments.mcap, arguments.out, png=arguments.png, force=arguments.force)
     print(path, flush=True)
     return 0
 

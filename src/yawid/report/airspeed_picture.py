@@ -1,15 +1,16 @@
 """The picture of a flight: natural frequency and damping ratio of its manoeuvres over airspeed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from yawid.blocks import Bools, Floats
-from yawid.report.picture import Picture, band, drawn
+from yawid.report.picture import Picture, band
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.sinks.answers import NOT_USED, outcome
 from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RML
@@ -26,6 +27,9 @@ _LOOKS: Final[dict[str, dict[str, Any]]] = {
     "disagrees": {"marker": "D", "color": BAD},
     _REFUSED: {"marker": "x", "color": NEUTRAL, "alpha": 0.8},
 }
+ALIKE: Final = 0.03
+"""Of V: less is one airspeed, over which there is nothing to be seen."""
+_TITLES: Final = {False: "The manoeuvres over airspeed", True: "The manoeuvres side by side"}
 _PANELS: Final = ("ωn [rad/s]", "ζ")
 
 
@@ -57,28 +61,34 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture
     if len(known) < 2:
         return None
     points = _points(known, flight)
+    alike = _ends(points.speed)[1] > 0.0 and np.ptp(points.speed) < ALIKE * points.speed.max()
+    if alike:  # side by side: at one airspeed they would hide each other
+        points = replace(points, speed=np.array(points.n, dtype=np.float64))
     sources = sorted({each.airspeed_source or "airspeed" for each, _, _ in known})
 
     def draw(canvas: Figure) -> None:
         axes = canvas.subplots(2, 1, sharex=True)
         for i, ax in enumerate(axes):
-            ax.set_xlim(*_ends(points.speed))
+            if alike:
+                ax.set_xlim(min(points.n) - 0.7, max(points.n) + 0.7)
+                ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+            else:
+                ax.set_xlim(*_ends(points.speed))
             ax.set_ylim(*points.limits[i])
             ax.set_ylabel(_PANELS[i])
-            _draw_flight(ax, flight, i)
-            _draw_points(ax, points, i)
-        axes[1].set_xlabel(f"{' or '.join(sources)} [m/s]")
+            _draw_flight(ax, flight, i, alike=alike)
+            _draw_points(ax, points, i, numbered=not alike and len(points.n) <= MOST_NUMBERED)
+        axes[1].set_xlabel("manoeuvre" if alike else f"{' or '.join(sources)} [m/s]")
         canvas.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
 
-    line = "along the line ωn = κV" if flight.kappa_rad_m is not None else "in proportion"
-    look = (
-        f"Does ωn grow with the airspeed, {line}, and does ζ stay? Bars and bands are 2 sigma, "
-        "numbers those of the table. Look at a point whose bar does not reach the others."
-    )
+    if alike:
+        look = "All at one airspeed: do they agree? Bars, and the band of the flight: 2 sigma."
+    else:
+        line = "along the line ωn = κV" if flight.kappa_rad_m is not None else "in proportion"
+        look = f"Does ωn grow with the airspeed, {line}, and does ζ stay? Bars and bands: 2 sigma."
     if hidden := int(np.sum(~points.within.all(axis=1))):
         look += f" Off the picture: {hidden} that cannot be used."
-    svg = drawn("airspeed", draw, (5.6, 4.4))
-    return Picture("airspeed", "The manoeuvres over airspeed", look, svg)
+    return Picture("airspeed", _TITLES[alike], look, draw, (5.6, 4.4))
 
 
 def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> _Points:
@@ -123,7 +133,7 @@ def _ends(speed: Floats) -> Floats:
     return (low + high) / 2.0 + np.array([-0.5, 0.5]) * width
 
 
-def _draw_points(ax: Axes, points: _Points, i: int) -> None:
+def _draw_points(ax: Axes, points: _Points, i: int, *, numbered: bool) -> None:
     tall = float(np.diff(points.limits[i])[0])
     for kind, looks in _LOOKS.items():
         rows = points.within[:, i] & np.array([each == kind for each in points.kind])
@@ -133,25 +143,25 @@ def _draw_points(ax: Axes, points: _Points, i: int) -> None:
                 points.speed[rows], points.value[rows, i], bars, linestyle="none", markersize=5,
                 elinewidth=0.9, label=kind, **looks,
             )  # fmt: skip
-    if len(points.n) > MOST_NUMBERED:
+    if not numbered:
         return
     for j in np.flatnonzero(points.within[:, i]):
         place = (points.speed[j], points.value[j, i])
         ax.annotate(str(points.n[j]), place, (4, 3), textcoords="offset points", fontsize=7.5)
 
 
-def _draw_flight(ax: Axes, flight: Flight, i: int) -> None:
-    """Draw kappa's line, or the constant zeta, and the headline's point."""
+def _draw_flight(ax: Axes, flight: Flight, i: int, *, alike: bool) -> None:
+    """Draw kappa's line, or what is constant, and the headline's point."""
     mode, kappa = flight.dutch_roll, flight.kappa_rad_m
     x = np.array(ax.get_xlim())
-    if i == 0 and kappa is not None and kappa.value is not None:
+    if i == 0 and not alike and kappa is not None and kappa.value is not None:
         _line(ax, x, kappa, x, f"ωn = {kappa.value:.3g} V")
     if mode is None:
         return
     value, sigma = _values(mode)[i], _sigmas(mode)[i]
-    if i == 1:
-        _line(ax, x, Value(value, sigma), np.ones(2), None)
-    if flight.airspeed_m_s is not None:
+    if i == 1 or alike:
+        _line(ax, x, Value(value, sigma), np.ones(2), "the flight" if alike else None)
+    if not alike and flight.airspeed_m_s is not None:
         ax.errorbar(
             [flight.airspeed_m_s], [value], [SIGMAS * sigma], marker="*", markersize=11,
             color=MODEL, elinewidth=1.6, linestyle="none", label="the flight", zorder=1.9,

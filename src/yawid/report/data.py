@@ -4,6 +4,7 @@ The file keeps theta's sigma but not its covariance, which every band needs. Est
 the samples gives it, and shows that the file can be replayed from itself.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any
@@ -22,27 +23,14 @@ from yawid.blocks import (
     runs_of,
     words,
 )
-from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import simulate
 from yawid.physics.modes import modes as physics_modes
+from yawid.report.manoeuvre_data import Drawn, Rows, to_draw
+from yawid.report.model_data import Judged, Model
 from yawid.sinks.mcap.reader import McapRun
 
 TRACK_POINTS = 600
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """The final model of the method drawn: theta (p,), its covariance (p, p), what it belongs to.
-
-    ``same`` tells whether estimating again gave the file's own theta to the bit.
-    """
-
-    theta: Floats
-    covariance: Floats
-    orders: ArmaxOrders
-    sample_time_s: float
-    same: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,30 +41,6 @@ class Track:
     theta: Floats
     theta_std: Floats
     dutch_roll: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """The rows the final model is judged by: three times its memory, all where it keeps everything.
-
-    t (n,) in s since boot, u (n, inputs), y, y_hat, simulated, residual (n,); NaN where held.
-    """
-
-    t: Floats
-    u: Floats
-    y: Floats
-    y_hat: Floats
-    simulated: Floats
-    residual: Floats
-
-    def longest_stretch(self) -> slice:
-        """Return the rows of the longest stretch in which nothing was held."""
-        good = np.isfinite(self.y) & np.isfinite(self.u).all(axis=1)
-        stretches = runs_of(good)
-        if not len(stretches):
-            return slice(0, 0)
-        first, last = stretches[np.argmax(stretches[:, 1] - stretches[:, 0])]
-        return slice(int(first), int(last))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +70,30 @@ class Events:
 
 
 @dataclass(frozen=True, slots=True)
-class ReportData:
-    """All that is drawn of one run."""
+class Whole:
+    """Every sample of the run: t (n,) in s since boot, rudder and output (n,), NaN where held."""
 
+    t: Floats
+    rudder: Floats
+    y: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """All that is drawn of one run: ``tracks`` by method, the manoeuvres the best told first."""
+
+    method: str
     model: Model
-    track: Track
+    tracks: dict[str, Track]
     judged: Judged
     events: Events
+    whole: Whole
+    drawn: tuple[Drawn, ...]
+
+    @property
+    def track(self) -> Track:
+        """That of the method drawn."""
+        return self.tracks[self.method]
 
 
 def gather(run: McapRun, method: str | None = None) -> ReportData | None:
@@ -133,7 +114,7 @@ def gather(run: McapRun, method: str | None = None) -> ReportData | None:
         for each in run.summary.manoeuvres or ()
     )
     for block in run.blocks():
-        gatherer.add(block.samples, block.estimates[gatherer.method], block.modes)
+        gatherer.add(block.samples, block.estimates, block.modes)
     return gatherer.result(stretches)
 
 
@@ -143,31 +124,43 @@ class _Gatherer:
         self._bank = Bank(run.config, sample_time_s)
         self._stride = -(-run.rows // TRACK_POINTS)
         self._rows = 0
-        self._thin: list[tuple[Floats, ...]] = []
+        self._thin: dict[str, list[tuple[Floats, ...]]] = {m: [] for m in self._bank.methods}
         self._full: list[tuple[Any, ...]] = []
         self._last = np.empty(0)
+        self._manoeuvres = [
+            Rows(each) for each in to_draw(run.summary.manoeuvres or (), run.summary.flight)
+        ]
 
-    def add(self, samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock) -> None:
-        again = [self._bank.run(part)[self.method].rows for part in samples.epochs()]
+    def add(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        again = [self._bank.run(part) for part in samples.epochs()]
         thin = slice(-self._rows % self._stride, None, self._stride)
-        dutch_roll = modes.dutch_roll[thin].copy()
-        if self.method != self._bank.methods[0]:  # the file's modes are those of the first
-            dutch_roll = self._modes(EstimateBlock(np.concatenate(again)[thin], estimate.p))
-        live = (estimate.status[thin] != Status.WARMING_UP)[:, None]
-        theta, theta_std = (
-            np.where(live, column[thin], np.nan) for column in (estimate.theta, estimate.theta_std)
-        )
-        self._thin.append((samples.boot_us[thin] / 1e6, theta, theta_std, dutch_roll))
+        for method, estimate in estimates.items():
+            dutch_roll = modes.dutch_roll[thin].copy()
+            if method != self._bank.methods[0]:  # the file's modes are those of the first
+                rows = np.concatenate([part[method].rows for part in again])[thin]
+                dutch_roll = self._modes(method, EstimateBlock(rows, estimate.p))
+            live = (estimate.status[thin] != Status.WARMING_UP)[:, None]
+            theta, theta_std = (
+                np.where(live, column[thin], np.nan)
+                for column in (estimate.theta, estimate.theta_std)
+            )
+            self._thin[method].append((samples.boot_us[thin] / 1e6, theta, theta_std, dutch_roll))
+        estimate = estimates[self.method]
         delay_s = (samples.received_us - samples.unix_ns / 1e3) / 1e6
         self._full.append(
-            (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s)
-        )
+            (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s,
+             samples.u[:, 0].copy(), samples.y.copy())
+        )  # fmt: skip
         self._rows += len(samples)
         self._last = estimate.theta[-1].copy()
+        for each in self._manoeuvres:
+            each.add(samples)
 
-    def _modes(self, estimates: EstimateBlock) -> Floats:
+    def _modes(self, method: str, estimates: EstimateBlock) -> Floats:
         """Return the Dutch roll (n, 4) of estimates with their covariance."""
-        config = self._bank.estimators[self.method].config
+        config = self._bank.estimators[method].config
         mean_output = self._bank.config.output == "yaw"
         return physics_modes(
             estimates, config.orders, config.sample_time_s, mean_output=mean_output
@@ -181,18 +174,22 @@ class _Gatherer:
         config = self._bank.estimators[self.method].config
         same = bool(np.array_equal(theta, self._last))
         model = Model(theta, covariance[-1], config.orders, config.sample_time_s, same)
-        boot_us, held, noted, residual, delay_s = _joined(self._full)
+        boot_us, held, noted, residual, delay_s, rudder, output = _joined(self._full)
         boot_s, history = boot_us / 1e6, self._bank.history()
         n, u, y = len(history.y), history.u, history.y
         simulated = simulate(theta, config.orders, config.bias, u, y)
         y_hat = history.y_hat[self.method]
+        again = [each.drawn(self._bank.config, model.sample_time_s) for each in self._manoeuvres]
         return ReportData(
+            self.method,
             model,
-            Track(*_joined(self._thin)),
+            {method: Track(*_joined(rows)) for method, rows in self._thin.items()},
             Judged(boot_s[-n:], u, y, y_hat, simulated, residual[-n:]),
             replace(
                 _events(boot_s, held, noted, delay_s, model.sample_time_s), manoeuvres=stretches
             ),
+            Whole(boot_s, rudder, output),
+            tuple(each for each in again if each is not None),
         )
 
 

@@ -11,8 +11,7 @@ from importlib.resources import files
 from typing import Final
 
 from yawid.report.picture import Picture
-from yawid.results.reasons import KINDS
-from yawid.results.run_summary import ReasonSummary, VerdictSummary
+from yawid.results.run_summary import ReasonSummary
 from yawid.sinks.answers import Card
 from yawid.sinks.palette import BAD, CARE, DATA, GOOD
 
@@ -21,6 +20,8 @@ STYLE: Final = (
     f":root {{ {' '.join(f'--{name}: {colour};' for name, colour in _COLOURS.items())} }}\n"
 ) + files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+Told = tuple[ReasonSummary, str]
+"""A reason, and what to do about it."""
 Cell = tuple[str, str]
 """Of a wide table: its text, and what stands small below it."""
 _PALE: Final = ' class="pale"'
@@ -30,6 +31,11 @@ _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\u
 def safe(text: object) -> str:
     """Return a text as HTML shows it literally; what no page may hold becomes a question mark."""
     return escape(_CONTROLS.sub("\ufffd", str(text)))
+
+
+def prose(text: str) -> str:
+    """Return a text for people; options in it stay in one piece."""
+    return re.sub(r"--[a-z][a-z-]*", r'<span class="option">\g<0></span>', safe(text))
 
 
 def page(title: str, body: Iterable[str]) -> str:
@@ -45,17 +51,26 @@ def page(title: str, body: Iterable[str]) -> str:
 
 
 def first_screen(
-    name: str, origin: str, sentence: str, answers: Sequence[Card], verdict: VerdictSummary
+    name: str,
+    origin: str,
+    sentence: str,
+    answers: Sequence[Card],
+    told: Sequence[Told],
+    remark: str = "",
 ) -> str:
-    """Return the head of the page: the sentence, the four cards, the reasons."""
-    usable = verdict.usable
-    kind = "no" if not usable else "care" if verdict.reasons else "yes"
+    """Return the head of the page: the sentence, the four cards, the reasons with what to do.
+
+    ``remark`` stands below the cards. The last card says whether the answer can be used.
+    """
+    kind = {"Yes": "yes", "No": "no"}.get(answers[-1].answer, "care")
+    usable = kind != "no"
     shown = [_card(card, f"use {kind}" if i == len(answers) - 1 else "") for i, card in
              enumerate(answers)]  # fmt: skip
     return (
         f'<header class="{"usable" if usable else "unusable"}">\n<h1>{safe(name)}</h1>\n'
-        f'<p class="origin">{safe(origin)}</p>\n<p class="headline">{safe(sentence)}</p>\n'
-        f'<div class="cards">\n{"".join(shown)}</div>\n{_reasons(verdict.reasons)}</header>'
+        f'<p class="origin">{safe(origin)}</p>\n<p class="headline">{prose(sentence)}</p>\n'
+        f'<div class="cards">\n{"".join(shown)}</div>\n'
+        f"{note('', remark) if remark else ''}\n{_reasons(told)}</header>"
     )
 
 
@@ -68,21 +83,25 @@ def _card(card: Card, kind: str) -> str:
     )
 
 
-def _reasons(reasons: Sequence[ReasonSummary]) -> str:
-    advice = {kind.id: kind.now for kind in KINDS.values()}
+def _reasons(told: Sequence[Told]) -> str:
     items = [
         f'<li class="{"fatal" if reason.weight == "fatal" else "warning"}">'
-        f"<b>{safe(reason.id.replace('_', ' '))}</b>{safe(reason.text)}. "
-        f'<span class="advice">{safe(advice.get(reason.id, ""))}</span></li>\n'
-        for reason in reasons
+        f"<b>{safe(reason.id.replace('_', ' '))}</b>{prose(reason.text)}. "
+        f'<span class="advice">{prose(to_do)}</span></li>\n'
+        for reason, to_do in told
     ]
     return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
 
 
-def pictures(title: str, shown: Sequence[Picture]) -> str:
-    """Return a section of pictures, each with what to look for."""
+def pictures(title: str, shown: Sequence[Picture], against: Sequence[ReasonSummary] = ()) -> str:
+    """Return a section of pictures, each with what to look for; nothing where there are none.
+
+    They are pale where reasons stand ``against`` what they show.
+    """
+    if not shown:
+        return ""
     figures = "".join(f"{figure(picture)}\n" for picture in shown)
-    return f'{_heading(title)}<div class="pictures">\n{figures}</div>'
+    return _void(f'{_heading(title)}<div class="pictures">\n{figures}</div>', against)
 
 
 def figure(shown: Picture) -> str:
@@ -93,15 +112,48 @@ def figure(shown: Picture) -> str:
     )
 
 
-def tables(title: str, shown: Iterable[str]) -> str:
-    """Return a section of tables side by side."""
+def tables(title: str, shown: Iterable[str], *, facts: bool = False) -> str:
+    """Return a section of tables side by side, narrower where they are ``facts``."""
     cells = "".join(f"<div>{table}</div>\n" for table in shown if table)
-    return f'{_heading(title)}<div class="tables">\n{cells}</div>'
+    return f'{_heading(title)}<div class="tables{" facts" if facts else ""}">\n{cells}</div>'
+
+
+def numbers(title: str, shown: Iterable[str], against: Sequence[ReasonSummary]) -> str:
+    """Return a section of tables, grey and with the reasons where its numbers cannot be used."""
+    return _void(tables(title, shown), against)
+
+
+def _void(section: str, against: Sequence[ReasonSummary]) -> str:
+    """Return a section marked as not usable where reasons stand against it."""
+    if not against:
+        return section
+    ids = ", ".join(reason.id.replace("_", " ") for reason in against)
+    head, _, rest = section.partition("\n")
+    why = f'<p class="why">Not usable: {safe(ids)}. What is grey is for study only.</p>'
+    return f'<div class="void">{head}\n{why}\n{rest}</div>'
 
 
 def note(title: str, text: str) -> str:
     """Return a paragraph for a section, or below one where it has no title."""
     return f'{_heading(title)}<p class="remark">{safe(text)}</p>'
+
+
+def _number(value: object) -> str:
+    """Return a number, its sigma and that of noise: where there is no room a line each."""
+    return safe(value).replace("± ", "±\u00a0")
+
+
+class Label(str):
+    """HTML that is safe, as :func:`symbol` returns it."""
+
+    __slots__ = ()
+
+
+def symbol(symbols: str, text: str) -> Label:
+    """Return symbols, with _ for a subscript and ^ for a superscript, and what they are."""
+    shown = re.sub(r"_(\w+)", r"<sub>\1</sub>", safe(symbols))
+    shown = re.sub(r"\^(\w+)", r"<sup>\1</sup>", shown)
+    return Label(f"{shown}<small>{safe(text)}</small>")
 
 
 def _heading(title: str) -> str:
@@ -133,7 +185,8 @@ def table(title: str, rows: Mapping[str, object], *, folded: bool = False) -> st
     if not rows:
         return ""
     lines = "".join(
-        f"<tr><th>{safe(name)}</th><td>{safe(value)}</td></tr>\n" for name, value in rows.items()
+        f'<tr><th>{safe(name)}</th><td class="text">{safe(value)}</td></tr>\n'
+        for name, value in rows.items()
     )
     body = f"<table>\n{lines}</table>"
     if folded:
@@ -145,8 +198,8 @@ def grid(title: str, heading: Sequence[str], rows: Iterable[Sequence[object]]) -
     """Return a table of several columns, the first of names and the rest of numbers."""
     head = "".join(f"<th>{safe(text)}</th>" for text in heading)
     lines = "".join(
-        f"<tr><th>{safe(row[0])}</th>"
-        + "".join(f'<td class="number">{safe(value)}</td>' for value in row[1:])
+        f"<tr><th>{row[0] if isinstance(row[0], Label) else safe(row[0])}</th>"
+        + "".join(f'<td class="number">{_number(value)}</td>' for value in row[1:])
         + "</tr>\n"
         for row in rows
     )

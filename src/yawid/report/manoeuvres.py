@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from yawid.report.airspeed_picture import airspeed_picture
-from yawid.report.html import Cell, figure, note, sheet, table, tables
+from yawid.report.html import Cell, note, sheet, table
+from yawid.report.manoeuvre_data import Drawn
+from yawid.report.run_tables import yaw_channel
 from yawid.results.run_summary import (
     Flight,
     Manoeuvre,
@@ -22,6 +23,8 @@ from yawid.sinks.answers import (
     with_sigma,
 )
 
+MOST_COLUMNS: Final = 2
+"""Manoeuvres side by side: more do not fit beside their names."""
 _LOOPS: Final = {"airframe": "airframe", "with_roll_loop": "with roll loop", "unknown": "not known"}
 
 
@@ -52,8 +55,6 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         for reason in each.verdict.reasons
     }
     yield table("reasons of each manoeuvre", reasons, folded=True)
-    if flight is not None:
-        yield _flight(flight, manoeuvres, rudder_unit)
 
 
 def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
@@ -107,11 +108,17 @@ def _with_noise(value: float | None, sigma: float | None, noise: float | None) -
     return f"{_plus_minus(value, sigma)} {_of_noise(noise)}".rstrip()
 
 
-def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre], rudder_unit: str) -> str:
-    picture = airspeed_picture(manoeuvres, flight)
-    facts = table("The flight", dict(_facts(flight, rudder_unit)))
-    cells = [facts, "" if picture is None else figure(picture)]
-    return tables("", cells) if any(cells) else ""
+def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str) -> Iterator[str]:
+    """Yield the tables of the flight's answer: what it is, and eq. 22-23 of its manoeuvres."""
+    if summary.flight is not None:
+        yield table("The flight, ± one σ", dict(_facts(summary.flight, rudder_unit)))
+    told = {
+        f"manoeuvre {each.found.n}": each.found.answer.physics
+        for each in drawn[:MOST_COLUMNS]
+        if each.found.answer is not None and each.found.answer.physics
+    }
+    if told:
+        yield yaw_channel(told, rudder_unit)
 
 
 def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:

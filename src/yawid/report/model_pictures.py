@@ -14,16 +14,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from matplotlib.ticker import StrMethodFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from scipy.signal import correlate, lfilter
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
 from yawid.offline.response_curves import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
 from yawid.physics.modes import Complexes, discrete_poles
-from yawid.report.data import Judged, Model, ReportData
-from yawid.report.picture import Picture, band, drawn
+from yawid.report.model_data import Judged, Model
+from yawid.report.picture import Picture, band
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL
@@ -31,6 +31,11 @@ from yawid.sinks.rerun.derived_panels import damping_lines
 
 LAGS = 25
 COHERENT = 0.6
+APART = 1.04
+HIGHEST = 0.9
+"""Of half the rate: above it a model says nothing of the aircraft."""
+MOST_DB = 45.0
+"""Below the peak of the gain: a notch must not flatten all the rest."""
 PERIODS = 10.0
 """Length of a segment of the spectral estimate in periods of the Dutch roll."""
 
@@ -51,14 +56,13 @@ def poles_picture(model: Model) -> Picture:
             inside.real, inside.imag, "o", color=MODEL, markersize=7, fillstyle="none",
             markeredgewidth=1.6, label="zero",
         )  # fmt: skip
-        ax.legend(loc="upper left")
+        figure.legend(loc="outside upper right", ncols=2)
 
     look = (
-        "Poles inside the unit circle are stable; the pair off the real axis is the Dutch roll, "
-        "the nearer to the circle the less damped. Ellipses: 2 sigma of noise. A pole with a "
-        "zero on top of it does nothing: a lower order would do. Thin lines: zeta of 0.1 to 0.9."
+        "The pair off the real axis is the Dutch roll, the nearer to the circle the less damped. A "
+        "pole with a zero on top does nothing: a lower order would do. Ellipses: 2 sigma of noise."
     )
-    return Picture("poles", "Poles and zeros", look, drawn("poles", draw, (5.6, 4.4)))
+    return Picture("poles", "Poles and zeros", look, draw, (5.6, 4.4))
 
 
 def _plane(ax: Axes) -> None:
@@ -87,13 +91,12 @@ def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
         )
 
 
-def bode_picture(data: ReportData, mode: DutchRoll | None, grid: Grid) -> Picture:
+def bode_picture(model: Model, judged: Judged, mode: DutchRoll | None, grid: Grid) -> Picture:
     """Frequency response of rudder to yaw rate with its band, against the spectral estimate."""
-    model = data.model
-    spectral = _spectral(data.judged, model, mode)
+    spectral = _spectral(judged, model, mode)
     nyquist = 0.5 / model.sample_time_s
     low = 0.02 * nyquist if spectral is None else min(0.02 * nyquist, spectral.frequency_hz[0])
-    response = frequency_band(model, np.geomspace(low, 0.98 * nyquist, 200))
+    response = frequency_band(model, np.geomspace(low, HIGHEST * nyquist, 200))
     f, phase = response.frequency_hz, np.unwrap(np.angle(response.G))
 
     def draw(figure: Figure) -> None:
@@ -111,25 +114,27 @@ def bode_picture(data: ReportData, mode: DutchRoll | None, grid: Grid) -> Pictur
             for ax in (upper, lower):
                 ax.axvline(mode.wn_rad_s / (2.0 * np.pi), color=NEUTRAL, linewidth=0.9, ls="--")
         upper.set_xscale("log")
+        upper.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        upper.xaxis.set_minor_formatter(NullFormatter())
         upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
         lower.set_ylabel("phase [deg]")
         lower.set_xlabel("frequency [Hz]")
-        _room(upper, gain_db)
+        upper.set_xlim(low, HIGHEST * nyquist)
+        _room(upper, np.maximum(gain_db, gain_db.max() - MOST_DB))
         _room(lower, np.degrees(phase))
-        upper.legend(loc="lower left")
+        figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=2)
 
     look = (
-        "Does the line with its band (2 sigma of noise) run through the points? They come straight "
-        "from the data, without a model (averaged cross spectra), and only where rudder and yaw "
-        "rate are coherent. Points off the line near the dashed natural frequency: a wrong order."
+        "The points come straight from the data, without a model, where rudder and yaw rate are "
+        "coherent: off the line near the dashed ωn they mean a wrong order. Band and bars: 2 sigma "
+        "of noise."
     )
-    if spectral is None:
-        look = "The record is too short for a spectral estimate. Band: 2 sigma of noise."
+    if spectral is None or not (spectral.coherence >= COHERENT).any():
+        look = "Dashed: ωn. Band: 2 sigma of noise."
     if len(grid.inputs) > 1:
         look += " The points leave the aileron out of account."
-    title = "Frequency response, rudder to yaw rate"
-    return Picture("bode", title, look, drawn("bode", draw, (5.6, 4.4)))
+    return Picture("bode", "Frequency response, rudder to yaw rate", look, draw, (5.6, 4.4))
 
 
 def _spectral(judged: Judged, model: Model, mode: DutchRoll | None) -> FrequencyResponse | None:
@@ -147,7 +152,7 @@ def _spectral(judged: Judged, model: Model, mode: DutchRoll | None) -> Frequency
 def _draw_spectral(
     upper: Axes, lower: Axes, spectral: FrequencyResponse, model_phase: Floats
 ) -> None:
-    good = spectral.coherence >= COHERENT
+    good = _apart(spectral.frequency_hz, np.flatnonzero(spectral.coherence >= COHERENT))
     f, gain = spectral.frequency_hz[good], np.abs(spectral.G[good])
     # Only as many turns as the model's: the spectral estimate knows its phase but for 360 degrees.
     phase = np.angle(spectral.G[good])
@@ -156,8 +161,19 @@ def _draw_spectral(
     relative = np.minimum(2.0 * spectral.magnitude_std[good] / gain, 0.9)
     errors = [-20.0 * np.log10(1.0 - relative), 20.0 * np.log10(1.0 + relative)]
     style: dict[str, Any] = {"fmt": ".", "color": DATA, "markersize": 4, "elinewidth": 0.8}
-    upper.errorbar(f, decibel, errors, label=f"spectral, coherence > {COHERENT}", **style)
+    if len(f):
+        style["label"] = "measured (spectra)"
+    upper.errorbar(f, decibel, errors, **style)
     lower.errorbar(f, np.degrees(phase), 2.0 * np.degrees(spectral.phase_std_rad[good]), **style)
+
+
+def _apart(frequency_hz: Floats, rows: Ints) -> Ints:
+    """Return rows as far apart on the logarithmic axis as points must be to be told apart."""
+    kept: list[int] = []
+    for i in rows.tolist():
+        if not kept or frequency_hz[i] > APART * frequency_hz[kept[-1]]:
+            kept.append(i)
+    return np.array(kept, dtype=np.int64)
 
 
 def _room(ax: Axes, line: Floats) -> None:
@@ -183,11 +199,10 @@ def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
         ax.set_xlim(0.0, t[-1])
 
     look = (
-        f"The yaw rate after the rudder steps by 1 {grid.rudder_unit}, nose right. The first swing "
-        "must go up (down: a sign is wrong), and its swings are what the aircraft would do. Late "
-        "values lean on the spiral mode, which no short record shows. Band: 2 sigma of noise."
+        f"After the rudder steps by 1 {grid.rudder_unit}, nose right, the first swing must go up; "
+        "late values lean on the spiral mode, which no short record shows. Band: 2 sigma of noise."
     )
-    return Picture("step", "Step response", look, drawn("step", draw))
+    return Picture("step", "Step response", look, draw, (5.6, 4.4))
 
 
 def residuals_picture(judged: Judged, p: float | None) -> Picture:
@@ -207,20 +222,18 @@ def residuals_picture(judged: Judged, p: float | None) -> Picture:
         lower.set_ylabel("with the rudder")
         lower.set_xlabel("lag [samples]")
 
-    white = (
-        f" Whiteness (Ljung-Box): p = {p:.2g}; below 0.01 it is no chance." if p is not None else ""
-    )
     look = (
-        "Bars within the shaded 2 sigma bounds: the model leaves nothing out. Bars above, against "
-        "the residual itself: the noise is not modelled (raise nc). Against the rudder at lags "
-        f"above 0: the answer to the rudder is not (raise na, nb or the delay nk).{white}"
+        "Red bars leave the 2 sigma bounds. With itself: the noise is not modelled (raise nc). "
+        "With the rudder at lags above 0: its effect is not (raise na, nb or nk)."
     )
-    return Picture("residuals", "Residuals: is anything left?", look, drawn("residuals", draw))
+    if p is not None:
+        look += f" Whiteness (Ljung-Box): p = {p:.2g}."
+    return Picture("residuals", "Residuals: is anything left?", look, draw, (5.6, 4.4))
 
 
 def _stems(ax: Axes, lags: Floats, values: Floats, bound: float) -> None:
     ax.axhspan(-bound, bound, color=NEUTRAL, alpha=0.25, linewidth=0.0)
-    shades = [BAD if abs(value) > bound else MODEL for value in values]
+    shades = [BAD if abs(value) > bound else NEUTRAL for value in values]
     ax.bar(lags, values, width=0.55, color=shades)
     ax.axhline(0.0, color=NEUTRAL, linewidth=0.8)
     limit = max(1.6 * bound, 1.15 * float(np.max(np.abs(values), initial=0.0)))

@@ -2,13 +2,15 @@
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -17,6 +19,9 @@ from yawid.report.data import Events
 from yawid.sinks.palette import NEUTRAL, RUDDER
 
 SIZE_IN: Final = (5.6, 3.5)
+PNG_DPI: Final = 180
+COLUMNS: Final = 500
+"""Of a picture: a finer line cannot be seen."""
 LEAST_BETWEEN: Final = 0.07
 """Of the axis, between two numbers of manoeuvres: the panels of parameters are narrow."""
 _STYLE: Any = {  # matplotlib's own type of it is a list of every key
@@ -47,45 +52,74 @@ _FONTS: Final = "'DejaVu Sans', Verdana, sans-serif"  # of the same width where 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One picture: its name within the page, its title, what to look for, and its SVG."""
+    """One picture: its name within the page, its title, what to look for, and how it is drawn."""
 
     key: str
     title: str
     look: str
-    svg: str
+    draw: Callable[[Figure], None]
+    size_in: tuple[float, float] = SIZE_IN
+
+    @property
+    def svg(self) -> str:
+        """It as SVG, to stand within a page; its ids begin with its key."""
+        out = io.StringIO()
+        with _styled(self) as figure:
+            FigureCanvasSVG(figure)
+            nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+            figure.savefig(out, format="svg", metadata=nothing, transparent=True)
+        svg = out.getvalue()
+        svg = svg[svg.index("<svg") :]
+        # Many pictures share one page: ids must differ, and the size is the page's to choose.
+        svg = re.sub(r'(\bid="|="#|url\(#)', rf"\g<1>{self.key}-", svg)
+        # A hundredth of a point is finer than any printer.
+        svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
+        svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+        svg = svg.replace("'DejaVu Sans'", _FONTS)
+        return re.sub(
+            r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1
+        )
+
+    @property
+    def png(self) -> bytes:
+        """It as a PNG that stands alone, on white."""
+        out = io.BytesIO()
+        with _styled(self) as figure:
+            FigureCanvasAgg(figure)
+            figure.savefig(out, format="png", dpi=PNG_DPI, metadata={"Software": None})
+        return out.getvalue()
 
 
-def drawn(key: str, draw: Callable[[Figure], None], size_in: tuple[float, float] = SIZE_IN) -> str:
-    """Return the SVG of what ``draw`` puts into a figure; its ids begin with ``key``."""
+@contextmanager
+def _styled(picture: Picture) -> Iterator[Figure]:
     with mpl.rc_context():
         mpl.rcdefaults()  # not the user's own style: the same run is the same report
         mpl.rcParams.update(_STYLE)
-        figure = Figure(figsize=size_in)
-        FigureCanvasSVG(figure)
-        draw(figure)
-        out = io.StringIO()
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(out, format="svg", metadata=nothing, transparent=True)
-    svg = out.getvalue()
-    svg = svg[svg.index("<svg") :]
-    # Many pictures share one page: ids must differ, and the size is the page's to choose.
-    svg = re.sub(r'(\bid="|="#|url\(#)', rf"\g<1>{key}-", svg)
-    # A hundredth of a point is finer than any printer.
-    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = svg.replace("'DejaVu Sans'", _FONTS)
-    return re.sub(r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1)
+        figure = Figure(figsize=picture.size_in)
+        picture.draw(figure)
+        yield figure
 
 
-def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str) -> None:
+def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
+    """Draw a long line: where a pixel holds many samples, all from the least to the greatest."""
+    if len(t) <= 2 * COLUMNS:
+        ax.plot(t, x, color=shade, linewidth=0.9)
+        return
+    starts = np.arange(0, len(t), -(-len(t) // COLUMNS))
+    low = np.fmin.reduceat(x, starts)
+    high = np.fmax.reduceat(x, starts)
+    ax.fill_between(t[starts], low, high, color=shade, alpha=0.55, linewidth=0.4)
+
+
+def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str, alpha: float = 0.2) -> None:
     """Shade between two lines."""
-    ax.fill_between(x, low, high, color=shade, alpha=0.2, linewidth=0.0)
+    ax.fill_between(x, low, high, color=shade, alpha=alpha, linewidth=0.0)
 
 
-def mark_events(ax: Axes, events: Events) -> None:
+def mark_events(ax: Axes, events: Events, *, numbered: bool = True) -> None:
     """Shade manoeuvres and what was held, mark changes of mode, within the axis as it is."""
     low, high = ax.get_xlim()
-    _mark_manoeuvres(ax, events, low, high)
+    _mark_manoeuvres(ax, events, low, high, numbered=numbered)
     for first, last in events.held[:200]:
         if last > low and first < high:
             ax.axvspan(first, last, color=NEUTRAL, alpha=0.25, linewidth=0.0)
@@ -95,9 +129,9 @@ def mark_events(ax: Axes, events: Events) -> None:
     ax.set_xlim(low, high)
 
 
-def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float) -> None:
+def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbered: bool) -> None:
     """Shade each manoeuvre and number it at the top, hatched where it cannot be used."""
-    numbered = -np.inf
+    last_number = -np.inf
     for each in events.manoeuvres[:200]:
         first, last = max(each.from_s, low), min(each.to_s, high)
         if first >= last:
@@ -107,23 +141,27 @@ def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float) -> None:
         else:
             ax.axvspan(first, last, facecolor="none", edgecolor="#cfcfcf", hatch="////", lw=0.0)
         middle = (first + last) / 2.0
-        if abs(middle - numbered) > LEAST_BETWEEN * (high - low):  # else one hides the other
+        far = abs(middle - last_number) > LEAST_BETWEEN * (high - low)
+        if numbered and far:  # else one hides the other
             ax.annotate(str(each.n), (middle, 0.99), xycoords=("data", "axes fraction"),
                         ha="center", va="top", fontsize=7.5, color="#555555")  # fmt: skip
-            numbered = middle
+            last_number = middle
 
 
 def manoeuvres_note(events: Events) -> str:
     """Return what the shading means, empty where there is none."""
-    return " Green: manoeuvres by number; hatched: those not usable." if events.manoeuvres else ""
+    return " Green: manoeuvres, by number; hatched: not usable." if events.manoeuvres else ""
 
 
-def sensible_limits(ax: Axes, *lines: Floats) -> None:
-    """Limit the y axis to where the lines settle: a transient must not flatten all the rest."""
-    settled = np.concatenate([line[len(line) // 4 :] for line in lines])
-    settled = settled[np.isfinite(settled)]
-    if not len(settled):
+def sensible_limits(ax: Axes, *lines: Floats, settled: float = 0.25) -> None:
+    """Limit the y axis to where the lines settle: a transient must not flatten all the rest.
+
+    ``settled`` is the share of each line that may be a transient.
+    """
+    known = np.concatenate([line[int(settled * len(line)) :] for line in lines])
+    known = known[np.isfinite(known)]
+    if not len(known):
         return
-    low, high = np.percentile(settled, [1.0, 99.0])
+    low, high = np.percentile(known, [1.0, 99.0] if settled else [0.1, 99.9])
     room = 0.15 * max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
     ax.set_ylim(low - room, high + room)

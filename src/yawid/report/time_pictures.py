@@ -1,72 +1,156 @@
-"""Pictures over time: the fit, parameters, modes, and what the link did."""
+"""Pictures over time: the whole flight, a fit, parameters, modes, and what the link did."""
 
-from collections.abc import Mapping
+import math
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from yawid.blocks import Floats
-from yawid.report.data import Judged, ReportData
+from yawid.report.data import ReportData
+from yawid.report.manoeuvre_data import Drawn
+from yawid.report.model_data import Judged
 from yawid.report.picture import (
     Picture,
     band,
-    drawn,
     manoeuvres_note,
     mark_events,
     sensible_limits,
+    traced,
 )
-from yawid.results.run_summary import Fit, MethodSummary
+from yawid.results.run_summary import DutchRoll, Fit
 from yawid.sinks.answers import percent
 from yawid.sinks.base import Grid
-from yawid.sinks.palette import DATA, LINES, METHODS, MODEL, NEUTRAL, RUDDER
+from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
 
-FIT_WINDOW_S = 30.0
+PERIODS_SHOWN: Final = 12.0
+"""Of the Dutch roll, in a picture of a fit: of many more each is too narrow to be compared."""
+LEAST_SHOWN_S, MOST_SHOWN_S = 8.0, 40.0
 OUTSIDE = 10.0
 """A line that is so many heights of the picture above or below it is not drawn on."""
-MOST_NAMED = 9
-"""Lines of a panel that its legend names: more leave no room for the lines."""
+MOST_NAMED: Final = 8
+"""Lines of a panel that bear their names: more have no room beside each other."""
 TIME_LABEL = "time since boot [s]"
 
 
-def fit_picture(data: ReportData, fit: Fit, grid: Grid) -> Picture:
-    """Rudder and yaw rate where the rudder moved most: measured, one step ahead, simulated."""
-    judged = data.judged
-    rows = _most_moved(judged, round(FIT_WINDOW_S / data.model.sample_time_s))
-    t, y, y_hat = judged.t[rows], judged.y[rows], judged.y_hat[rows]
-    low, high = _limits(y)
-    room = OUTSIDE * (high - low)
-    # A model that explodes leaves the picture: no axis holds what it becomes.
-    simulated, y_hat = (
-        np.where((line > low - room) & (line < high + room), line, np.nan)
-        for line in (judged.simulated[rows], y_hat)
-    )
+def whole_picture(data: ReportData, grid: Grid) -> Picture:
+    """Rudder and yaw rate over the whole flight, and where the manoeuvres are."""
+    whole = data.whole
 
     def draw(figure: Figure) -> None:
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2.4])
-        upper.plot(t, judged.u[rows, 0], color=RUDDER, drawstyle="steps-post")
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        traced(upper, whole.t, whole.rudder, RUDDER)
+        traced(lower, whole.t, whole.y, DATA)
         upper.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
-        lower.plot(t, y, color=DATA, label="measured")
-        lower.plot(t, y_hat, color=NEUTRAL, linewidth=0.9, label="one step ahead")
-        lower.plot(t, simulated, color=MODEL, linewidth=0.9, label="simulated")
-        lower.set_ylabel("yaw rate [rad/s]")
-        lower.set_ylim(low, high)
+        lower.set_ylabel("yaw rate\n[rad/s]")
         lower.set_xlabel(TIME_LABEL)
-        figure.legend(*lower.get_legend_handles_labels(), loc="outside upper right", ncols=3)
-        mark_events(lower, data.events)
+        for ax, line in ((upper, whole.rudder), (lower, whole.y)):
+            ax.set_xlim(whole.t[0], whole.t[-1])
+            sensible_limits(ax, line, settled=0.0)
+            mark_events(ax, data.events)
+
+    look = "Where does the rudder move on its own? Grey: samples held. Dotted: change of mode."
+    return Picture(
+        "whole", "The whole flight", look + manoeuvres_note(data.events), draw, (5.6, 4.4)
+    )
+
+
+def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
+    """Return a manoeuvre as measured, and as the model that answers it tells it."""
+    found = drawn.found
+    assert found.answer is not None
+    method = found.answer.method.upper()
+    refused = "" if found.verdict.usable else ", not usable"
+    title = f"Manoeuvre {found.n}{refused}: measured, and {method}'s model"
+    key = f"manoeuvre{found.n}"
+    return _fit(key, title, drawn.judged, found.dutch_roll, found.answer.fit, grid)
+
+
+def fit_picture(data: ReportData, mode: DutchRoll | None, fit: Fit, grid: Grid) -> Picture:
+    """Return the stretch that the stream's final model is judged by, measured and simulated."""
+    title = f"The end of the stream: measured, and {data.method.upper()}'s model"
+    return _fit("fit", title, data.judged, mode, fit, grid)
+
+
+def _fit(
+    key: str, title: str, judged: Judged, mode: DutchRoll | None, fit: Fit, grid: Grid
+) -> Picture:
+    rows = _shown(judged, mode)
+    whole = rows.stop - rows.start >= len(judged.t)
+    low, high = _limits(judged.y[rows])
+    room = OUTSIDE * (high - low)
+    # A model that explodes leaves the picture: no axis holds what it becomes.
+    inside = (judged.simulated > low - room) & (judged.simulated < high + room)
+    simulated = np.where(inside, judged.simulated, np.nan)
+
+    def draw(figure: Figure) -> None:
+        panels = [(0.7, "overview")] * (not whole) + [(0.9, "u"), (2.2, "y"), (1.0, "left")]
+        axes = figure.subplots(len(panels), 1, height_ratios=[share for share, _ in panels])
+        if not whole:
+            _overview(axes[0], judged, rows)
+        rudder, yaw, left = axes[-3:]
+        t = judged.t[rows]
+        rudder.plot(t, judged.u[rows, 0], color=RUDDER, drawstyle="steps-post")
+        rudder.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
+        yaw.plot(t, judged.y[rows], color=DATA, linewidth=2.4, label="measured")
+        yaw.plot(t, simulated[rows], color=MODEL, linewidth=1.1, label="model, from the rudder")
+        yaw.set_ylabel("yaw rate\n[rad/s]")
+        yaw.set_ylim(low, high)
+        left.plot(t, (judged.y - simulated)[rows], color=NEUTRAL, linewidth=1.0)
+        left.axhline(0.0, color=MODEL, linewidth=0.8)
+        left.set_ylabel("measured\n− model")
+        most = np.nanmax(np.abs((judged.y - simulated)[rows]), initial=0.02 * (high - low))
+        left.set_ylim(-1.1 * most, 1.1 * most)
+        left.set_xlabel(TIME_LABEL)
+        for ax in (rudder, yaw, left):
+            ax.set_xlim(t[0], t[-1])
+        for ax in (rudder, yaw):
+            ax.tick_params(labelbottom=False)
+        figure.align_ylabels(axes)
+        figure.legend(*yaw.get_legend_handles_labels(), loc="outside upper right", ncols=2)
 
     numbers = [
-        f"{name} {percent(value, '.0f')} %"
-        for name, value in (("one step ahead", fit.one_step_pct), ("simulated", fit.simulation_pct))
+        f"{percent(value, '.0f')} % {name}"
+        for name, value in (
+            ("of the yaw rate", fit.simulation_pct),
+            ("on what was held back", fit.simulation_held_back_pct),
+            ("one step ahead, which flatters", fit.one_step_pct),
+        )
         if value is not None
     ]
-    look = (
-        "Does the red line, the model run free from the rudder alone, follow the blue one in size "
-        "and time? One step ahead flatters every model. "
-        f"Fit over all that is judged: {', '.join(numbers) or 'not known'}. "
-        "Shown: the 30 s in which the rudder moved most." + manoeuvres_note(data.events)
-    )
-    return Picture("fit", "Fit: measured, predicted, simulated", look, drawn("fit", draw))
+    look = f"Run free, the model tells {', '.join(numbers) or 'an unknown share'}."
+    if not whole:
+        look += " The stretch boxed above is where the model swings most; the fit is of all of it."
+    return Picture(key, title, look, draw, (5.6, 4.4 if whole else 4.9))
+
+
+def _overview(ax: Axes, judged: Judged, rows: slice) -> None:
+    traced(ax, judged.t, judged.u[:, 0], RUDDER)
+    ax.axvspan(judged.t[rows.start], judged.t[rows.stop - 1], facecolor="none",
+               edgecolor="#222222", linewidth=1.0)  # fmt: skip
+    ax.set_xlim(judged.t[0], judged.t[-1])
+    ax.set_yticks([])
+    ax.set_ylabel("all of it", rotation=0, ha="right", va="center")
+
+
+def _shown(judged: Judged, mode: DutchRoll | None) -> slice:
+    """Return the rows in which the model swings most, some periods of the Dutch roll long."""
+    n = len(judged.t)
+    period = 2.0 * math.pi / mode.wn_rad_s if mode is not None else MOST_SHOWN_S
+    seconds = min(max(PERIODS_SHOWN * period, LEAST_SHOWN_S), MOST_SHOWN_S)
+    step = float(np.median(np.diff(judged.t))) if n > 1 else 1.0
+    width = round(seconds / step) if step > 0.0 else n
+    if n <= 1.3 * width:
+        return slice(0, n)
+    y = np.where(np.isfinite(judged.simulated), judged.simulated, judged.y)
+    limit = np.nanmax(np.abs(judged.y), initial=1e-9)
+    y = np.clip(np.nan_to_num(y), -limit, limit)
+    sums, squares = (np.concatenate([[0.0], np.cumsum(x)]) for x in (y, y * y))
+    mean = (sums[width:] - sums[:-width]) / width
+    first = int(np.argmax((squares[width:] - squares[:-width]) / width - mean**2))
+    return slice(first, first + width)
 
 
 def _limits(y: Floats) -> tuple[float, float]:
@@ -75,25 +159,13 @@ def _limits(y: Floats) -> tuple[float, float]:
     if not len(known):
         return 0.0, 1.0
     low, high = float(known.min()), float(known.max())
-    room = 0.4 * max(high - low, 1e-3)
+    room = 0.15 * max(high - low, 1e-3)
     return low - room, high + room
 
 
-def _most_moved(judged: Judged, width: int) -> slice:
-    """Return the ``width`` rows with most movement of the rudder."""
-    n = len(judged.t)
-    if n <= width:
-        return slice(0, n)
-    moved = np.abs(np.diff(np.nan_to_num(judged.u[:, 0]), prepend=0.0))
-    moved[0] = 0.0
-    total = np.concatenate([[0.0], np.cumsum(moved)])
-    first = int(np.argmax(total[width:] - total[:-width]))
-    return slice(first, first + width)
-
-
 def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
-    """Theta over time with its 2 sigma band, a panel for each polynomial."""
-    track, names = data.track, run_grid.parameters
+    """Theta over time by every method, a panel for each polynomial."""
+    names = run_grid.parameters
     unit = " or ".join(dict.fromkeys(run_grid.unit_of(name) for name in run_grid.inputs))
     groups = [("A", "a"), (f"B [rad/s per {unit}]", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
     panels = [(title, [i for i, n in enumerate(names) if _group(n) == g]) for title, g in groups]
@@ -102,77 +174,92 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
     def draw(figure: Figure) -> None:
         grid = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for ax, (title, columns) in zip(grid.flat, panels, strict=False):
-            lines = []
-            for count, i in enumerate(columns):
-                shade = LINES[count % len(LINES)]
-                theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
-                ax.plot(track.t, theta, color=shade, label=names[i] if count < MOST_NAMED else None)
-                band(ax, track.t, theta - spread, theta + spread, shade)
-                lines += [theta]
-            sensible_limits(ax, *lines)
-            mark_events(ax, data.events)
-            # Above the lines: within so small a panel it would lie on them.
-            ax.legend(title=title, loc="lower left", bbox_to_anchor=(0.0, 1.0), alignment="left",
-                      ncols=min(len(columns), 3), borderaxespad=0.0)  # fmt: skip
+            _parameters(ax, data, columns)
+            if 1 < len(columns) <= MOST_NAMED:
+                _names_at_end(ax, data, {names[i]: i for i in columns})
+            ax.set_title(title)
         for ax in list(grid.flat)[len(panels) :]:
             ax.set_axis_off()
         for ax in grid[-1]:
             ax.set_xlabel(TIME_LABEL)
+        _methods_legend(figure, data)
 
-    look = (
-        "Do the lines settle and stay within their own bands (2 sigma of noise)? A line that still "
-        "drifts says that the aircraft, its speed or the noise changed. Grey: samples held; "
-        "dotted: the flight mode changed." + manoeuvres_note(data.events)
-    )
-    svg = drawn("parameters", draw, (5.6, 4.2))
-    return Picture("parameters", "Parameters over time", look, svg)
+    look = "Do the lines settle, each within its own band (2 sigma of noise)? One that drifts: the "
+    look += "aircraft, its speed or the noise changed."
+    return Picture("parameters", "Parameters over time", look, draw, (5.6, 4.4))
+
+
+def _parameters(ax: Axes, data: ReportData, columns: list[int]) -> None:
+    lines = []
+    for method, track in data.tracks.items():
+        shade = METHODS.get(method, MODEL)
+        for i in columns:
+            theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
+            ax.plot(track.t, theta, color=shade, linewidth=1.0)
+            band(ax, track.t, theta - spread, theta + spread, shade, 0.12)
+            lines.append(theta)
+    sensible_limits(ax, *lines, settled=_settled(data))
+    mark_events(ax, data.events, numbered=False)
+
+
+def _settled(data: ReportData) -> float:
+    """Return the share of a track before the first manoeuvre, or of its first quarter."""
+    begins = [each.from_s for each in data.events.manoeuvres]
+    before = np.mean(data.track.t < min(begins)) if begins else 0.0
+    return float(np.clip(before, 0.25, 0.8))
+
+
+def _names_at_end(ax: Axes, data: ReportData, columns: dict[str, int]) -> None:
+    """Name each line beside its end, a name's height apart at least."""
+    low, high = ax.get_ylim()
+    apart = 0.11 * (high - low)
+    track, placed = data.track, -math.inf
+    ends = []
+    for name, i in columns.items():
+        known = track.theta[np.isfinite(track.theta[:, i]), i]
+        if len(known):
+            ends.append((min(max(float(known[-1]), low), high), name))
+    for end, name in sorted(ends):
+        placed = max(end, placed + apart)
+        ax.annotate(name, (1.0, placed), (3, 0), xycoords=("axes fraction", "data"),
+                    textcoords="offset points", va="center", fontsize=8,
+                    annotation_clip=False)  # fmt: skip
+
+
+def _methods_legend(figure: Figure, data: ReportData) -> None:
+    handles = [Line2D([], [], color=METHODS.get(m, MODEL), label=m.upper()) for m in data.tracks]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
 
 
 def _group(name: str) -> str:
     return "bias" if name == "bias" else name[:1]
 
 
-def modes_picture(data: ReportData, method: str, others: Mapping[str, MethodSummary]) -> Picture:
-    """Natural frequency and damping ratio over time; the other methods' final values as levels."""
-    track = data.track
+def modes_picture(data: ReportData) -> Picture:
+    """Natural frequency and damping ratio over time, of every method."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
-        shade = METHODS.get(method, MODEL)
-        names = (("ωn [rad/s]", "wn_rad_s", shade), ("ζ", "zeta", shade))
-        for i, (ax, (label, key, shade)) in enumerate(zip(axes, names, strict=True)):
-            value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
-            spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
-            ax.plot(track.t, value, color=shade)
-            band(ax, track.t, value - spread, value + spread, shade)
-            sensible_limits(ax, value - spread, value + spread)
-            for other, estimate in others.items():
-                if estimate.dutch_roll is not None:
-                    level = getattr(estimate.dutch_roll, key)
-                    _level(ax, level, f"{other.upper()} at the end: {level:.3g}")
+        for i, (ax, label) in enumerate(zip(axes, ("ωn [rad/s]", "ζ"), strict=True)):
+            lines = []
+            for method, track in data.tracks.items():
+                value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
+                spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
+                shade = METHODS.get(method, MODEL)
+                ax.plot(track.t, value, color=shade)
+                band(ax, track.t, value - spread, value + spread, shade)
+                lines += [value - spread, value + spread]
+            sensible_limits(ax, *lines, settled=_settled(data))
             ax.set_ylabel(label)
             mark_events(ax, data.events)
         axes[-1].set_xlabel(TIME_LABEL)
+        _methods_legend(figure, data)
 
     look = (
-        "Has each line settled long before the end, with a band narrow enough for your purpose? "
-        "The band is 2 sigma of noise alone: a line that leaves its earlier band is moved by more "
-        "than noise." + manoeuvres_note(data.events)
+        "Has each line settled before the end, and do both agree? Bands: 2 sigma of noise alone; "
+        "a line that leaves its earlier band is moved by more." + manoeuvres_note(data.events)
     )
-    return Picture("modes", "Dutch roll over time", look, drawn("modes", draw))
-
-
-def _level(ax: Axes, level: float, text: str) -> None:
-    """Draw and name a level; one that is off the picture is named at its edge."""
-    low, high = ax.get_ylim()
-    if low < level < high:
-        ax.axhline(level, color=NEUTRAL, linewidth=0.9, linestyle="--")
-    else:
-        text += ", off the picture"
-    ax.annotate(
-        text, (0.99, min(max(level, low), high)), xycoords=("axes fraction", "data"), ha="right",
-        va="top" if level >= high else "bottom", fontsize=8, color="#555555",
-    )  # fmt: skip
+    return Picture("modes", "Dutch roll over time", look, draw, (5.6, 4.4))
 
 
 def link_picture(data: ReportData) -> Picture:
@@ -186,12 +273,10 @@ def link_picture(data: ReportData) -> Picture:
         ax.set_ylabel("delay of a sample [ms]")
         ax.set_xlabel(TIME_LABEL)
         ax.set_ylim(bottom=min(0.0, float(delay_ms.min())))
-        mark_events(ax, events)
+        mark_events(ax, events, numbered=False)
 
     look = (
-        "From the instant a sample belongs to until it was complete at the receiver. Flat is a "
-        "good link; spikes are stalls, a slope is a drifting clock. The estimates use the "
-        "vehicle's own clock, so that delay alone does no harm. Grey: held."
-        + manoeuvres_note(data.events)
+        "From a sample's instant until it was complete at the receiver. Spikes are stalls, a slope "
+        "a drifting clock; the estimates use the vehicle's clock. Grey: samples held."
     )
-    return Picture("link", "Link: delay and held samples", look, drawn("link", draw, (5.6, 2.6)))
+    return Picture("link", "Link: delay and held samples", look, draw, (5.6, 2.6))

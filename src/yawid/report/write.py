@@ -3,32 +3,52 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from yawid.physics.names import OF_YAW_CHANNEL, PAPER, Name
-from yawid.report.data import ReportData, gather
-from yawid.report.html import first_screen, grid, note, page, pictures, table, tables
-from yawid.report.manoeuvres import flight_section
+from yawid.report.airspeed_picture import airspeed_picture
+from yawid.report.data import gather
+from yawid.report.html import first_screen, note, numbers, page, pictures, tables
+from yawid.report.manoeuvre_data import Drawn
+from yawid.report.manoeuvres import flight_numbers, flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
-from yawid.report.time_pictures import fit_picture, link_picture, modes_picture, parameters_picture
-from yawid.results.run_summary import Fit, MethodSummary, RunSummary
-from yawid.sinks.answers import cards, headline, percent, utc
-from yawid.sinks.base import HALF_TRAVEL, Grid
+from yawid.report.picture import Picture
+from yawid.report.run_tables import channel_tables, folded, provenance, stream_numbers
+from yawid.report.time_pictures import (
+    fit_picture,
+    link_picture,
+    manoeuvre_picture,
+    modes_picture,
+    parameters_picture,
+    whole_picture,
+)
+from yawid.results.advice import to_do
+from yawid.results.run_summary import ReasonSummary, RunSummary
+from yawid.sinks.answers import cards, headline, sigma_means, utc
+from yawid.sinks.base import HALF_TRAVEL
 from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.sinks.part_file import check_free, write_whole
+from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole
 
 
-def write_report(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
+def write_report(
+    mcap: Path, out: Path | None = None, *, png: Path | None = None, force: bool = False
+) -> Path:
     """Write the report of a finished run and return its path, ``out`` or beside the MCAP.
 
-    The same run gives the same bytes.
+    With ``png`` its pictures go into that folder too, under the names of their keys. The same run
+    gives the same bytes.
 
     Raises:
         SourceError: the MCAP cannot be read, was not finished or is not a run's.
-        SinkError: the report exists and ``force`` is not set, or it cannot be written.
+        SinkError: a file exists and ``force`` is not set, or it cannot be written.
     """
     run = open_run(mcap)
     path = mcap.with_suffix(".html") if out is None else out
     check_free(path, force=force)
-    write_whole({path: report(run).encode("utf-8", "replace")}, force=force)
+    told = Report(run)
+    files = {path: told.html().encode("utf-8", "replace")}
+    if png is not None:
+        with os_errors_as_sink_error(png):
+            png.mkdir(parents=True, exist_ok=True)
+        files |= {png / f"{picture.key}.png": picture.png for picture in told.pictures()}
+    write_whole(files, force=force)
     return path.absolute()
 
 
@@ -38,44 +58,112 @@ def report(run: McapRun) -> str:
     Raises:
         SourceError: the file is damaged.
     """
-    name = Path(run.summary.log).name
-    sections = _sections(run, name, gather(run, run.summary.answering))
-    return page(f"{name} - yawid report", sections)
+    return Report(run).html()
 
 
-def _sections(run: McapRun, name: str, data: ReportData | None) -> Iterator[str]:
-    summary = run.summary
-    yield first_screen(name, _origin(run), headline(summary), cards(summary), summary.deciding)
-    yield from flight_section(summary, HALF_TRAVEL if run.grid is None else run.grid.rudder_unit)
-    if summary.flight is not None:
-        yield _stream(summary)
-    if data is not None and run.grid is not None and summary.answer is not None:
-        mode, fit = summary.dutch_roll, summary.answer.fit
-        yield pictures(
-            "Does the model tell what was measured?",
-            [fit_picture(data, fit, run.grid), residuals_picture(data.judged, fit.whiteness_p)],
+class Report:
+    """The report of a run: its page, and its pictures by themselves.
+
+    Raises:
+        SourceError: the file is damaged.
+    """
+
+    def __init__(self, run: McapRun) -> None:
+        self._run, self._summary = run, run.summary
+        self._data = gather(run, run.summary.answering)
+
+    def html(self) -> str:
+        """Return the page."""
+        name = Path(self._summary.log).name
+        return page(f"{name} - yawid report", self._sections(name))
+
+    def pictures(self) -> list[Picture]:
+        """Return every picture of the page, in its order."""
+        return [*self._of_flight(), *self._of_model(), *self._of_stream(), *self._of_link()]
+
+    def _sections(self, name: str) -> Iterator[str]:
+        summary, run = self._summary, self._run
+        stretch = (run.config.from_s, run.config.to_s)
+        sentence = headline(summary, stretch)
+        yield first_screen(
+            name, _origin(run), sentence, cards(summary), _told(summary), _sigma(summary)
         )
-        yield pictures(
-            "What was learnt, and when",
-            [
-                modes_picture(data, summary.answering or "", summary.others),
-                parameters_picture(data, run.grid),
-            ],
-        )
-        yield pictures(
-            "What the model says of the aircraft",
-            [
-                bode_picture(data, mode, run.grid),
-                poles_picture(data.model),
-                step_picture(data.model, mode, run.grid),
-            ],
-        )
-        yield tables("Numbers", _numbers(summary, summary.answer, run.grid))
-    yield tables("Channels and link", _link(summary, data))
-    if data is not None:
-        yield pictures("", [link_picture(data)])
-    yield tables("Configuration and provenance", _provenance(run, data))
-    yield _folded(run)
+        unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
+        yield from flight_section(summary, unit)
+        yield pictures("Measured, and what the model says", self._of_flight())
+        against = [] if summary.deciding.usable else summary.deciding.fatal
+        of = f" of manoeuvre {self._first.found.n}" if self._first is not None else ""
+        yield pictures(f"What the model{of} says of the aircraft", self._of_model(), against)
+        if summary.flight is not None:
+            shown = flight_numbers(summary, self._drawn, unit)
+            yield numbers("Numbers of the answer", shown, against)
+            yield _stream(summary)
+        yield pictures("What was learnt, and when", self._of_stream())
+        if run.grid is not None and summary.answer is not None and self._data is not None:
+            against = [] if summary.verdict.usable else summary.verdict.fatal
+            title = "Numbers of the stream, at its end" if summary.flight else "Numbers"
+            yield numbers(title, stream_numbers(summary, summary.answer, run.grid), against)
+        yield tables("Channels and link", channel_tables(summary, self._data), facts=True)
+        yield pictures("", self._of_link())
+        yield tables("Configuration and provenance", provenance(run, self._data), facts=True)
+        yield folded(run)
+
+    @property
+    def _drawn(self) -> tuple[Drawn, ...]:
+        return () if self._data is None else self._data.drawn
+
+    @property
+    def _first(self) -> Drawn | None:
+        """The manoeuvre that is told best, if any: its model is the answer's."""
+        return self._drawn[0] if self._drawn else None
+
+    def _of_flight(self) -> list[Picture]:
+        data, grid, summary = self._data, self._run.grid, self._summary
+        if data is None or grid is None or summary.answer is None:
+            return []
+        shown = [whole_picture(data, grid)]
+        flight = summary.flight
+        if flight is None:
+            return [*shown, fit_picture(data, summary.dutch_roll, summary.answer.fit, grid)]
+        over_airspeed = airspeed_picture(summary.manoeuvres or [], flight)
+        in_order = sorted(data.drawn, key=lambda each: each.found.n)
+        fits = [manoeuvre_picture(each, grid) for each in in_order]
+        return [*shown, *([over_airspeed] if over_airspeed is not None else []), *fits]
+
+    def _of_model(self) -> list[Picture]:
+        data, grid, answer = self._data, self._run.grid, self._summary.answer
+        if data is None or grid is None or answer is None:
+            return []
+        model, judged, mode, fit = data.model, data.judged, self._summary.dutch_roll, answer.fit
+        first = self._first
+        if first is not None and first.found.answer is not None:
+            model, judged, mode = first.model, first.judged, first.found.dutch_roll
+            fit = first.found.answer.fit
+        return [
+            bode_picture(model, judged, mode, grid),
+            poles_picture(model),
+            step_picture(model, mode, grid),
+            residuals_picture(judged, fit.whiteness_p),
+        ]
+
+    def _of_stream(self) -> list[Picture]:
+        if self._data is None or self._run.grid is None:
+            return []
+        return [modes_picture(self._data), parameters_picture(self._data, self._run.grid)]
+
+    def _of_link(self) -> list[Picture]:
+        return [] if self._data is None else [link_picture(self._data)]
+
+
+def _sigma(summary: RunSummary) -> str:
+    """Return what ± means on this page, empty where it has no answer."""
+    mode = summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
+    means = sigma_means([mode])
+    return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
+
+
+def _told(summary: RunSummary) -> list[tuple[ReasonSummary, str]]:
+    return [(reason, to_do(reason, summary)) for reason in summary.deciding.reasons]
 
 
 def _origin(run: McapRun) -> str:
@@ -106,111 +194,3 @@ def _stream(summary: RunSummary) -> str:
         "they stood at its end: not of the flight's answer above. By themselves they would be "
         f"{word}{f' ({ids})' if ids else ''}.",
     )
-
-
-def _numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
-    estimates, others = summary.estimates or {}, summary.others
-    answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
-    methods = [m.upper() + ("" if m in others else answers) for m in estimates]
-    rows = [
-        (name, *(_value(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
-        for name in run_grid.parameters
-    ]
-    yield grid("Parameters, ± σ of noise", ("", *methods), rows)
-    fits = (
-        ("fit one step ahead, %", "one_step_pct"), ("fit simulated, %", "simulation_pct"),
-        ("fit on held-back data, %", "simulation_held_back_pct"),
-        ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
-        ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
-    )  # fmt: skip
-    rows = [(text, *(_fit(e.fit, key) for e in estimates.values())) for text, key in fits]
-    # What is held is also each sample whose lags are not known: the first ones, and after a break.
-    names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
-    counts = [
-        (text, *(str(getattr(e, key)) for e in estimates.values())) for key, text in names.items()
-    ]
-    yield grid("Fit", ("", *methods), [*rows, *counts])
-    modes = [
-        (m.kind, *(_number(value) for value in (m.wn_rad_s, m.wn_std, m.zeta, m.zeta_std)))
-        for m in answer.modes or ()
-    ]
-    yield grid("All modes, σ of noise", ("", "ωn, rad/s", "σ", "ζ", "σ"), modes)
-    if answer.physics:
-        keys = ["value", "std", "std_noise"]
-        if all(entry.std_noise is None for entry in answer.physics.values()):
-            keys = keys[:2]
-        heading = ("value", "σ", "of it noise") if len(keys) == 3 else ("value", "σ of noise")
-        rows = [
-            (
-                _named(OF_YAW_CHANNEL.get(name) or Name("", "", name, ""), run_grid.rudder_unit),
-                *(_number(getattr(entry, key)) for key in keys),
-            )
-            for name, entry in answer.physics.items()
-        ]
-        told = "Names before = are a flight-test engineer's, with wind from the right positive."
-        named = note("", f"{told} The others are the paper's: {PAPER}.")
-        yield f"{grid('Yaw channel', ('', *heading), rows)}\n{named}"
-
-
-def _named(name: Name, rudder_unit: str) -> str:
-    symbols = f" {name.symbols}" if name.symbols else ""
-    unit = f", {name.unit.format(rudder=rudder_unit)}" if name.unit else ""
-    return f"{name.text}{symbols}{unit}"
-
-
-def _value(value: float | None, sigma: float | None) -> str:
-    spread = "" if value is None or sigma is None else f" ± {sigma:.2g}"
-    return f"{_number(value)}{spread}"
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
-
-
-def _fit(fit: Fit, name: str) -> str:
-    value: float | None = getattr(fit, name)
-    if value is not None and name.endswith("_pct"):
-        return percent(value, ".4g")
-    return _number(value)
-
-
-def _link(summary: RunSummary, data: ReportData | None) -> Iterator[str]:
-    for name, channel in summary.channels.items():
-        yield table(name, {key: _text(value) for key, value in channel.to_json().items()})
-    counts = summary.link.to_json().items()
-    yield table("link", {key.replace("_", " "): _text(count) for key, count in counts})
-    if data is not None:
-        for title, held in (("held", data.events.counts), ("noted", data.events.notes)):
-            said = {name: f"{count} samples" for name, count in held.items()}
-            yield table(f"samples {title}, by reason", said or {"any": "no sample"})
-
-
-def _provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
-    origin, source = run.summary.own_source.to_json(), run.summary.source
-    if source is not None:
-        origin |= {f"samples from, {key}": value for key, value in source.to_json().items()}
-    if data is not None:
-        origin["reproduced"] = (
-            "yes: estimated again from the samples in the file, to the bit"
-            if data.model.same
-            else "no: estimating again gives other numbers (another version or machine); "
-            "bands and model pictures are of the new estimate"
-        )
-    yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
-    settings = run.metadata["configuration"].items()
-    given = {name.replace("_", " "): value for name, value in settings if value != "null"}
-    yield table("configuration", given)
-    yield table("versions", run.metadata.get("versions", {}))
-
-
-def _folded(run: McapRun) -> str:
-    lines = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace").splitlines()
-    seen = dict(line.rsplit(" ", 1) for line in lines if " " in line)
-    log = {f"{i + 1}. {line.level}": line.text for i, line in enumerate(run.log)}
-    shown = (("parameters seen", seen), ("log of the run", log),
-             ("units of the MCAP's fields", run.metadata.get("units", {})))  # fmt: skip
-    return "\n".join(table(title, rows, folded=True) for title, rows in shown if rows)
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

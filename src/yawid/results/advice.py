@@ -1,11 +1,23 @@
-"""What to record next time, where a log cannot answer: message, rate, manoeuvre, parameter."""
+"""What to do where a log cannot answer: with this one now, and what to record next time."""
 
 from collections.abc import Iterable, Iterator
 
 from yawid.channels.stage import Channels
 from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
+from yawid.results.run_summary import ReasonSummary, RunSummary
 from yawid.sources.mavlink.enums import ARDUPILOT
+
+_OFTEN = 3
+"""Manoeuvres, after which more of the same are no advice."""
+_LONG_S = 60.0
+_NOT_MOVED = frozenset({"not_excited", "mixed_rudder", "collinear_inputs"})
+_FLOWN_ENOUGH = {
+    "not_converged": "The rudder moved enough: choose calmer air or a steadier speed by --from and "
+    "--to, or compare structures: yawid orders.",
+    "mode_not_driven": "The rudder moved enough: choose by --band what it drives, or the calmest "
+    "stretch by --from and --to.",
+}
 
 
 def what_to_record(reasons: Iterable[str], channels: Channels) -> list[str]:
@@ -36,3 +48,34 @@ def _no_rudder(channels: Channels, vehicle: Vehicle) -> str:
         )
     parameters = PARAMETERS_ON.get(vehicle.autopilot, PARAMETERS)
     return f"record SERVO_OUTPUT_RAW (36) and {parameters}; or name it: --rudder servo:N"
+
+
+def to_do(reason: ReasonSummary, summary: RunSummary) -> str:
+    """Return what to do about a reason now, in a sentence that fits the vehicle and its record."""
+    kind, vehicle = KINDS.get(reason.id), summary.vehicle
+    if kind is None:  # of a newer version
+        return ""
+    autopilot = None if vehicle is None else vehicle.autopilot
+    if reason.id == "no_rudder" and vehicle is not None:
+        if vehicle.type in WITHOUT_RUDDER:
+            return "Use a log of an aircraft that has a rudder."
+        if "functions" in reason.text:
+            return "If one of these outputs does move a rudder, name it: --rudder servo:N."
+    if reason.id == "airspeed_changed" and summary.flight is not None:
+        return "Fly it at a steady airspeed, or use one that was: --from, --to."
+    if reason.id in ("rate_too_low", "rate_low") and autopilot in kind.record_on:
+        how = kind.to_record(autopilot)
+        return f"Next time {how}."
+    if reason.id in _FLOWN_ENOUGH and _flown_enough(summary):
+        return _FLOWN_ENOUGH[reason.id]
+    # Some reasons say it themselves.
+    return "" if kind.now.rstrip(".").lower() in reason.text.lower() else kind.now
+
+
+def _flown_enough(summary: RunSummary) -> bool:
+    """Tell whether the rudder moved on its own for long, or in several manoeuvres."""
+    if summary.manoeuvres:
+        return len(summary.manoeuvres) >= _OFTEN
+    answer, against = summary.answer, {each.id for each in summary.verdict.reasons}
+    learnt_s = 0.0 if answer is None else answer.updates * answer.sample_time_s
+    return learnt_s >= _LONG_S and not against & _NOT_MOVED

@@ -5,15 +5,14 @@ Where manoeuvres were found the answer is the flight's, else that of the stream 
 
 import dataclasses
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Final
 
 from msgspec.structs import replace
 
 from yawid.estimation.fit import WORST_PCT
+from yawid.results.reasons import KINDS
 from yawid.results.run_summary import (
     DutchRoll,
     Flight,
@@ -23,8 +22,9 @@ from yawid.results.run_summary import (
     RunSummary,
 )
 
-MOST_HEADLINE = 160
-"""Characters of a reason that the headline repeats; it stands whole below."""
+ROUGHLY: Final = "Roughly"
+Stretch = tuple[float | None, float | None]
+"""From and to, in s since boot."""
 LARGEST_IN_FULL: Final = 1e6
 """A larger number, of an estimate that diverged, is not written digit by digit."""
 NOT_USED: Final = "usable, not used"
@@ -62,7 +62,7 @@ def cards(summary: RunSummary) -> list[Card]:
     if flight is None:
         return [frequency, damping, _sure(summary), use(summary)]
     if mode is not None:
-        slope = kappa(flight, 2.0) and f"ωn = {kappa(flight, 2.0)} (2σ)"
+        slope = kappa(flight) and f"ωn = {kappa(flight)}"
         frequency = _noting(frequency, conditions(flight), slope, whose(flight.loop))
     return [frequency, damping, _sure_of_flight(summary, flight), use(summary)]
 
@@ -74,22 +74,26 @@ def use(summary: RunSummary) -> Card:
         shown = _dutch_roll(summary) is not None
         spread = "the numbers are shown for study only" if shown else "there is no answer"
         return Card("Can I use it?", "No", spread, _names(summary.deciding.fatal))
-    if not reasons:
+    wide = _sureness(summary, _dutch_roll(summary)) == ROUGHLY
+    if not reasons and not wide:
         return Card("Can I use it?", "Yes", "nothing speaks against it", ())
-    count = f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below"
-    notes = _names(reasons)
-    return Card("Can I use it?", "Yes, with care", count, notes)
+    said = ["its σ is wide"] if wide else []
+    if reasons:
+        said.append(f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below")
+    return Card("Can I use it?", "Yes, with care", "; ".join(said), _names(reasons))
 
 
-def headline(summary: RunSummary) -> str:
-    """Return the whole answer as one sentence, or two where it is a flight's."""
+def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
+    """Return the whole answer in a sentence or two; ``stretch`` are --from and --to, if given."""
     mode, flight = _dutch_roll(summary), summary.flight
     if not summary.deciding.usable:
         # The first fatal reason is the one that decides.
         why = next((reason.text for reason in summary.deciding.fatal), "the reasons stand below")
-        return f"This log cannot say how the yaw answers the rudder: {_first_sentences(why)}"
+        what = _stretch(stretch) or ("This flight" if flight is not None else "This log")
+        said = f"{what} cannot say how the yaw answers the rudder: {_sentences(why)}"
+        return " ".join(filter(None, (said, _elsewhere(summary))))
     if mode is None:
-        return "No Dutch roll was identified from this log."
+        return f"No Dutch roll was identified from {_stretch(stretch).lower() or 'this log'}."
     wn, zeta = mode.wn_rad_s, mode.zeta
     said = (
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
@@ -99,6 +103,37 @@ def headline(summary: RunSummary) -> str:
         return said
     facts = (whose(flight.loop), conditions(flight), counted(flight, summary.manoeuvres or ()))
     return f"{said} It is that of {', '.join(fact for fact in facts if fact)}."
+
+
+def _stretch(stretch: Stretch) -> str:
+    """Name the part of the log that was looked at, empty where it was all of it."""
+    ends = [
+        f"{word} {at:g} s" for word, at in zip(("from", "to"), stretch, strict=True)
+        if at is not None
+    ]  # fmt: skip
+    return f"This stretch of the log, {' '.join(ends)}," if ends else ""
+
+
+def _elsewhere(summary: RunSummary) -> str:
+    """Say what of a refused log can be used by itself, empty where there is nothing."""
+    if summary.flight is None:
+        return ""
+    alone = [
+        f"{each.n} ({each.from_s:.0f} to {each.to_s:.0f} s)"
+        for each in summary.manoeuvres or ()
+        if each.verdict.usable and each.dutch_roll is not None
+    ]
+    if alone:
+        some = f"manoeuvre{'s' if len(alone) > 1 else ''} {', '.join(alone)}"
+        return f"By itself this can be used: {some}: see the table."
+    if summary.verdict.usable and summary.dutch_roll is not None:
+        wn, zeta = (" ".join(filter(None, pair)) for pair in _both(summary.dutch_roll))
+        return f"The stream as it stood at the log's end can be used: ωn {wn} rad/s, ζ {zeta}."
+    return ""
+
+
+def _both(mode: DutchRoll) -> tuple[tuple[str, str], tuple[str, str]]:
+    return with_sigma(mode.wn_rad_s, mode.wn_std), with_sigma(mode.zeta, mode.zeta_std)
 
 
 def whose(loop: str | None) -> str:
@@ -133,11 +168,11 @@ def conditions(flight: Flight) -> str:
     return f"at {' and '.join(known)}" if known else ""
 
 
-def kappa(flight: Flight, sigmas: float = 1.0) -> str:
-    """Return wn as it goes with the airspeed V, and so many sigma; empty where not known."""
+def kappa(flight: Flight) -> str:
+    """Return wn as it goes with the airspeed V, and its sigma; empty where not known."""
     if flight.kappa_rad_m is None or flight.kappa_rad_m.value is None:
         return ""
-    value, spread = with_sigma(flight.kappa_rad_m.value, flight.kappa_rad_m.std, sigmas)
+    value, spread = with_sigma(flight.kappa_rad_m.value, flight.kappa_rad_m.std)
     return " ".join(filter(None, (value, spread, "· V")))
 
 
@@ -167,28 +202,21 @@ def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
     return tuple(reason.id.replace("_", " ") for reason in reasons)
 
 
-def with_two_sigma(value: float, sigma: float | None) -> tuple[str, str]:
-    """Return a value and its 2 sigma, rounded to where the sigma has two digits."""
-    said, spread = with_sigma(value, sigma, 2.0)
-    return said, spread or "sigma not known"
-
-
-def with_sigma(value: float, sigma: float | None, times: float = 1.0) -> tuple[str, str]:
-    """Return a value and so many sigma, rounded to where that has two digits; empty if unknown."""
+def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
+    """Return a value and one sigma, rounded to where that has two digits; empty if unknown."""
     if sigma is None or not sigma > 0.0:
         return f"{value:.4g}", ""
-    spread = times * sigma
-    if max(abs(value), spread) >= LARGEST_IN_FULL:
-        return f"{value:.4g}", f"± {spread:.2g}"
-    digits = min(max(1 - math.floor(math.log10(spread)), 0), 6)
-    return f"{value:.{digits}f}", f"± {spread:.{digits}f}"
+    if max(abs(value), sigma) >= LARGEST_IN_FULL:
+        return f"{value:.4g}", f"± {sigma:.2g}"
+    digits = min(max(1 - math.floor(math.log10(sigma)), 0), 6)
+    return f"{value:.{digits}f}", f"± {sigma:.{digits}f}"
 
 
-def noise_spreads(mode: DutchRoll | None, times: float = 1.0) -> tuple[str, str] | None:
-    """Return so many sigma of wn and zeta that noise alone explains; None where not known."""
+def noise_spreads(mode: DutchRoll | None) -> tuple[str, str] | None:
+    """Return the sigmas of wn and zeta that noise alone explains; None where not known."""
     if mode is None or mode.wn_std_noise is None or mode.zeta_std_noise is None:
         return None
-    return f"± {times * mode.wn_std_noise:.2g}", f"± {times * mode.zeta_std_noise:.2g}"
+    return f"± {mode.wn_std_noise:.2g}", f"± {mode.zeta_std_noise:.2g}"
 
 
 def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
@@ -225,16 +253,19 @@ def _noting(card: Card, *notes: str) -> Card:
 
 
 def _card(question: str, value: str, spread: str, notes: list[str]) -> Card:
-    shown = f"{spread} (2σ)" if spread else ""
-    return Card(question, value, shown, tuple(note.rstrip() for note in notes))
+    return Card(question, value, spread, tuple(note.rstrip() for note in notes))
 
 
 def _wn(mode: DutchRoll | None) -> tuple[str, str]:
-    return _NONE if mode is None else with_two_sigma(mode.wn_rad_s, mode.wn_std)
+    return _NONE if mode is None else _known(with_sigma(mode.wn_rad_s, mode.wn_std))
 
 
 def _zeta(mode: DutchRoll | None) -> tuple[str, str]:
-    return _NONE if mode is None else with_two_sigma(mode.zeta, mode.zeta_std)
+    return _NONE if mode is None else _known(with_sigma(mode.zeta, mode.zeta_std))
+
+
+def _known(said: tuple[str, str]) -> tuple[str, str]:
+    return said[0], said[1] or "σ not known"
 
 
 def _sure(summary: RunSummary) -> Card:
@@ -271,29 +302,41 @@ def _range(values: Sequence[float]) -> str:
 
 def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> Card:
     if not summary.deciding.usable:
-        return Card("How sure?", "Not usable", "whatever the sigma says", tuple(notes))
+        return Card("How sure?", "Not enough", "whatever the σ says", tuple(notes))
     if mode is None or mode.wn_std is None or mode.zeta_std is None:
         return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
-    wn_pct, zeta_pct = _two_sigma_pct(mode, mode.wn_std, mode.zeta_std)
-    spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} % (2σ)"
+    wn_pct, zeta_pct = _sigma_pct(mode, mode.wn_std, mode.zeta_std)
+    spread = f"ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %"
     if mode.wn_std_noise is not None and mode.zeta_std_noise is not None:
-        of_noise = _two_sigma_pct(mode, mode.wn_std_noise, mode.zeta_std_noise)
+        of_noise = _sigma_pct(mode, mode.wn_std_noise, mode.zeta_std_noise)
         notes.append(
             f"of it noise: ωn ±{of_noise[0]:.2g} %, ζ ±{of_noise[1]:.2g} %; the rest is scatter "
             "over the record and structure"
         )
-    word = "Very" if wn_pct < 5.0 and zeta_pct < 20.0 else "Fairly"
-    if word == "Very" and any(r.id == "coloured_residuals" for r in summary.deciding.reasons):
-        word = "Fairly"
+    if any(reason.id == "coloured_residuals" for reason in summary.deciding.reasons):
         notes.append("σ may be too small: the residuals are not white")
-    word = "Hardly" if wn_pct > 20.0 or zeta_pct > 60.0 else word
-    return Card("How sure?", word, spread, tuple(notes))
+    return Card("How sure?", _sureness(summary, mode), spread, tuple(notes))
 
 
-def _two_sigma_pct(mode: DutchRoll, wn_std: float, zeta_std: float) -> tuple[float, float]:
-    """Return two of these sigmas in percent of wn and of zeta."""
-    zeta_pct = 200.0 * zeta_std / abs(mode.zeta) if mode.zeta else math.inf
-    return 200.0 * wn_std / mode.wn_rad_s, zeta_pct
+def _sureness(summary: RunSummary, mode: DutchRoll | None) -> str:
+    """Return how well a usable answer is known: the least of what sigma and the warnings allow."""
+    if mode is None or mode.wn_std is None or mode.zeta_std is None:
+        return ""
+    wn_pct, zeta_pct = _sigma_pct(mode, mode.wn_std, mode.zeta_std)
+    if wn_pct > 10.0 or zeta_pct > 30.0:
+        return ROUGHLY
+    doubted = any(
+        KINDS[reason.id].origin == "estimate"
+        for reason in summary.deciding.reasons
+        if reason.id in KINDS
+    )
+    return "Well" if wn_pct < 2.5 and zeta_pct < 10.0 and not doubted else "Fairly"
+
+
+def _sigma_pct(mode: DutchRoll, wn_std: float, zeta_std: float) -> tuple[float, float]:
+    """Return these sigmas in percent of wn and of zeta."""
+    zeta_pct = 100.0 * zeta_std / abs(mode.zeta) if mode.zeta else math.inf
+    return 100.0 * wn_std / mode.wn_rad_s, zeta_pct
 
 
 def _damped(zeta: float) -> str:
@@ -316,9 +359,6 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
-def _first_sentences(text: str) -> str:
-    """Return so many whole sentences or clauses as a headline bears, the first in any case."""
-    sentences = re.split(r"(?<=[.;?!]) +", text)
-    count = max(sum(end <= MOST_HEADLINE for end in accumulate(len(s) + 1 for s in sentences)), 1)
-    said = " ".join(sentences[:count]).rstrip(".;")
-    return said if said.endswith(("?", "!")) else f"{said}."
+def _sentences(text: str) -> str:
+    """Return a reason as a whole sentence: a part of it may be the half that misleads."""
+    return text if text.endswith(("?", "!", ".")) else f"{text}."

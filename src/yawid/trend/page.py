@@ -10,7 +10,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from yawid.report.html import Cell, note, page, pictures, safe, sheet
-from yawid.report.picture import Picture, band, drawn
+from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, DATA, NEUTRAL
 from yawid.sinks.part_file import check_free, write_whole
 from yawid.trend.changes import FAR
@@ -131,8 +131,8 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
         axes[-1].xaxis.set_major_formatter(formatter)
 
     look = "; ".join(f"{name_of(each.history.quantity)}: {came_of_it(each.told)}" for each in some)
-    svg = drawn(f"trend{i}", draw, (5.6, 1.2 + 1.35 * len(some)))
-    return Picture(f"trend{i}", f"{vehicle} ({loop.replace('_', ' ')})", look, svg)
+    size_in = 5.6, 1.2 + 1.35 * len(some)
+    return Picture(f"trend{i}", f"{vehicle} ({loop.replace('_', ' ')})", look, draw, size_in)
 
 
 def _draw_history(ax: Axes, each: Studied) -> None:
@@ -189,5 +189,5 @@ def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
         ax.set_xlabel(f"{name_of(quantity)} {QUANTITIES[quantity][2]}".rstrip())
 
     look = "Levels as they stand now with 2 sigma; red: changed; the line is the median."
-    svg = drawn(f"beside-{quantity}", draw, (5.6, 1.0 + 0.17 * max(len(some), 6)))
-    return Picture(f"beside-{quantity}", name_of(quantity), look, svg)
+    size_in = 5.6, 1.0 + 0.17 * max(len(some), 6)
+    return Picture(f"beside-{quantity}", name_of(quantity), look, draw, size_in)

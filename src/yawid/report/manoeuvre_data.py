@@ -1,0 +1,103 @@
+"""The manoeuvres that the report draws: their samples, and the model that answers fitted again.
+
+The file keeps theta's sigma but not its covariance, which every band needs; the fit gives it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats, Ints, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
+from yawid.estimation.fit import simulate
+from yawid.estimation.record_fit import fit_record
+from yawid.report.model_data import Judged, Model
+from yawid.results.reasons import KINDS
+from yawid.results.run_summary import Flight, Manoeuvre
+
+MOST_DRAWN: Final = 4
+"""Manoeuvres with a picture of their own: of a hundred nobody looks at the hundredth."""
+_AWAY_NS: Final = 2_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A manoeuvre, its final model, and its samples as they were fitted."""
+
+    found: Manoeuvre
+    model: Model
+    judged: Judged
+
+
+def to_draw(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> list[Manoeuvre]:
+    """Return those to be drawn, the best told first: used, least against it, well simulated.
+
+    Of those that cannot be used the first is that whose reasons the flight bears.
+    """
+    used = () if flight is None else flight.used
+    ranks = {id_: rank for rank, id_ in enumerate(KINDS)}
+
+    def worth(each: Manoeuvre) -> tuple[bool, tuple[int, ...], float]:
+        fit = None if each.answer is None else each.answer.fit.simulation_pct
+        fatal = [ranks.get(reason.id, 0) for reason in each.verdict.fatal]
+        against = (len(fatal), *(-rank for rank in fatal))
+        return each.n not in used, against, -(-np.inf if fit is None else fit)
+
+    return sorted((each for each in manoeuvres if each.answer is not None), key=worth)[:MOST_DRAWN]
+
+
+class Rows:
+    """The samples of one manoeuvre, taken from a run's blocks as they come."""
+
+    def __init__(self, found: Manoeuvre) -> None:
+        self.found = found
+        self._parts: list[tuple[Ints | Floats, ...]] = []
+        try:
+            begin = datetime.fromisoformat(found.date or "").timestamp()
+        except ValueError:  # of a record without a date, or of a file that somebody has changed
+            begin = np.nan
+        self._from_ns = begin * 1e9 - _AWAY_NS
+        self._to_ns = (begin + found.duration_s) * 1e9 + _AWAY_NS
+
+    def add(self, samples: SampleBlock) -> None:
+        """Take what is the manoeuvre's; another boot may have the same seconds."""
+        t = samples.boot_us / 1e6
+        # A thousandth of a sample: the summary's seconds are rounded.
+        near = 1e-3 * samples.sample_time_s
+        rows: Bools = (t >= self.found.from_s - near) & (t <= self.found.to_s + near)
+        if np.isfinite(self._from_ns):
+            rows &= (samples.unix_ns >= self._from_ns) & (samples.unix_ns <= self._to_ns)
+        if rows.any():
+            names = ("u", "y", "turn", "aileron")
+            self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in names)))
+
+    def drawn(self, config: RunConfig, sample_time_s: float) -> Drawn | None:
+        """Fit the manoeuvre by the method that answered it; None where that cannot be."""
+        answer = self.found.answer
+        if answer is None or not self._parts:
+            return None
+        t, u, y, turn, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
+        orders = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
+        try:
+            fit = replace(config, orders=orders, inputs=tuple(self.found.inputs), memory=None,
+                          forgetting=1.0).estimator(answer.method, sample_time_s)  # fmt: skip
+        except ConfigError:
+            return None
+        u = u[:, : len(self.found.inputs)]
+        if u.shape[1] < len(self.found.inputs):
+            u = np.column_stack([u, aileron])
+        if self.found.turn_removed and config.turn == "keep":
+            y = y - turn
+        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+        u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+        fitted = fit_record(fit, u, y)
+        if not np.isfinite(fitted.covariance).all() or not np.isfinite(fitted.theta).all():
+            return None
+        theta, same = fitted.theta, fitted.theta.tolist() == list(answer.theta.values())
+        simulated = simulate(theta, fit.orders, fit.bias, u, y)
+        model = Model(theta, fitted.covariance, fit.orders, sample_time_s, same)
+        return Drawn(self.found, model, Judged(t, u, y, fitted.y_hat, simulated, y - fitted.y_hat))

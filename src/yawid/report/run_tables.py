@@ -1,0 +1,131 @@
+"""The report's tables: numbers of the models, channels and link, where all of it is from."""
+
+from collections.abc import Iterator, Mapping
+
+from yawid.physics.names import OF_YAW_CHANNEL, PAPER
+from yawid.report.data import ReportData
+from yawid.report.html import grid, note, symbol, table
+from yawid.results.run_summary import Fit, MethodSummary, RunSummary, Value
+from yawid.sinks.answers import percent, with_sigma
+from yawid.sinks.base import Grid
+from yawid.sinks.mcap.reader import McapRun
+
+
+def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
+    """Yield the tables of what every method had found when the stream ended."""
+    estimates, others = summary.estimates or {}, summary.others
+    answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
+    methods = [m.upper() + ("" if m in others else answers) for m in estimates]
+    rows = [
+        (name, *(_value(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
+        for name in run_grid.parameters
+    ]
+    yield grid("Parameters, ± one σ of noise", ("", *methods), rows)
+    fits = (
+        ("fit one step ahead, %", "one_step_pct"), ("fit simulated, %", "simulation_pct"),
+        ("fit on held-back data, %", "simulation_held_back_pct"),
+        ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
+        ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
+    )  # fmt: skip
+    rows = [(text, *(_fit(e.fit, key) for e in estimates.values())) for text, key in fits]
+    # What is held is also each sample whose lags are not known: the first ones, and after a break.
+    names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
+    counts = [
+        (text, *(str(getattr(e, key)) for e in estimates.values())) for key, text in names.items()
+    ]
+    yield grid("Fit", ("", *methods), [*rows, *counts])
+    modes = [
+        (m.kind, _value(m.wn_rad_s, m.wn_std), _value(m.zeta, m.zeta_std))
+        for m in answer.modes or ()
+    ]
+    yield grid(
+        f"All modes of {answer.method.upper()}, ± one σ of noise", ("", "ωn, rad/s", "ζ"), modes
+    )
+    if answer.physics and summary.flight is None:
+        yield yaw_channel({answer.method.upper(): answer.physics}, run_grid.rudder_unit)
+
+
+def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> str:
+    """Return the numbers of eq. 22-23, a column for each that tells them; the paper is named."""
+    rows = []
+    for key, name in OF_YAW_CHANNEL.items():
+        found = [numbers.get(key, Value()) for numbers in told.values()]
+        if any(each.value is not None for each in found):
+            unit = f", {name.unit.format(rudder=rudder_unit)}" if name.unit else ""
+            label = symbol(name.symbols, f"{name.text}{unit}")
+            rows.append((label, *map(_spread, found)))
+    total = any(each.std_noise is not None for some in told.values() for each in some.values())
+    sigma = "± one σ, in brackets of noise alone" if total else "± one σ, of noise alone"
+    cited = note(
+        "",
+        "Left of = the usual name, sideslip positive with wind from the right; right of it the "
+        f"paper's: {PAPER}.",
+    )
+    return f"{grid(f'Yaw channel, {sigma}', ('', *told), rows)}\n{cited}"
+
+
+def _spread(each: Value) -> str:
+    if each.value is None:
+        return "–"
+    of_noise = "" if each.std_noise is None else f"({each.std_noise:.2g})"
+    return " ".join(filter(None, (*with_sigma(each.value, each.std), of_noise)))
+
+
+def _value(value: float | None, sigma: float | None) -> str:
+    return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
+
+
+def _fit(fit: Fit, name: str) -> str:
+    value: float | None = getattr(fit, name)
+    if value is not None and name.endswith("_pct"):
+        return percent(value, ".4g")
+    return _number(value)
+
+
+def channel_tables(summary: RunSummary, data: ReportData | None) -> Iterator[str]:
+    """Yield the tables of where the channels come from, and what was held."""
+    for name, channel in summary.channels.items():
+        yield table(name, {key: _text(value) for key, value in channel.to_json().items()})
+    counts = summary.link.to_json().items()
+    yield table("link", {key.replace("_", " "): _text(count) for key, count in counts})
+    if data is not None:
+        for title, held in (("held", data.events.counts), ("noted", data.events.notes)):
+            said = {name: f"{count} samples" for name, count in held.items()}
+            yield table(f"samples {title}, by reason", said or {"any": "no sample"})
+
+
+def provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
+    """Yield the tables of the log, the configuration and the versions."""
+    origin, source = run.summary.own_source.to_json(), run.summary.source
+    if source is not None:
+        origin |= {f"samples from, {key}": value for key, value in source.to_json().items()}
+    if data is not None:
+        origin["reproduced"] = (
+            "yes: estimated again from the samples in the file, to the bit"
+            if data.model.same
+            else "no: estimating again gives other numbers (another version or machine); "
+            "bands and model pictures are of the new estimate"
+        )
+    yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
+    settings = run.metadata["configuration"].items()
+    given = {name.replace("_", " "): value for name, value in settings if value != "null"}
+    yield table("configuration", given)
+    yield table("versions", run.metadata.get("versions", {}))
+
+
+def folded(run: McapRun) -> str:
+    """Return what few want to see, folded: parameters of the vehicle, the log, units."""
+    lines = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace").splitlines()
+    seen = dict(line.rsplit(" ", 1) for line in lines if " " in line)
+    log = {f"{i + 1}. {line.level}": line.text for i, line in enumerate(run.log)}
+    shown = (("parameters seen", seen), ("log of the run", log),
+             ("units of the MCAP's fields", run.metadata.get("units", {})))  # fmt: skip
+    return "\n".join(table(title, rows, folded=True) for title, rows in shown if rows)
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
