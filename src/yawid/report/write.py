@@ -43,11 +43,14 @@ def write_report(
     path = mcap.with_suffix(".html") if out is None else out
     check_free(path, force=force)
     told = Report(run)
-    files = {path: told.html().encode("utf-8", "replace")}
+    alone = {} if png is None else {png / f"{each.key}.png": each for each in told.pictures()}
+    for each in alone:
+        check_free(each, force=force)
     if png is not None:
         with os_errors_as_sink_error(png):
             png.mkdir(parents=True, exist_ok=True)
-        files |= {png / f"{picture.key}.png": picture.png for picture in told.pictures()}
+    files = {path: told.html().encode("utf-8", "replace")}
+    files |= {each: picture.png for each, picture in alone.items()}
     write_whole(files, force=force)
     return path.absolute()
 
