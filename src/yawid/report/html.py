@@ -153,7 +153,7 @@ def symbol(symbols: str, text: str) -> Label:
     """Return symbols, with _ for a subscript and ^ for a superscript, and what they are."""
     shown = re.sub(r"_(\w+)", r"<sub>\1</sub>", safe(symbols))
     shown = re.sub(r"\^(\w+)", r"<sup>\1</sup>", shown)
-    return Label(f"{shown}<small>{safe(text)}</small>")
+    return Label(f'<span class="option">{shown}</span><small>{safe(text)}</small>')
 
 
 def _heading(title: str) -> str:

@@ -43,9 +43,10 @@ def to_draw(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> list[Mano
 
     def worth(each: Manoeuvre) -> tuple[bool, tuple[int, ...], float]:
         fit = None if each.answer is None else each.answer.fit.simulation_pct
+        told = each.n if fit is None or not each.verdict.usable else -fit
         fatal = [ranks.get(reason.id, 0) for reason in each.verdict.fatal]
         against = (len(fatal), *(-rank for rank in fatal))
-        return each.n not in used, against, -(-np.inf if fit is None else fit)
+        return each.n not in used, against, told
 
     return sorted((each for each in manoeuvres if each.answer is not None), key=worth)[:MOST_DRAWN]
 

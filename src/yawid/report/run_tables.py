@@ -112,7 +112,9 @@ def provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
         )
     yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
     settings = run.metadata["configuration"].items()
-    given = {name.replace("_", " "): value for name, value in settings if value != "null"}
+    given = {
+        name.replace("_", " "): value for name, value in settings if value not in ("null", "[]")
+    }
     yield table("configuration", given)
     yield table("versions", run.metadata.get("versions", {}))
 

@@ -38,6 +38,10 @@ TIME_LABEL = "time since boot [s]"
 def whole_picture(data: ReportData, grid: Grid) -> Picture:
     """Rudder and yaw rate over the whole flight, and where the manoeuvres are."""
     whole = data.whole
+    used = whole.t[np.isfinite(whole.y)]
+    ends = (used.min(), used.max()) if len(used) > 1 else (whole.t[0], whole.t[-1])
+    margin = 0.02 * (ends[1] - ends[0])
+    ends = (ends[0] - margin, ends[1] + margin)
 
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True)
@@ -47,7 +51,7 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
         lower.set_ylabel("yaw rate\n[rad/s]")
         lower.set_xlabel(TIME_LABEL)
         for ax, line in ((upper, whole.rudder), (lower, whole.y)):
-            ax.set_xlim(whole.t[0], whole.t[-1])
+            ax.set_xlim(*ends)
             sensible_limits(ax, line, settled=0.0)
             mark_events(ax, data.events)
 
