@@ -30,9 +30,10 @@ from hand_flights import (
 )
 from matplotlib.figure import Figure
 from msgspec.structs import replace
-from places import REPLAY_LOGS
+from places import C172P, REPLAY_LOGS
 from report_page import Page, first_screen
 
+from yawid.estimation.fit import fit_percent
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
 from yawid.report.manoeuvres import flight_section
@@ -79,6 +80,23 @@ def test_a_refused_flight_is_refused_though_the_stream_is_usable(paged: Paged) -
     assert '<header class="unusable">' in html
     assert "Can I use it? No there is no answer not converged" in first_screen(html)
     assert "RML, orders" not in first_screen(html)
+
+
+def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path) -> None:
+    run = open_run(replayed(C172P, tmp_path))
+    data = gather(run)
+    assert data is not None
+    (found,) = run.summary.manoeuvres or []
+    (drawn,) = data.drawn
+
+    assert drawn.model.same
+    pct = fit_percent(drawn.judged.y, drawn.judged.simulated)
+    assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1e-9)
+    html = report(run)
+    assert '<figure id="manoeuvre1">' in html
+    symbols = Page(html).text
+    assert "N β = a my β weathercock stability, 1/s²" in symbols
+    assert "M. T. Vu" in symbols
 
 
 def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:

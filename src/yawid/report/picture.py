@@ -153,10 +153,11 @@ def manoeuvres_note(events: Events) -> str:
     return " Green: manoeuvres, by number; hatched: not usable." if events.manoeuvres else ""
 
 
-def sensible_limits(ax: Axes, *lines: Floats, settled: float = 0.25) -> None:
+def sensible_limits(ax: Axes, *lines: Floats, settled: float = 0.25, least: float = 0.0) -> None:
     """Limit the y axis to where the lines settle: a transient must not flatten all the rest.
 
-    ``settled`` is the share of each line that may be a transient.
+    ``settled`` is the share of each line that may be a transient; the picture is no less than
+    ``least`` of the middle high.
     """
     known = np.concatenate([line[int(settled * len(line)) :] for line in lines])
     known = known[np.isfinite(known)]
@@ -164,4 +165,5 @@ def sensible_limits(ax: Axes, *lines: Floats, settled: float = 0.25) -> None:
         return
     low, high = np.percentile(known, [1.0, 99.0] if settled else [0.1, 99.9])
     room = 0.15 * max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
+    room = max(room, 0.5 * (least * abs(low + high) / 2.0 - (high - low)))
     ax.set_ylim(low - room, high + room)

@@ -1,6 +1,7 @@
 """The report's tables: numbers of the models, channels and link, where all of it is from."""
 
 from collections.abc import Iterator, Mapping
+from typing import Final
 
 from yawid.physics.names import OF_YAW_CHANNEL, PAPER
 from yawid.report.data import ReportData
@@ -9,6 +10,9 @@ from yawid.results.run_summary import Fit, MethodSummary, RunSummary, Value
 from yawid.sinks.answers import percent, with_sigma
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun
+
+LEAST_P: Final = 0.0001
+"""Of a test's p: how much smaller it is says nothing more."""
 
 
 def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
@@ -81,6 +85,8 @@ def _number(value: float | None) -> str:
 
 def _fit(fit: Fit, name: str) -> str:
     value: float | None = getattr(fit, name)
+    if value is not None and name == "whiteness_p" and value < LEAST_P:
+        return f"< {LEAST_P}"
     if value is not None and name.endswith("_pct"):
         return percent(value, ".4g")
     return _number(value)

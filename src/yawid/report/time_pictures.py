@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import StrMethodFormatter
 
 from yawid.blocks import Floats
 from yawid.report.data import ReportData
@@ -182,6 +183,7 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
             if 1 < len(columns) <= MOST_NAMED:
                 _names_at_end(ax, data, {names[i]: i for i in columns})
             ax.set_title(title)
+            ax.yaxis.set_major_formatter(StrMethodFormatter("{x:.3g}"))
         for ax in list(grid.flat)[len(panels) :]:
             ax.set_axis_off()
         for ax in grid[-1]:
@@ -204,6 +206,13 @@ def _parameters(ax: Axes, data: ReportData, columns: list[int]) -> None:
             lines.append(theta)
     sensible_limits(ax, *lines, settled=_settled(data))
     mark_events(ax, data.events, numbered=False)
+
+
+def _width(line: Floats, settled: float) -> float:
+    """Return how far the middle half of a line reaches once it has settled."""
+    known = line[int(settled * len(line)) :]
+    known = known[np.isfinite(known)]
+    return float(np.subtract(*np.percentile(known, [75.0, 25.0]))) if len(known) else math.inf
 
 
 def _settled(data: ReportData) -> float:
@@ -252,8 +261,10 @@ def modes_picture(data: ReportData) -> Picture:
                 shade = METHODS.get(method, MODEL)
                 ax.plot(track.t, value, color=shade)
                 band(ax, track.t, value - spread, value + spread, shade)
-                lines += [value - spread, value + spread]
-            sensible_limits(ax, *lines, settled=_settled(data))
+                lines.append((value, value - spread, value + spread))
+            # Where both are known: of a method that wanders only what is near is drawn.
+            calm = min(lines, key=lambda some: _width(some[0], _settled(data)))
+            sensible_limits(ax, *calm, settled=_settled(data), least=0.5)
             ax.set_ylabel(label)
             mark_events(ax, data.events)
         axes[-1].set_xlabel(TIME_LABEL)
@@ -261,7 +272,8 @@ def modes_picture(data: ReportData) -> Picture:
 
     look = (
         "Has each line settled before the end, and do both agree? Bands: 2 sigma of noise alone; "
-        "a line that leaves its earlier band is moved by more." + manoeuvres_note(data.events)
+        "a line that leaves its earlier band is moved by more. What wanders far is cut off."
+        + manoeuvres_note(data.events)
     )
     return Picture("modes", "Dutch roll over time", look, draw, (5.6, 4.4))
 
