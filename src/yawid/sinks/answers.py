@@ -27,6 +27,8 @@ Stretch = tuple[float | None, float | None]
 """From and to, in s since boot."""
 LARGEST_IN_FULL: Final = 1e6
 """A larger number, of an estimate that diverged, is not written digit by digit."""
+MOST_DIGITS: Final = 6
+"""After the point: a smaller number is written with its power of ten."""
 NOT_USED: Final = "usable, not used"
 _NONE: Final = ("none found", "")
 _WHOSE: Final = {
@@ -208,7 +210,9 @@ def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
         return f"{value:.4g}", ""
     if max(abs(value), sigma) >= LARGEST_IN_FULL:
         return f"{value:.4g}", f"± {sigma:.2g}"
-    digits = min(max(1 - math.floor(math.log10(sigma)), 0), 6)
+    digits = max(1 - math.floor(math.log10(sigma)), 0)
+    if digits > MOST_DIGITS:
+        return f"{value:.4g}", f"± {sigma:.2g}"
     return f"{value:.{digits}f}", f"± {sigma:.{digits}f}"
 
 
