@@ -37,7 +37,7 @@ from yawid.estimation.fit import fit_percent
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
 from yawid.report.manoeuvres import flight_section
-from yawid.report.picture import mark_events
+from yawid.report.picture import mark_events, traced
 from yawid.report.write import report
 from yawid.results.run_summary import RunSummary
 from yawid.sinks.mcap.reader import McapRun, open_run
@@ -215,6 +215,17 @@ def test_manoeuvres_are_shaded_where_they_were_flown_and_numbered(paged: Paged) 
     assert [patch.get_hatch() for patch in axes.patches] == [None, None, "////"]
     assert [text.get_text() for text in axes.texts] == ["2", "3", "4"]
     assert axes.get_xlim() == (100.0, 230.0)
+
+
+def test_no_line_is_drawn_back_through_time_after_a_reboot() -> None:
+    t = np.concatenate([np.arange(400.0, 450.0, 0.01), np.arange(10.0, 60.0, 0.01)])
+    axes = Figure().subplots()
+    for rows in (slice(None), slice(None, None, 50)):
+        traced(axes, t[rows], np.sin(t[rows]), "#000000")
+
+    assert len(axes.collections) == len(axes.lines) == 2
+    seen = [np.asarray(line.get_xdata()) for line in axes.lines]
+    assert all((np.diff(x) > 0.0).all() and np.ptp(x) < 51.0 for x in seen)
 
 
 def test_numbers_of_many_manoeuvres_do_not_hide_one_another(paged: Paged) -> None:

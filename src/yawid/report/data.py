@@ -183,7 +183,7 @@ class _Gatherer:
         return ReportData(
             self.method,
             model,
-            {method: Track(*_joined(rows)) for method, rows in self._thin.items()},
+            {method: _track(*_joined(rows)) for method, rows in self._thin.items()},
             Judged(boot_s[-n:], u, y, y_hat, simulated, residual[-n:]),
             replace(
                 _events(boot_s, held, noted, delay_s, model.sample_time_s), manoeuvres=stretches
@@ -191,6 +191,12 @@ class _Gatherer:
             Whole(boot_s, rudder, output),
             tuple(each for each in again if each is not None),
         )
+
+
+def _track(t: Floats, *columns: Floats) -> Track:
+    """Return a track whose lines are open where time goes back, after a reboot."""
+    back = np.diff(t, prepend=t[:1]) < 0.0
+    return Track(t, *(np.where(back[:, None], np.nan, column) for column in columns))
 
 
 def _joined(parts: list[tuple[Any, ...]]) -> list[Any]:

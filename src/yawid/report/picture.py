@@ -101,14 +101,18 @@ def _styled(picture: Picture) -> Iterator[Figure]:
 
 
 def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
-    """Draw a long line: where a pixel holds many samples, all from the least to the greatest."""
-    if len(t) <= 2 * COLUMNS:
-        ax.plot(t, x, color=shade, linewidth=0.9)
-        return
-    starts = np.arange(0, len(t), -(-len(t) // COLUMNS))
-    low = np.fmin.reduceat(x, starts)
-    high = np.fmax.reduceat(x, starts)
-    ax.fill_between(t[starts], low, high, color=shade, alpha=0.55, linewidth=0.4)
+    """Draw a long line: where a pixel holds many samples, all from the least to the greatest.
+
+    Where time goes back, after a reboot, another line begins.
+    """
+    step = -(-len(t) // COLUMNS)
+    for rows in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) < 0.0) + 1):
+        if step <= 2:
+            ax.plot(t[rows], x[rows], color=shade, linewidth=0.9)
+            continue
+        starts = np.arange(0, len(rows), step)
+        low, high = (each.reduceat(x[rows], starts) for each in (np.fmin, np.fmax))
+        ax.fill_between(t[rows][starts], low, high, color=shade, alpha=0.55, linewidth=0.4)
 
 
 def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str, alpha: float = 0.2) -> None:

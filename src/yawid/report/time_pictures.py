@@ -284,11 +284,12 @@ def link_picture(data: ReportData) -> Picture:
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
-        delay_ms = 1e3 * events.delay_s
+        back = np.diff(events.delay_t, prepend=events.delay_t[:1]) < 0.0
+        delay_ms = np.where(back, np.nan, 1e3 * events.delay_s)
         ax.plot(events.delay_t, delay_ms, color=DATA, linewidth=0.9)
         ax.set_ylabel("delay of a sample [ms]")
         ax.set_xlabel(TIME_LABEL)
-        ax.set_ylim(bottom=min(0.0, float(delay_ms.min())))
+        ax.set_ylim(bottom=min(0.0, float(np.nanmin(delay_ms))))
         mark_events(ax, events, numbered=False)
 
     look = (
