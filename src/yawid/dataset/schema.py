@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-ANALYSIS_VERSION: Final = "1"
+ANALYSIS_VERSION: Final = "2"
 """Raised where the same log gives other numbers than before: a fleet's logs are then run again."""
 FORMAT: Final = 1
 """Of the data set's folders and manifest."""
