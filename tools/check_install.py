@@ -27,7 +27,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 SRC = ROOT / "src"
 LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
-DATA = {"yawid/py.typed", "yawid/report/report.css"}
+DATA = {"yawid/py.typed", "yawid/report/report.css", "yawid/cli/schema.json"}
+DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
 BESIDE = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 TESTS = (
     "tests/test_pipeline.py",

@@ -63,7 +63,7 @@ def test_it_is_viewed_and_reported(recovered: Path, tmp_path: Path) -> None:
     assert main(["report", str(recovered), "--out", str(tmp_path / "r.html")]) == 0
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "recovered from a.mcap.part" in page
-    assert page.count("<figure") == 8
+    assert page.count("<figure") == 9
     assert "to the bit" in page
 
 
