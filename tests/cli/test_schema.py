@@ -43,6 +43,11 @@ def test_every_reason_and_every_exit_code_stands_on_the_same_page(capsys):
     assert "Trend" not in told["$defs"]
 
 
+def test_without_a_command_it_is_the_schema_of_all(capsys):
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == WHOLE
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_schema_of_a_command_is_a_json_schema(command: str):
     import jsonschema

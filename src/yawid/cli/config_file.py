@@ -24,7 +24,7 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
         ConfigError: the file cannot be read, is no TOML, or a setting is unknown or unsound.
     """
     arguments, unknown = parser.parse_known_args(argv)
-    command: argparse.ArgumentParser = arguments.command
+    command: argparse.ArgumentParser = arguments.own_parser
     file: Path | None = getattr(arguments, "config", None)
     if unknown:
         command.error(f"unrecognized arguments: {' '.join(unknown)}")

@@ -137,7 +137,7 @@ def add_command(
         epilog="examples:\n" + textwrap.indent(examples, "  "),
         formatter_class=HelpPage,
     )
-    command.set_defaults(command=command)
+    command.set_defaults(own_parser=command)
     return command
 
 

@@ -202,7 +202,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         HEAD + BODY.removesuffix(",5\n"),
         RIGHT,
         SourceError,
-        "line 5: 2 cells, and the header has 3",
+        "read as CSV, line 5: 2 cells, the header has 3",
     ),
     "a row without a time": (
         HEAD + BODY.replace("0.04,", ","),

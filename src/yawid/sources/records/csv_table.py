@@ -122,8 +122,8 @@ class CsvTable:
             row = cells if len(cells) <= width else _trimmed(cells, width)
             if len(row) != width:
                 raise SourceError(
-                    f"{self.path}, line {self._lines[i] + 1}: {len(row)} cells, and the header has "
-                    f"{width}: a line was cut short, or the separator {self._separator!r} stands "
+                    f"{self.path}, read as CSV, line {self._lines[i] + 1}: {len(row)} cells, the "
+                    f"header has {width}: a line was cut short, or the separator {self._separator!r} stands "
                     "in a number"
                 )
             rows.append(row)
