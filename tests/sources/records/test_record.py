@@ -99,6 +99,10 @@ def test_options_say_what_a_file_does_not(tmp_path: Path) -> None:
     check(settled(tmp_path / "a.csv", OTHER_NAMES, asked))
     asked = Asked((*columns[:2], "r=Yaw Rate[deg/s]"), rudder_unit="deg", rudder_sign="nose-left")
     check(settled(tmp_path / "a.csv", OTHER_NAMES, asked))
+    # Of a row below the names one unit is known, two are not: it is a row of units all the same.
+    spelt = OTHER_NAMES.replace("\n", "\ns,Grad,rad/s\n", 1)
+    asked = Asked(("t=Time", "rudder=delta_r[deg]", "r=Yaw Rate[deg/s]"), rudder_sign="nose-left")
+    check(settled(tmp_path / "a.csv", spelt, asked))
 
 
 def test_parquet_says_its_units_with_its_fields_and_its_dates_by_their_type(tmp_path: Path) -> None:

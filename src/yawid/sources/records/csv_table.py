@@ -123,8 +123,8 @@ class CsvTable:
             if len(row) != width:
                 raise SourceError(
                     f"{self.path}, read as CSV, line {self._lines[i] + 1}: {len(row)} cells, the "
-                    f"header has {width}: a line was cut short, or the separator {self._separator!r} stands "
-                    "in a number"
+                    f"header has {width}: a line was cut short, or the separator "
+                    f"{self._separator!r} stands in a number"
                 )
             rows.append(row)
         return rows
@@ -262,7 +262,7 @@ def _layout(rows: Sequence[Row]) -> tuple[int, int] | None:
 
 def _are_units(row: Row) -> bool:
     known = sum(unit_of(cell) is not None or cell.strip().lower() in NOTHING for cell in row)
-    return 2 * known > len(row)
+    return 2 * known >= len(row) > 0
 
 
 def _is_data(row: Row) -> bool:
