@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from yawid.sinks import palette
 from yawid.sinks.palette import AILERON, BAD, DATA, ELS, MODEL, NEUTRAL, RML, RUDDER, rgba
 
 LINES = {"data": DATA, "model": MODEL, "els": ELS, "rml": RML, "rudder": RUDDER, "bad": BAD,
@@ -58,3 +59,15 @@ def test_lines_that_meet_in_a_picture_differ_to_every_eye(sight: str) -> None:
     near = {pair: float(np.linalg.norm(seen[pair[0]] - seen[pair[1]])) for pair in pairs}
 
     assert min(near.values()) > 9.0, min(near, key=lambda pair: near[pair])
+
+
+@pytest.mark.parametrize("sight", SIGHTS)
+def test_parameters_differ_from_each_other_to_every_eye(sight: str) -> None:
+    seen = [lab(np.array(SIGHTS[sight]) @ linear(c)) for c in palette.LINES]
+
+    assert min(float(np.linalg.norm(a - b)) for a, b in combinations(seen, 2)) > 20.0
+
+
+def test_a_parameter_s_colour_has_no_other_meaning() -> None:
+    own, others = ([lab(linear(c)) for c in colours] for colours in (palette.LINES, LINES.values()))
+    assert min(float(np.linalg.norm(a - b)) for a in own for b in others) > 15.0

@@ -29,11 +29,8 @@ CARE: Final = "#e8c000"
 
 INPUTS: Final[Mapping[str, str]] = {"rudder": RUDDER, "aileron": AILERON}
 METHODS: Final[Mapping[str, str]] = {"els": ELS, "rml": RML}
-LINES: Final = (
-    *(DATA, MODEL, RUDDER, BAD, AILERON),
-    *("#8d6e63", "#ec62a1", "#78909c", "#afb42b", "#00acc1"),
-)
-"""Of the parameters in one panel, where a colour says no more than which line is which."""
+LINES: Final = ("#d85e15", "#8c8cd8", "#2d6a72", "#a58f6b", "#a715d8")
+"""Of the parameters in one panel: a colour says which line is which, and has no other meaning."""
 
 
 def rgba(colour: str, alpha: int = 255) -> Rgba:
