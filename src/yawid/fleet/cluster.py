@@ -52,6 +52,7 @@ class Workers:
         Raises:
             SinkError: the scheduler is lost.
         """
+        from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
 
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -84,8 +85,9 @@ class Workers:
                     again.append((task, tries))
                     continue
                 rows = "its workers died, again and again"
-            except (TimeoutError, CancelledError, UnboundLocalError):
-                # It was lost with its worker; Dask trips over that in several ways.
+            except (TimeoutError, CancelledError, UnboundLocalError, CommClosedError):
+                # It was lost with its worker, or with the scheduler, which the client is to notice;
+                # Dask trips over that in several ways.
                 self._check()
                 again.append((task, tries))
                 continue
