@@ -52,7 +52,7 @@ class Workers:
         Raises:
             SinkError: the scheduler is lost.
         """
-        from distributed.comm import CommClosedError
+        from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
