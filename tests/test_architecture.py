@@ -44,13 +44,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sources", WIRE, LOGS},
     "dataset": {"physics", "results", "sinks"},
     "fleet": {"config", "dataset", "pipeline", "results", "runs", "sinks", "sinks/mcap"}
-    | {"sources", WIRE},
+    | {"sources"},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
-    "tables": {"channels", "config", "physics", "results", "runs", "sources", WIRE, LOGS, RECORDS}
+    "tables": {"channels", "config", "physics", "results", "runs", "sources", RECORDS}
     | {"sinks", "sinks/mcap", "sinks/terminal"},
     "cli": {"config", "estimation", "fleet", "offline", "plant", "report", "results", "runs"}
-    | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", "tables", "trend"}
-    | {WIRE, LOGS},
+    | {"runs/live", "runs/regress", "sinks/mcap", "sinks/terminal", "sources", "tables", "trend"},
     "__main__": {"cli"},
 }
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""

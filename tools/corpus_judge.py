@@ -166,7 +166,7 @@ def _judged_methods(pipeline: Pipeline) -> Row:
         return {}
     _, evidence = bank_summaries(bank)
     rates_hz = 1e6 / intervals[0], 1e6 / intervals[1]
-    judged = judge_methods(bank, evidence, rates_hz, abs(pipeline.channels.surfaces[0].scale))
+    judged = judge_methods(bank, evidence, rates_hz)
     row: Row = {"stroke_pct": 100.0 * judged.moved.most_own}
     row["reacts"] = judged.reacts
     for method, reasons in judged.reasons.items():

@@ -18,6 +18,9 @@ Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
+FIRST_DATE_NS = 10**18
+"""Unix time of September 2001: what is earlier is a time since boot, as no flight is as early."""
+
 
 def runs_of(good: Bools) -> Ints:
     """Return where each run of True in ``good`` (n,) begins and ends, (runs, 2)."""

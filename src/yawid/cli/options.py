@@ -248,12 +248,6 @@ def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
 
 def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
     """Return how the bytes are read: their form, and the key that signs them."""
-    from yawid.sources.logs.tlog import FORMS
-    from yawid.sources.mavlink.signing import SigningKey
     from yawid.sources.open_log import ReadOptions
 
-    form = getattr(arguments, "format", "auto")
-    if form not in FORMS:
-        raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
-    path = arguments.signing_key_file
-    return ReadOptions(form, None if path is None else SigningKey.from_file(path), path)
+    return ReadOptions.asked(getattr(arguments, "format", "auto"), arguments.signing_key_file)

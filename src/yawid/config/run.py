@@ -61,7 +61,7 @@ _CHOICES: dict[str, tuple[str | None, ...]] = {
     "units": ("rad", "deg", None),
 }
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
-OF_FILES = frozenset({"given", "rudder_stroke_rad"})
+KEPT_ONLY = frozenset({"given", "rudder_stroke_rad"})
 """Settings that a run's file holds and no option is."""
 FORGETTING = frozenset({"memory", "forgetting"})
 _FLOATS = (
@@ -296,7 +296,9 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
     for raw, value in loaded.items():
         name = {"from": "from_s", "to": "to_s"}.get(raw, raw.replace("-", "_"))
         if name not in known:
-            options = sorted(each.removesuffix("_s").replace("_", "-") for each in known - OF_FILES)
+            options = sorted(
+                each.removesuffix("_s").replace("_", "-") for each in known - KEPT_ONLY
+            )
             raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
         settings[name] = _typed(name, value, where)
     settings.setdefault("given", tuple(name for name in GIVEN if name in settings))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from yawid import __version__
+from yawid.blocks import FIRST_DATE_NS
 
 _SERIAL = re.compile(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", re.MULTILINE)
 Row = Mapping[str, Any]
@@ -27,8 +28,8 @@ def plain(value: Any) -> Any:
 
 
 def known_date(us: int | None) -> int | None:
-    """Return us since 1970; None where it is a time since boot: no flight is as early as 2001."""
-    return us if us is not None and us >= 10**15 else None
+    """Return us since 1970; None where it is a time since boot."""
+    return us if us is not None and us >= FIRST_DATE_NS // 1000 else None
 
 
 def serial_of(parameters: bytes) -> str | None:

@@ -25,7 +25,6 @@ from yawid.runs.replay_mcap import RunSource, changed, conclude
 from yawid.runs.run_log import open_log, run_log, settled
 from yawid.sinks.mcap.chunks import is_mcap
 from yawid.sinks.mcap.reader import open_run
-from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import Log, ReadOptions, log_suffix
 
 Rows = dict[str, list[dict[str, Any]]]
@@ -68,8 +67,7 @@ def read_options_of(spec: Spec) -> ReadOptions:
         ConfigError: the key cannot be read.
     """
     path = None if spec.key_file is None else Path(spec.key_file)
-    key = None if path is None else SigningKey.from_file(path)
-    return ReadOptions(spec.form, key, path)
+    return ReadOptions.asked(spec.form, path)
 
 
 def _where(error: Exception) -> str:

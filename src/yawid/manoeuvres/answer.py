@@ -163,9 +163,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
     alone = list(short_reasons(fits, history, evidence[first]))
-    verdict = bank_verdict(
-        fits, evidence, setting.rates_hz, setting.config.half_travel, alone, first_answers=True
-    )
+    verdict = bank_verdict(fits, evidence, setting.rates_hz, alone, first_answers=True)
     config = fits.config
     told = Manoeuvre(
         n=n,

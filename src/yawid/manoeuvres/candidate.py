@@ -1,5 +1,6 @@
 """What may become a manoeuvre: how long it goes on, and how it stands."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,6 +29,13 @@ class Progress(NamedTuple):
     from_s: float | None = None
     lasted_s: float = 0.0
     is_excited: bool = False
+
+    @classmethod
+    def of(cls, kept: Sequence[SampleBlock], *, is_excited: bool) -> "Progress":
+        """Return how what is recorded stands, by the blocks kept of it, at least one."""
+        first_us, last_us = kept[0].boot_us[0], kept[-1].boot_us[-1]
+        lasted_s = (last_us - first_us) / 1e6
+        return cls(from_s=first_us / 1e6, lasted_s=lasted_s, is_excited=is_excited)
 
 
 class Candidate:
@@ -77,9 +85,7 @@ class Candidate:
 
     def progress(self) -> Progress:
         """Return how it stands."""
-        first_us, last_us = self._kept[0].boot_us[0], self._kept[-1].boot_us[-1]
-        lasted_s = (last_us - first_us) / 1e6
-        return Progress(from_s=first_us / 1e6, lasted_s=lasted_s, is_excited=self.is_excited)
+        return Progress.of(self._kept, is_excited=self.is_excited)
 
     def samples(self) -> SampleBlock:
         """Return all of it."""

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from yawid.blocks import Floats, Noted, SampleBlock
+from yawid.blocks import FIRST_DATE_NS, Floats, Noted, SampleBlock
 from yawid.sources.mavlink.enums import ARDUPILOT, PX4, mode_name
 
 AIRFRAME, WITH_ROLL_LOOP, UNKNOWN = "airframe", "with_roll_loop", "unknown"
@@ -15,8 +15,6 @@ BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
 """... and those in which that depends on the bank."""
 MOSTLY = 0.5
-FIRST_DATE_NS = 10**18
-"""Unix time in 2001: no flight is as early, no boot lasts as long."""
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 

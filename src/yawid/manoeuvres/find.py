@@ -42,10 +42,7 @@ class Stated:
 
     def progress(self, *, closely: bool) -> Progress:
         """Return how the stretch stands; it need not be looked at ``closely``."""
-        if not self._kept:
-            return Progress()
-        first_us, last_us = self._kept[0].boot_us[0], self._kept[-1].boot_us[-1]
-        return Progress(from_s=first_us / 1e6, lasted_s=(last_us - first_us) / 1e6, is_excited=True)
+        return Progress.of(self._kept, is_excited=True) if self._kept else Progress()
 
     def finish(self) -> list[SampleBlock]:
         """Return the manoeuvre, if there is one sample of it."""

@@ -311,13 +311,9 @@ def judge_methods(
     bank: Estimates,
     evidence: Mapping[str, Evidence],
     rates_hz: tuple[float, float],
-    travel_unit: float,
 ) -> Judged:
-    """Judge each method by itself.
-
-    ``rates_hz`` of yaw and rudder messages; ``travel_unit`` is half the travel in the unit of u.
-    """
-    history = bank.history()
+    """Judge each method by itself; ``rates_hz`` are of yaw and rudder messages."""
+    history, travel_unit = bank.history(), bank.config.half_travel
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
     moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
     excited = np.where(around(moved.excited, bank.sample_time_s), rudder, np.nan)
@@ -344,7 +340,6 @@ def bank_verdict(
     bank: Estimates,
     evidence: Mapping[str, Evidence],
     rates_hz: tuple[float, float],
-    travel_unit: float,
     others: list[Reason],
     *,
     first_answers: bool = False,
@@ -355,7 +350,7 @@ def bank_verdict(
     as well; with ``first_answers`` the others only check it.
     """
     config, history = bank.config, bank.history()
-    judged = judge_methods(bank, evidence, rates_hz, travel_unit)
+    judged = judge_methods(bank, evidence, rates_hz)
     sound = [method for method in bank.methods if method not in judged.refused]
     answers = bank.methods[0] if first_answers or not sound else sound[0]
     for method in [] if first_answers else sound[1:]:

@@ -190,19 +190,18 @@ def _surface(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFound
 class Basis:
     """What the verdict of a stream rests on beside its estimates.
 
-    ``reasons`` are those of the log; ``rates_hz`` are of yaw and rudder messages and
-    ``travel_unit`` is half the travel in the unit of u. Without rates there is nothing to judge.
+    ``reasons`` are those of the log; ``rates_hz`` are of yaw and rudder messages. Without rates
+    there is nothing to judge.
     """
 
     reasons: list[Reason]
     rates_hz: tuple[float, float] | None = None
-    travel_unit: float = 1.0
 
     def verdict(self, bank: Bank, evidence: dict[str, Evidence]) -> Verdict:
         """Return the verdict of the stream that ``bank`` has seen."""
         if self.rates_hz is None:
             return Verdict.of(self.reasons)
-        return bank_verdict(bank, evidence, self.rates_hz, self.travel_unit, self.reasons)
+        return bank_verdict(bank, evidence, self.rates_hz, self.reasons)
 
 
 def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
@@ -221,7 +220,7 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
         found.append(Reason("not_excited", f"every sample is held: {why}"))
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
-    return Basis(found, (yaw_hz, rudder_hz), pipeline.config.half_travel)
+    return Basis(found, (yaw_hz, rudder_hz))
 
 
 def _missing(pipeline: Finished, link: LinkStats) -> Iterator[Reason]:

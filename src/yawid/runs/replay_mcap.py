@@ -156,9 +156,9 @@ def conclude(run: McapRun, pipeline: Pipeline, is_whole: bool) -> tuple[RunSumma
     of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
     if bank is not None:
         estimates, evidence = bank_summaries(bank)
-        rates_hz, unit = run.rates_hz(config.inputs[0]), config.half_travel
+        rates_hz = run.rates_hz(config.inputs[0])
         assert rates_hz is not None  # there was a grid to make a bank for
-        verdict = bank_verdict(bank, evidence, rates_hz, unit, of_the_log)
+        verdict = bank_verdict(bank, evidence, rates_hz, of_the_log)
     else:
         verdict = Verdict.of(reasons if run.grid is None else of_the_log)
     flight = pipeline.flight(of_the_log)

@@ -13,9 +13,10 @@ from tempfile import SpooledTemporaryFile
 from typing import TYPE_CHECKING, Protocol
 
 from yawid.blocks import FrameBlock, RecordBlock, SampleBlock
+from yawid.errors import ConfigError
 from yawid.sources.logs.dataflash import DataflashReader
 from yawid.sources.logs.dataflash_index import MAGIC as DATAFLASH
-from yawid.sources.logs.tlog import Digest, Form, check_readable, read_tlog
+from yawid.sources.logs.tlog import FORMS, Digest, Form, check_readable, read_tlog
 from yawid.sources.logs.ulog import MAGIC as ULOG
 from yawid.sources.logs.ulog import UlogReader
 from yawid.sources.mavlink.decoder import Decoder
@@ -46,6 +47,18 @@ class ReadOptions:
     form: Form = "auto"
     key: SigningKey | None = None
     key_file: Path | None = None
+
+    @classmethod
+    def asked(cls, form: str, key_file: Path | None) -> "ReadOptions":
+        """Return what options ask for: the form, and the key that a file holds.
+
+        Raises:
+            ConfigError: there is no such form, or the key cannot be read.
+        """
+        found = next((each for each in FORMS if each == form), None)
+        if found is None:
+            raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
+        return cls(found, None if key_file is None else SigningKey.from_file(key_file), key_file)
 
     def decoder(self, wanted: Iterable[str]) -> Decoder:
         """Return a decoder for one stream."""

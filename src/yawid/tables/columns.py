@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Bools, EstimateBlock, Noted, SampleBlock, Status
+from yawid.blocks import FIRST_DATE_NS, Bools, EstimateBlock, Noted, SampleBlock, Status
 from yawid.config.run import RunConfig
 from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import Manoeuvre, RunSummary
@@ -25,8 +25,6 @@ from yawid.tables.table import Column
 _UNIT: Final = re.compile(r"(1|s|m|rad|m/s|rad/s|1/s|1/s\^2|percent|half.travel)( per .+)?")
 _UNKNOWN: Final = re.compile("[,;]? NaN .*")
 """Of a schema's text, what says when a number is unknown: that differs from file to file."""
-FIRST_KNOWN_NS: Final = 10**18
-"""Unix time of September 2001: what is earlier is the time since boot, not a date."""
 OUTPUTS: Final = {
     "yaw-rate": ("r", "yaw rate"),
     "heading-rate": ("heading_rate", "rate of the heading, by Euler's formula"),
@@ -91,7 +89,7 @@ def further_columns(samples: SampleBlock) -> Iterator[Column]:
     yield _kept("turn_rate", samples.turn)
     yield _kept("ground_speed", np.where(_is_ground(samples), samples.airspeed, np.nan))
     time = samples.unix_ns.astype("datetime64[ns]")
-    time = np.where(samples.unix_ns < FIRST_KNOWN_NS, np.datetime64("NaT"), time)
+    time = np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)
     yield _kept("time", time)
     yield Column("noted", texts(samples.noted, _noted), says="what is to be known of it beside")
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, rudder_unit
 from yawid.sinks.mcap.messages import RunRows, joined
@@ -28,7 +27,7 @@ from yawid.tables.columns import (
 from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
-    from yawid.sources.open_log import ReadOptions
+    pass
 
 OF_FILES: Final = ("out", "force", "json", "rerun")
 """What a TOML file may say to the command line of what is written: here nothing is."""
@@ -149,6 +148,7 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
     from yawid.runs.replay_mcap import replay_run
     from yawid.runs.stop import StopFlag
     from yawid.sinks.mcap.chunks import is_mcap
+    from yawid.sources.open_log import ReadOptions
 
     log, toml = Path(path), options.pop("config", None)
     loaded = {} if toml is None else read_toml(Path(toml))
@@ -158,7 +158,7 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
     form, key_file = (
         options.pop(name, loaded.pop(name, None)) for name in ("format", "signing_key_file")
     )
-    read_options = _read_options(form or "auto", key_file)
+    read_options = ReadOptions.asked(form or "auto", None if key_file is None else Path(key_file))
     automatic = options.get("orders", loaded.get("orders")) == "auto"
     for each in (options, loaded):
         if each.get("orders") == "auto":
@@ -173,17 +173,6 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
         config = RunConfig(**settings)
         replay_log(log, config, outputs, StopFlag(), read_options, automatic=automatic)
     return kept.run(log)
-
-
-def _read_options(form: str, key_file: str | PathLike[str] | None) -> "ReadOptions":
-    from yawid.sources.logs.tlog import FORMS
-    from yawid.sources.mavlink.signing import SigningKey
-    from yawid.sources.open_log import ReadOptions
-
-    if form not in FORMS:
-        raise ConfigError(f"format must be one of {', '.join(FORMS)}, got {form!r}")
-    path = None if key_file is None else Path(key_file)
-    return ReadOptions(form, None if path is None else SigningKey.from_file(path), path)
 
 
 @dataclass(slots=True)
