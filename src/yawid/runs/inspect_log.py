@@ -19,7 +19,7 @@ from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
-from yawid.config.run import BOTH, RunConfig
+from yawid.config.run import BOTH, KEPT_ONLY, RunConfig
 from yawid.errors import ConfigError
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
@@ -168,7 +168,7 @@ def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
     found = {}
     for option in fields(config):
         value = getattr(config, option.name)
-        if value is None or option.name in ("given", "rudder_stroke_rad"):
+        if value is None or option.name in KEPT_ONLY:
             continue
         if value == option.default and option.name not in always:
             continue
