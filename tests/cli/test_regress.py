@@ -174,6 +174,23 @@ def test_junit_has_a_test_for_each_case_and_tells_why_one_failed(folder: Path, t
     assert "does not exist" in (error.get("message") or "")
 
 
+def test_junit_overwrites_an_earlier_result_and_no_other_file(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    write_junit(tmp_path / "j.xml", [Outcome("a", tmp_path, 0, ())])
+    notes = tmp_path / "notes.txt"
+    notes.write_text("<mine/>")
+    command = ["regress", "--folder", str(folder), "no_rudder", "--junit"]
+
+    assert main([*command, str(notes)]) == 6
+    assert capsys.readouterr().err == (
+        f"yawid: {notes} exists and holds no test results: choose another --junit\n"
+    )
+    assert notes.read_text() == "<mine/>"
+    assert main([*command, str(tmp_path / "j.xml")]) == 0
+    assert 'name="no_rudder"' in (tmp_path / "j.xml").read_text()
+
+
 def test_junit_holds_whatever_a_log_puts_into_a_text(tmp_path: Path):
     wrong = ("\x00<script>&\x1b[31m\ud800\N{BELL}",)
     write_junit(tmp_path / "j.xml", [Outcome("a<b", tmp_path, 1, wrong)])

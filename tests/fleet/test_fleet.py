@@ -247,7 +247,9 @@ def test_another_folder_or_another_fleet_is_not_written_to(
     from yawid.fleet.journal import Journal
 
     command = ["fleet", str(REPLAY_LOGS / "no_rudder"), "--out"]
-    assert main([*command, str(REPLAY_LOGS)]) == 6
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "notes.txt").write_text("mine")
+    assert main([*command, str(tmp_path / "theirs")]) == 6
     assert "is not empty and not a data set" in capsys.readouterr().err
     journal = Journal(tmp_path / "data")
     assert main([*command, str(tmp_path / "data")]) == 6

@@ -9,6 +9,9 @@ from finished_runs import replayed
 from places import C172P
 
 from yawid.cli.main import main
+from yawid.errors import SinkError
+from yawid.runs.live.guarded_sink import TlogRecorder
+from yawid.sinks.part_file import write_whole, written_whole
 
 
 def test_a_replay_that_cannot_begin_leaves_another_runs_recording_alone(
@@ -69,3 +72,31 @@ def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
     with pytest.raises(Interrupted):
         view(run, tmp_path / "mine.rrd")
     assert not list(tmp_path.glob("*.rrd*"))
+
+
+def test_a_file_that_came_there_while_ours_was_written_is_not_overwritten(tmp_path: Path) -> None:
+    theirs, said = tmp_path / "a.tlog", list[str]()
+
+    recorder = TlogRecorder(theirs, said.append, force=False)
+    recorder.write(b"ours")
+    theirs.write_bytes(b"theirs")
+    assert recorder.finish() is None
+    assert theirs.read_bytes() == b"theirs"
+    assert (tmp_path / "a.tlog.part").read_bytes() == b"ours"
+    assert said == [f"{theirs} exists: --force overwrites it: the session goes on without its tlog"]
+
+    theirs = tmp_path / "b.csv"
+    with pytest.raises(SinkError, match="exists"), written_whole(theirs) as stream:
+        stream.write(b"ours")
+        theirs.write_bytes(b"theirs")
+    assert theirs.read_bytes() == b"theirs"
+
+    made = {tmp_path / "c": b"ours", tmp_path / "d": b"ours"}
+    recorder = TlogRecorder(tmp_path / "e.tlog", said.append, force=True)
+    (tmp_path / "e.tlog").write_bytes(b"theirs")
+    assert recorder.finish() == tmp_path / "e.tlog"
+    assert (tmp_path / "e.tlog").read_bytes() == b""
+    (tmp_path / "d").write_bytes(b"theirs")
+    with pytest.raises(SinkError, match="exists"):
+        write_whole(made)
+    assert not (tmp_path / "c").exists()

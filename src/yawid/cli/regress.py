@@ -85,8 +85,17 @@ def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     from yawid.runs.regress.case import find_cases
-    from yawid.runs.regress.check import Outcome, as_json, exit_code, regress, write_junit
+    from yawid.runs.regress.check import (
+        Outcome,
+        as_json,
+        check_junit,
+        exit_code,
+        regress,
+        write_junit,
+    )
 
+    if arguments.junit is not None:
+        check_junit(arguments.junit)
     cases = find_cases(arguments.folder, arguments.cases)
     outcomes: list[Outcome] = []
     try:

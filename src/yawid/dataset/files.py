@@ -20,38 +20,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from yawid.dataset.places import MANIFEST, read_manifest, sweep
 from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
 from yawid.dataset.values import Entry, Row, plain
 from yawid.errors import SinkError, SourceError
-from yawid.sinks.part_file import write_whole
+from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
 
-MANIFEST: Final = "manifest.json"
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
 """What the columns say, for people and for programs."""
 MOST_ROWS: Final = 1_000_000
 """In a file; one that holds half of them is not merged with new rows any more."""
 NO_MONTH: Final = "__HIVE_DEFAULT_PARTITION__"
 """Of rows without a date, as Hive calls it."""
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest: ``tables`` by name with ``rows`` and ``files``; ``outcomes`` counted.
-
-    Raises:
-        SourceError: there is no data set, or one of another format.
-    """
-    path = folder / MANIFEST
-    try:
-        found = json.loads(path.read_bytes())
-        is_ours = found["format"] == FORMAT
-    except FileNotFoundError:
-        raise SourceError(f"{folder} is not a data set: it has no {MANIFEST}") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SourceError(f"{path} cannot be read: {error}") from error
-    if not is_ours:
-        raise SourceError(f"{path} has format {found['format']}, this version reads {FORMAT}")
-    manifest: dict[str, Any] = found
-    return manifest
 
 
 def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) -> pa.Table:
@@ -80,7 +60,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
     if (folder / MANIFEST).exists():
         before = read_manifest(folder)
     else:
-        before = {"generation": 0, "tables": {}}
+        before = _begun(folder)
     generation = before["generation"] + 1
     logs = _logs(folder, before, by_path)
     by_sha = _owners(logs, by_path)
@@ -97,28 +77,24 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
                 )
         manifest = _manifest(tables, logs, generation)
         texts = {
-            PAGE: schema_page(),
-            SCHEMA: json.dumps(json_schema(), indent=1) + "\n",
-            MANIFEST: json.dumps(manifest, indent=1) + "\n",  # the last: it makes the rest count
+            PAGE: schema_page().encode(),
+            SCHEMA: _json(json_schema()),
+            MANIFEST: _json(manifest),  # the last: it makes the rest count
         }
-        write_whole({folder / name: text.encode() for name, text in texts.items()}, force=True)
+        write_whole({folder / name: text for name, text in texts.items()}, force=True)
     except OSError as error:
         raise SinkError(f"cannot write {folder}: {error.strerror or error}") from error
     sweep(folder, manifest)
     return manifest
 
 
-def sweep(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Remove the files of a data set that its manifest does not name: a run was killed."""
-    named = {each["path"] for table in manifest["tables"].values() for each in table["files"]}
-    for name in TABLES:
-        for pattern in ("*.parquet", "*.part"):
-            for path in (folder / name).rglob(pattern):
-                if path.relative_to(folder).as_posix() not in named:
-                    path.unlink(missing_ok=True)
-        for month in (folder / name).glob("month=*"):
-            if not any(month.iterdir()):
-                month.rmdir()
+def _begun(folder: Path) -> dict[str, Any]:
+    """Make a folder a data set, still empty; return its manifest."""
+    manifest = {"format": FORMAT, "generation": 0, "outcomes": {}, "tables": {}}
+    with os_errors_as_sink_error(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole({folder / MANIFEST: _json(manifest)}, force=True)
+    return manifest
 
 
 def table_of(table: Table, rows: Sequence[Row]) -> pa.Table:
@@ -242,6 +218,10 @@ def _month(date_us: int | None) -> str:
     if date_us is None:
         return NO_MONTH
     return str(pa.scalar(date_us, TIME).as_py().strftime("%Y-%m"))
+
+
+def _json(content: Mapping[str, Any]) -> bytes:
+    return json.dumps(content, indent=1).encode() + b"\n"
 
 
 def _manifest(

@@ -42,6 +42,42 @@ def find_logs(paths: Iterable[str]) -> list[FoundLog]:
     return sorted(found.values(), key=lambda log: (-log.size, log.path))
 
 
+def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> None:
+    """Find out whether a data set's folder and those of the logs are apart.
+
+    Raises:
+        ConfigError: one of them holds the other.
+    """
+    place = Path(os.path.realpath(out))
+    for folder in {os.path.dirname(_local_path(log.path)) for log in found}:
+        if folder and Path(os.path.realpath(folder)).is_relative_to(place):
+            raise ConfigError(
+                f"--out {out} holds the logs in {folder}: a data set needs a folder of its own, "
+                "choose one that holds no logs"
+            )
+    for path in paths:
+        searched = _searched(_local_path(path))
+        if searched is not None and place.is_relative_to(os.path.realpath(searched)):
+            raise ConfigError(
+                f"--out {out} lies below {searched}, where logs are searched for: choose a folder "
+                "outside of it"
+            )
+
+
+def _local_path(path: str) -> str:
+    """Return a path of this machine; "" of what lies elsewhere."""
+    path = path.removeprefix("file://")
+    return "" if "://" in path else path
+
+
+def _searched(path: str) -> str | None:
+    """Return the folder that is searched with all that is below it; None where there is none."""
+    before, wild, _ = path.partition("**")
+    if wild and not _WILD & set(before):
+        return os.path.dirname(before) or "."
+    return path if path and os.path.isdir(path) else None
+
+
 def is_log(name: str) -> bool:
     """Tell by its name whether a file of a folder is a log."""
     lower = name.lower()

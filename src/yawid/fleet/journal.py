@@ -12,9 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from yawid.dataset.files import MANIFEST, PAGE, SCHEMA, merge, read_manifest, read_table, sweep
+from yawid.dataset.files import merge, read_table
+from yawid.dataset.places import MANIFEST, read_manifest, sweep
+from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry
-from yawid.errors import SinkError
+from yawid.errors import SinkError, SourceError
 
 FINISHED: Final = "finished.jsonl"
 LOCK: Final = ".lock"
@@ -108,21 +110,48 @@ def peek(folder: Path) -> dict[str, Mapping[str, Any]]:
     return known | {row["path"]: {name: row.get(name) for name in KNOWN} for row in newer}
 
 
+def check_ours(folder: Path) -> None:
+    """Find out whether a folder is a data set or may become one; it need not exist.
+
+    Raises:
+        SinkError: it holds what is not a data set's.
+        SourceError: its manifest or its unmerged lines cannot be read, or are not ours.
+    """
+    try:
+        names = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    except OSError as error:
+        raise SinkError(f"cannot write {folder}: {error.strerror}") from error
+    if MANIFEST in names:
+        read_manifest(folder)
+    elif names - _BEFORE_MANIFEST:
+        raise SinkError(f"{folder} is not empty and not a data set: choose another --out")
+    for _ in _lines(folder / FINISHED):
+        break
+
+
 def _lines(path: Path) -> Iterator[Entry]:
     if not path.exists():
         return
     with path.open("rb") as stream:
-        for line in stream:
-            if line.endswith(b"\n"):
-                yield json.loads(line)
+        for number, line in enumerate(stream, 1):
+            if not line.endswith(b"\n"):
+                return
+            try:
+                entry: Entry = json.loads(line)
+                is_ours = set(entry) <= set(TABLES) and len(entry["logs"]) == 1
+            except (ValueError, KeyError, TypeError):
+                is_ours = False
+            if not is_ours:
+                raise SourceError(
+                    f"{path}, line {number} was not written by yawid fleet: move the file away"
+                )
+            yield entry
 
 
 def _locked(folder: Path) -> BinaryIO:
+    check_ours(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        others = {path.name for path in folder.iterdir()} - {LOCK, FINISHED}
-        if others and MANIFEST not in others and not others <= _OURS:
-            raise SinkError(f"{folder} is not empty and not a data set: choose another --out")
         lock = (folder / LOCK).open("ab")
     except OSError as error:
         raise SinkError(f"cannot write {folder}: {error.strerror}") from error
@@ -134,8 +163,5 @@ def _locked(folder: Path) -> BinaryIO:
     return lock
 
 
-_OURS: Final = frozenset(
-    {"logs", "flights", "runs", "manoeuvres", "modes", PAGE, SCHEMA}
-    | {f"{name}.part" for name in (MANIFEST, PAGE, SCHEMA)}
-)
-"""What a first merge may have left that was killed."""
+_BEFORE_MANIFEST: Final = frozenset({LOCK, FINISHED, f"{MANIFEST}.part"})
+"""What a fleet may leave that was killed before it wrote a manifest."""

@@ -11,13 +11,14 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from yawid.dataset.files import MANIFEST, read_manifest, table_of
+from yawid.dataset.files import table_of
+from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
 from yawid.dataset.values import Entry, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
-from yawid.fleet.find_logs import FoundLog, find_logs, own_bytes, sha256_of
-from yawid.fleet.journal import Journal, opened, peek
+from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
+from yawid.fleet.journal import Journal, check_ours, opened, peek
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
@@ -79,13 +80,14 @@ class Progress:
         return f"{text}; {counts}" if counts else text
 
 
-def plan_of(run: FleetRun, known: Mapping[str, Mapping[str, Any]]) -> Plan:
+def plan_of(
+    run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, Mapping[str, Any]]
+) -> Plan:
     """Return which logs are to be run: those that the data set does not know as they are now.
 
     Raises:
-        SourceError: there is no log, or one cannot be read.
+        SourceError: one of them cannot be read.
     """
-    found = find_logs(run.paths)
     config_hash = run.spec.config_hash
     todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
     if any(log.path.lower().endswith(".ulg") for log in todo):
@@ -116,8 +118,16 @@ def _need_pyulog() -> None:
 
 
 def dry_run(run: FleetRun) -> Plan:
-    """Return what a run would do; nothing is written."""
-    return plan_of(run, peek(run.out))
+    """Return what a run would do; nothing is written. Raises as :func:`run_fleet` does."""
+    found = _found(run)
+    check_ours(run.out)
+    return plan_of(run, found, peek(run.out))
+
+
+def _found(run: FleetRun) -> list[FoundLog]:
+    found = find_logs(run.paths)
+    check_apart(run.paths, found, run.out)
+    return found
 
 
 def run_fleet(
@@ -132,14 +142,17 @@ def run_fleet(
 
     Raises:
         Interrupted: told to stop before a log was finished.
-        SourceError: there is no log, or the data set cannot be read.
+        SourceError: there is no log, or one or the data set cannot be read.
         SinkError: the data set cannot be written, or the scheduler is lost.
-        ConfigError: Dask is not installed.
+        ConfigError: Dask is not installed, or the data set's folder holds the logs or is held by
+            theirs.
     """
     check_installed()
+    with stop.raising():
+        found = _found(run)
     with opened(run.out) as journal:
         with stop.raising():
-            plan = plan_of(run, journal.known())
+            plan = plan_of(run, found, journal.known())
         began(plan)
         progress = Progress(len(plan.todo), plan.size)
         if plan.todo:

@@ -47,6 +47,17 @@ def check_free(path: Path, *, force: bool) -> None:
         raise SinkError(f"{path} exists: --force overwrites it")
 
 
+def take_name(part: Path, path: Path, *, force: bool) -> None:
+    """Give a finished file its name; a file that came there meanwhile is somebody else's.
+
+    Raises:
+        SinkError: there is such a file and ``force`` is not set, or the name cannot be given.
+    """
+    check_free(path, force=force)
+    with os_errors_as_sink_error(path):
+        part.replace(path)
+
+
 def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
     """Write files beside their places, then give each its name: all of them whole, or none.
 
@@ -60,9 +71,10 @@ def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
             with stream, os_errors_as_sink_error(path):
                 stream.write(data)
                 sync(stream)
+        for path in parts:
+            check_free(path, force=force)
         for path, part in parts.items():
-            with os_errors_as_sink_error(path):
-                part.replace(path)
+            take_name(part, path, force=force)
     finally:
         for part in parts.values():
             part.unlink(missing_ok=True)
@@ -81,7 +93,7 @@ def written_whole(path: Path, *, force: bool = False, suffix: str = ".part") -> 
             with stream:
                 yield stream
                 sync(stream)
-            part.replace(path)
+        take_name(part, path, force=force)
     finally:
         part.unlink(missing_ok=True)
 

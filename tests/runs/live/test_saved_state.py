@@ -86,6 +86,12 @@ def test_another_vehicle_starts_anew_with_the_reason_and_the_old_state_is_kept(t
     assert state.read_bytes() != old
     assert ended.summary.estimates["els"].updates < 400
 
+    # A file of that name stays, whoever put it there.
+    second = state.read_bytes()
+    fly(tmp_path, state, "three", frames(20.0))
+    assert (tmp_path / "state.old").read_bytes() == old
+    assert (tmp_path / "state.old-2").read_bytes() == second
+
 
 def test_another_configuration_is_refused_at_once_with_the_reason(tmp_path: Path):
     state = tmp_path / "state"

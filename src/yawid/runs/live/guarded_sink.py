@@ -8,7 +8,7 @@ from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
-from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync
+from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync, take_name
 
 LOOK_S = 1.0
 
@@ -107,6 +107,7 @@ class TlogRecorder(Guard):
         part, self._stream = open_part(path, force=force)
         super().__init__(part, tell)
         self._path = path
+        self._force = force
 
     def write(self, data: bytes) -> None:
         """Add whole records and hand them to the operating system, before they are estimated."""
@@ -133,4 +134,4 @@ class TlogRecorder(Guard):
     def _finish(self) -> None:
         sync(self._stream)
         self._stream.close()
-        self._part.replace(self._path)
+        take_name(self._part, self._path, force=self._force)

@@ -1,12 +1,14 @@
 """What was learnt, kept from one session to the next: ``--state FILE``."""
 
 import json
+import os
 import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import asdict
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,7 @@ class StateFile:
 
     A line of JSON (version, key, sizes), then the bytes of each estimator. A state of another
     configuration is refused at once, one of another vehicle or other channels once these are known:
-    the session then starts again, and the file is kept as ``<path>.old``.
+    the session then starts again, and the file is kept as ``<path>.old``, or ``.old-2`` and on.
 
     Raises:
         ConfigError: the file is there and is no state, or of another version or configuration.
@@ -122,7 +124,7 @@ class StateFile:
         with os_errors_as_sink_error(self._path):
             if self._keep_old:
                 self._keep_old = False
-                self._path.replace(self._path.with_name(self._path.name + ".old"))
+                self._path.replace(_free_name(self._path))
             write_whole({self._path: data}, force=True)
 
 
@@ -137,6 +139,13 @@ def check_place(path: Path, config: RunConfig) -> None:
         raise ConfigError(f"--state needs --engine numba: {config.engine} cannot be saved")
     with os_errors_as_sink_error(path), tempfile.TemporaryFile(dir=path.absolute().parent):
         pass
+
+
+def _free_name(path: Path) -> Path:
+    """Return the first of ``<path>.old``, ``<path>.old-2``, ``<path>.old-3`` ... that is free."""
+    names = chain([".old"], (f".old-{number}" for number in count(2)))
+    kept = (path.with_name(path.name + name) for name in names)
+    return next(each for each in kept if not os.path.lexists(each))
 
 
 def of_vehicle(path: Path, sysid: int) -> Path:

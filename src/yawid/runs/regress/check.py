@@ -145,6 +145,22 @@ def _leave(
         return  # a read-only folder can be checked all the same
 
 
+def check_junit(path: Path) -> None:
+    """Find out before a run whether its result may be written there: over an earlier one, say.
+
+    Raises:
+        SinkError: another file is there.
+    """
+    try:
+        is_result = not path.stat().st_size or ET.parse(path).getroot().tag == "testsuites"
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ET.ParseError):
+        is_result = False
+    if not is_result:
+        raise SinkError(f"{path} exists and holds no test results: choose another --junit")
+
+
 def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
     """Write JUnit XML: a test case per case; what differs is a failure, what cannot run an error.
 

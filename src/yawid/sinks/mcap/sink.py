@@ -39,7 +39,7 @@ from yawid.sinks.mcap.schemas import (
     schema_data,
     units,
 )
-from yawid.sinks.part_file import Disk, open_part, os_errors_as_sink_error
+from yawid.sinks.part_file import Disk, open_part, os_errors_as_sink_error, take_name
 
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
@@ -90,6 +90,7 @@ class McapSink:
         disk: Disk | None = None,
     ) -> None:
         self.path = path
+        self._force = force
         self._disk = disk or Disk()
         self._part, self._stream = open_part(path, force=force)
         self._pace = Pace(FLUSH_S)
@@ -237,7 +238,7 @@ class McapSink:
             self._writer.close()
             self._disk.sync_now(self._stream)
             self._stream.close()
-            self._part.replace(self.path)
+        take_name(self._part, self.path, force=self._force)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""

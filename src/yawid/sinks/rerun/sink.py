@@ -10,7 +10,7 @@ from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace
-from yawid.sinks.part_file import open_part, os_errors_as_sink_error
+from yawid.sinks.part_file import open_part, take_name
 
 if TYPE_CHECKING:
     from yawid.sinks.rerun.recording import RerunView
@@ -44,6 +44,7 @@ class RerunSink:
         self._needed = needed
         self._pace = Pace(FLUSH_S)
         self._view: RerunView | None = None
+        self._force = force
         self.path = path if target == "save" else None
         self._part: Path | None = None
         if target == "save":
@@ -87,8 +88,7 @@ class RerunSink:
         self._attempt(lambda view: view.finish(summary))
         self._view = None
         if self._part is not None and self.path is not None:
-            with os_errors_as_sink_error(self.path):
-                self._part.replace(self.path)
+            take_name(self._part, self.path, force=self._force)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
