@@ -55,9 +55,7 @@ def test_the_newest_outcome_of_a_log_replaces_the_older_one_with_all_its_rows(
     ]
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A2", "C"]
     assert read_manifest(tmp_path)["outcomes"] == {"ok": 2, "crashed": 1}
-    assert sorted(path.name for path in (tmp_path / "flights").iterdir()) == [
-        f"month={dataset.NO_MONTH}"
-    ]
+    assert sorted(path.name for path in (tmp_path / "flights").iterdir()) == ["month=unknown"]
 
 
 def test_logs_of_the_same_bytes_have_their_flight_once(tmp_path: Path) -> None:

@@ -86,9 +86,11 @@ def test_a_file_that_came_there_while_ours_was_written_is_not_overwritten(tmp_pa
     assert said == [f"{theirs} exists: --force overwrites it: the session goes on without its tlog"]
 
     theirs = tmp_path / "b.csv"
-    with pytest.raises(SinkError, match="exists"), written_whole(theirs) as stream:
-        stream.write(b"ours")
-        theirs.write_bytes(b"theirs")
+    writing = written_whole(theirs)
+    writing.__enter__().write(b"ours")
+    theirs.write_bytes(b"theirs")
+    with pytest.raises(SinkError, match="exists"):
+        writing.__exit__(None, None, None)
     assert theirs.read_bytes() == b"theirs"
 
     made = {tmp_path / "c": b"ours", tmp_path / "d": b"ours"}

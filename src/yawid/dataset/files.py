@@ -1,17 +1,12 @@
 """A data set on disk: Parquet files by table and month, and a manifest that names them.
 
-    DATASET/manifest.json                          which files count, and how many rows they have
-    DATASET/logs/part-000001-0.parquet
-    DATASET/flights/month=2026-03/part-000001-0.parquet          runs, manoeuvres, modes likewise
-
-New rows are merged into new files, written beside; the manifest is renamed last, and what it does
-not name is removed: killed at any moment, a data set is as before or as after. A log has one
-outcome: its newest replaces its older one with all its rows. Rows are dicts by column name, times
-in microseconds since 1970.
+New rows are merged into new files, which count by the manifest (:mod:`yawid.dataset.places`):
+killed at any moment, a data set is as before or as after. A log has one outcome: its newest
+replaces its older one with all its rows. Rows are dicts by column name, times in microseconds since
+1970.
 """
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -20,18 +15,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from yawid.dataset.places import MANIFEST, read_manifest, sweep
+from yawid.dataset.places import MANIFEST, NEW, NO_MONTH, complete, month_of, opened, read_manifest
 from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
 from yawid.dataset.values import Entry, Row, plain
 from yawid.errors import SinkError, SourceError
-from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
+from yawid.sinks.part_file import os_errors_as_sink_error, sync, write_whole
 
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
 """What the columns say, for people and for programs."""
 MOST_ROWS: Final = 1_000_000
 """In a file; one that holds half of them is not merged with new rows any more."""
-NO_MONTH: Final = "__HIVE_DEFAULT_PARTITION__"
-"""Of rows without a date, as Hive calls it."""
 
 
 def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) -> pa.Table:
@@ -57,10 +50,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
         SinkError: it cannot be written.
     """
     by_path = {entry["logs"][0]["path"]: entry for entry in entries}
-    if (folder / MANIFEST).exists():
-        before = read_manifest(folder)
-    else:
-        before = _begun(folder)
+    before = completed(folder) or _begun(folder)
     generation = before["generation"] + 1
     logs = _logs(folder, before, by_path)
     by_sha = _owners(logs, by_path)
@@ -82,9 +72,24 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
             MANIFEST: _json(manifest),  # the last: it makes the rest count
         }
         write_whole({folder / name: text for name, text in texts.items()}, force=True)
+        complete(folder, manifest)
     except OSError as error:
         raise SinkError(f"cannot write {folder}: {error.strerror or error}") from error
-    sweep(folder, manifest)
+    return manifest
+
+
+def completed(folder: Path) -> dict[str, Any] | None:
+    """Complete what a kill has left of a data set; return its manifest, None where there is none.
+
+    Raises:
+        SourceError: what is there cannot be read.
+        SinkError: it cannot be written.
+    """
+    if not (folder / MANIFEST).exists():
+        return None
+    manifest = read_manifest(folder)
+    with os_errors_as_sink_error(folder):
+        complete(folder, manifest)
     return manifest
 
 
@@ -114,13 +119,14 @@ def _without_ids(schema: pa.Schema) -> pa.Schema:
 def _read(
     folder: Path, table: Table, files: Sequence[str], columns: Sequence[str] | None = None
 ) -> pa.Table:
-    names = table.schema.names if columns is None else list(columns)
-    schema = pa.schema([table.schema.field(name) for name in names])
+    whole = table.schema
+    names = whole.names if columns is None else list(columns)
+    schema = pa.schema([whole.field(name) for name in names])
     found = []
     for name in files:
         try:
             # Of an older version a column may be missing: it is NULL.
-            with pq.ParquetFile(folder / name) as file:
+            with opened(folder, name) as stream, pq.ParquetFile(stream) as file:
                 has = set(file.schema_arrow.names)
                 part = file.read([each for each in names if each in has])
         except (OSError, pa.ArrowException) as error:
@@ -175,20 +181,20 @@ def _merged(
         rows_of.setdefault(_month(row.get("date")), []).append(row)
     files_of: dict[str, list[Mapping[str, Any]]] = {}
     for file in files:
-        files_of.setdefault(Path(file["path"]).parent.name.removeprefix("month="), []).append(file)
+        files_of.setdefault(month_of(file["path"]), []).append(file)
     keeps = pa.array(sorted(is_alive - set(replaced)), pa.string())
     after: list[dict[str, Any]] = []
     for month in sorted({*rows_of, *files_of}):
+        place = f"{table.name}/month={month}"
         parts = [table_of(table, rows_of.get(month, []))]
         for file in files_of.get(month, []):
             shas = _read(folder, table, [file["path"]], ["log_sha256"])["log_sha256"]
             kept = pc.is_in(shas.cast(pa.string()), keeps)
-            is_whole = bool(pc.all(kept).as_py())
+            is_whole = bool(pc.all(kept).as_py()) and file["path"].startswith(f"{place}/")
             if is_whole and (month not in rows_of or 2 * file["rows"] >= MOST_ROWS):
                 after.append(dict(file))
                 continue
             parts.append(_read(folder, table, [file["path"]]).filter(kept).cast(parts[0].schema))
-        place = f"{table.name}/month={month}"
         if rows := pa.concat_tables(parts):
             after += _write(folder, table, place, rows, generation)
     return after
@@ -202,14 +208,12 @@ def _write(
     files = []
     for i, first in enumerate(range(0, len(rows), MOST_ROWS)):
         name = f"{place}/part-{generation:06d}-{i}.parquet"
-        path = folder / name
+        path = folder / NEW / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
         piece = rows.slice(first, MOST_ROWS)
-        pq.write_table(piece, part, compression="zstd")
-        with part.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        part.replace(path)
+        with path.open("wb") as stream:
+            pq.write_table(piece, stream, compression="zstd")
+            sync(stream)
         files.append({"path": name, "rows": len(piece)})
     return files
 

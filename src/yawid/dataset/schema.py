@@ -2,7 +2,12 @@
 
 What does not apply is NULL, never NaN. A unit stands at the end of a column's name; without one a
 number has none. ``*_std`` is the total sigma of what stands before it, in the same unit;
-``*_std_noise`` the part of it that noise alone explains. Times are UTC.
+``*_std_noise`` the part of it that noise alone explains. Times are UTC. Rows without a date lie in
+``month=unknown``.
+
+A glob over a table's folder never reads a row twice. After a fleet was killed it may read short,
+until the next ``yawid fleet`` on the data set completes its files; ``manifest.json`` names those
+that count, and one that is missing from its place lies below ``_new`` meanwhile.
 """
 
 from collections.abc import Sequence

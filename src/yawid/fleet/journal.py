@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from yawid.dataset.files import merge, read_table
-from yawid.dataset.places import MANIFEST, read_manifest, sweep
+from yawid.dataset.files import completed, merge, read_table
+from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry
 from yawid.errors import SinkError, SourceError
@@ -71,15 +71,15 @@ class Journal:
             self.merge()
 
     def merge(self) -> None:
-        """Merge what is finished into the tables, or sweep up what a kill has left."""
+        """Merge what is finished into the tables, or complete what a kill has left."""
         if self._stream is not None:
             self._stream.close()
             self._stream = None
         entries = list(_lines(self._path))
         if entries:
             merge(self.folder, entries)
-        elif (self.folder / MANIFEST).exists():
-            sweep(self.folder, read_manifest(self.folder))
+        else:
+            completed(self.folder)
         self._path.unlink(missing_ok=True)
         self._lines = self._size = 0
 

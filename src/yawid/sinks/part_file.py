@@ -89,10 +89,9 @@ def written_whole(path: Path, *, force: bool = False, suffix: str = ".part") -> 
     """
     part, stream = open_part(path, force=force, suffix=suffix)
     try:
-        with os_errors_as_sink_error(path):
-            with stream:
-                yield stream
-                sync(stream)
+        with os_errors_as_sink_error(path), stream:
+            yield stream
+            sync(stream)
         take_name(part, path, force=force)
     finally:
         part.unlink(missing_ok=True)

@@ -1,0 +1,67 @@
+"""Merges of a data set, each ended by kill -9 as it is about to do its n-th step on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+MOST_S = 120.0
+STEPS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
+
+
+def killed_at_every_step(start: Path, entries: Sequence[Any], into: Path) -> list[Path]:
+    """Merge entries into copies of ``start``: the n-th is killed before its n-th step.
+
+    The last one was not killed: it has no such step. One process forks for all of them.
+    """
+    command = [sys.executable, __file__, str(start), str(into)]
+    done = subprocess.run(
+        command, input=json.dumps(entries).encode(), capture_output=True, timeout=MOST_S, check=True
+    )
+    return [Path(name) for name in done.stdout.decode().splitlines()]
+
+
+def _main(start: Path, into: Path) -> None:
+    from yawid.dataset.files import merge
+
+    entries, step, is_killed = json.load(sys.stdin), 0, True
+    merge(into / "warm", entries)  # what it imports late is imported once
+    while is_killed:
+        step += 1
+        folder = into / f"{step}"
+        shutil.copytree(start, folder)
+        child = os.fork()
+        if not child:
+            _count_to(step, folder)
+            merge(folder, entries)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+        is_killed = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL
+        assert is_killed or status == 0
+        print(folder, flush=True)
+
+
+def _count_to(step: int, folder: Path) -> None:
+    left = [step]
+
+    def count(event: str, arguments: tuple[Any, ...]) -> None:
+        path = arguments[0] if arguments else None
+        if not isinstance(path, str | os.PathLike) or str(folder) not in os.fspath(path):
+            return
+        if event in STEPS or (event == "open" and set(arguments[1] or "") & set("wax")):
+            left[0] -= 1
+            if left[0] == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(count)
+
+
+if __name__ == "__main__":
+    _main(Path(sys.argv[1]), Path(sys.argv[2]))
