@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import known
 from yawid.blocks import Floats, Held, Ints, MessageBlock
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.series import Latest
@@ -137,8 +138,9 @@ class FlightState:
         landed, vtol = self._system.at(order).T
         on_ground = self._on_ground(hud, armed, landed)
         held = self.wings.held(order, mode, vtol, self.vehicle)
-        is_ground_speed = (hud[:, 0] == hud[:, 1]).astype(float)
-        return np.stack([hud[:, 0], on_ground, mode, hud[:, 2], is_ground_speed, held], axis=1)
+        air = known(hud[:, 0])
+        is_ground_speed = (air == hud[:, 1]).astype(float)
+        return np.stack([air, on_ground, mode, hud[:, 2], is_ground_speed, held], axis=1)
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where nothing reports, (n,).

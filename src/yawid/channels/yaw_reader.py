@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import known
 from yawid.blocks import Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
@@ -186,7 +187,8 @@ class YawReader:
         level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)
         if self.heading_rate:
             rate = _heading_rate(block.roll, level, block.q, rate)
-        turn = np.where(told, block.turn, _turn_rate(block.airspeed, block.roll, level))
+        airspeed = known(block.airspeed)
+        turn = np.where(told, block.turn, _turn_rate(airspeed, block.roll, level))
         on_ground = np.where(told, block.on_ground, _grounded(block))
         lost = lost + int(Held.YAW_INVALID) * np.isnan(rate)
         held = np.where(block.held > 0, block.held - lost, 0)
@@ -194,7 +196,7 @@ class YawReader:
         steep = ~told & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
         held = held + int(Held.STEEP) * steep
         self.rows += len(block)
-        state = block.airspeed, on_ground, block.mode, block.altitude, block.by_ground, held
+        state = airspeed, on_ground, block.mode, block.altitude, block.by_ground, held
         values = np.column_stack([rate, unwrapped, block.roll, turn, *state])
         return Series(2 * block.order + 1, block.received_us, block.t_us, values)
 

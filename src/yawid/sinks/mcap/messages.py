@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import known
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import Manoeuvre, Value, VerdictSummary
@@ -164,6 +165,7 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
     }
     columns |= {name: np.ascontiguousarray(rows[name]) for name in _FROM_THE_FIRST}
     columns |= {name: _floats(rows, name) for name in _APPENDED}
+    columns["airspeed"] = known(columns["airspeed"])  # older versions wrote what was sent: 0 too
     return SampleBlock(
         sample_time_s=sample_time_s,
         boot_us=np.rint(rows["boot_time"] * 1e6).astype(np.int64),

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.airspeed import known
 from yawid.blocks import Floats, RecordBlock
 from yawid.errors import ChannelError, SourceError
 from yawid.sources.logs.tlog import CHUNK, Digest
@@ -133,10 +134,13 @@ class Record:
 def _airspeed(have: dict[str, Floats], nothing: Floats, *, told: bool) -> tuple[Floats, Floats]:
     """Return the airspeed (n,), and 1 where it is the ground speed that stands in for it.
 
-    It does where the file has no airspeed, or is a run's export, which leaves it out there.
+    It does where the file has no airspeed, or is a run's export, which leaves it out there. A
+    column of zeros, of a sensor that is not there, is no airspeed, and says nothing of the ground.
     """
     air, ground = have.get("airspeed", nothing), have.get("ground_speed", nothing)
-    stands_in = np.isnan(air) & np.isfinite(ground) & (told or "airspeed" not in have)
+    has_airspeed = bool(np.isfinite(known(air)).any())
+    air = air if has_airspeed else nothing
+    stands_in = np.isnan(air) & np.isfinite(ground) & (told or not has_airspeed)
     return np.where(stands_in, ground, air), stands_in.astype(float)
 
 
