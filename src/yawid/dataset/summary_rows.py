@@ -80,6 +80,8 @@ def run_rows(summary: RunSummary) -> Iterator[Row]:
 def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield a row for each manoeuvre."""
     used = () if summary.flight is None else summary.flight.used
+    reasons = () if summary.flight is None else summary.flight.verdict.reasons
+    implausible = any(reason.id == "airspeed_implausible" for reason in reasons)
     for each in summary.manoeuvres or ():
         row: Row = {
             "n": each.n,
@@ -101,7 +103,7 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
         }
         if (answer := each.answer) is not None:
             row |= _orders(answer) | _dutch_roll(answer.dutch_roll) | _model(answer)
-            row |= _over_speed(each, answer)
+            row |= {} if implausible else _over_speed(each, answer)
         for name, other in each.estimates.items():
             if name != each.verdict.method and other.dutch_roll is not None:
                 row["check_wn_rad_s"] = other.dutch_roll.wn_rad_s
