@@ -138,6 +138,7 @@ def _together(
     """
     speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
     sources = {each.found.airspeed_source for each in alike}
+    kinds = {each.found.airspeed_kind for each in alike}
     scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
     by = speeds if scaled else np.ones(len(alike))
     rolls = np.array([each.dutch_roll for each in told])
@@ -149,7 +150,7 @@ def _together(
     unit = speed if scaled and speed is not None else 1.0
     has_kappa = scaled and untrue is None
     if untrue is not None:
-        speed, sources = None, set()
+        speed, sources, kinds = None, set(), set()
     beyond = np.array([each.beyond for each in told])
     floor = TAU_WN_SHARE * float(np.median(x[agree]))
     wn = pooled(x[agree], std[agree], floor, (beyond[:, 0] / by)[agree])
@@ -167,6 +168,7 @@ def _together(
         orders=Orders(*orders),
         airspeed_m_s=speed,
         airspeed_source=sources.pop() if len(sources) == 1 else None,
+        airspeed_kind=kinds.pop() if len(kinds) == 1 else None,
         altitude_m=float(np.median(heights)) if heights else None,
         date=used[0].found.date,
         loop=loop,

@@ -151,7 +151,7 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "airspeed_implausible", 0, "samples",
-        "Find out what the airspeed sensor measures: kappa is not told without it.",
+        "Find out what the sensor measures: without it there is no kappa.",
         "free the pitot tube, calibrate the airspeed (ARSPD_RATIO, ASPD_SCALE) and fly a circle",
     ),
     ReasonKind(

@@ -144,6 +144,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("wn_std_noise", "double", "rad/s, what noise alone explains of wn_std"),
         ("zeta_std_noise", "double", "1, of zeta_std"),
         ("K_std_noise", "double", "rad/s per {rudder}, of K_std"),
+        ("airspeed_kind", "string", "which airspeed the source gives; empty where unknown"),
     ),
 }
 
