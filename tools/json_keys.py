@@ -5,6 +5,8 @@ A key says the same wherever it stands; where it does not, its type is named bef
 
 from typing import Any, Final
 
+from yawid.airspeed import Kind
+
 SAYS: Final[dict[str, str]] = {
     # A run.
     "log": "absolute path of the log, or the endpoint of a live session without a tlog",
@@ -119,9 +121,12 @@ SAYS: Final[dict[str, str]] = {
     "Outlier.date": "UTC time of the flight, ISO 8601",
     "mode": "flight mode by its name",
     "loop": "whose number it is: the bare airframe's, or that with the roll loop closed",
-    "airspeed_m_s": "equivalent airspeed: the mean, of a flight the median of those used",
+    "airspeed_m_s": "what airspeed_source and airspeed_kind say: the mean, of a flight the median of those "
+    "used",
     "airspeed_std_m_s": "its scatter during the manoeuvre",
     "airspeed_source": "what the airspeed is: a ground speed gives no kappa",
+    "airspeed_kind": "which airspeed the source gives; a true one is converted to the equivalent "
+    "one, an indicated or calibrated one is taken for it",
     "altitude_m": "mean altitude",
     "inputs": "of the model",
     "turn_removed": "whether the turn that bank and airspeed imply was subtracted",
@@ -366,6 +371,7 @@ VALUES: Final = {
     "loop": ("airframe", "with_roll_loop", "unknown"),
     "Difference.loop": ("airframe", "with_roll_loop", "unknown", ""),
     "airspeed_source": ("airspeed", "ground speed"),
+    "airspeed_kind": tuple(kind.name.lower() for kind in Kind),
     "state": ("airborne", "on ground", "slow"),
     "model": ("first", "second", "yaw"),
 }

@@ -159,7 +159,8 @@ class RecordBlock(Columns):
     ``has_yaw`` and ``has_surfaces``. A row without either says that something begins anew after it:
     its ``held`` says why. ``rudder`` is in half travels or in rad, signed as in the file,
     ``aileron`` in half travels; rates in rad/s, angles in rad, the yaw not unwrapped; airspeed in
-    m/s, ``by_ground`` 1 where it is the ground speed. ``held`` has the bits of :class:`Held`, all
+    m/s, ``by_ground`` 1 where it is the ground speed, ``airspeed_kind`` and ``ground_speed`` as in
+    :class:`SampleBlock`. ``held`` has the bits of :class:`Held`, all
     of them, or is -1 where the record does not say.
 
     Common to all rows: what each channel is called there, and by whom its flight modes are named
@@ -187,6 +188,8 @@ class RecordBlock(Columns):
     altitude: Floats
     on_ground: Floats
     mode: Floats
+    ground_speed: Floats
+    airspeed_kind: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +210,8 @@ class SampleBlock(Columns):
     - ``noted``, ``held``: bits of :class:`Noted` and of :class:`Held`, which is 0 for what updates;
     - ``epoch``: how often the meaning of ``u`` has changed; with each the estimators start again;
     - ``aileron``: mean deflection in units of half its travel, whether it is an input or not;
-    - ``mode``: HEARTBEAT.custom_mode; ``on_ground``: 1 or 0; ``altitude`` in m above the sea.
+    - ``mode``: HEARTBEAT.custom_mode; ``on_ground``: 1 or 0; ``altitude`` in m above the sea;
+    - ``ground_speed`` in m/s; ``airspeed_kind``: number of :class:`yawid.airspeed.Kind`.
     """
 
     sample_time_s: float
@@ -228,6 +232,8 @@ class SampleBlock(Columns):
     mode: Floats
     on_ground: Floats
     altitude: Floats
+    ground_speed: Floats
+    airspeed_kind: Floats
 
     def epochs(self) -> "Iterator[SampleBlock]":
         """Yield the stretches of one epoch each, none where there is no row."""

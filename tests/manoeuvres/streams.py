@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
+from yawid.airspeed import Kind
 from yawid.blocks import Floats, Held, SampleBlock
 from yawid.manoeuvres.find import Finder
 
@@ -27,12 +28,17 @@ def stream(
     y: Floats | None = None,
     turn: Floats | float = 0.0,
     roll: Floats | float = 0.0,
+    yaw: Floats | float = 0.0,
+    ground_speed: Floats | float = np.nan,
+    altitude: Floats | float = 100.0,
 ) -> SampleBlock:
     """A flight on the grid of 20 Hz; ``rudder`` (n,) in half travels, held where it is NaN"""
     n = len(rudder)
     k = np.arange(first_k, first_k + n)
     held = np.where(np.isnan(rudder), int(Held.GAP), 0)
     columns = {"airspeed": airspeed, "aileron": aileron, "turn": turn, "roll": roll, "mode": mode}
+    columns |= {"yaw": yaw, "ground_speed": ground_speed, "altitude": altitude}
+    columns["airspeed_kind"] = float(Kind.EQUIVALENT)
     rows = {name: np.broadcast_to(np.float64(value), n).copy() for name, value in columns.items()}
     output = np.where(held == 0, 0.0 if y is None else y, np.nan)
     boot_us = np.round(k * TS_S * 1e6).astype(np.int64)
@@ -44,12 +50,10 @@ def stream(
         received_us=(START_NS // 1000 + boot_us),
         u=np.array(rudder, float)[:, None],
         y=output,
-        yaw=np.zeros(n),
         noted=np.full(n, noted),
         held=held,
         epoch=np.full(n, epoch),
         on_ground=np.zeros(n),
-        altitude=np.full(n, 100.0),
         **rows,
     )
 

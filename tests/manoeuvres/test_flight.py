@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
 from yawid.manoeuvres.flight import TAU_WN_SHARE, TAU_ZETA, flight_of, pooled
 from yawid.results.reasons import Reason, Verdict
@@ -395,3 +396,25 @@ def test_the_order_of_manoeuvres_and_their_units_do_not_matter(rows, random):
         assert one.kappa_rad_m.value == pytest.approx(other.kappa_rad_m.value)
         assert one.dutch_roll.wn_std == pytest.approx(other.dutch_roll.wn_std)
         assert one.verdict.usable == other.verdict.usable
+
+
+def test_of_an_airspeed_that_cannot_be_true_nothing_is_told_but_how_manoeuvres_compare() -> None:
+    """wn 3, 4, 5 at 15, 20, 25 m/s as reported: kappa .2 of what is reported, and of nothing."""
+    three = [answered(n, 0.2 * v, speed=v) for n, v in enumerate((15.0, 20.0, 25.0), start=1)]
+    by_factor = Finding(Reason("airspeed_implausible", "2 times"), is_factor=True)
+    blocked = Finding(Reason("airspeed_implausible", "no wind is as fast"), is_factor=False)
+
+    found, verdict = flight_of(three, [], by_factor) or pytest.fail("no flight")
+    assert verdict.usable
+    assert (found.used, found.disagree) == ([1, 2, 3], [])
+    assert found.dutch_roll is not None
+    assert found.dutch_roll.wn_rad_s == pytest.approx(4.0, rel=1e-6)  # that at the median
+    assert found.dutch_roll.wn_std is not None
+    assert found.dutch_roll.wn_std < 0.2
+    assert (found.kappa_rad_m, found.K_per_V) == (None, None)
+    assert (found.airspeed_m_s, found.airspeed_source) == (None, None)
+    assert [(r.id, r.weight) for r in verdict.reasons] == [("airspeed_implausible", "warning")]
+
+    found, verdict = flight_of(three, [], blocked) or pytest.fail("no flight")
+    assert "manoeuvres_disagree" in {reason.id for reason in verdict.reasons}
+    assert "m/s" not in next(r.text for r in verdict.reasons if r.id == "manoeuvres_disagree")

@@ -22,7 +22,8 @@ CONTRACT = {
 }  # fmt: skip
 WARNINGS = {
     "rudder_assumed", "channel_stand_in", "disarmed", "els_rml_disagree", "coloured_residuals",
-    "saturated", "airspeed_changed", "wrong_sign", "closed_loop", "rate_changed", "rate_low",
+    "saturated", "airspeed_changed", "airspeed_implausible", "wrong_sign", "closed_loop",
+    "rate_changed", "rate_low",
 }  # fmt: skip
 
 

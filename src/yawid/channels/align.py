@@ -164,7 +164,8 @@ class Aligner:
     def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
         rows = AlignedRows.joined(blocks)
         k, u, aileron = rows.k, rows.surface[:, :-1], rows.surface[:, -1]
-        rate, yaw, roll, turn, airspeed, on_ground, mode, altitude, by_ground, bars = rows.yaw.T
+        rate, yaw, roll, turn, airspeed, on_ground, mode, altitude, *more = rows.yaw.T
+        by_ground, *speeds, bars = more
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.append(self._last_unix_ns, (boot_us + rows.offset_us) * 1000)
         unix = np.maximum.accumulate(unix)[1:]
@@ -179,7 +180,7 @@ class Aligner:
         noted = self._noted(mode) + int(Noted.GROUND_SPEED) * ((by_ground == 1.0) & (held == 0))
         bits = noted, held, np.full(len(k), self._epoch, np.int64)
         motion, state = (yaw, roll, turn, airspeed), (mode, on_ground, altitude)
-        return SampleBlock(*times, u, y, *motion, *bits, aileron, *state)
+        return SampleBlock(*times, u, y, *motion, *bits, aileron, *state, *speeds)
 
     def _noted(self, mode: Floats) -> Ints:
         """Mark the samples at which the flight mode is another than before."""

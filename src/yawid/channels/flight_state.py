@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import GIVEN, known, over_ground
 from yawid.blocks import Floats, Held, Ints, MessageBlock
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.series import Latest
@@ -110,13 +111,13 @@ class FlightState:
 
     vehicle: Vehicle | None = None
     wings: Wings = field(default_factory=Wings)
-    _hud: Latest = field(default_factory=lambda: Latest(3))
+    _hud: Latest = field(default_factory=lambda: Latest(4))
     _state: Latest = field(default_factory=lambda: Latest(2))
     _system: Latest = field(default_factory=lambda: Latest(2))
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the context messages of a block."""
-        self._hud.observe(messages.get("VFR_HUD"), _columns("airspeed", "groundspeed", "alt"))
+        self._hud.observe(messages.get("VFR_HUD"), self._hud_columns)
         self._state.observe(
             messages.get("HEARTBEAT"),
             lambda f: np.stack([f["custom_mode"], f["base_mode"] & ARMED], axis=1).astype(float),
@@ -126,19 +127,33 @@ class FlightState:
         self.wings.observe(messages)
 
     def at(self, order: Ints) -> Floats:
-        """Return what is known at each place, NaN where it is not, (n, 6).
+        """Return what is known at each place, NaN where it is not, (n, 8).
 
         The columns are airspeed in m/s, on ground (0, 1), mode, altitude in m as VFR_HUD has it
         (above the sea, by ArduPilot and PX4 alike), whether the airspeed is no more than the ground
-        speed (0, 1), as an autopilot without a sensor may send it, and the bits of :class:`Held` by
-        which nobody flies on wings alone.
+        speed (0, 1), as an autopilot without a sensor may send it, ground speed in m/s, the kind of
+        airspeed, and the bits of :class:`Held` by which nobody flies on wings alone.
         """
         hud, (mode, armed) = self._hud.at(order), self._state.at(order).T
         landed, vtol = self._system.at(order).T
         on_ground = self._on_ground(hud, armed, landed)
         held = self.wings.held(order, mode, vtol, self.vehicle)
-        is_ground_speed = (hud[:, 0] == hud[:, 1]).astype(float)
-        return np.stack([hud[:, 0], on_ground, mode, hud[:, 2], is_ground_speed, held], axis=1)
+        air = known(hud[:, 0])
+        is_ground_speed = (air == hud[:, 1]).astype(float)
+        speeds = is_ground_speed, over_ground(hud[:, 1]), hud[:, 3]
+        return np.stack([air, on_ground, mode, hud[:, 2], *speeds, held], axis=1)
+
+    def _hud_columns(self, fields: NDArray[Any]) -> Floats:
+        """Return airspeed, ground speed, altitude and the kind of airspeed, (n, 4).
+
+        An on-board log says the kind itself; of a message it is its autopilot's.
+        """
+        names = "airspeed", "groundspeed", "alt"
+        if "airspeed_kind" in (fields.dtype.names or ()):
+            return _columns(*names, "airspeed_kind")(fields)
+        autopilot = 0 if self.vehicle is None else self.vehicle.autopilot
+        kind = GIVEN.get(("VFR_HUD", autopilot), GIVEN["VFR_HUD", "airspeed"])
+        return np.column_stack([_columns(*names)(fields), np.full(len(fields), float(kind))])
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where nothing reports, (n,).

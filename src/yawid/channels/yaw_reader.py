@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import known, over_ground
 from yawid.blocks import Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
@@ -26,7 +27,8 @@ STEEPEST = np.deg2rad(80.0)
 UPRIGHT = np.deg2rad(60.0)
 """Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
 a little over it."""
-RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE, GROUND_SPEED, BARRED = range(10)
+RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE = range(8)
+BY_GROUND, GROUND_SPEED, KIND, BARRED = range(8, 12)
 """The columns of a yaw row; those from AIRSPEED on are held from message to message.
 BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be learned from."""
 COLUMNS = BARRED + 1
@@ -186,7 +188,8 @@ class YawReader:
         level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)
         if self.heading_rate:
             rate = _heading_rate(block.roll, level, block.q, rate)
-        turn = np.where(told, block.turn, _turn_rate(block.airspeed, block.roll, level))
+        airspeed = known(block.airspeed)
+        turn = np.where(told, block.turn, _turn_rate(airspeed, block.roll, level))
         on_ground = np.where(told, block.on_ground, _grounded(block))
         lost = lost + int(Held.YAW_INVALID) * np.isnan(rate)
         held = np.where(block.held > 0, block.held - lost, 0)
@@ -194,8 +197,9 @@ class YawReader:
         steep = ~told & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
         held = held + int(Held.STEEP) * steep
         self.rows += len(block)
-        state = block.airspeed, on_ground, block.mode, block.altitude, block.by_ground, held
-        values = np.column_stack([rate, unwrapped, block.roll, turn, *state])
+        state = airspeed, on_ground, block.mode, block.altitude, block.by_ground
+        speeds = over_ground(block.ground_speed), block.airspeed_kind
+        values = np.column_stack([rate, unwrapped, block.roll, turn, *state, *speeds, held])
         return Series(2 * block.order + 1, block.received_us, block.t_us, values)
 
     def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:

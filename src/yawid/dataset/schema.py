@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-ANALYSIS_VERSION: Final = "2"
+ANALYSIS_VERSION: Final = "3"
 """Raised where the same log gives other numbers than before: a fleet's logs are then run again."""
 FORMAT: Final = 1
 """Of the data set's folders and manifest."""
@@ -73,8 +73,9 @@ _OVER_SPEED: Final[tuple[Column, ...]] = (
 )
 _CONDITION: Final[tuple[Column, ...]] = (
     ("loop", ID, "airframe, with_roll_loop or unknown: whose number it is"),
-    ("airspeed_m_s", NUMBER, "equivalent airspeed"),
+    ("airspeed_m_s", NUMBER, "airspeed, or what airspeed_source says: a ground speed"),
     ("airspeed_source", ID, "airspeed, or ground speed, which gives no kappa"),
+    ("airspeed_kind", ID, "which airspeed the source gives; of a true one the equivalent stands"),
     ("altitude_m", NUMBER, "altitude"),
 )
 PHYSICS: Final = (

@@ -56,6 +56,7 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
         "loop": flight.loop,
         "airspeed_m_s": flight.airspeed_m_s,
         "airspeed_source": flight.airspeed_source,
+        "airspeed_kind": flight.airspeed_kind,
         "altitude_m": flight.altitude_m,
         **_dutch_roll(flight.dutch_roll),
         **_value("kappa_rad_m", "kappa", flight.kappa_rad_m),
@@ -80,6 +81,8 @@ def run_rows(summary: RunSummary) -> Iterator[Row]:
 def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield a row for each manoeuvre."""
     used = () if summary.flight is None else summary.flight.used
+    reasons = () if summary.flight is None else summary.flight.verdict.reasons
+    implausible = any(reason.id == "airspeed_implausible" for reason in reasons)
     for each in summary.manoeuvres or ():
         row: Row = {
             "n": each.n,
@@ -92,6 +95,7 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
             "airspeed_m_s": each.airspeed_m_s,
             "airspeed_std_m_s": each.airspeed_std_m_s,
             "airspeed_source": each.airspeed_source,
+            "airspeed_kind": each.airspeed_kind,
             "altitude_m": each.altitude_m,
             "inputs": each.inputs,
             "turn_removed": each.turn_removed,
@@ -101,7 +105,7 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
         }
         if (answer := each.answer) is not None:
             row |= _orders(answer) | _dutch_roll(answer.dutch_roll) | _model(answer)
-            row |= _over_speed(each, answer)
+            row |= {} if implausible else _over_speed(each, answer)
         for name, other in each.estimates.items():
             if name != each.verdict.method and other.dutch_roll is not None:
                 row["check_wn_rad_s"] = other.dutch_roll.wn_rad_s

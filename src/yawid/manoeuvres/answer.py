@@ -16,7 +16,8 @@ from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
-from yawid.manoeuvres.conditions import conditions
+from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
+from yawid.manoeuvres.conditions import AIRSPEED, conditions
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_samples import (
@@ -146,6 +147,10 @@ class Fits:
 def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     """Return the answer of the ``n``-th manoeuvre, whose samples these are."""
     found = conditions(samples, setting.modes_of)
+    untrue = of_one_manoeuvre(samples)
+    if untrue is not None:
+        unknown = dict.fromkeys(AIRSPEED)
+        found = replace(found, **unknown)
     config = _with_turn(samples, setting)
     fits = Fits(setting, config, samples)
     if found.loop != "with_roll_loop" and _may_have_aileron(samples, fits):
@@ -163,6 +168,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
     alone = list(short_reasons(fits, history, evidence[first]))
+    alone += [] if untrue is None else [untrue.reason]
     verdict = bank_verdict(fits, evidence, setting.rates_hz, alone, first_answers=True)
     config = fits.config
     told = Manoeuvre(

@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
+from yawid.airspeed import name_of
 from yawid.blocks import FIRST_DATE_NS, Floats, Noted, SampleBlock
 from yawid.sources.mavlink.enums import ARDUPILOT, PX4, mode_name
 
@@ -15,6 +16,8 @@ BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
 """... and those in which that depends on the bank."""
 MOSTLY = 0.5
+AIRSPEED = "airspeed_m_s", "airspeed_std_m_s", "airspeed_source", "airspeed_kind"
+"""What is None where no airspeed is known."""
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -23,6 +26,7 @@ class Conditions:
     """When, how fast, how high, in which mode: the first fields of a manoeuvre, under their names.
 
     Times in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
+    ``airspeed_kind`` is a name of :class:`yawid.airspeed.Kind`, what the source gives.
     """
 
     from_s: float
@@ -34,6 +38,7 @@ class Conditions:
     airspeed_m_s: float | None
     airspeed_std_m_s: float | None
     airspeed_source: str | None
+    airspeed_kind: str | None
     altitude_m: float | None
 
 
@@ -48,6 +53,9 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
     by_ground = np.mean(samples.noted[used] & Noted.GROUND_SPEED.value != 0) if used.any() else 0.0
     airspeed = _mean(speed)
     source = "ground speed" if by_ground > MOSTLY else "airspeed"
+    kinds = samples.airspeed_kind[used & np.isfinite(samples.airspeed + samples.airspeed_kind)]
+    kind, count = np.unique(kinds, return_counts=True)
+    has_kind = source == "airspeed" and len(kind) > 0
     return Conditions(
         from_s=from_s,
         to_s=to_s,
@@ -58,6 +66,7 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
         airspeed_m_s=airspeed,
         airspeed_std_m_s=None if airspeed is None else float(np.nanstd(speed)),
         airspeed_source=None if airspeed is None else source,
+        airspeed_kind=name_of(float(kind[np.argmax(count)])) if has_kind else None,
         altitude_m=_mean(height),
     )
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from yawid.blocks import Bools, Floats
+from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
 from yawid.manoeuvres.conditions import AIRFRAME
 from yawid.physics.flying_qualities import dutch_roll_level
@@ -74,15 +75,18 @@ def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
 
 
 def flight_of(
-    answered: Sequence[Answered], of_the_log: list[Reason]
+    answered: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None = None
 ) -> tuple[Flight, Verdict] | None:
     """Return what manoeuvres say together, and the verdict, in which ``of_the_log`` counts too.
 
-    None where there is no manoeuvre. Of several roll loops the one with the most manoeuvres is
-    told: the others are of another aircraft.
+    ``untrue`` is why the airspeed cannot be true: then nothing is told of it. None where there is
+    no manoeuvre. Of several roll loops the one with the most manoeuvres is told: the others are of
+    another aircraft.
     """
     if not answered:
         return None
+    if untrue is not None:
+        of_the_log = [*of_the_log, untrue.reason]
     usable = [each for each in answered if each.verdict.usable]
     if not usable:
         return _refused(answered, of_the_log)
@@ -91,7 +95,7 @@ def flight_of(
     alike = [each for each in usable if each.found.loop == loop]
     orders = _orders(alike)
     told = [each.structures.get(orders) or next(iter(each.structures.values())) for each in alike]
-    return _together(alike, told, orders, of_the_log)
+    return _together(alike, told, orders, of_the_log, untrue)
 
 
 def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
@@ -126,11 +130,16 @@ def _together(
     told: Sequence[Structure],
     orders: tuple[int, ...],
     of_the_log: list[Reason],
+    untrue: Finding | None,
 ) -> tuple[Flight, Verdict]:
-    """Return the answer of manoeuvres of one aircraft, (n,) of them told by one structure."""
+    """Return the answer of manoeuvres of one aircraft, (n,) of them told by one structure.
+
+    An airspeed that is true but for a factor still says how manoeuvres compare.
+    """
     speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
     sources = {each.found.airspeed_source for each in alike}
-    scaled = sources == {"airspeed"}
+    kinds = {each.found.airspeed_kind for each in alike}
+    scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
     by = speeds if scaled else np.ones(len(alike))
     rolls = np.array([each.dutch_roll for each in told])
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
@@ -139,6 +148,9 @@ def _together(
     apart = [each for each, is_in in zip(alike, agree, strict=True) if not is_in]
     speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
     unit = speed if scaled and speed is not None else 1.0
+    has_kappa = scaled and untrue is None
+    if untrue is not None:
+        speed, sources, kinds = None, set(), set()
     beyond = np.array([each.beyond for each in told])
     floor = TAU_WN_SHARE * float(np.median(x[agree]))
     wn = pooled(x[agree], std[agree], floor, (beyond[:, 0] / by)[agree])
@@ -156,6 +168,7 @@ def _together(
         orders=Orders(*orders),
         airspeed_m_s=speed,
         airspeed_source=sources.pop() if len(sources) == 1 else None,
+        airspeed_kind=kinds.pop() if len(kinds) == 1 else None,
         altitude_m=float(np.median(heights)) if heights else None,
         date=used[0].found.date,
         loop=loop,
@@ -164,9 +177,9 @@ def _together(
             level,
             (wn.noise * unit, zeta.noise),
         ),
-        kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if scaled else None,
+        kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if has_kappa else None,
         K_per_V=_gain(np.array([(*each.gain, each.beyond[2]) for each in told])[agree], by[agree])
-        if scaled
+        if has_kappa
         else None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
@@ -212,7 +225,7 @@ def _disagreement(
     said = []
     for each in apart:
         roll, v = each.found.dutch_roll, each.found.airspeed_m_s
-        at = "" if v is None else f" at {v:.1f} m/s"
+        at = "" if v is None or speed is None else f" at {v:.1f} m/s"
         assert roll is not None  # it may be used
         said.append(f"manoeuvre {each.found.n} says wn {roll.wn_rad_s:.3g} rad/s{at}")
     others = f"the other {count}" if count > 1 else "the other one"

@@ -6,6 +6,7 @@ from concurrent.futures import Executor, Future
 from functools import partial
 
 from yawid.blocks import SampleBlock
+from yawid.manoeuvres.airspeed_check import AirspeedCheck
 from yawid.manoeuvres.answer import Answered, Setting, answer
 from yawid.manoeuvres.candidate import Progress
 from yawid.manoeuvres.conditions import is_bare
@@ -29,6 +30,7 @@ class Manoeuvres:
         self._waiting: deque[Future[Answered]] = deque()
         self._count = 0
         self._finder = _finder(setting)
+        self._airspeed = AirspeedCheck(setting.sample_time_s)
 
     def progress(self, *, closely: bool) -> Progress:
         """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
@@ -41,6 +43,7 @@ class Manoeuvres:
 
     def feed(self, samples: SampleBlock) -> None:
         """Take samples in."""
+        self._airspeed.feed(samples)
         for found in self._finder.feed(samples):
             self._answer(found)
 
@@ -58,7 +61,7 @@ class Manoeuvres:
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
         """Return what those answered say together; see :func:`flight_of`."""
-        return flight_of(self.answered, of_the_log)
+        return flight_of(self.answered, of_the_log, self._airspeed.finding())
 
     def _answer(self, found: SampleBlock) -> None:
         self._count += 1

@@ -150,6 +150,11 @@ _TABLE: Final = (
         "airspeed_changed", 0, "samples", "Estimate each speed by itself: --from, --to."
     ),
     ReasonKind(
+        "airspeed_implausible", 0, "samples",
+        "Find out what the sensor measures: without it there is no kappa.",
+        "free the pitot tube, calibrate the airspeed (ARSPD_RATIO, ASPD_SCALE) and fly a circle",
+    ),
+    ReasonKind(
         "wrong_sign", 0, "estimate", "Check the servo's direction, or turn --rudder-sign round."
     ),
     ReasonKind(

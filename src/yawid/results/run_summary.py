@@ -221,7 +221,8 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     ``date`` is the UTC time of its first sample (ISO 8601), None where no date is known. ``loop``
     says whose number it is: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
     ``unknown`` without a mode.
-    ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know.
+    ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know;
+    ``airspeed_kind`` is which airspeed the source gives: a name of :class:`yawid.airspeed.Kind`.
     """
 
     n: Count
@@ -234,6 +235,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     airspeed_m_s: Number | None = None
     airspeed_std_m_s: Number | None = None
     airspeed_source: str | None = None
+    airspeed_kind: str | None = None
     altitude_m: Number | None = None
     inputs: list[str]
     orders: Orders
@@ -271,6 +273,7 @@ class Flight(Part, frozen=True, kw_only=True):
     orders: Orders | None = None
     airspeed_m_s: Number | None = None
     airspeed_source: str | None = None
+    airspeed_kind: str | None = None
     altitude_m: Number | None = None
     date: str | None = None
     loop: str | None = None

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import name_of
 from yawid.blocks import FIRST_DATE_NS, Bools, EstimateBlock, Noted, SampleBlock, Status
 from yawid.config.run import RunConfig
 from yawid.physics.derivatives import NAMES
@@ -19,7 +20,7 @@ from yawid.sinks.base import HALF_TRAVEL as HALF
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
 from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE, units
-from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, held_text
+from yawid.sources.records.columns import BY_GROUND, COLUMNS, HALF_TRAVEL, held_text
 from yawid.tables.table import Column
 
 _UNIT: Final = re.compile(r"(1|s|m|rad|m/s|rad/s|1/s|1/s\^2|percent|half.travel)( per .+)?")
@@ -31,6 +32,8 @@ OUTPUTS: Final = {
     "yaw": ("mean_heading_rate", "change of yaw over the interval before, by its length"),
 }
 """Name and meaning of what the model's output is: of --output yaw-rate alone it is r."""
+_GROUND: Final = -1.0
+"""In place of a kind of airspeed: it is the ground speed."""
 _TYPES: Final[Mapping[str, type]] = {"double": float, "bool": bool, "fixed32": int}
 """Of protobuf's, those that are numbers: all else becomes text."""
 
@@ -87,7 +90,10 @@ def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
 def further_columns(samples: SampleBlock) -> Iterator[Column]:
     """Yield the rest of a record's columns, and what is noted."""
     yield _kept("turn_rate", samples.turn)
-    yield _kept("ground_speed", np.where(_is_ground(samples), samples.airspeed, np.nan))
+    by_ground = _is_ground(samples)
+    yield _kept("ground_speed", np.where(by_ground, samples.airspeed, samples.ground_speed))
+    kind = np.where(by_ground, _GROUND, samples.airspeed_kind)
+    yield _kept("airspeed_kind", texts(np.nan_to_num(kind), _kind))
     time = samples.unix_ns.astype("datetime64[ns]")
     time = np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)
     yield _kept("time", time)
@@ -197,6 +203,10 @@ def _mode_name(grid: Grid, mode: float) -> str | None:
         return None
     name = grid.mode_name(mode)
     return f"{mode:.0f}" if name == f"mode {mode:.0f}" else name
+
+
+def _kind(code: float) -> str | None:
+    return BY_GROUND if code == _GROUND else name_of(code or np.nan)
 
 
 def _noted(bits: int) -> str:

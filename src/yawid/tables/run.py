@@ -230,7 +230,7 @@ def no_rows() -> RunRows:
     whole = np.empty(0, np.int64)
     samples = SampleBlock(
         math.nan, whole, whole, whole, whole, one, none, none, none, none, none,
-        whole, whole, whole, none, none, none, none,
+        whole, whole, whole, none, none, none, none, none, none,
     )  # fmt: skip
     poles = np.empty((0, 0), complex)
     empty = np.empty((0, 0))

@@ -30,7 +30,9 @@ def us(t_s: float) -> int:
     return round(1e6 * t_s)
 
 
-def logged(flight: Flight, *, rates: str = "IMU", units: bool = True) -> DataflashLog:
+def logged(
+    flight: Flight, *, rates: str = "IMU", units: bool = True, airspeed_m_s: float = 18.5
+) -> DataflashLog:
     """Log a flight as ArduPlane does, parameters within the first seconds."""
     log = DataflashLog(units=units)
     first = us(flight.t[0])
@@ -53,7 +55,7 @@ def logged(flight: Flight, *, rates: str = "IMU", units: bool = True) -> Datafla
             log.add("IMU", now, 1, 9.0, 9.0, 9.0)
         log.add("RCOU", now + 4000, 1500, 1500, 1500, flight.pwm[k])
         if k % 10 == 0:
-            log.add("CTUN", now + 5000, 0, 0, 0, 0, 30, 0, 30, 18.5)
+            log.add("CTUN", now + 5000, 0, 0, 0, 0, 30, 0, 30, airspeed_m_s)
             log.add("GPS", now + 6000, 0, 3, GPS_MS + 20 * k, GPS_WEEK, 12, 0.8, 0, 0, 500, 17.25)
         if pending and k % 7 == 3:
             log.add("PARM", now + 7000, *pending.pop(0), 0)

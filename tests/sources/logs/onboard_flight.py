@@ -54,6 +54,7 @@ def telemetry_of(
     parameters: dict[str, float],
     rudder: int,
     groundspeed_m_s: float,
+    airspeed_m_s: float = 18.5,
 ) -> FlightLog:
     """Log a flight as a ground station does; ``heartbeat`` has autopilot and custom mode.
 
@@ -70,7 +71,7 @@ def telemetry_of(
         log.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), *angles, p, q, r))
         log.servos(t + 0.004, [*[1500] * (rudder - 1), flight.pwm[k]])
         if k % 10 == 0:
-            hud = mavlink.MAVLink_vfr_hud_message(18.5, groundspeed_m_s, 0, 0, 500.0, 0.0)
+            hud = mavlink.MAVLink_vfr_hud_message(airspeed_m_s, groundspeed_m_s, 0, 0, 500.0, 0.0)
             log.add(t + 0.005, hud)
     return log
 

@@ -41,7 +41,7 @@ def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
     )
 
 
-def logged(flight: Flight, **more: float) -> ULogFile:
+def logged(flight: Flight, airspeed_m_s: float = 18.5, **more: float) -> ULogFile:
     log = ULogFile(PARAMETERS | more)
     first = us(flight.t[0])
     log.add("vehicle_status", first - 100, 2, 0, 1, 7)
@@ -57,7 +57,7 @@ def logged(flight: Flight, **more: float) -> ULogFile:
         log.add("vehicle_angular_velocity", now + 200, now, list(map(float, flight.rates[k])))
         log.add("actuator_outputs", now + 4000, [1500, 1500, int(flight.pwm[k])], 3)
         if k % 10 == 0:
-            log.add("airspeed_validated", now + 5000, 18.5)
+            log.add("airspeed_validated", now + 5000, airspeed_m_s)
             log.add("vehicle_local_position", now + 5100, 3.0, 4.0, True)
     return log
 

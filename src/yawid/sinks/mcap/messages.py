@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import Kind, known
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.physics.derivatives import NAMES
 from yawid.results.run_summary import Manoeuvre, Value, VerdictSummary
@@ -39,8 +40,8 @@ def joined(parts: Sequence[RunRows]) -> RunRows:
 
 
 _FROM_THE_FIRST: Final = ("k", "u", "yaw", "roll", "airspeed", "aileron")
-_APPENDED: Final = ("mode", "on_ground", "altitude")
-"""Fields of a sample called as in its block, by whether files of 0.1.0 have them."""
+_APPENDED: Final = ("mode", "on_ground", "altitude", "ground_speed", "airspeed_kind")
+"""Fields of a sample called as in its block, by whether files of older versions have them."""
 _ESTIMATE: Final = (
     "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
 )  # fmt: skip
@@ -164,6 +165,9 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
     }
     columns |= {name: np.ascontiguousarray(rows[name]) for name in _FROM_THE_FIRST}
     columns |= {name: _floats(rows, name) for name in _APPENDED}
+    columns["airspeed"] = known(columns["airspeed"])  # older versions wrote what was sent: 0 too
+    kind = columns["airspeed_kind"]
+    columns["airspeed_kind"] = np.where(np.isin(kind, list(Kind)), kind, np.nan)
     return SampleBlock(
         sample_time_s=sample_time_s,
         boot_us=np.rint(rows["boot_time"] * 1e6).astype(np.int64),

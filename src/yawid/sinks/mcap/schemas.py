@@ -18,6 +18,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
+from yawid.airspeed import Kind
 from yawid.blocks import Held, Noted, Status, words
 from yawid.config.estimator import METHODS
 from yawid.physics.derivatives import NAMES
@@ -41,6 +42,7 @@ YAW_CHANNEL: Final = tuple(
 )
 """Value and sigma of paper eq. 22-23's numbers, in the order of the physics."""
 
+_KINDS = ", ".join(f"{kind.value} {words(kind)}" for kind in Kind)
 _NOTED = ", ".join(f"{flag.value} {words(flag)}" for flag in Noted)
 
 ESTIMATE: Final = "yawid.Estimate"
@@ -72,6 +74,8 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
         ("on_ground", "double", "1 on the ground, 0 in the air, NaN where unknown"),
         ("altitude", "double", "m, above the sea; NaN where unknown"),
+        ("ground_speed", "double", "m/s; NaN where unknown"),
+        ("airspeed_kind", "double", f"{_KINDS}; NaN where unknown"),
     ),
     "Estimate": (
         ("boot_time", "double", "s, clock of the vehicle"),
@@ -140,6 +144,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
         ("wn_std_noise", "double", "rad/s, what noise alone explains of wn_std"),
         ("zeta_std_noise", "double", "1, of zeta_std"),
         ("K_std_noise", "double", "rad/s per {rudder}, of K_std"),
+        ("airspeed_kind", "string", "which airspeed the source gives; empty where unknown"),
     ),
 }
 

@@ -38,6 +38,8 @@ _MEANS: Final = {
 _GROUND: Final = "ground speed"
 _FINE: Final = 0.05
 """A sigma of wn in rad/s below which there is room for another digit."""
+_AS_GIVEN: Final = ("calibrated", "indicated")
+"""Kinds of airspeed that are taken for the equivalent one."""
 _MODE_WIDTH: Final = 10
 _LARGEST: Final = 1000.0
 """Larger numbers, of estimates that diverged, keep three digits."""
@@ -71,7 +73,8 @@ def flight_rows(summary: RunSummary) -> Iterator[Row]:
         yield Row("", ", ".join(filter(None, (conditions(flight), count))))
         yield Row("", f"this is {whose(flight.loop)}")
     if slope := kappa(flight):
-        yield Row("", f"wn = {slope}, V the equivalent airspeed")
+        kind = flight.airspeed_kind if flight.airspeed_kind in _AS_GIVEN else "equivalent"
+        yield Row("", f"wn = {slope}, V the {kind} airspeed")
     yield Row("flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle)))
 
 

@@ -27,7 +27,9 @@ DTYPES = {
         [("type", "u1"), ("autopilot", "u1"), ("base_mode", "u1"), ("custom_mode", "<u4")]
     ),
     "PARAM_VALUE": np.dtype([("param_id", "S16"), ("param_value", "<f8")]),
-    "VFR_HUD": np.dtype([("airspeed", "<f8"), ("groundspeed", "<f8"), ("alt", "<f8")]),
+    "VFR_HUD": np.dtype(
+        [(name, "<f8") for name in ("airspeed", "groundspeed", "alt", "airspeed_kind")]
+    ),
     "EXTENDED_SYS_STATE": np.dtype([("vtol_state", "u1"), ("landed_state", "u1")]),
     "ATTITUDE": np.dtype(
         [_TIME]

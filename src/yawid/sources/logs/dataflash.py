@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import GIVEN
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
 from yawid.sources.logs.as_mavlink import (
     COMPID,
@@ -261,12 +262,15 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
 def _hud(index: DataflashIndex) -> PlacedFields:
     """Return a VFR_HUD wherever one of its columns is reported, the others held."""
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
+    kind = next((GIVEN[each] for each in _AIRSPEED if index.has(*each)), np.nan)
     ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
     if index.has("GPS", "Spd", "Status"):
         offsets, rows = index.reported("GPS")
         fixed = rows["Status"] >= _FIX_3D
         ground = offsets, np.where(fixed, index.si("GPS", rows, "Spd"), np.nan)
-    return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
+    places, fields = merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
+    fields["airspeed_kind"] = kind
+    return places, fields
 
 
 def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:

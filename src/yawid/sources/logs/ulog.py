@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.airspeed import GIVEN, density_ratio, equivalent_of_true, known
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock, euler
 from yawid.errors import SourceError
 from yawid.sources.logs.as_mavlink import (
@@ -54,6 +55,8 @@ from yawid.sources.mavlink.link_stats import LinkStats
 
 MAGIC = b"ULog\x01\x12\x35"
 _AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
+_TRUE = "true_airspeed_m_s"
+"""Converted by the air's density, and only where none of the others is known."""
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
     *("vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_status"),
@@ -204,12 +207,41 @@ class UlogReader:
 
     def _hud(self) -> PlacedFields:
         """Return a VFR_HUD wherever one of its columns is reported, the others held."""
-        air = self._first_known(("airspeed_validated", _AIRSPEED), ("airspeed", _AIRSPEED))
+        air, kind = self._airspeed()
         ground = self._over_ground()
         height = self._first_known(
             ("vehicle_global_position", ("alt",)), ("vehicle_air_data", ("baro_alt_meter",))
         )
-        return merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
+        places, fields = merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
+        fields["airspeed_kind"] = kind
+        return places, fields
+
+    def _airspeed(self) -> tuple[tuple[Ints, Floats], float]:
+        """Return the best airspeed that reports any number, and of which kind it is."""
+        topics = "airspeed_validated", "airspeed"
+        best_first = itertools.product(topics, _AIRSPEED), itertools.product(topics, (_TRUE,))
+        for name, column in itertools.chain(*best_first):
+            topic = self._topics.get((name, 0), {})
+            if column not in topic or not np.isfinite(known(topic[column])).any():
+                continue
+            t_us, speed = published(topic), topic[column].astype(float)
+            if column == _TRUE:
+                speed = equivalent_of_true(speed, self._density_ratio(t_us))
+            return (t_us, speed), GIVEN["ULog", column]
+        return _NOTHING, np.nan
+
+    def _density_ratio(self, t_us: Ints) -> Floats:
+        """Return the air's density over that at sea level (n,) at these times, NaN if unknown."""
+        air = self._topics.get(("vehicle_air_data", 0), {})
+        nothing = np.full(len(t_us), np.nan)
+        if not len(air.get("timestamp", ())):
+            return nothing
+        newest = np.searchsorted(published(air), t_us, side="right") - 1
+        rho, height = (
+            np.where(newest >= 0, air[name][newest], np.nan) if name in air else nothing
+            for name in ("rho", "baro_alt_meter")
+        )
+        return density_ratio(height, rho)
 
     def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
         """Return the first of these topics and columns that reports any number."""

@@ -30,8 +30,11 @@ COLUMNS: Final = {
     "r": RecordColumn("rad/s", "yaw rate now, positive nose right"),
     "roll": RecordColumn("rad", "bank, right wing down positive"),
     "aileron": RecordColumn(HALF_TRAVEL, "deflection, positive rolls right"),
-    "airspeed": RecordColumn("m/s", "equivalent airspeed"),
-    "ground_speed": RecordColumn("m/s", "stands in for an airspeed that is not known"),
+    "airspeed": RecordColumn(
+        "m/s", "equivalent airspeed; by its unit another: ktas, kcas, m/s tas"
+    ),
+    "ground_speed": RecordColumn("m/s", "what the airspeed is held against; stands in for none"),
+    "airspeed_kind": RecordColumn("", "what the log gave, or ground; the number is equivalent"),
     "yaw": RecordColumn("rad", "heading"),
     "turn_rate": RecordColumn("rad/s", "what bank and airspeed imply; made of them without it"),
     "altitude": RecordColumn("m", "above the sea"),
@@ -41,11 +44,14 @@ COLUMNS: Final = {
     "time": RecordColumn("UTC", "date and time, ISO 8601"),
     "pitch": RecordColumn("rad", "nose up positive", kept=False),
     "q": RecordColumn("rad/s", "pitch rate", kept=False),
+    "air_density": RecordColumn("kg/m^3", "of the air flown in: for a true airspeed", kept=False),
     "p": RecordColumn("rad/s", "roll rate; not used", kept=False),
     "ay": RecordColumn("m/s^2", "lateral acceleration; not used", kept=False),
 }
-TEXTS: Final = frozenset({"mode", "held", "time"})
+TEXTS: Final = frozenset({"mode", "held", "time", "airspeed_kind"})
 """Columns that may hold texts; ``t`` may hold dates too."""
+BY_GROUND: Final = "ground"
+"""A run's ``airspeed_kind`` where its airspeed is the ground speed."""
 
 
 def held_text(bits: int) -> str:

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import ChannelError, ConfigError, SourceError
-from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL
+from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, TEXTS
 from yawid.sources.records.units import (
     ANGLES,
     UNITS,
@@ -31,7 +31,7 @@ LIKELY: Final = {
     "q": "pitchrate",
 }
 """How others' names for the columns begin: said in a refusal, never taken for granted."""
-WITHOUT_UNIT: Final = frozenset({"mode", "held", "time", "on_ground", "p", "ay"})
+WITHOUT_UNIT: Final = frozenset(TEXTS | {"on_ground", "p", "ay"})
 """Columns of which no unit matters: p may well be a pressure."""
 _WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]")
 

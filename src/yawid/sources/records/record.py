@@ -16,6 +16,7 @@ from yawid.blocks import Floats, RecordBlock
 from yawid.errors import ChannelError, SourceError
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.sources.records.airspeeds import airspeed_of
 from yawid.sources.records.csv_table import CsvTable, looks_like_csv
 from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
 from yawid.sources.records.modes import modes_of
@@ -35,7 +36,7 @@ from yawid.sources.records.times import offsets_us
 SHORTEST: Final = 3
 MEASURED: Final = frozenset(
     {"r", "q", "roll", "pitch", "yaw", "turn_rate", "airspeed", "ground_speed", "altitude"}
-    | {"on_ground"}
+    | {"on_ground", "air_density"}
 )
 """Columns that are numbers in units, and used as they are."""
 
@@ -88,7 +89,7 @@ class Record:
         rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
         held = held_of(table, found["held"]) if "held" in found else np.full(table.rows, -1)
         have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
-        airspeed, by_ground = _airspeed(have, nothing, told="held" in found)
+        airspeed = airspeed_of(table, found, have, told="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
         measured = ("r", "q", "roll", "pitch", "yaw", "altitude", "on_ground")
         self._rows = laid_out(
@@ -107,8 +108,7 @@ class Record:
                 if "aileron" in found
                 else nothing,
                 turn=have.get("turn_rate", nothing),
-                airspeed=airspeed,
-                by_ground=by_ground,
+                **airspeed._asdict(),
                 mode=mode,
                 **{name: have.get(name, nothing) for name in measured},
             )
@@ -128,16 +128,6 @@ class Record:
                 chunk = file.read(CHUNK)
                 digest.update(chunk)
                 yield len(chunk), self._rows.select(slice(low, high)) if high > low else None
-
-
-def _airspeed(have: dict[str, Floats], nothing: Floats, *, told: bool) -> tuple[Floats, Floats]:
-    """Return the airspeed (n,), and 1 where it is the ground speed that stands in for it.
-
-    It does where the file has no airspeed, or is a run's export, which leaves it out there.
-    """
-    air, ground = have.get("airspeed", nothing), have.get("ground_speed", nothing)
-    stands_in = np.isnan(air) & np.isfinite(ground) & (told or "airspeed" not in have)
-    return np.where(stands_in, ground, air), stands_in.astype(float)
 
 
 def _modes(

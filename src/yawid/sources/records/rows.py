@@ -95,7 +95,8 @@ def _filled(block: RecordBlock) -> RecordBlock:
             parts = [_between(block.t_us[a:b], values[a:b], is_angle=name == "yaw")
                      for a, b in pairwise(edges)]  # fmt: skip
             columns[name] = np.concatenate(parts)
-    for name in ("aileron", "airspeed", "by_ground", "altitude", "on_ground", "mode"):
+    held = "aileron", "airspeed", "by_ground", "altitude", "on_ground", "mode"
+    for name in (*held, "ground_speed", "airspeed_kind"):
         columns[name] = newest(getattr(block, name))
     return replace(block, **columns)
 

@@ -5,14 +5,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from yawid.airspeed import Kind
 from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, TEXTS
 
 
 class Unit(NamedTuple):
-    """A unit of one of the table's units (``of``), so many of those: 1 deg is 0.01745 rad."""
+    """A unit of one of the table's units (``of``), so many of those: 1 deg is 0.01745 rad.
+
+    ``airspeed`` is which airspeed it is, where a unit says so: ktas are knots of a true one.
+    """
 
     of: str
     factor: float
+    airspeed: Kind | None = None
 
 
 _DEG: Final = float(np.deg2rad(1.0))
@@ -28,20 +33,31 @@ _SPELT: Final = (
     ("rad/s", 1.0, "rad/s rad/sec rad_s rad_per_s radps rads-1 rad*s^-1"),
     ("rad/s", _DEG, "deg/s deg/sec deg_s deg_per_s degps dps °/s degs-1 deg*s^-1"),
     ("m/s", 1.0, "m/s m/sec m_s mps ms-1 m*s^-1"),
-    ("m/s", _KT, "kt kts kn knot knots ktas kcas keas kias"),
+    ("m/s", _KT, "kt kts kn knot knots"),
     ("m/s", 1.0 / 3.6, "km/h km_h kmh kph"),
     ("m/s", _FT, "ft/s ft/sec ft_s fps"),
     ("m/s", _MPH, "mph"),
     ("m", 1.0, "m metre metres meter meters"),
     ("m", _FT, "ft foot feet"),
     ("m", 1000.0, "km"),
+    ("kg/m^3", 1.0, "kg/m^3 kg/m3 kg/m³"),
     ("m/s^2", 1.0, "m/s^2 m/s2 m/s² m_s2 mps2"),
     ("m/s^2", 9.80665, "g"),
     ("m/s^2", _FT, "ft/s^2 ft/s2 ft/s²"),
     (HALF_TRAVEL, 1.0, "half-travel halftravel half_travel"),
 )
-UNITS: Final = {
+UNITS: Final[dict[str, Unit]] = {
     spelt: Unit(of, factor) for of, factor, all_of_it in _SPELT for spelt in all_of_it.split()
+}
+KIND_WORDS: Final = {
+    "tas": Kind.TRUE, "eas": Kind.EQUIVALENT, "cas": Kind.CALIBRATED, "ias": Kind.INDICATED,
+}  # fmt: skip
+UNITS |= {
+    f"{spelt}{parts}{word}": Unit(unit.of, unit.factor, kind)
+    for spelt, unit in [*UNITS.items(), ("k", UNITS["kt"])]
+    for parts in ("", "-", "_")
+    for word, kind in KIND_WORDS.items()
+    if unit.of == "m/s"
 }
 NOTHING: Final = frozenset({"", "-", "--", "1", "[-]", "none", "n/a", "bool", "text", "utc"})
 """What says of a column that it has no unit, or none that matters."""
@@ -96,6 +112,8 @@ def by_suffix(name: str, column: str) -> str | None:
 def fits(unit: Unit, column: str) -> bool:
     """Tell whether a column may be in a unit; a surface may be in angles too."""
     wanted = COLUMNS[column].unit
+    if unit.airspeed is not None and column != "airspeed":
+        return False
     return unit.of == wanted or (wanted == HALF_TRAVEL and unit.of == "rad")
 
 

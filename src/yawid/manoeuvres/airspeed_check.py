@@ -1,0 +1,208 @@
+"""Whether the airspeed may be true: held against the ground speed over turns, bank and turn rate.
+
+A blocked pitot, a wrong ARSPD_RATIO or a sensor that drifts gives a steady number that no sigma
+knows of, and a confident kappa. Over several headings the wind is what a circle leaves over: the
+ground speed is |f V h + w|, h the heading, w the wind, f the factor by which the airspeed is too
+low, so that f is found beside the wind. Without such turns g tan(bank) / turn rate is an airspeed
+too, a coarse one; and on one heading no wind may be much faster than the aircraft.
+
+One sample a second is looked at, in order, so that the cut of the stream changes nothing.
+"""
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from yawid.airspeed import density_ratio
+from yawid.blocks import Floats, Held, Noted, SampleBlock
+from yawid.channels.yaw_reader import GRAVITY
+from yawid.results.reasons import Reason
+
+STRIDE_S: Final = 1.0
+NOT_FLYING: Final = int(Held.HOVER | Held.LIFT_MOTORS | Held.ON_GROUND)
+LONGEST_S: Final = 600.0
+"""The wind is taken for steady over so long."""
+EVERY, LEAST_ROWS = 5, 30
+"""Rows after which the headings are looked at again, and what a fit needs."""
+MOST_MEAN, LEAST_SPREAD = 0.75, 0.1
+"""Several headings: the length of their mean, at most, and the least eigenvalue of their second
+moment. An arc of 150 degrees has .74 and .14; two headings opposite each other have 0 and 0."""
+MOST_SIGMA: Final = 0.03
+"""Relative: a fit that knows the factor no better has not seen several headings."""
+FACTOR: Final = 1.2
+"""An airspeed is implausible that is off by more: those of fourteen recorded flights had 1.00 to
+1.11 in each turn, 1.00 to 1.04 in the median of a flight."""
+LEAST_SCATTER, SIGMAS = 0.05, 3.0
+"""Of the factor of one turn, relative; and by how many sigmas it must be off."""
+HIGH: Final = 1.3
+"""True over equivalent airspeed at 5000 m: allowed for where the altitude is not known."""
+BANKED, BANK_STEADY = np.deg2rad((15.0, 60.0)), np.deg2rad(5.0)
+TURN_FACTOR, LEAST_TURNING = 2.0, 20
+"""Of bank and turn rate: aircraft turn with slip, which made 1.5 of 1 in a recorded flight; and
+seconds of it."""
+TAIL_WIND, LEAST_WIND_M_S = 2.5, 10.0
+"""On one heading: ground speed over airspeed, and the wind that this asks for, at least."""
+KEPT: Final = 3600
+"""Seconds that are kept of turns and of straight flight, and of factors."""
+
+
+class Finding(NamedTuple):
+    """Why the airspeed cannot be true; ``is_factor`` where it is, but for one factor."""
+
+    reason: Reason
+    is_factor: bool
+
+
+class Factor(NamedTuple):
+    """By what the airspeed must be multiplied, its sigma, and the wind in m/s."""
+
+    value: float
+    sigma: float
+    wind_m_s: float
+
+
+def factor_of(speed: Floats, yaw: Floats, over_ground: Floats) -> Factor | None:
+    """Return the factor at which |f V h + w| is the ground speed (n,) best; None where unclear.
+
+    ``speed`` (n,) is the true airspeed as reported, ``yaw`` (n,) the heading in rad.
+    """
+    heading = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    found = np.array([np.median(over_ground) / np.median(speed), 0.0, 0.0])
+    for _ in range(12):  # Gauss-Newton; it settles within five steps
+        track = found[0] * speed[:, None] * heading + found[1:]
+        length = np.maximum(np.hypot(*track.T), 1e-6)
+        unit = track / length[:, None]
+        slope = np.column_stack([(unit * heading).sum(axis=1) * speed, unit])
+        left = over_ground - length
+        found = found + np.linalg.lstsq(slope, left, rcond=None)[0]
+    if not np.isfinite(found).all() or np.linalg.matrix_rank(slope) < len(found):
+        return None
+    variance = float(left @ left) / max(len(left) - len(found), 1)
+    sigma = math.sqrt(variance * float(np.linalg.inv(slope.T @ slope)[0, 0]))
+    return Factor(float(found[0]), sigma, float(np.hypot(*found[1:])))
+
+
+class AirspeedCheck:
+    """Feed it all samples of a run, then ask for its ``finding``."""
+
+    def __init__(self, sample_time_s: float) -> None:
+        self._stride = max(1, round(STRIDE_S / sample_time_s))
+        self._open: deque[tuple[float, float, float, float]] = deque()  # t, V, yaw, over ground
+        self._since = 0
+        self._factors: deque[Factor] = deque(maxlen=KEPT)
+        self._turns: deque[float] = deque(maxlen=KEPT)
+        self._straight: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._last: tuple[int, float, float] | None = None  # k, yaw, roll
+        self._knows_height = True
+
+    def feed(self, samples: SampleBlock) -> None:
+        """Take samples in."""
+        rows = samples.k % self._stride == 0
+        if not rows.any():
+            return
+        rows &= np.isfinite(samples.airspeed) & (samples.noted & Noted.GROUND_SPEED.value == 0)
+        rows &= (samples.held & NOT_FLYING == 0) & (samples.on_ground != 1.0)
+        some = samples.select(np.flatnonzero(rows))
+        speed = _true_airspeed(some)
+        self._knows_height &= bool(np.isfinite(density_ratio(some.altitude)).all())
+        motion = some.yaw, some.roll, some.ground_speed
+        columns = (x.tolist() for x in (some.k, some.boot_us / 1e6, speed, *motion))
+        for k, t_s, each, yaw, roll, over_ground in zip(*columns, strict=True):
+            self._turn(k, each, yaw, roll)
+            if math.isfinite(over_ground):
+                self._straight.append((each, over_ground))
+                if math.isfinite(yaw):
+                    self._heading(t_s, each, yaw, over_ground)
+
+    def finding(self) -> Finding | None:
+        """Return why the airspeed cannot be true, None where it may be or nothing speaks of it."""
+        high = 1.0 if self._knows_height else HIGH
+        if self._factors:
+            return self._by_ground_speed(high)
+        if len(self._turns) >= LEAST_TURNING:
+            ratio = float(np.median(self._turns))
+            if not 1.0 / TURN_FACTOR < ratio < TURN_FACTOR * high:
+                text = f"bank and turn rate say about {ratio:.2g} times the airspeed reported"
+                return _finding(text, is_factor=False)
+        if len(self._straight) >= LEAST_ROWS:
+            return _tail_wind(*np.array(self._straight).T)
+        return None
+
+    def _by_ground_speed(self, high: float) -> Finding | None:
+        """Judge by the median of all turns."""
+        values = np.array([each.value for each in self._factors])
+        factor = float(np.median(values))
+        if 1.0 / FACTOR <= factor <= FACTOR * high:
+            return None
+        scatter = 1.4826 * float(np.median(np.abs(values / factor - 1.0)))
+        sigma = max(scatter, LEAST_SCATTER) / math.sqrt(len(values))
+        if abs(math.log(factor)) <= SIGMAS * sigma:
+            return None
+        wind = float(np.median([each.wind_m_s for each in self._factors]))
+        text = (
+            f"the ground speed on several headings says {factor:.3g} ± {factor * sigma:.2g} times "
+            f"the airspeed reported, with {wind:.0f} m/s of wind"
+        )
+        return _finding(text, is_factor=scatter < FACTOR - 1.0)
+
+    def _turn(self, k: int, speed: float, yaw: float, roll: float) -> None:
+        """Take in a second of steady bank: of it V is g tan(bank) / turn rate."""
+        last, self._last = self._last, (k, yaw, roll)
+        if last is None or k - last[0] != self._stride or not math.isfinite(yaw + roll):
+            return
+        rate = (yaw - last[1]) / STRIDE_S
+        bank = 0.5 * (roll + last[2])
+        is_steady = abs(roll - last[2]) < BANK_STEADY and BANKED[0] < abs(bank) < BANKED[1]
+        if is_steady and rate * bank > 0.0:
+            self._turns.append(GRAVITY * math.tan(bank) / (rate * speed))
+
+    def _heading(self, t_s: float, speed: float, yaw: float, over_ground: float) -> None:
+        """Take in a second with its heading; where several are known, find the factor."""
+        rows = self._open
+        if rows and t_s < rows[-1][0]:  # another boot
+            rows.clear()
+        rows.append((t_s, speed, yaw, over_ground))
+        while t_s - rows[0][0] > LONGEST_S:
+            rows.popleft()
+        self._since += 1
+        if self._since % EVERY or len(rows) < LEAST_ROWS:
+            return
+        _, speeds, yaws, grounds = np.array(rows).T
+        cos, sin = np.cos(yaws), np.sin(yaws)
+        moments = np.array([[cos @ cos, cos @ sin], [cos @ sin, sin @ sin]]) / len(rows)
+        is_wide = math.hypot(cos.mean(), sin.mean()) < MOST_MEAN
+        if not is_wide or float(np.linalg.eigvalsh(moments)[0]) < LEAST_SPREAD:
+            return
+        factor = factor_of(speeds, yaws, grounds)
+        if factor is not None and factor.value > 0.0 and factor.sigma < MOST_SIGMA * factor.value:
+            self._factors.append(factor)
+            rows.clear()
+
+
+def of_one_manoeuvre(samples: SampleBlock) -> Finding | None:
+    """Return why the airspeed of a manoeuvre cannot be true, by its own samples alone."""
+    rows = (samples.held == 0) & (samples.noted & Noted.GROUND_SPEED.value == 0)
+    rows &= np.isfinite(samples.airspeed) & np.isfinite(samples.ground_speed)
+    some = samples.select(np.flatnonzero(rows))
+    return _tail_wind(_true_airspeed(some), some.ground_speed) if len(some) else None
+
+
+def _true_airspeed(samples: SampleBlock) -> Floats:
+    """Return the true airspeed (n,), the equivalent one where the altitude is not known."""
+    ratio = density_ratio(samples.altitude)
+    return np.asarray(samples.airspeed / np.sqrt(np.where(np.isfinite(ratio), ratio, 1.0)))
+
+
+def _tail_wind(speed: Floats, over_ground: Floats) -> Finding | None:
+    """Judge true airspeeds (n,) against ground speeds on one heading or on few."""
+    mean, ground = float(np.mean(speed)), float(np.mean(over_ground))
+    if ground <= TAIL_WIND * mean or ground - mean <= LEAST_WIND_M_S:
+        return None
+    text = f"{ground:.0f} m/s over ground at {mean:.2g} m/s of airspeed would be a tail wind of "
+    return _finding(f"{text}{ground - mean:.0f} m/s", is_factor=False)
+
+
+def _finding(text: str, *, is_factor: bool) -> Finding:
+    return Finding(Reason("airspeed_implausible", f"{text}: it is taken as unknown"), is_factor)

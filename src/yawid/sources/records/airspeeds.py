@@ -1,0 +1,116 @@
+"""A record's airspeed: the equivalent one, made of what its unit or its name says that it is."""
+
+import re
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from yawid.airspeed import (
+    Kind,
+    density_ratio,
+    equivalent_of_calibrated,
+    equivalent_of_true,
+    known,
+    name_of,
+)
+from yawid.blocks import Floats
+from yawid.errors import ConfigError, SourceError
+from yawid.sources.records.columns import BY_GROUND
+from yawid.sources.records.find_columns import Found, Table
+from yawid.sources.records.quantities import place_of
+from yawid.sources.records.rows import newest
+from yawid.sources.records.units import KIND_WORDS
+
+_WORD: Final = re.compile(r"[a-z]+")
+_NAMES: Final = KIND_WORDS | {"true": Kind.TRUE}
+FAST_M_S: Final = 100.0
+"""Below it a calibrated airspeed is the equivalent one to 1 % up to 3000 m, whatever the height."""
+
+
+class Airspeed(NamedTuple):
+    """Of each row, (n,): see :class:`yawid.blocks.RecordBlock`."""
+
+    airspeed: Floats
+    by_ground: Floats
+    ground_speed: Floats
+    airspeed_kind: Floats
+
+
+def airspeed_of(
+    table: Table, found: Mapping[str, Found], have: Mapping[str, Floats], *, told: bool
+) -> Airspeed:
+    """Return the airspeed, and where it is the ground speed that stands in for it.
+
+    It does where the file has no airspeed, or is a run's export, which says so. A column of zeros,
+    of a sensor that is not there, is no airspeed, and says nothing of the ground.
+
+    Raises:
+        ConfigError: how dense the air was must be known, and is not.
+        SourceError: a cell is not understood.
+    """
+    nothing = np.full(table.rows, np.nan)
+    air, ground = have.get("airspeed", nothing), have.get("ground_speed", nothing)
+    if not np.isfinite(known(air)).any():
+        air = nothing
+    has_airspeed, kind = air is not nothing, nothing
+    if has_airspeed:
+        given = _kind(found["airspeed"])
+        air = _equivalent(table, found["airspeed"], given, air, have)
+        kind = np.full(table.rows, float(given))
+    stands_in = np.isnan(air) & np.isfinite(ground) & (told or not has_airspeed)
+    if "airspeed_kind" in found:
+        kind, by_ground = _named(table, found["airspeed_kind"])
+        stands_in &= by_ground | ~np.full(table.rows, told)
+    kind = np.where(stands_in, np.nan, kind)
+    return Airspeed(np.where(stands_in, ground, air), stands_in.astype(float), ground, kind)
+
+
+def _kind(found: Found) -> Kind:
+    """Return what the unit says that the airspeed is, or the column's name, else equivalent."""
+    if found.unit is not None and found.unit.airspeed is not None:
+        return found.unit.airspeed
+    said = (_NAMES[word] for word in _WORD.findall(found.header.name.lower()) if word in _NAMES)
+    return next(said, Kind.EQUIVALENT)
+
+
+def _equivalent(
+    table: Table, found: Found, kind: Kind, air: Floats, have: Mapping[str, Floats]
+) -> Floats:
+    """Return an airspeed (n,) of some kind as the equivalent one."""
+    nothing = np.full(len(air), np.nan)
+    height = newest(have.get("altitude", nothing))
+    if kind is Kind.TRUE:
+        ratio = density_ratio(height, newest(have.get("air_density", nothing)))
+        if not np.isfinite(ratio).any():
+            raise ConfigError(
+                f"{place_of(table, found)}: it is a true airspeed, and no altitude or density of "
+                "the air says how it compares with the equivalent one: name a column by --columns "
+                "'altitude=COLUMN[m]' or 'air_density=COLUMN[kg/m^3]'"
+            )
+        return equivalent_of_true(air, ratio)
+    if kind is Kind.EQUIVALENT:
+        return air
+    converted = equivalent_of_calibrated(air, height)
+    fast = known(air) > FAST_M_S
+    if (fast & np.isnan(converted)).any():
+        raise ConfigError(
+            f"{place_of(table, found)}: it is a {name_of(kind)} airspeed of up to "
+            f"{np.nanmax(known(air)):.0f} m/s, where the air's compression counts, and no altitude "
+            "says by how much: name a column by --columns 'altitude=COLUMN[m]'"
+        )
+    return np.where(np.isfinite(converted), converted, air)
+
+
+def _named(
+    table: Table, found: Found
+) -> tuple[Floats, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
+    """Return the kinds (n,) that a run's export names, and where it is the ground speed."""
+    texts = table.texts(found.place) or [""] * table.rows
+    codes = {str(name_of(kind)): float(kind) for kind in Kind} | {"": np.nan, BY_GROUND: np.nan}
+    if strange := set(texts) - codes.keys():
+        raise SourceError(
+            f"{place_of(table, found)}: {min(strange)!r} is no kind of airspeed that yawid export "
+            "gives: leave the column out"
+        )
+    return np.array([codes[text] for text in texts]), np.array([t == BY_GROUND for t in texts])

@@ -1,0 +1,85 @@
+"""An airspeed that is no number of an aircraft is unknown: the flight is answered without kappa."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sources.logs import dataflash_flight, ulog_flight
+from sources.logs.onboard_flight import Flight, flown
+
+import yawid
+from yawid.airspeed import known
+
+NONE = (0.0, -3.0, math.nan, 1e300)
+
+
+def telemetry(flight: Flight, airspeed_m_s: float) -> bytes:
+    with np.errstate(over="ignore"):
+        sent = float(np.float32(airspeed_m_s))  # as wide as the message's field
+    told = dataflash_flight.telemetry_of(flight, (3, 5), dataflash_flight.PARAMETERS, 4, 17.0, sent)
+    return told.data
+
+
+def dataflash(flight: Flight, airspeed_m_s: float) -> bytes:
+    with np.errstate(over="ignore"):
+        sent = float(np.float32(airspeed_m_s))
+    return dataflash_flight.logged(flight, airspeed_m_s=sent).data
+
+
+def ulog(flight: Flight, airspeed_m_s: float) -> bytes:
+    with np.errstate(over="ignore"):
+        sent = float(np.float32(airspeed_m_s))
+    return ulog_flight.logged(flight, sent).data
+
+
+def record(flight: Flight, airspeed_m_s: float) -> bytes:
+    lines = ["t,rudder [half-travel],r,roll,airspeed"]
+    for k, t in enumerate(flight.t):
+        rudder = (flight.pwm[k] - 1500) / 400
+        lines.append(f"{t:.2f},{rudder},{flight.rates[k, 2]},{flight.roll[k]},{airspeed_m_s}")
+    return "\n".join(lines).encode()
+
+
+FORMATS: dict[str, Callable[[Flight, float], bytes]] = {
+    "a.tlog": telemetry, "a.bin": dataflash, "a.ulg": ulog, "a.csv": record,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return flown(25.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "airspeed_m_s"),
+    [
+        *(("a.tlog", each) for each in NONE[1:]),
+        *((name, 0.0) for name in FORMATS),
+        ("a.csv", 1e300),
+    ],
+)
+def test_a_flight_without_an_airspeed_is_answered_without_kappa(
+    tmp_path: Path, flight: Flight, name: str, airspeed_m_s: float
+) -> None:
+    (tmp_path / name).write_bytes(FORMATS[name](flight, airspeed_m_s))
+
+    run = yawid.replay(tmp_path / name, rate=20.0)
+
+    assert np.isnan(run.samples["airspeed"]).all()
+    summary = run.summary
+    assert summary.flight is not None
+    assert summary.flight.dutch_roll is not None
+    assert summary.flight.dutch_roll.wn_rad_s == pytest.approx(4.0, rel=0.03)
+    assert (summary.flight.kappa_rad_m, summary.flight.K_per_V) == (None, None)
+    assert (summary.flight.airspeed_m_s, summary.flight.airspeed_source) == (None, None)
+
+
+def test_the_bounds_are_next_to_nothing_and_three_times_sound() -> None:
+    """What lies between is believed here: whether it may be true is another question."""
+    speeds = np.array([0.09, 0.1, 1000.0, 1001.0, math.inf])
+
+    np.testing.assert_array_equal(known(speeds), [math.nan, 0.1, 1000.0, math.nan, math.nan])
