@@ -12,7 +12,8 @@ import msgspec
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
-from yawid.results.run_summary import RunSummary
+from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.sink import McapSink
@@ -153,6 +154,21 @@ def finish(
     for sink in pipeline.sinks:
         sink.finish(summary, attachments)
     return summary
+
+
+def refused(summary: RunSummary, verdict: Verdict, reason: Reason) -> tuple[RunSummary, Verdict]:
+    """Return summary and verdict with a fatal reason first, the flight's verdict too."""
+    said = ReasonSummary(reason.id, reason.weight, reason.text)
+    marked = msgspec.structs.replace(summary, verdict=_with(said, summary.verdict))
+    if (flight := summary.flight) is not None:
+        flight = msgspec.structs.replace(flight, verdict=_with(said, flight.verdict))
+        marked = msgspec.structs.replace(marked, flight=flight)
+    return marked, Verdict.of([reason, *verdict.reasons], verdict.method)
+
+
+def _with(fatal: ReasonSummary, verdict: VerdictSummary) -> VerdictSummary:
+    reasons = [fatal, *verdict.reasons]
+    return msgspec.structs.replace(verdict, usable=False, reasons=reasons)
 
 
 def parameters_of(pipeline: Pipeline) -> bytes:

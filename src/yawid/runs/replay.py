@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import ReasonSummary, RunSummary, VerdictSummary
+from yawid.results.run_summary import RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.outputs import (
     Outputs,
@@ -20,6 +20,7 @@ from yawid.runs.outputs import (
     keep_as_interrupted,
     open_sinks,
     parameters_of,
+    refused,
     whole_or_none,
 )
 from yawid.runs.run_log import open_log, run_log, settled
@@ -125,14 +126,5 @@ def _cut_short(
     """
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"
-    reason = Reason("interrupted", text)
-    verdict = Verdict.of([reason, *verdict.reasons], verdict.method)
-    said, flight = ReasonSummary(reason.id, reason.weight, text), summary.flight
-    told = replace(summary, sha256=None, bytes_read=read, verdict=_with(said, summary.verdict))
-    if flight is not None:
-        told = replace(told, flight=replace(flight, verdict=_with(said, flight.verdict)))
-    return told, verdict
-
-
-def _with(fatal: ReasonSummary, verdict: VerdictSummary) -> VerdictSummary:
-    return replace(verdict, usable=False, reasons=[fatal, *verdict.reasons])
+    part = replace(summary, sha256=None, bytes_read=read)
+    return refused(part, verdict, Reason("interrupted", text))

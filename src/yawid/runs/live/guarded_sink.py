@@ -7,6 +7,7 @@ from pathlib import Path
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import Manoeuvre, RunSummary
+from yawid.runs.live.bulkhead import cause_of
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync, take_name
 
@@ -30,7 +31,11 @@ class Guard:
         self._look = Pace(LOOK_S)
 
     def abort(self) -> None:
-        """Close what is open; its file keeps its unfinished name."""
+        """Close what is open, where it has not failed; its file keeps its unfinished name."""
+        if self.failure is None:
+            self._close()
+
+    def _close(self) -> None:
         raise NotImplementedError
 
     def _check_present(self) -> None:
@@ -43,10 +48,13 @@ class Guard:
             try:
                 with os_errors_as_sink_error(self._part):
                     act()
-            except SinkError as error:
-                self._tell(f"{error}: the session goes on without {self.what}")
-                self.abort()
-                self.failure = str(error)
+            except Exception as error:
+                self.failure = cause_of(error)
+                if not isinstance(error, SinkError):
+                    self.failure = f"{self._part.name} failed because of {self.failure}"
+                self._tell(f"{self.failure}: the session goes on without {self.what}")
+                with contextlib.suppress(Exception):  # why it failed has been said
+                    self._close()
 
 
 class Guarded(Guard):
@@ -82,10 +90,8 @@ class Guarded(Guard):
         """See :meth:`yawid.sinks.base.Sink.finish`."""
         self._attempt(lambda: self._sink.finish(summary, attachments))
 
-    def abort(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.abort`."""
-        if self.failure is None:
-            self._sink.abort()
+    def _close(self) -> None:
+        self._sink.abort()
 
     def _flush(self) -> None:
         self._check_present()
@@ -122,7 +128,7 @@ class TlogRecorder(Guard):
         self._attempt(self._finish)
         return None if self.failure else self._path
 
-    def abort(self) -> None:
+    def _close(self) -> None:
         """Close under the unfinished name: what was recorded stays."""
         with contextlib.suppress(OSError):  # what it could not write has been said already
             self._stream.close()

@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError
 from yawid.estimation.machine.runner import RUNNER
 from yawid.results.run_summary import LiveFacts
+from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
@@ -219,6 +221,9 @@ class _Loop:
         hz = options.request_hz
         self._rates = None if hz is None else RateRequests(tap, hz, setting.read_options)
         self._publish = publish
+        self._publishing = Bulkhead("publishing", "nothing more is published", self._tell)
+        self._asking = Bulkhead("asking for rates", "nothing more is asked", self._tell)
+        self._drawing = Bulkhead("the screen", "lines take its place", self._tell)
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until asked to stop, the time is up, or the endpoint fails."""
@@ -233,7 +238,8 @@ class _Loop:
             self._sessions.tick()
             self._watch()
             if self._publish is not None:
-                for line in self._publish.tick(self._sessions.running(), time.monotonic()):
+                publish = partial(self._publish.tick, self._sessions.running(), time.monotonic())
+                for line in self._publishing.attempt(publish, []):
                     self._tell(line)
             stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
@@ -245,9 +251,16 @@ class _Loop:
         """Show where the sessions stand: as a line, or on the screen."""
         begun_s = time.monotonic()
         line = self._sessions.line(self._dropped()) or "no vehicle yet"
-        if not self._console.draws:
+        if self._console.failure is not None:
+            self._drawing.give_up(self._console.failure)
+        if self._console.draws and self._drawing.failure is None:
+            self._drawing.attempt(lambda: self._draw(line, begun_s), None)
+            if self._drawing.failure is not None:
+                self._console.close()
+        else:
             self._console.show(line)
-            return
+
+    def _draw(self, line: str, begun_s: float) -> None:
         now_us, last_us = self._tap.stamps.now(), self._tap.inbox.last_us
         facts = ScreenFacts(
             endpoint=str(self._tap.endpoint),
@@ -267,6 +280,8 @@ class _Loop:
             self._tell(line)
         if self._tap.inbox.dropped or self._tap.socket_dropped:
             self._tell(f"not everything could be taken: {self._dropped()} dropped here")
+        parts = (self._publishing, self._asking, self._drawing)
+        failed = [part for part in parts if part.failure is not None]
         dropped = {"queue": self._tap.inbox.dropped, "socket": self._tap.socket_dropped}
         live = LiveFacts(
             datagrams=self._tap.inbox.received,
@@ -275,10 +290,15 @@ class _Loop:
             dropped={name: count for name, count in dropped.items() if count is not None},
             events=self._events,
             rates=None if self._rates is None else self._rates.summary(),
+            failed=[part.failure for part in failed if part.failure is not None],
         )
         ended = self._sessions.finish(live)
-        if self._has_failed:
-            ended = [e._replace(exit_code=INPUT_OR_OUTPUT_FAILED) for e in ended]
+        if self._has_failed or failed:
+            least = INPUT_OR_OUTPUT_FAILED
+            ended = [e._replace(exit_code=max(e.exit_code, least)) for e in ended]
+        if failed:
+            names, code = ", ".join(part.what for part in failed), max(e.exit_code for e in ended)
+            self._console.say(f"failed in this session: {names}; exit code {code}")
         return ended
 
     def _feed(self, timeout_s: float) -> bool:
@@ -294,7 +314,7 @@ class _Loop:
         if data:
             self._sessions.feed(data)
             if self._rates is not None:
-                self._rates.feed(data, self._vehicle())
+                self._asking.attempt(partial(self._rates.feed, data, self._vehicle()), None)
         return bool(data)
 
     def _keep_apart(self, busy_s: float) -> None:
@@ -321,7 +341,8 @@ class _Loop:
         for line in self._overload.lines():
             self._tell(line)
         if self._rates is not None:
-            for line in self._rates.tick(time.monotonic(), self._vehicle()):
+            ask = partial(self._rates.tick, time.monotonic(), self._vehicle())
+            for line in self._asking.attempt(ask, []):
                 self._tell(line)
 
     def _tell(self, text: str) -> None:

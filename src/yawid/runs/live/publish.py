@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from yawid.results.run_summary import DutchRoll, Manoeuvre
 from yawid.runs.live.running_answer import Answer, RunningAnswer
@@ -59,17 +60,21 @@ class Publish:
         }
         for vehicle, session in speaking.items():
             known = self._known.setdefault(vehicle, Published(self._worker))
-            self._tell_manoeuvres(vehicle[0], session, known)
+            tell = partial(self._tell_manoeuvres, vehicle[0], session, known)
+            session.publishing.attempt(tell, None)
         if speaking:
             self._say_how_many(len(speaking))
             turn = min(speaking, key=lambda vehicle: self._known[vehicle].round_s)
-            self._send_round(turn, speaking[turn], now_s)
+            send = partial(self._send_round, turn, speaking[turn], now_s)
+            speaking[turn].publishing.attempt(send, None)
         self._publisher.send_texts(now_s)
         news = self._publisher.news
         return [news.popleft() for _ in range(len(news))]
 
     def _may_speak(self, vehicle: tuple[int, int], session: LiveSession) -> bool:
-        """Return whether the vehicle is there and our component's number is not its own."""
+        """Return whether there is something to say, the vehicle is there and not our component."""
+        if session.publishing.failure is not None or not session.is_estimated:
+            return False
         if vehicle[1] == self._publisher.compid:
             if vehicle not in self._refused:
                 self._refused.add(vehicle)

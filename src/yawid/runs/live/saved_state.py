@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import asdict
-from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from yawid.errors import ConfigError, SinkError
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
+from yawid.runs.live.bulkhead import cause_of
 from yawid.sinks.base import Pace
 from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
 
@@ -88,23 +88,28 @@ class StateFile:
             self._attempt(self._writing.result)
             self._writing = None
         if pipeline.bank is not None and self.failure is None and self._pace.due():
-            self._writing = worker.submit(self._write, self._content(pipeline))
+            self._attempt(lambda: self._begin(pipeline, worker))
 
     def save(self, pipeline: Pipeline) -> None:
         """Save now, if there is anything."""
         if self._writing is not None:
             self._attempt(self._writing.result)
         if pipeline.bank is not None:
-            self._attempt(partial(self._write, self._content(pipeline)))
+            self._attempt(lambda: self._write(self._content(pipeline)))
 
     def _attempt(self, act: Callable[[], None]) -> None:
         """Do it, unless there was a failure before; a failure is said one time."""
         if self.failure is None:
             try:
                 act()
-            except SinkError as error:
-                self.failure = str(error)
+            except Exception as error:
+                self.failure = cause_of(error)
+                if not isinstance(error, SinkError):
+                    self.failure = f"the state failed because of {self.failure}"
                 self._tell(f"{self.failure}: the state is not kept")
+
+    def _begin(self, pipeline: Pipeline, worker: Executor) -> None:
+        self._writing = worker.submit(self._write, self._content(pipeline))
 
     def _content(self, pipeline: Pipeline) -> bytes:
         """Return the file as it is to be now; the pipeline has a bank."""

@@ -4,37 +4,52 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
 from yawid.channels.stage import WANTED
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.config.run import RunConfig
-from yawid.errors import SinkError
+from yawid.errors import ConfigError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import Verdict
+from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import LiveFacts, Manoeuvre, RunSummary
 from yawid.results.summary import summarise
+from yawid.runs.live.bulkhead import Bulkhead, cause_of
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import DiskBeside, Worker
-from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of
+from yawid.runs.outputs import (
+    Outputs,
+    finish,
+    open_mcap,
+    open_rerun,
+    parameters_of,
+    refused,
+)
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.open_log import ReadOptions
 
-INPUT_OR_OUTPUT_FAILED = 6
+INPUT_OR_OUTPUT_FAILED, UNFORESEEN = 6, 70
 MOST_EVENTS = 100
 
 
+FAILED = "estimation or status failed"
+_T = TypeVar("_T")
+
+
 class Ended(NamedTuple):
-    """What a session came to: summary, verdict, and the exit code, 6 where an output failed."""
+    """What a session came to: summary, verdict, and the exit code.
+
+    That is 70 where the estimation failed, 6 where an output did, else the verdict's.
+    """
 
     summary: RunSummary
     verdict: Verdict
@@ -60,6 +75,9 @@ class Setting(NamedTuple):
 class LiveSession:
     """Records, estimates and shows one vehicle; ``label`` names it where there are several.
 
+    Each of these may fail by itself; what is recorded goes on in any case. ``publishing`` is the
+    part in which others publish of the session.
+
     Raises:
         ConfigError: the state to resume from does not fit.
         SinkError: it could not be written.
@@ -67,7 +85,8 @@ class LiveSession:
 
     def __init__(self, setting: Setting, label: str = "") -> None:
         self.events: list[str] = []
-        self.failures: list[str] = []
+        self.failures: dict[str, str] = {}
+        """Why a part could not be had from the start, by its name."""
         self.latency = Latency()
         self._setting = setting
         self._label = label
@@ -88,12 +107,22 @@ class LiveSession:
         self._standing = Standing()
         # Of several vehicles nobody has the streams judged while they fly.
         self._gatherer = Gatherer(None if label else setting.fits)
+        self._estimating = Bulkhead(
+            "the estimation", "no longer estimated, recorded as before", self.tell, self._misfit
+        )
+        self._showing = Bulkhead("the status", "no longer shown", self.tell)
+        self.publishing = Bulkhead("publishing", "nothing more of it is published", self.tell)
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
         """The (sysid, compid) that is estimated, once known."""
         found = self.pipeline.channels.lock.vehicle
         return None if found is None else (found.sysid, found.compid)
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether the estimation has not failed."""
+        return self._estimating.failure is None
 
     def tell(self, text: str) -> None:
         """Say a line, and keep it for the summary."""
@@ -117,6 +146,9 @@ class LiveSession:
 
     def estimate(self, data: bytes) -> None:
         """Estimate what was recorded."""
+        self._estimating.attempt(lambda: self._estimate(data), None)
+
+    def _estimate(self, data: bytes) -> None:
         before = self.pipeline.samples
         self.pipeline.feed(self.decoder.feed(data))
         newest = self.pipeline.newest
@@ -128,11 +160,15 @@ class LiveSession:
         """Bring out what is complete; made to be called several times a second."""
         if self._tlog is not None:
             self._tlog.look()
-        self._tell_of(self.pipeline.collect())
+        self._estimating.attempt(self._look, None)
         for sink in self._sinks:
             sink.flush()
-        if self._state is not None:
+        if self._state is not None and self.is_estimated:
             self._state.tick(self.pipeline, self._setting.disk.worker)
+
+    def _look(self) -> None:
+        """Say what is new of manoeuvres and senders."""
+        self._tell_of(self.pipeline.collect())
         if self._setting.config.sysid is None:
             self._look_for_others()
         if not self._signing_said:
@@ -140,38 +176,58 @@ class LiveSession:
 
     def settle(self) -> None:
         """Estimate all there is, what was held back for want of more too."""
+        self._estimating.attempt(self._settle, None)
+
+    def _settle(self) -> None:
         self.pipeline.feed(self.decoder.finish())
         self._tell_of(self.pipeline.finish())
+        if not self._signing_said:
+            self._look_for_signatures()
 
     def stopped(self) -> bool:
         """Whether samples have stopped since this was last asked: the line is due at once."""
-        return self._standing.stopped(self.pipeline, self._setting.reached_us())
+        return self._shown(
+            lambda: self._standing.stopped(self.pipeline, self._setting.reached_us()), False
+        )
 
     def line(self, dropped: str) -> str:
         """Return one line on where the session stands; ``dropped`` is what the tap had to drop."""
         now_us = self._setting.reached_us()
-        stands = self._standing.line(self.pipeline, self.decoder.link, now_us, dropped)
+        stands = self._shown(
+            lambda: self._standing.line(self.pipeline, self.decoder.link, now_us, dropped),
+            f"{FAILED}, dropped {dropped}",
+        )
         return f"{self._label}{stands}"
 
     def facts(self, *, closely: bool = True) -> VehicleFacts:
         """Return what a screen shows of the session, ``closely`` with the rudder's movement."""
+        vehicle = self.vehicle or (0, 0)
+        name = f"{vehicle[0]}/{vehicle[1]}" if self.vehicle else ""
+        failed = VehicleFacts(vehicle[0], name, quiet=FAILED, state=FAILED)
+        return self._shown(lambda: self._facts(closely=closely), failed)
+
+    def _facts(self, *, closely: bool) -> VehicleFacts:
         quiet = self._standing.quiet(self.pipeline, self._setting.reached_us())
         return self._gatherer.facts(self.pipeline, self.decoder.link, quiet, closely=closely)
 
     def word(self) -> str:
         """Return one word or two on where the session stands."""
-        return self._standing.word(self.pipeline, self._setting.reached_us())
+        return self._shown(
+            lambda: self._standing.word(self.pipeline, self._setting.reached_us()), FAILED
+        )
+
+    def _shown(self, act: Callable[[], _T], failed: _T) -> _T:
+        """Return what shows the session, or that it failed: no number of before stands for now."""
+        return self._showing.attempt(act, failed) if self.is_estimated else failed
 
     def finish(self, live: LiveFacts) -> Ended:
         """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""
-        if not self._signing_said:
-            self._look_for_signatures()
-        if self._state is not None:
+        if self._state is not None and self.is_estimated:
             self._state.save(self.pipeline)
         tlog = None if self._tlog is None else self._tlog.finish()
         log = self._setting.endpoint if tlog is None else str(tlog)
-        sha256, path = self._sha256.hexdigest(), self._setting.outputs.path
-        summary, verdict = summarise(self.pipeline, self.decoder.link, log, sha256)
+        path = self._setting.outputs.path
+        summary, verdict = self._summarise(log)
         summary = msgspec.structs.replace(summary, live=self._own(live))
         files = {n: str(path(f".{n}")) for n, g in self._guards.items() if g.failure is None}
         files |= {} if tlog is None else {"tlog": str(tlog)}
@@ -180,9 +236,29 @@ class LiveSession:
         failed = {n for n, guard in self._guards.items() if guard.failure is not None}
         files = {name: path for name, path in files.items() if name not in failed}
         summary = msgspec.structs.replace(summary, files=files, live=self._own(live))
-        return Ended(
-            summary, verdict, INPUT_OR_OUTPUT_FAILED if self._failed() else verdict.exit_code
-        )
+        code = INPUT_OR_OUTPUT_FAILED if self._failed() else verdict.exit_code
+        code = code if self.is_estimated else UNFORESEEN
+        if self._failed():
+            names = ", ".join(self._failed())
+            self._setting.say(f"{self._label}failed in this session: {names}; exit code {code}")
+        return Ended(summary, verdict, code)
+
+    def _summarise(self, log: str) -> tuple[RunSummary, Verdict]:
+        """Summarise all that was estimated; after a failure as far as that can be had."""
+        sha256 = self._sha256.hexdigest()
+        channels_alone, nothing = Pipeline(self.pipeline.config), Pipeline(self.pipeline.config)
+        channels_alone.channels = self.pipeline.channels
+        for pipeline in (self.pipeline, channels_alone, nothing):
+            try:
+                summary, verdict = summarise(pipeline, self.decoder.link, log, sha256)
+                summary.to_json()  # the files are made of it
+                break
+            except Exception as error:
+                self._estimating.give_up(error)
+        if self._estimating.failure is None:
+            return summary, verdict
+        text = f"{self._estimating.failure}: what came afterwards is in no estimate"
+        return refused(summary, verdict, Reason("interrupted", text))
 
     def abort(self) -> None:
         """Close what is open under its unfinished name: what was recorded stays."""
@@ -211,8 +287,8 @@ class LiveSession:
         if outputs.record:
             try:
                 self._tlog = TlogRecorder(outputs.path(".tlog"), self.tell, force=outputs.force)
-            except SinkError as error:
-                self._go_on_without(error)
+            except Exception as error:
+                self._go_on_without("tlog", error)
 
     def _look_for_others(self) -> None:
         """Say of every further vehicle, one time, that it is not estimated."""
@@ -241,15 +317,15 @@ class LiveSession:
         part = self._setting.outputs.path(f".{name}.part")
         try:
             guarded = Guarded(make(), part, self.tell)
-        except SinkError as error:
-            self._go_on_without(error)
+        except Exception as error:
+            self._go_on_without(name, error)
             return
         self._guards[name] = guarded
         self._sinks.insert(0, guarded)
 
-    def _go_on_without(self, error: SinkError) -> None:
-        self.failures.append(str(error))
-        self.tell(f"{error}: the session goes on without it")
+    def _go_on_without(self, name: str, error: Exception) -> None:
+        self.failures[name] = cause_of(error)
+        self.tell(f"{self.failures[name]}: the session goes on without it")
 
     def _open_viewer(self) -> Viewer | None:
         outputs, viewers = self._setting.outputs, self._setting.viewers
@@ -265,16 +341,27 @@ class LiveSession:
             self._state.resume(bank, self.pipeline.channels)
         return bank
 
-    def _failed(self) -> list[str]:
-        watched = [*self._guards.values(), self._tlog, self._state]
-        return self.failures + [w.failure for w in watched if w is not None and w.failure]
+    def _misfit(self, error: Exception) -> bool:
+        """Whether what was asked for does not fit the link, which shows before any sample."""
+        return isinstance(error, ConfigError) and self.pipeline.bank is None
+
+    def _failed(self) -> dict[str, str]:
+        """Return why each part failed that did, by its name."""
+        viewing = None if self._viewer is None else self._viewer.working
+        parts = {
+            "estimation": self._estimating, **self._guards, "tlog": self._tlog,
+            "state": self._state, "viewer": viewing, "status": self._showing,
+            "publishing": self.publishing,
+        }  # fmt: skip
+        found = {name: part.failure for name, part in parts.items() if part is not None}
+        return self.failures | {name: why for name, why in found.items() if why is not None}
 
     def _own(self, live: LiveFacts) -> LiveFacts:
         """Add what is this session's own to what the tap says."""
         return msgspec.structs.replace(
             live,
             events=[*live.events, *self.events],
-            failed=self._failed(),
+            failed=[*(live.failed or []), *self._failed().values()],
             latency_ms=self.latency.summary() if self.latency.count else None,
             viewer_skipped=None if self._viewer is None else self._viewer.skipped,
         )

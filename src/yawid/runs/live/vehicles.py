@@ -7,8 +7,9 @@ from dataclasses import replace
 from functools import partial
 
 from yawid.channels.vehicle import NOT_A_VEHICLE
-from yawid.errors import ConfigError, SinkError
+from yawid.errors import ConfigError
 from yawid.results.run_summary import LiveFacts
+from yawid.runs.live.bulkhead import cause_of
 from yawid.runs.live.saved_state import check_states
 from yawid.runs.live.standing import SILENT
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
@@ -165,10 +166,10 @@ class Fleet:
         """Open a session; a state that has gone bad since the start costs no more than itself."""
         try:
             self._sessions[sysid] = for_vehicle(self._setting, sysid)
-        except (ConfigError, SinkError) as error:
+        except Exception as error:
             session = for_vehicle(self._setting._replace(state=None), sysid)
-            session.failures.append(str(error))
-            session.tell(f"{error}: estimated from the start, the state is not kept")
+            session.failures["state"] = cause_of(error)
+            session.tell(f"{cause_of(error)}: estimated from the start, the state is not kept")
             self._sessions[sysid] = session
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:

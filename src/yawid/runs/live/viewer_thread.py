@@ -5,6 +5,7 @@ from concurrent.futures import Executor, Future, wait
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.results.run_summary import Manoeuvre, RunSummary
+from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 
 WAITING = 512
@@ -21,7 +22,8 @@ class Viewer:
 
     ``connect`` returns a new sink and calls its argument with one line when the viewer is lost,
     then or later. ``skipped`` counts the samples that were not shown. The first connection is made
-    here and now, so that what it has to load is loaded before the socket opens.
+    here and now, so that what it has to load is loaded before the socket opens. A viewer that is
+    gone is looked for again; ``working`` says whether showing failed otherwise, for good.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class Viewer:
         self._tell = tell
         self._lost = self._was_lost = False
         self._begin: Call | None = None
+        self.working = Bulkhead("the viewer", "the session goes on without it", tell)
         self._again = Pace(AGAIN_S)
         self._again.due()
         self._sink = connect(self._gone)
@@ -61,7 +64,7 @@ class Viewer:
             if self._lost:  # found out meanwhile
                 self._not_shown += len(samples)
 
-        if self._lost or not self._hand(show):
+        if self._lost or self.working.failure or not self._hand(show):
             self._not_taken += len(samples)
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
@@ -96,12 +99,13 @@ class Viewer:
         return self._worker.submit(self._run, call)
 
     def _run(self, call: Call) -> None:
-        try:
-            if self._lost and self._again.due():
-                self._seek()
-            call(self._sink)
-        finally:
-            self._done += 1
+        self.working.attempt(lambda: self._show(call), None)
+        self._done += 1
+
+    def _show(self, call: Call) -> None:
+        if self._lost and self._again.due():
+            self._seek()
+        call(self._sink)
 
     def _seek(self) -> None:
         self._lost = False

@@ -91,6 +91,12 @@ class LiveScreen(Console):
         super().close()
 
     def _run(self, facts: LiveFacts) -> None:
+        try:
+            self._draw_until_closed(facts)
+        except Exception as error:  # the session says so; a thread's own would be a traceback
+            self.failure = error
+
+    def _draw_until_closed(self, facts: LiveFacts) -> None:
         from rich.console import Console as RichConsole
         from rich.live import Live
 

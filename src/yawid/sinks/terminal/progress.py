@@ -101,6 +101,8 @@ class Console:
 
     draws = False
     """Whether it takes facts and draws a screen of them; else it takes a line."""
+    failure: Exception | None = None
+    """Why nothing can be drawn any more; lines are still said and shown."""
 
     def __init__(self, stream: TextIO, period_s: float | None = None) -> None:
         self._is_terminal = updates_in_place(stream)

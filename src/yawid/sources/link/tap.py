@@ -54,7 +54,7 @@ class Tap(ABC):
         self.pause_s = BATCH_S
         self._next_read_s = 0.0
         self._closing = threading.Event()
-        self._failure: OSError | None = None
+        self._failure: Exception | None = None
         self._open()
         self._thread = threading.Thread(target=self._run, name="yawid-tap", daemon=True)
         self._thread.start()
@@ -117,7 +117,8 @@ class Tap(ABC):
                 pairs.add((sysid_of(frame), address))
         self.news.extend(self.senders.observe(pairs, stamp))
         if not parts and self._failure is not None:
-            raise SourceError(f"{self.endpoint} failed: {self._failure}")
+            kind = "" if isinstance(self._failure, OSError) else f"{type(self._failure).__name__}: "
+            raise SourceError(f"{self.endpoint} failed: {kind}{self._failure}")
         return b"".join(parts)
 
     def transmit(self, frame: bytes, sysid: int) -> bool:
@@ -161,7 +162,7 @@ class Tap(ABC):
     def _run(self) -> None:
         try:
             self._receive()
-        except OSError as error:
+        except Exception as error:  # whoever reads is told; a thread's own would be a traceback
             self._failure = error
             self.inbox.wake()
 
