@@ -6,8 +6,8 @@ built: the sdist and the wheel hold what they must and nothing else, and what th
 answers outside of the clone, where there is no git, no compiler and no display. oldest: with the
 oldest libraries that pyproject.toml allows, the cases of replay_logs/ and some tests. newest: with
 the newest numba and llvmlite that it allows, which compile, and the tests of what they compiled.
-pythons: each newer Python that is on the PATH. aarch64: every library has a wheel for it. All of them
-without names; needs the package registry and some minutes.
+pythons: each newer Python that is on the PATH. aarch64: every library has a wheel for it. All of
+them without names; needs the package registry and some minutes.
 """
 
 from __future__ import annotations

@@ -166,9 +166,7 @@ class Runner:
             return
         self._is_hopeless = True
         # Without any handler logging writes this line to stderr.
-        logging.getLogger(__name__).warning(
-            "yawid: %s; the estimators run as plain Python, some %d times slower", why, TIMES_SLOWER
-        )
+        logging.getLogger(__name__).warning("yawid: %s", why)
 
     def _take(self, code: bytes) -> None:
         address, *loops = loaded(code, RUN, ONE_OVER_A, ADD_PRODUCTS)
@@ -223,5 +221,6 @@ def _why(error: Exception) -> str:
     text = f"{type(error).__name__}: {shown}".removesuffix(": ")
     return (
         f"the estimators cannot be compiled ({text}): "
+        f"they run as plain Python, some {TIMES_SLOWER} times slower; "
         "install numba and llvmlite as yawid requires them"
     )
