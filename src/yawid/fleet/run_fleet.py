@@ -18,6 +18,7 @@ from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, find_logs, own_bytes, sha256_of
 from yawid.fleet.journal import Journal, opened, peek
+from yawid.fleet.local import local_workers
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
@@ -134,9 +135,10 @@ def run_fleet(
         Interrupted: told to stop before a log was finished.
         SourceError: there is no log, or the data set cannot be read.
         SinkError: the data set cannot be written, or the scheduler is lost.
-        ConfigError: Dask is not installed.
+        ConfigError: a scheduler is asked for, and Dask is not installed.
     """
-    check_installed()
+    if run.scheduler is not None:
+        check_installed()
     with opened(run.out) as journal:
         with stop.raising():
             plan = plan_of(run, journal.known())
@@ -159,7 +161,8 @@ def _run(
 ) -> None:
     found = {log.path: log for log in plan.todo}
     own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
-    with workers_of(run.workers, run.scheduler) as workers:
+    address = run.scheduler
+    with local_workers(run.workers) if address is None else workers_of(address) as workers:
         progress.start_s = time.monotonic()
         with closing(workers.run(_tasks(run, plan.todo), stop)) as done:
             for ended in done:
