@@ -1,12 +1,13 @@
 """Install yawid as others do and replay a flight with it; tools/check.py --long runs this.
 
-    python tools/check_install.py [built oldest pythons aarch64]
+    python tools/check_install.py [built oldest newest pythons aarch64]
 
 built: the sdist and the wheel hold what they must and nothing else, and what the wheel installs
 answers outside of the clone, where there is no git, no compiler and no display. oldest: with the
-oldest libraries that pyproject.toml allows, the cases of replay_logs/ and some tests. pythons:
-each newer Python that is on the PATH. aarch64: every library has a wheel for it. All of them
-without names; needs the package registry and some minutes.
+oldest libraries that pyproject.toml allows, the cases of replay_logs/ and some tests. newest: with
+the newest numba and llvmlite that it allows, which compile, and the tests of what they compiled.
+pythons: each newer Python that is on the PATH. aarch64: every library has a wheel for it. All of
+them without names; needs the package registry and some minutes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import tarfile
 import tempfile
 import tomllib
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,6 +39,9 @@ TESTS = (
     "tests/cli/test_completion.py",
     "tests/report/test_report.py",
 )
+COMPILED = ("numba", "llvmlite")
+"""The libraries with an upper bound, which must fit each other."""
+OF_COMPILED = ("tests/estimation",)
 OLDEST = (3, 11)
 NEWER = ("3.12", "3.13")
 WHEELS_ONLY = "--only-binary=:all:"
@@ -45,7 +50,8 @@ AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aa
 
 def main() -> int:
     """Do the steps that were named; return 1 if one of them failed."""
-    steps = {"built": built, "oldest": oldest, "pythons": pythons, "aarch64": aarch64}
+    steps = {"built": built, "oldest": oldest, "newest": newest}
+    steps |= {"pythons": pythons, "aarch64": aarch64}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="*", metavar="STEP", help=f"{', '.join(steps)} (all)")
     names = parser.parse_args().steps or list(steps)
@@ -104,17 +110,54 @@ def oldest(wheel: Path, scratch: Path) -> str:
     install(python, wheel, "--constraint", constraints)
     clone = scratch / "clone"  # a case that fails leaves a picture beside it
     cases = run(python, "-m", "yawid", "regress", cwd=clone).count("    ok  ")
+    return f"{cases} cases as their references; {tested(python, scratch, TESTS)}"
+
+
+def newest(wheel: Path, scratch: Path) -> str:
+    """Install the newest numba and llvmlite allowed; compile, and run the tests of what they made.
+
+    It asks for the last minor version below each bound by its number: pip alone would take an older
+    pair that fits, and say nothing.
+    """
+    constraints = scratch / "newest.txt"
+    constraints.write_text("\n".join(newest_allowed()))
+    python = environment(scratch / "newest", sys.executable)
+    install(python, wheel, "--constraint", constraints)
+    compiled = run(python, "-m", "yawid", "warm", cwd=scratch)
+    assert compiled.startswith("compiled the estimators"), compiled
+    listed = json.loads(run(python, "-m", "pip", "list", "--format", "json"))
+    pair = ", ".join(f"{each['name']} {each['version']}" for each in listed
+                     if each["name"] in COMPILED)  # fmt: skip
+    return f"{pair}; {tested(python, scratch, OF_COMPILED)}"
+
+
+def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
+    """Run tests of the clone with the libraries of an environment; return pytest's last line."""
     run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
     options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long and not mutation"]
     options += ["-o", "filterwarnings="]  # old libraries with new ones below them do warn
-    last = run(python, "-m", "pytest", *options, *TESTS, cwd=clone).splitlines()[-1]
-    return f"{cases} cases as their references; {last}"
+    return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
+
+
+def required() -> list[str]:
+    """Return the requirements of pyproject.toml."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return list(project["dependencies"])
 
 
 def oldest_allowed() -> list[str]:
-    """Return the requirements of pyproject.toml, each at its lower bound."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return [each.replace(">=", "==") for each in project["dependencies"]]
+    """Return the requirements, each at its lower bound."""
+    return [re.sub(r">=([^,]+).*", r"==\1", each) for each in required()]
+
+
+def newest_allowed() -> list[str]:
+    """Return the requirements with an upper bound of 0.N, each at the version 0.(N - 1) before."""
+    found = []
+    for each in required():
+        if bound := re.fullmatch(r"([\w-]+).*<0\.(\d+)", each):
+            found.append(f"{bound[1]}==0.{int(bound[2]) - 1}.*")
+    assert [each.partition("=")[0] for each in found] == list(COMPILED), found
+    return found
 
 
 def pythons(wheel: Path, scratch: Path) -> str:

@@ -14,6 +14,7 @@ RESULTS = "tests/results/"
 FIND = "tests/manoeuvres/test_find.py::"
 FLIGHT = "tests/manoeuvres/test_flight.py::"
 STRUCTURES = RESULTS + "test_structures.py::"
+KEPT = "tests/estimation/test_kept_code.py::"
 RECORD = "tests/estimation/test_record_fit.py::"
 
 
@@ -367,5 +368,27 @@ DEFECTS = (
         "np.sqrt(np.mean(beyond**2) / n)",
         "tests/manoeuvres/test_pooled.py::"
         "test_what_noise_does_not_explain_is_in_common_and_weighs_nothing",
+    ),
+    Defect(
+        "machine code of another processor loaded",
+        "estimation/machine/kept.py",
+        "(python, processor(), _SETTLED",
+        "(python, _SETTLED",
+        KEPT + "test_each_processor_and_each_of_its_features_has_code_of_its_own",
+    ),
+    Defect(
+        "machine code loaded whoever wrote the file",
+        "estimation/machine/kept.py",
+        "is_safe = about.st_uid in (0, os.geteuid()) and not about.st_mode & _FOR_OTHERS",
+        "is_safe = True",
+        KEPT + "test_a_file_that_another_could_have_written_is_not_loaded_but_made_again",
+    ),
+    Defect(
+        "machine code loaded from a folder in one for all",
+        "estimation/machine/kept.py",
+        "for each in (folder, *folder.parents):\n        try:",
+        "for each in (folder,):\n        try:",
+        KEPT + "test_from_a_folder_that_another_can_write_to_nothing_is_loaded_"
+        "and_the_users_stands_for_it",
     ),
 )

@@ -3,8 +3,8 @@
     python tools/judge_fleet.py LOGS OUT [--workers 2] [--kill-every 30] [--share 0.1]
 
 LOGS is made by tools/fleet_logs.py. First some logs (``--share``) in one plain process and by the
-workers, in turns: throughput and memory; then all logs, while every so many seconds one worker or
-the process that replays for it is killed with -9; then all once more, which must touch nothing.
+workers, in turns: throughput and memory; then all logs, while every so many seconds one process
+that replays is killed with -9; then all once more, which must touch nothing.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LOOK_S: Final = 0.5
 
 @dataclass(slots=True)
 class Watched:
-    """What was seen of one run of ``yawid fleet``: seconds, MB of a worker with its child."""
+    """What was seen of one run of ``yawid fleet``: seconds, MB of a worker's process."""
 
     wall_s: float = 0.0
     worker_mb: float = 0.0
@@ -51,8 +51,8 @@ class Watched:
 
 
 def workers_of(main: psutil.Process) -> list[psutil.Process]:
-    """Return the worker processes of a run: those that have a child which replays."""
-    return [p.parent() for p in main.children(recursive=True) if "yawid.fleet.child" in p.cmdline()]
+    """Return the processes of a run that replay, one for each worker."""
+    return [p for p in main.children(recursive=True) if "yawid.fleet.child" in p.cmdline()]
 
 
 def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float = 0.0) -> Watched:
@@ -65,16 +65,11 @@ def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float
         time.sleep(LOOK_S)
         try:
             for worker in workers_of(main):
-                group = [worker, *worker.children()]
-                mb = sum(each.memory_info().rss for each in group) / 1e6
-                seen.worker_mb = max(seen.worker_mb, mb)
-                for each in group:
-                    seen.cpu_s[each.pid] = sum(each.cpu_times()[:2])
+                seen.worker_mb = max(seen.worker_mb, worker.memory_info().rss / 1e6)
+                seen.cpu_s[worker.pid] = sum(worker.cpu_times()[:2])
             if kill_every_s and time.perf_counter() > next_s:
                 next_s += kill_every_s
-                victim = workers_of(main)[seen.kills % workers]
-                # By turns the worker, and the process that replays for it.
-                (victim if seen.kills % 4 < 2 else victim.children()[0]).kill()
+                workers_of(main)[seen.kills % workers].kill()
                 seen.kills += 1
         except (psutil.Error, IndexError):
             continue  # it has ended, or is just starting again

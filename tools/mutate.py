@@ -5,8 +5,9 @@
 
 tests/test_mutations.py, marked ``mutation``, does the same for .ci/run. Each defect names one test
 that must fail; a run of it that ends otherwise than by failing has not caught it. Where the defect
-is in the kernel that runs as plain Python, which gives the same bits and need not be compiled for
-each; elsewhere it is compiled once for all of them, without which the fits take minutes.
+is in the kernel, or in what compiles it, that runs as plain Python, which gives the same bits and
+need not be compiled for each; elsewhere it is compiled once for all of them, without which the fits
+take minutes.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from defects import DEFECTS, Defect
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = ("src", "tests", "tools", "replay_logs")
-KERNEL = "estimation/kernel/"
+PLAIN = ("estimation/kernel/", "estimation/machine/")
 TIMEOUT_S = 300
 # The first counterexample will do: shrinking it costs minutes.
 CONFTEST = """
@@ -51,7 +52,7 @@ class Copy:
     def run_all(self, defects: Sequence[Defect]) -> tuple[int, str]:
         """Run their tests without a defect, each as it hunts one; return as :meth:`run` does."""
         for plain in (False, True):
-            tests = {each.test for each in defects if each.file.startswith(KERNEL) == plain}
+            tests = {each.test for each in defects if each.file.startswith(PLAIN) == plain}
             code, told = self.run(*sorted(tests), plain=plain) if tests else (0, "")
             if code != 0:
                 break
@@ -87,7 +88,7 @@ class Copy:
         try:
             text = path.read_text(encoding="utf-8")
             path.write_text(text.replace(defect.old, defect.new), encoding="utf-8")
-            return self.run(defect.test, plain=defect.file.startswith(KERNEL))[0] == 1
+            return self.run(defect.test, plain=defect.file.startswith(PLAIN))[0] == 1
         except subprocess.TimeoutExpired:
             return False
         finally:

@@ -43,6 +43,10 @@ class SinkError(YawidError):
     """A file or viewer that cannot be written."""
 
 
+class CompilerError(YawidError):
+    """The estimators cannot be compiled here; they run as plain Python."""
+
+
 class NotIdentifiable(YawidError):  # noqa: N818 it names a finding, not a fault
     """A record that cannot answer: not of the form asked for, or showing too little of it."""
 

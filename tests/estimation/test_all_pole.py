@@ -13,7 +13,8 @@ from scipy.signal import lfilter, lfiltic
 from scipy.special import gammaincc
 
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.machine.loops import over_a
+from yawid.estimation.machine.object_code import ONE_OVER_A
+from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.products import cross
 from yawid.estimation.whiteness import chi_square_tail
 
@@ -21,7 +22,7 @@ lengths = st.sampled_from([0, 1, 2, 63, 400])
 poles = st.lists(st.floats(-0.99, 0.99), max_size=4)
 
 
-@settings(deadline=None)  # the first call may have to compile
+@settings(deadline=None)  # the first call has to load the code
 @given(poles=poles, n=lengths, seed=st.integers(0, 2**32 - 1))
 def test_all_pole_is_scipys_recursion(poles, n, seed):
     rng = np.random.default_rng(seed)
@@ -43,7 +44,6 @@ def test_what_is_not_stable_overflows_without_a_warning():
 
 def test_a_long_record_is_filtered_beside_other_threads():
     drive, times, is_over = np.ones(10_000_000), [0], threading.Event()
-    all_pole(np.array([-0.5]), drive[:10], np.zeros(1))  # loaded by now
 
     def count() -> None:
         while not is_over.wait(0.001):
@@ -51,14 +51,30 @@ def test_a_long_record_is_filtered_beside_other_threads():
 
     other = threading.Thread(target=count)
     other.start()
-    x = np.concatenate([np.zeros(1), drive])[:, None]
+    x = drive[:, None]
     before = times[0]
-    over_a(np.array([-0.5]), x)
+    loop = RUNNER.loop(ONE_OVER_A)
+    assert loop is not None
+    loop(np.array([-0.5]), np.zeros((1, 1)), x)
     counted = times[0] - before
     is_over.set()
     other.join()
     assert x[-1, 0] == 2.0
     assert counted > 3
+
+
+@settings(deadline=None)
+@given(poles=poles.filter(bool), n=lengths, width=st.integers(1, 12), seed=st.integers(0, 2**32))
+def test_a_fit_without_compiled_code_gives_the_same_bits(poles, n, width, seed):
+    rng = np.random.default_rng(seed)
+    a, drive = np.poly(poles)[1:], rng.normal(size=(n, width))
+    past, other = rng.normal(size=(len(a), width)), rng.normal(size=(n, 3))
+    compiled = all_pole(a, drive, past), cross(drive, other), cross(drive[:, :1], other[:, 0])
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(RUNNER, "loop", lambda _: None)
+        plain = all_pole(a, drive, past), cross(drive, other), cross(drive[:, :1], other[:, 0])
+    for one, same in zip(compiled, plain, strict=True):
+        assert np.array_equal(one, same)
 
 
 def test_each_column_is_filtered_by_itself_and_none_is_modified():

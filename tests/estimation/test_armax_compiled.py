@@ -125,16 +125,58 @@ def test_a_process_that_interprets_for_long_compiles_and_keeps_it(tmp_path, monk
     assert kept.find(RUN) == compiled_code
 
 
-def test_a_numba_that_cannot_compile_leaves_plain_python_at_work(tmp_path, monkeypatch):
-    expected = run(CONFIGS[0], 100)
+def test_a_numba_that_cannot_compile_is_told_once_and_leaves_plain_python_at_work(
+    tmp_path, monkeypatch, caplog
+):
+    expected, tried = run(CONFIGS[0], 100), []
     runner = interpreting(monkeypatch, tmp_path)
 
     def fail() -> bytes:
-        raise RuntimeError("no such instruction")
+        tried.append("again")
+        raise RuntimeError("no such \x1b[31minstruction\nand much more")
 
     without_patience(monkeypatch, fail)
+    assert run(CONFIGS[0], *range(20, 400, 20)) == run(CONFIGS[0], *range(20, 400, 20))
     assert run(CONFIGS[0], 100) == expected
     assert not runner.is_compiled()
+    assert len(tried) == 1
+    [line] = caplog.messages
+    assert line.startswith("yawid: the estimators cannot be compiled (RuntimeError: no such ?[31m")
+    assert "50 times slower" in line
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize("is_behind", [False, True])
+def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behind):
+    broken = tmp_path / "numba"
+    broken.mkdir()
+    count = tmp_path / "imports"
+    (broken / "__init__.py").write_text(
+        f"open({str(count)!r}, 'a').write('x')\nraise ImportError('Numba needs an older NumPy')\n"
+    )
+    program = (
+        "import time, numpy as np\n"
+        "from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax\n"
+        "from yawid.estimation.machine import runner\n"
+        "runner.LOOK_S = 0.0\n"
+        f"if {is_behind}:\n"
+        "    assert runner.RUNNER.compile_behind()\n"
+        "    runner.RUNNER._child.wait(30)\n"
+        "else: runner.PATIENCE_S = 0.0\n"
+        "config = EstimatorConfig(orders=ArmaxOrders(2, 2, 1, 1), sample_time_s=0.05)\n"
+        "estimator = RecursiveArmax(config)\n"
+        "for _ in range(5): estimator.run(*np.random.default_rng(0).standard_normal((2, 50)))"
+    )
+    paths = os.pathsep.join([str(tmp_path), str(SOURCE)])
+    environment = {"PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(tmp_path / "none")}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | environment,
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    [line] = done.stderr.splitlines()
+    assert "cannot be compiled (ImportError: Numba needs an older NumPy)" in line
+    assert "50 times slower" in line
+    assert count.read_text() == "x"
 
 
 def test_a_folder_that_cannot_be_written_to_harms_nothing_and_warm_says_what_to_do(

@@ -235,8 +235,10 @@ def test_without_dask_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "distributed", None)
     out = tmp_path / "data"
 
-    assert main(["fleet", str(REPLAY_LOGS / "no_rudder"), "--out", str(out)]) == 2
-    told = "yawid: yawid fleet needs Dask: pip install 'yawid[fleet]'\n"
+    command = ["fleet", str(REPLAY_LOGS / "no_rudder"), "--out", str(out)]
+
+    assert main([*command, "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    told = "yawid: --scheduler needs Dask: pip install 'yawid[fleet]'\n"
     assert capsys.readouterr().err == told
     assert not out.exists()
 

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import re
+from importlib.metadata import version
 
-from check_install import DATA, oldest_allowed
+from check_install import DATA, newest_allowed, oldest_allowed
 from places import SRC
 
 
 def test_every_library_has_a_lower_bound_that_can_be_tried():
     assert [each for each in oldest_allowed() if not re.fullmatch(r"[\w-]+==\d[\d.]*", each)] == []
+
+
+def test_numba_and_its_llvmlite_have_upper_bounds_and_the_newest_pair_is_the_one_tested_here():
+    here = [f"{name}=={version(name).rpartition('.')[0]}.*" for name in ("numba", "llvmlite")]
+    assert newest_allowed() == here
 
 
 def test_what_the_package_holds_besides_modules_is_known_and_packed():

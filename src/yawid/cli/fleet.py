@@ -27,7 +27,7 @@ def add_fleet(commands: Any) -> None:
     """Add the command to the parser's."""
     fleet = add_command(
         commands, "fleet", "PATH... --out DATASET",
-        "replay thousands of logs into one data set (extra fleet)",
+        "replay thousands of logs into one data set (extra fleet: URLs, Dask)",
         "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
     )  # fmt: skip
     fleet.add_argument(

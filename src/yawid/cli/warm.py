@@ -18,7 +18,7 @@ def add_warm(commands: Any) -> None:
 
 
 def _warm(_: argparse.Namespace) -> int:
-    from yawid.estimation.machine.kept import folders
+    from yawid.estimation.machine.kept import folders, passed_by
     from yawid.estimation.machine.runner import RUNNER, is_plain
 
     if is_plain():
@@ -29,11 +29,14 @@ def _warm(_: argparse.Namespace) -> int:
         return 0
     start = time.perf_counter()
     folder = RUNNER.compile()
+    why = passed_by()
     if folder is None:
-        tried = ", ".join(map(str, folders()))
+        tried = ", ".join(map(str, folders())) or "none"
         raise SinkError(
-            f"compiled code cannot be kept, no folder can be written to: {tried}; "
-            "set NUMBA_CACHE_DIR to one that can"
+            f"compiled code cannot be kept: {why + '; ' if why else ''}no folder can be written to "
+            f"(tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
         )
     print(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
+    if why:
+        print(why)
     return 0

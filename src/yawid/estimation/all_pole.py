@@ -3,7 +3,8 @@
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.machine.loops import over_a
+from yawid.estimation.machine.object_code import ONE_OVER_A
+from yawid.estimation.machine.runner import RUNNER
 
 
 def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
@@ -12,6 +13,18 @@ def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
     ``a`` (na,) without its leading 1, ``drive`` (n,) or (n, m), ``past`` (na,) or (na, m) the x
     before, newest first. A filter that is not stable overflows to values that are not finite.
     """
-    x = np.concatenate([past[::-1], drive])
-    over_a(np.ascontiguousarray(a), x[:, None] if x.ndim == 1 else x)
-    return x[len(past) :]
+    x = np.array(drive, dtype=np.float64, order="C", ndmin=1)
+    if not (len(a) and x.size):
+        return x
+    wide, before = (x, past) if x.ndim == 2 else (x[:, None], past[:, None])
+    delays = np.zeros((len(a), wide.shape[1]))
+    for i in range(len(a)):
+        for j in range(i, len(a)):
+            delays[i] -= a[j] * before[j - i]
+    if (loop := RUNNER.loop(ONE_OVER_A)) is not None:
+        loop(np.ascontiguousarray(a), delays, wide)
+        return x
+    from scipy.signal import lfilter  # its import takes as long as a short replay
+
+    found: Floats = lfilter([1.0], [1.0, *a], wide, axis=0, zi=delays)[0]
+    return found.reshape(x.shape)

@@ -7,14 +7,21 @@ for each other many times longer than one alone would need.
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.machine.loops import add_products
+from yawid.estimation.machine.object_code import ADD_PRODUCTS
+from yawid.estimation.machine.runner import RUNNER
 
 
 def cross(a: Floats, b: Floats) -> Floats:
     """Return a' b of a (n, m) and b (n, l) or (n,): (m, l) or (m,)."""
     wide = b[:, None] if b.ndim == 1 else b
     found = np.zeros((a.shape[1], wide.shape[1]))
-    add_products(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
+    if (loop := RUNNER.loop(ADD_PRODUCTS)) is not None:
+        loop(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
+    else:
+        # Of a single column einsum would sum every fourth row by itself.
+        twice = np.ascontiguousarray(np.repeat(wide, 2, axis=1) if found.size == 1 else wide)
+        sums = np.einsum("ki,kj->ij", np.ascontiguousarray(a), twice)
+        found[:] = sums[:, : found.shape[1]]
     return found[:, 0] if b.ndim == 1 else found
 
 

@@ -1,4 +1,4 @@
-"""Workers: those of this machine, or those of a Dask scheduler that somebody else runs.
+"""The workers of a Dask scheduler that somebody else runs.
 
 A worker that dies takes no log with it: Dask gives what it held to another one.
 """
@@ -6,24 +6,18 @@ A worker that dies takes no log with it: Dask gives what it held to another one.
 import importlib.util
 import logging
 import queue
-import signal
-import threading
 import time
 from asyncio import CancelledError
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from multiprocessing import resource_tracker
 from typing import Any, Final
 
 from yawid import __version__
 from yawid.errors import ConfigError, SinkError
-from yawid.fleet.worker import Task, about, warm, work
+from yawid.fleet.worker import POLL_S, QUEUED, Task, about, warm, work
 from yawid.runs.stop import StopFlag
 
-QUEUED: Final = 2
-"""Logs that a worker holds for each of its threads: one it replays, and one that waits."""
-POLL_S: Final = 0.1
 RESULT_S: Final = 10.0
 LOOK_S: Final = 1.0
 """How often the number of workers is asked for."""
@@ -135,72 +129,36 @@ def check_installed() -> None:
         ConfigError: it is not.
     """
     if importlib.util.find_spec("distributed") is None:
-        raise ConfigError("yawid fleet needs Dask: pip install 'yawid[fleet]'")
+        raise ConfigError("--scheduler needs Dask: pip install 'yawid[fleet]'")
 
 
 @contextmanager
-def workers_of(count: int | None, address: str | None) -> Iterator[Workers]:
-    """Start ``count`` workers on this machine, as many as it has cores, or use a scheduler's.
+def workers_of(address: str) -> Iterator[Workers]:
+    """Use the workers of the scheduler at an address.
 
     Raises:
-        SinkError: nobody answers at the address, or its workers have another yawid.
+        SinkError: nobody answers there, or its workers have another yawid.
     """
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     for name in list(logging.root.manager.loggerDict):
         if name.startswith("distributed"):  # what is to be said of it, this module says
             logging.getLogger(name).setLevel(logging.CRITICAL)
     settings = {
-        "distributed.worker.daemon": False,
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
         "distributed.client.scheduler-info-interval": "2s",
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
-        is_local = False
-        if address is None:
-            is_local = True
-            ready = threading.Thread(target=_warm_here)
-            ready.start()
-            resource_tracker.ensure_running()  # it would unblock the signal
-            try:
-                with _blocked(signal.SIGINT):
-                    cluster = stack.enter_context(
-                        LocalCluster(
-                            n_workers=count, threads_per_worker=1, processes=True,
-                            host="127.0.0.1", dashboard_address=":0",
-                            silence_logs=logging.CRITICAL, preload="yawid.fleet.worker",
-                        )
-                    )  # fmt: skip
-            except (RuntimeError, OSError) as error:
-                raise SinkError(f"the workers do not start: {error}") from error
-            address = cluster.scheduler_address
-            ready.join()
         try:
             client = Client(address, set_as_default=False, timeout=CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             text = f"no Dask scheduler answers at {address}"
             raise SinkError(f"{text}: {str(error) or type(error).__name__}") from error
         stack.enter_context(_closing(client))
-        if not is_local:
-            _make_ready(client)
+        _make_ready(client)
         yield Workers(client, address)
-
-
-@contextmanager
-def _blocked(number: signal.Signals) -> Iterator[None]:
-    """Have a signal wait, and the processes started meanwhile never see it: it is ours to heed."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {number})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
-
-
-def _warm_here() -> None:
-    with suppress(Exception):  # each process compiles for itself then
-        warm()
 
 
 @contextmanager
@@ -224,5 +182,5 @@ def _make_ready(client: Any) -> None:
                 f"the worker at {worker} has yawid {versions['yawid']}, here is {__version__}"
             )
     one_of = {worker.rpartition(":")[0]: worker for worker in found}
-    with suppress(Exception):  # as above
+    with suppress(Exception):  # the scheduler may be lost
         client.run(warm, workers=list(one_of.values()))

@@ -19,6 +19,7 @@ from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
 from yawid.fleet.journal import Journal, check_ours, opened, peek
+from yawid.fleet.local import local_workers
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
@@ -144,10 +145,11 @@ def run_fleet(
         Interrupted: told to stop before a log was finished.
         SourceError: there is no log, or one or the data set cannot be read.
         SinkError: the data set cannot be written, or the scheduler is lost.
-        ConfigError: Dask is not installed, or the data set's folder holds the logs or is held by
-            theirs.
+        ConfigError: a scheduler is asked for and Dask is not installed, or the data set's folder
+            holds the logs or is held by theirs.
     """
-    check_installed()
+    if run.scheduler is not None:
+        check_installed()
     with stop.raising():
         found = _found(run)
     with opened(run.out) as journal:
@@ -172,7 +174,8 @@ def _run(
 ) -> None:
     found = {log.path: log for log in plan.todo}
     own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
-    with workers_of(run.workers, run.scheduler) as workers:
+    address = run.scheduler
+    with local_workers(run.workers) if address is None else workers_of(address) as workers:
         progress.start_s = time.monotonic()
         with closing(workers.run(_tasks(run, plan.todo), stop)) as done:
             for ended in done:

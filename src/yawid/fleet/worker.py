@@ -1,9 +1,10 @@
-"""What runs in a Dask worker: it has a child process replay a log and watches it.
+"""What a worker does, here or in Dask: it has a child process replay a log and watches it.
 
 Nothing heavy is imported here: a worker is small beside its child.
 """
 
 import atexit
+import logging
 import os
 import pickle
 import signal
@@ -19,9 +20,12 @@ from typing import Any
 
 from yawid import __version__
 from yawid.dataset.values import failed
+from yawid.errors import YawidError
 
 MOST_DEATHS = 3
 """A log whose process was killed so often is to blame; fewer may be another's doing."""
+QUEUED, POLL_S = 2, 0.1
+"""Logs that a worker holds: one it replays, and one that waits; how often a result is asked for."""
 CRASHED, TIMEOUT = "crashed", "timeout"
 START_S, DYING_S = 300.0, 1.0
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -45,6 +49,7 @@ class Child:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._is_over = False
 
     def rows(self, task: Task) -> Any:
         """Return a log's rows by table; None: there is no such file on this machine.
@@ -52,7 +57,8 @@ class Child:
         Raises:
             RuntimeError: the process does not even start.
         """
-        for _ in range(MOST_DEATHS):
+        code = 0
+        for _ in range(0 if self._is_over else MOST_DEATHS):
             process = self._process or self._start()
             is_late = threading.Event()
             with (
@@ -63,6 +69,8 @@ class Child:
             if answer is not _DIED:
                 return answer
             code = self.close()
+            if self._is_over:
+                break
             if is_late.is_set():
                 text = f"no answer within {task.timeout_s:g} s: --timeout allows more"
                 return failed(TIMEOUT, text)
@@ -76,11 +84,19 @@ class Child:
             stderr=subprocess.DEVNULL,
             env={k: v for k, v in os.environ.items() if k != TRIMMED} | ONE_THREAD,
         )
+        if self._is_over:  # told so by another thread, before there was one to be killed
+            process.kill()
         with _killed_after(START_S, process, threading.Event()):
             answer = _told(process)
         if answer is _DIED:
             raise RuntimeError(f"python -m yawid.fleet.child {_how(self.close())}")
         return process
+
+    def end(self) -> None:
+        """Kill the process from another thread; its log is not answered, and no other is begun."""
+        self._is_over = True
+        if (process := self._process) is not None:
+            process.kill()
 
     def close(self) -> int:
         """End the process; return its exit code."""
@@ -141,11 +157,6 @@ def work(task: Task) -> Any:
     return child.rows(task)
 
 
-def dask_setup(_: object) -> None:
-    """Leave Ctrl-C, which a terminal sends to all its processes, to the one that can tell of it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def about() -> Mapping[str, str]:
     """Return what must be alike on all machines."""
     return {"yawid": __version__, "python": sys.version.split()[0]}
@@ -153,13 +164,15 @@ def about() -> Mapping[str, str]:
 
 @cache
 def warm() -> None:
-    """Make the compiled code of this machine, in a process of its own: workers stay small."""
-    subprocess.run(
-        [sys.executable, "-m", "yawid", "warm"],
-        check=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    """Make the compiled code of this machine, in a process of its own: workers stay small.
+
+    Where that cannot be, each child compiles for itself, or is slow; its one line says why.
+    """
+    command = [sys.executable, "-m", "yawid", "warm"]
+    pipe = subprocess.PIPE
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=pipe, text=True, check=False)
+    if done.returncode == YawidError.exit_code and (said := done.stderr.strip()):
+        logging.getLogger(__name__).warning("%s", said.splitlines()[-1])
 
 
 def _how(code: int) -> str:

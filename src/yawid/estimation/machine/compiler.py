@@ -1,9 +1,10 @@
-"""The recursion compiled by numba: the one file that imports it.
+"""The kernel compiled by numba: the one file that imports it.
 
 The kernel's functions are copied with other globals: what they call is compiled as well, and the
 state's header and parts are read in place. The result is an object that needs numba no more. Its
-one function is called as one of C that Python knows (METH_FASTCALL), for numba's own way from
-Python costs more than a sample.
+recursion is called as a function of C that Python knows (METH_FASTCALL), for numba's own way from
+Python costs more than a sample; its two loops over a record are called with the addresses of three
+arrays, and run without Python's lock.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -18,9 +19,9 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from yawid.estimation.kernel import entry_points, state
+from yawid.estimation.kernel import entry_points, records, state
 from yawid.estimation.kernel.marks import MARKS
-from yawid.estimation.machine.object_code import RUN, module_of, object_of
+from yawid.estimation.machine.object_code import ADD_PRODUCTS, ONE_OVER_A, RUN, module_of, object_of
 
 _WRAPPER = """
 declare i64 @PyLong_AsLongLong(ptr)
@@ -43,6 +44,15 @@ define ptr @yawid_run(ptr %self, ptr %arguments, i64 %count) {
   %done = load i64, ptr %result
   %told = call ptr @PyLong_FromLongLong(i64 %done)
   ret ptr %told
+}
+"""
+_LOOP = """
+declare i32 @LOOP_AT(ptr, ptr, i64, i64, i64)
+define void @NAME(i64 %a, i64 %b, i64 %c) {
+  %result = alloca ptr
+  %error = alloca ptr
+  %status = call i32 @LOOP_AT(ptr %result, ptr %error, i64 %a, i64 %b, i64 %c)
+  ret void
 }
 """
 OPTIONS: dict[str, Any] = {
@@ -163,24 +173,39 @@ class _Copies:
 
 
 def compiled() -> bytes:
-    """Return the object code of ``entry_points.run`` as a function of Python's called :data:`RUN`.
+    """Return the object code of ``entry_points.run`` as a function of Python's, and of the loops.
 
     Raises:
         RuntimeError: it would call what is not there without numba.
     """
     run = _Copies(header=_named, parts=_parts()).of(entry_points.run)
+    one_over_a, add_products = map(_Copies().of, (records.one_over_a, records.add_products))
     flat, rows = _array_at(1), _array_at(2)
 
     @numba.njit(types.int64(*[types.int64] * 5), **OPTIONS)
     def run_at(packed, u, y, out, first):
         return run(flat(packed), flat(u), flat(y), rows(out), first)
 
-    (signature,) = run_at.signatures
-    text = _COUNTING.sub(_UNCOUNTED, run_at.inspect_llvm(signature))
-    made: Any = run_at.overloads[signature]
-    wrapper = _WRAPPER.replace("RUN_AT", made.fndesc.mangled_name)
-    module = module_of(text, wrapper, kept=(RUN,))
+    @numba.njit(types.void(*[types.int64] * 3), **OPTIONS)
+    def one_over_a_at(a, delays, x):
+        one_over_a(flat(a), rows(delays), rows(x))
+
+    @numba.njit(types.void(*[types.int64] * 3), **OPTIONS)
+    def add_products_at(a, b, out):
+        add_products(rows(a), rows(b), rows(out))
+
+    texts = [*_text(run_at, _WRAPPER, "RUN_AT")]
+    for name, loop_at in ((ONE_OVER_A, one_over_a_at), (ADD_PRODUCTS, add_products_at)):
+        texts += _text(loop_at, _LOOP.replace("NAME", name), "LOOP_AT")
+    module = module_of(*texts, kept=(RUN, ONE_OVER_A, ADD_PRODUCTS))
     missing = {f.name for f in module.functions if f.is_declaration and not _KNOWN.match(f.name)}
     if missing:
         raise RuntimeError(f"the compiled recursion needs {', '.join(sorted(missing))}")
     return object_of(module)
+
+
+def _text(compiled_at: Any, wrapper: str, name: str) -> tuple[str, str]:
+    """Return a function in LLVM's language, and the wrapper that calls it by ``name``."""
+    (signature,) = compiled_at.signatures
+    text = _COUNTING.sub(_UNCOUNTED, compiled_at.inspect_llvm(signature))
+    return text, wrapper.replace(name, compiled_at.overloads[signature].fndesc.mangled_name)

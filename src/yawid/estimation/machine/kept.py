@@ -1,14 +1,19 @@
-"""Where machine code is kept between processes, and that only one makes it."""
+"""Where machine code is kept between processes, whose is trusted, and that only one makes it.
+
+Whoever can write the file can run what he likes as whoever loads it. So, as OpenSSH does with its
+keys, only a file of the user's or of root's counts that nobody else can change, in a folder of the
+same kind.
+"""
 
 import fcntl
 import hashlib
 import os
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TextIO
 
 from yawid import blocks
 from yawid.estimation import kernel
@@ -16,17 +21,84 @@ from yawid.estimation.machine.object_code import processor
 
 _DIGEST = hashlib.sha256().digest_size
 _SETTLED = (blocks.Y_HAT, blocks.INNOVATION, blocks.RESIDUAL, blocks.NOISE_STD, blocks.STATUS)
+_FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_NOT_FOLLOWED = os.O_NOFOLLOW | os.O_CLOEXEC
+_FOLDER, _OF_USER, _FILE, _LOCK = 0o755, 0o700, 0o644, 0o600
+"""Modes of what is made: others may load what root compiled, and need nothing of a user's own."""
 
 
 def folders() -> list[Path]:
-    """Return where it may be kept, first to last: NUMBA_CACHE_DIR alone, where that is set."""
-    if given := os.environ.get("NUMBA_CACHE_DIR"):
-        return [Path(given)]
-    beside = Path(__file__).parent / "__pycache__"
-    users = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    """Return the folders that can be trusted, first to last.
+
+    NUMBA_CACHE_DIR stands alone where it is set; where others can write to it, the user's own cache
+    stands for it.
+    """
+    first, is_given = _first()
+    if why_not(first) is not None:
+        return _of_user()
+    return [first] if is_given else [first, *_of_user()]
+
+
+def passed_by() -> str | None:
+    """Return in words why NUMBA_CACHE_DIR does not count; None where it does, or is not set."""
+    first, is_given = _first()
+    why = why_not(first) if is_given else None
+    return why and f"NUMBA_CACHE_DIR is passed by: {why}"
+
+
+def _first() -> tuple[Path, bool]:
+    """Return the folder that comes first, links resolved, and whether it was named."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    first = Path(given) if given else Path(__file__).parent / "__pycache__"
+    return Path(os.path.realpath(first)), bool(given)
+
+
+def _of_user() -> list[Path]:
     with suppress(RuntimeError):  # a user without a home
-        return [beside, users.expanduser() / "yawid"]
-    return [beside]
+        named = Path(os.environ.get("XDG_CACHE_HOME") or ".")
+        cache = named if named.is_absolute() else Path("~/.cache").expanduser()
+        folder = Path(os.path.realpath(cache / "yawid"))
+        if why_not(folder) is None:
+            return [folder]
+    return []
+
+
+def why_not(folder: Path) -> str | None:
+    """Return in words who else could change what lies in a folder (no link); None: nobody can."""
+    for each in (folder, *folder.parents):
+        try:
+            about = each.stat(follow_symlinks=False)
+        except (FileNotFoundError, NotADirectoryError):
+            continue  # it is still to be made, and looked at again then
+        except OSError as error:
+            return f"{each}: {error.strerror}"
+        if about.st_uid not in (0, os.geteuid()):
+            return f"{each} belongs to user {about.st_uid}"
+        # Where the sticky bit is set nobody renames what is another's.
+        if about.st_mode & _FOR_OTHERS and (each == folder or not about.st_mode & stat.S_ISVTX):
+            return f"{each} can be written to by others"
+    return None
+
+
+def _make(folder: Path) -> None:
+    """Make what is missing of the folder; raise OSError where it cannot be, or be trusted."""
+    mode = _OF_USER if folder in _of_user() else _FOLDER
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    for each in reversed(missing):
+        each.mkdir(mode, exist_ok=True)
+    if why := why_not(folder):
+        raise PermissionError(why)
+
+
+def _open(path: Path, flags: int, mode: int = 0) -> int:
+    """Open a regular file that nobody but the user and root can change; raise OSError of others."""
+    opened = os.open(path, flags | _NOT_FOLLOWED | os.O_NONBLOCK, mode)
+    about = os.fstat(opened)
+    is_safe = about.st_uid in (0, os.geteuid()) and not about.st_mode & _FOR_OTHERS
+    if not (stat.S_ISREG(about.st_mode) and is_safe):
+        os.close(opened)
+        raise PermissionError(f"{path} can be changed by others, or is no file")
+    return opened
 
 
 @cache
@@ -45,7 +117,8 @@ def find(name: str) -> bytes | None:
     """Return the code that an earlier process left; None where there is none, or it is damaged."""
     for folder in folders():
         with suppress(OSError):
-            whole = (folder / f"{name}-{_version()}.code").read_bytes()
+            with open(_open(folder / f"{name}-{_version()}.code", os.O_RDONLY), "rb") as stream:
+                whole = stream.read()
             digest, code = whole[:_DIGEST], whole[_DIGEST:]
             if hashlib.sha256(code).digest() == digest:
                 return code
@@ -57,8 +130,10 @@ def keep(name: str, code: bytes) -> Path | None:
     for folder in folders():
         part = folder / f"{name}-{_version()}.{os.getpid()}"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(hashlib.sha256(code).digest() + code)
+            _make(folder)
+            new = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            with open(_open(part, new, _FILE), "wb") as stream:
+                stream.write(hashlib.sha256(code).digest() + code)
             part.replace(part.with_suffix(".code"))
         except OSError:
             with suppress(OSError):
@@ -75,18 +150,19 @@ def alone(name: str) -> Iterator[bool]:
     if lock is None:
         yield False
         return
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            yield False
-            return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        yield False
+    else:
         yield True
+    finally:
+        os.close(lock)
 
 
-def _opened(name: str) -> TextIO | None:
+def _opened(name: str) -> int | None:
     for folder in folders():
         with suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-            return (folder / name).open("w")
+            _make(folder)
+            return _open(folder / name, os.O_RDWR | os.O_CREAT, _LOCK)
     return None

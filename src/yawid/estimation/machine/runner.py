@@ -4,10 +4,12 @@ Both work on one packed state and give the same bits, so that a run changes over
 """
 
 import ctypes
+import logging
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.errors import CompilerError
 from yawid.estimation.kernel import entry_points
 from yawid.estimation.kernel.state import Unpacked
 from yawid.estimation.machine import kept
-from yawid.estimation.machine.object_code import RUN, loaded
+from yawid.estimation.machine.object_code import ADD_PRODUCTS, ONE_OVER_A, RUN, loaded
 
 PATIENCE_S = 6.0
 """A process that has interpreted for so long compiles: that takes about as long."""
@@ -26,6 +29,10 @@ LOOK_S = 1.0
 """How often a process that interprets looks whether another has compiled."""
 PIECE = 1000
 """Samples between two looks."""
+MOST_OF_A_REASON = 200
+"""Characters of another library's message that a line of ours takes."""
+TIMES_SLOWER = 50
+"""The samples of a plain run take about as many times as long as those of a compiled one."""
 _BEHIND = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
 
 
@@ -56,8 +63,10 @@ class Runner:
     def __init__(self) -> None:
         self._interpreted_s = 0.0
         self._looked = -LOOK_S
-        self._child: subprocess.Popen[bytes] | None = None
+        self._child: subprocess.Popen[str] | None = None
         self._is_compiled = False
+        self._is_hopeless = False
+        self._loops: dict[str, Callable[..., None]] = {}
 
     def run(self, packed: Floats, u: Floats, y: Floats, out: Floats, first: int) -> int:
         """Take samples as ``entry_points.run`` does: u (samples M,), y (samples,), out (rows, n).
@@ -81,16 +90,26 @@ class Runner:
         """Tell whether compiled code is there, from now or from an earlier process."""
         return self._is_compiled or self._found()
 
+    def loop(self, name: str) -> Callable[..., None] | None:
+        """Return a compiled loop of ``kernel.records``, which takes three arrays of float64.
+
+        All are contiguous; it does not look. None where there is no compiled code.
+        """
+        return self._loops[name] if self.is_compiled() else None
+
     def compile(self) -> Path | None:
         """Compile, for this process and those to come; return the folder, None if it is not kept.
 
         Raises:
-            RuntimeError: numba made what cannot stand alone.
+            CompilerError: numba or llvmlite cannot, for whatever reason.
         """
-        from yawid.estimation.machine.compiler import compiled
+        try:
+            from yawid.estimation.machine.compiler import compiled
 
-        code = compiled()
-        self._take(code)
+            code = compiled()
+            self._take(code)
+        except Exception as error:
+            raise CompilerError(_why(error)) from error
         return kept.keep(RUN, code)
 
     def compile_behind(self) -> bool:
@@ -103,8 +122,8 @@ class Runner:
         if self._child is None and not is_plain() and sys.executable:
             nowhere = subprocess.DEVNULL
             self._child = subprocess.Popen(
-                [sys.executable, "-c", _BEHIND],
-                stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True,
+                [sys.executable, "-W", "ignore", "-c", _BEHIND], text=True,
+                stdin=nowhere, stdout=subprocess.PIPE, stderr=nowhere, start_new_session=True,
             )  # fmt: skip
         return self._child is not None
 
@@ -113,19 +132,47 @@ class Runner:
         if is_plain() or time.monotonic() - self._looked < LOOK_S:
             return False
         self._looked = time.monotonic()
-        if (code := kept.find(RUN)) is not None:
-            self._take(code)
-        elif self._interpreted_s > PATIENCE_S and not self._is_under_way():
-            self._interpreted_s = 0.0
-            with suppress(Exception):  # a numba that cannot: Python goes on
+        try:
+            if (code := kept.find(RUN)) is not None:
+                self._take(code)
+            elif self._is_hopeless or self._is_under_way():
+                return False
+            elif self._interpreted_s > PATIENCE_S:
                 self.compile()
+        except CompilerError as error:
+            self._give_up(str(error))
+        except Exception as error:  # whatever llvmlite raises
+            self._give_up(_why(error))
         return self._is_compiled
 
     def _is_under_way(self) -> bool:
-        return self._child is not None and self._child.poll() is None
+        """Tell whether the other process compiles.
+
+        Raises:
+            CompilerError: it cannot, and has said why.
+        """
+        if self._child is None or self._child.poll() is None:
+            return self._child is not None
+        assert self._child.stdout is not None
+        with self._child.stdout as said:
+            self._child, why = None, said.read().strip()
+        if why:
+            raise CompilerError(why)
+        return False
+
+    def _give_up(self, why: str) -> None:
+        """Say once why this process goes on as plain Python, and do not try again."""
+        if self._is_hopeless:
+            return
+        self._is_hopeless = True
+        # Without any handler logging writes this line to stderr.
+        logging.getLogger(__name__).warning("yawid: %s", why)
 
     def _take(self, code: bytes) -> None:
-        (address,) = loaded(code, RUN)
+        address, *loops = loaded(code, RUN, ONE_OVER_A, ADD_PRODUCTS)
+        three_arrays = ctypes.CFUNCTYPE(None, *[ctypes.py_object] * 3)
+        for name, each in zip((ONE_OVER_A, ADD_PRODUCTS), loops, strict=True):
+            self._loops[name] = three_arrays(each)
         method = _Method(RUN.encode(), address, _FASTCALL, None)
         _METHODS.append(method)
         make = ctypes.pythonapi.PyCFunction_NewEx
@@ -153,8 +200,27 @@ RUNNER = Runner()
 
 
 def compile_behind() -> None:
-    """Be the process that compiles, unless another does or has done, or nothing can be kept."""
+    """Be the process that compiles, unless another does or has done, or nothing can be kept.
+
+    Where it cannot, its one line says why to the process that started it.
+    """
     os.nice(19)
     with kept.alone(RUN) as is_alone:
         if is_alone and not RUNNER.is_compiled():
-            RUNNER.compile()
+            try:
+                RUNNER.compile()
+            except CompilerError as error:
+                with suppress(OSError):  # nobody listens any more
+                    os.write(1, str(error).encode())
+
+
+def _why(error: Exception) -> str:
+    """Return in one line why there is no compiled code, and what can be done."""
+    line = (str(error).strip().splitlines() or [""])[0][:MOST_OF_A_REASON]
+    shown = "".join(each if each.isprintable() else "?" for each in line)
+    text = f"{type(error).__name__}: {shown}".removesuffix(": ")
+    return (
+        f"the estimators cannot be compiled ({text}): "
+        f"they run as plain Python, some {TIMES_SLOWER} times slower; "
+        "install numba and llvmlite as yawid requires them"
+    )

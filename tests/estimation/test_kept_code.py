@@ -1,0 +1,198 @@
+"""Machine code is loaded from nobody's file but the user's own and root's."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from yawid.cli.main import main
+from yawid.estimation.machine import kept
+from yawid.estimation.machine.object_code import processor
+from yawid.estimation.machine.runner import Runner
+
+NAME, CODE = "some_code", b"what a processor runs"
+NOBODY = 65534
+
+
+@pytest.fixture(autouse=True)
+def own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user's cache and the named folder lie in a folder of the test's own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "users"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "named"))
+
+
+@pytest.fixture
+def code(tmp_path: Path) -> Path:
+    """The file of code that was kept in the named folder."""
+    assert kept.keep(NAME, CODE) == tmp_path / "named"
+    assert kept.find(NAME) == CODE
+    [path] = (tmp_path / "named").glob("*.code")
+    return path
+
+
+def of_another(path: Path) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a file away")
+    os.chown(path, NOBODY, -1)
+
+
+def linked(path: Path) -> None:
+    path.symlink_to(path.rename(path.with_name("elsewhere")))
+
+
+def a_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [of_another, linked, a_pipe, lambda path: path.chmod(0o664), lambda path: path.chmod(0o646)],
+    ids=["another's", "a link", "a pipe", "writable for the group", "writable for others"],
+)
+def test_a_file_that_another_could_have_written_is_not_loaded_but_made_again(
+    code: Path, spoil: Callable[[Path], None]
+) -> None:
+    spoil(code)
+
+    assert kept.find(NAME) is None
+    assert kept.keep(NAME, CODE) == code.parent
+    assert kept.find(NAME) == CODE
+    assert stat.S_ISREG(code.lstat().st_mode)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        of_another,
+        lambda path: path.chmod(0o775),
+        lambda path: path.chmod(0o1777),
+        lambda path: of_another(path.parent),
+        lambda path: path.parent.chmod(0o777),
+    ],
+    ids=["another's", "of a group", "sticky", "in another's", "in one for all"],
+)
+def test_from_a_folder_that_another_can_write_to_nothing_is_loaded_and_the_users_stands_for_it(
+    code: Path, tmp_path: Path, spoil: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outer = tmp_path / "outer"
+    outer.mkdir()
+    named = (tmp_path / "named").rename(outer / "named")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(named))
+    assert kept.find(NAME) == CODE
+    spoil(named)
+
+    assert kept.find(NAME) is None
+    with kept.alone(NAME) as is_alone:
+        assert is_alone
+    assert kept.keep(NAME, CODE) == tmp_path / "users" / "yawid"
+    assert kept.find(NAME) == CODE
+    for folder in (tmp_path / "users", tmp_path / "users" / "yawid"):
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert (kept.passed_by() or "").startswith("NUMBA_CACHE_DIR is passed by: ")
+
+
+def test_a_folder_in_one_for_all_whose_files_stay_their_owners_counts(
+    code: Path, tmp_path: Path
+) -> None:
+    tmp_path.chmod(0o1777)  # as /tmp is
+
+    assert kept.find(NAME) == CODE
+    assert kept.passed_by() is None
+
+
+def test_a_link_to_a_folder_is_as_good_as_the_folder(
+    code: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "named")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "link"))
+    assert kept.find(NAME) == CODE
+    (tmp_path / "named").chmod(0o777)
+    assert kept.find(NAME) is None
+
+
+def test_with_an_umask_for_a_group_the_packages_own_folder_is_passed_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setattr(kept, "__file__", str(tmp_path / "package" / "kept.py"))
+    before = os.umask(0o002)
+    try:
+        (tmp_path / "package" / "__pycache__").mkdir(parents=True, mode=0o777)
+        (tmp_path / "package").chmod(0o755)
+        kept._version.cache_clear()
+        assert kept.keep(NAME, CODE) == tmp_path / "users" / "yawid"
+        [path] = (tmp_path / "users" / "yawid").iterdir()
+    finally:
+        os.umask(before)
+        kept._version.cache_clear()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+
+
+def test_a_lock_truncates_nothing_and_follows_no_link(code: Path, tmp_path: Path) -> None:
+    with kept.alone(NAME) as is_alone:
+        assert is_alone
+    [lock] = (tmp_path / "named").glob("*.lock")
+    lock.write_text("what somebody keeps")
+    with kept.alone(NAME) as is_alone:
+        assert is_alone
+    assert lock.read_text() == "what somebody keeps"
+    precious = lock.rename(tmp_path / "precious")
+    lock.symlink_to(precious)
+    with kept.alone(NAME) as is_alone:
+        assert not is_alone
+    assert precious.read_text() == "what somebody keeps"
+
+
+def test_a_relative_cache_home_does_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home, working = tmp_path / "home", tmp_path / "working"
+    home.mkdir()
+    working.mkdir()
+    (tmp_path / "named").mkdir()
+    (tmp_path / "named").chmod(0o777)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.chdir(working)
+
+    assert kept.keep(NAME, CODE) == home / ".cache" / "yawid"
+    assert list(working.iterdir()) == []
+
+
+def test_warm_says_which_folder_it_passed_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "named").mkdir()
+    (tmp_path / "named").chmod(0o1777)
+    runner = Runner()
+    monkeypatch.setattr(runner, "_take", lambda code: None)
+    monkeypatch.setattr("yawid.estimation.machine.compiler.compiled", lambda: CODE)
+    monkeypatch.setattr("yawid.estimation.machine.runner.RUNNER", runner)
+
+    assert main(["warm"]) == 0
+    told = capsys.readouterr().out
+    assert str(tmp_path / "users" / "yawid") in told
+    reason = f"{tmp_path / 'named'} can be written to by others"
+    assert told.splitlines()[-1] == f"NUMBA_CACHE_DIR is passed by: {reason}"
+
+
+def test_each_processor_and_each_of_its_features_has_code_of_its_own(
+    code: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, features = processor()
+    for variable, other in (
+        ("NUMBA_CPU_NAME", f"not-{name}"),
+        ("NUMBA_CPU_FEATURES", f"{features},-avx"),
+    ):
+        with monkeypatch.context() as context:
+            context.setenv(variable, other)
+            kept._version.cache_clear()
+            assert kept.find(NAME) is None
+        kept._version.cache_clear()
+        assert kept.find(NAME) == CODE

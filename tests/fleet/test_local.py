@@ -1,0 +1,86 @@
+"""The workers of this machine: nothing of them listens, and they end with the command."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+from fleet_cluster import environment, make_logs, yawid_fleet
+
+LISTENS_TCP, ACCEPTS_UNIX = "0A", 0x10000
+"""How /proc/net/tcp and /proc/net/unix mark a socket that others can connect to."""
+
+
+def listening(processes: list[psutil.Process]) -> list[str]:
+    """Return the sockets of the processes that take connections or datagrams, by the kernel."""
+    own = set()
+    for process in processes:
+        for place in Path(f"/proc/{process.pid}/fd").iterdir():
+            try:
+                own.add(str(place.readlink()))
+            except FileNotFoundError:
+                continue  # closed meanwhile
+    found = []
+    for name in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]:
+            field = line.split()
+            is_open = name.startswith("udp") or field[3] == LISTENS_TCP
+            if is_open and f"socket:[{field[9]}]" in own:
+                found.append(f"{name} {field[1]}")
+    for line in Path("/proc/net/unix").read_text().splitlines()[1:]:
+        field = line.split()
+        if int(field[3], 16) & ACCEPTS_UNIX and f"socket:[{field[6]}]" in own:
+            found.append(f"unix {field[7:]}")
+    return found
+
+
+@contextmanager
+def hanging_fleet(place: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start a fleet whose two workers are at logs that never end."""
+    make_logs(place / "made", 1)
+    (place / "logs").mkdir()
+    for i in range(3):
+        shutil.copy(place / "made" / "00.tlog", place / "logs" / f"hangs{i}.tlog")
+    env = environment(place / "hook")
+    run = yawid_fleet(env, place / "logs", "--out", place / "out", "--workers", "2")
+    try:
+        yield run
+    finally:
+        run.kill()
+        run.communicate(timeout=20)
+
+
+def children_of(run: subprocess.Popen[str]) -> list[psutil.Process]:
+    """Return the processes below a fleet once both of its children replay."""
+    end_s = time.monotonic() + 60.0
+    while True:
+        assert run.poll() is None
+        assert time.monotonic() < end_s
+        below = psutil.Process(run.pid).children(recursive=True)
+        busy = [each for each in below if "yawid.fleet.child" in each.cmdline()]
+        if len(busy) == 2 and all(psutil.Process(each.pid).cpu_times().user > 0.3 for each in busy):
+            return below
+        time.sleep(0.05)
+
+
+def test_no_process_of_a_local_fleet_listens_and_ctrl_c_leaves_none_behind(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)):  # what is sought would be found
+        assert len(listening([psutil.Process()])) == 1
+    with hanging_fleet(tmp_path) as run:
+        below = children_of(run)
+
+        assert listening([psutil.Process(run.pid), *below]) == []
+
+        os.killpg(run.pid, signal.SIGINT)  # as a terminal does
+        said = run.communicate(timeout=20)
+        assert run.returncode == 130, said
+        assert "Traceback" not in said[1]
+        assert [each for each in below if each.is_running()] == []
