@@ -1,7 +1,6 @@
 """Where a run writes, and what every output says of its own origin."""
 
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -15,6 +14,7 @@ from yawid.pipeline import Pipeline
 from yawid.results.run_summary import RunSummary
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
+from yawid.sinks.door import say
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.part_file import Disk, check_free
 from yawid.sinks.rerun.sink import RerunSink
@@ -127,7 +127,7 @@ def open_rerun(outputs: Outputs) -> list[Sink]:
             outputs.rerun,
             path=outputs.path(".rrd"),
             name=outputs.name,
-            warn=lambda text: print(f"yawid: {text}", file=sys.stderr),
+            warn=say,
             force=outputs.force,
         )
     ]
