@@ -25,7 +25,8 @@ from rich.console import Console
 
 from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.sinks.terminal.flight_table import manoeuvres_table
-from yawid.sinks.terminal.summary_table import WIDTH, print_summary
+from yawid.sinks.terminal.page import WIDTH
+from yawid.sinks.terminal.summary_table import print_summary
 
 
 def printed(run: RunSummary) -> list[str]:

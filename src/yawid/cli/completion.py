@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from yawid.cli.options import add_command
+from yawid.sinks.door import tell_whole
 
 SHELLS = ("bash", "zsh")
 
@@ -25,7 +26,7 @@ def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -
     import shtab
 
     _complete_paths(whole, shtab.FILE)
-    print(shtab.complete(whole, arguments.shell), flush=True)
+    tell_whole(shtab.complete(whole, arguments.shell) + "\n")
     return 0
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from yawid.cli.options import add_command
+from yawid.sinks.door import say, tell
 
 _RUN = "the file of a finished run"
 
@@ -78,7 +79,7 @@ def _view(arguments: argparse.Namespace) -> int:
     if arguments.viewer != "rerun":
         if arguments.save is not None or arguments.to is not None or arguments.force:
             raise ConfigError(f"--save, --to and --force are of Rerun, not {arguments.viewer}")
-        print(VIEWERS[arguments.viewer](arguments.mcap), flush=True)
+        tell(str(VIEWERS[arguments.viewer](arguments.mcap)))
         return 0
     if arguments.save is not None and arguments.to is not None:
         raise ConfigError("--save and --to: choose one")
@@ -86,7 +87,7 @@ def _view(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--to must be rerun+http://HOST:PORT/proxy, got {arguments.to!r}")
     view(arguments.mcap, arguments.save, arguments.to or "spawn", force=arguments.force)
     if arguments.save is not None:
-        print(arguments.save.absolute(), flush=True)
+        tell(str(arguments.save.absolute()))
     return 0
 
 
@@ -96,14 +97,14 @@ def _report(arguments: argparse.Namespace) -> int:
 
     with progress(sys.stderr, f"report of {arguments.mcap.name}"):
         path = write_report(arguments.mcap, arguments.out, png=arguments.png, force=arguments.force)
-    print(path, flush=True)
+    tell(str(path))
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
     from yawid.tables.export import export
 
-    print(export(arguments.mcap, arguments.out, force=arguments.force), flush=True)
+    tell(str(export(arguments.mcap, arguments.out, force=arguments.force)))
     return 0
 
 
@@ -113,6 +114,6 @@ def _recover(arguments: argparse.Namespace) -> int:
     found = recover(arguments.broken, arguments.out, force=arguments.force)
     topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
     if found.left_out:
-        sys.stderr.write(f"yawid: not to be trusted and left out: {found.left_out}\n")
-    sys.stdout.write(f"{arguments.out}: {topics}\n")
+        say(f"not to be trusted and left out: {found.left_out}")
+    tell(f"{arguments.out}: {topics}")
     return 0

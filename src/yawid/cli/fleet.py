@@ -18,6 +18,7 @@ from yawid.cli.options import (
 )
 from yawid.errors import ConfigError
 from yawid.runs.stop import StopFlag
+from yawid.sinks.door import tell
 
 if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Plan, Progress
@@ -62,7 +63,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         plan = dry_run(run)
         text = f"{len(plan.todo)} logs, {plan.size / 1e6:.1f} MB; known already: {plan.known}"
-        print(f"to run: {text}", flush=True)
+        tell(f"to run: {text}")
         return 0
     console = Console(sys.stderr)
 
@@ -83,7 +84,8 @@ def _fleet(arguments: argparse.Namespace) -> int:
         console.say(f"{stop.name}: {progress.done} logs are kept, {left} were not reached")
     rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
-    print(f"{run.out.absolute()}: {rows}\noutcomes: {outcomes}", flush=True)
+    tell(f"{run.out.absolute()}: {rows}")
+    tell(f"outcomes: {outcomes}")
     return stop.exit_code if stop.is_set else 0
 
 

@@ -1,7 +1,6 @@
 """The command line of ``yawid live``."""
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from yawid.cli.options import (
     read_options_of,
 )
 from yawid.errors import ConfigError
+from yawid.sinks.door import tell_json, tell_page
 
 ASKED_HZ = 50.0
 COMPID = 194
@@ -89,7 +89,7 @@ def _live(arguments: argparse.Namespace) -> int:
         )
     for session in ended:
         if arguments.json:
-            print(json.dumps(session.summary.to_json()), flush=True)
+            tell_json(session.summary.to_json())
         else:
-            print_summary(session.summary, sys.stdout)
+            tell_page(print_summary, session.summary)
     return max(session.exit_code for session in ended)

@@ -8,7 +8,6 @@ everything else to stderr. Heavy imports wait until a command needs them.
 
 import argparse
 import gc
-import json
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -39,11 +38,12 @@ from yawid.cli.options import (
 from yawid.cli.paper import add_commands
 from yawid.cli.regress import add_regress
 from yawid.cli.schema import add_schema
-from yawid.cli.standard_streams import bring_out, make_ready, mute, show
+from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
 from yawid.cli.warm import add_warm
 from yawid.errors import SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
+from yawid.sinks.door import mute, say, tell_json, tell_page
 
 if TYPE_CHECKING:
     from yawid.results.run_summary import Origin, RunSummary
@@ -182,7 +182,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             except Interrupted:
                 unreached.append(log)
     if unreached:
-        _say(f"{stop.name}: not reached: {', '.join(map(str, unreached))}")
+        say(f"{stop.name}: not reached: {', '.join(map(str, unreached))}")
     if unreached or (stop.is_set and INTERRUPTED in codes):
         return stop.exit_code  # of SIGTERM another than the verdict's
     return max(codes, default=0)
@@ -199,7 +199,7 @@ def _compile_behind() -> None:
     from yawid.estimation.machine.runner import RUNNER
 
     if sys.stderr.isatty() and RUNNER.compile_behind():
-        _say("the first run: the estimators are being compiled beside it, once per installation")
+        say("the first run: the estimators are being compiled beside it, once per installation")
 
 
 def _orders(arguments: argparse.Namespace) -> int:
@@ -209,9 +209,9 @@ def _orders(arguments: argparse.Namespace) -> int:
     auto_orders(arguments)  # of a file that serves other commands too
     report, verdict = orders_report(arguments.log, config_of(arguments), read_options_of(arguments))
     if arguments.json:
-        print(json.dumps(report), flush=True)
+        tell_json(report)
     else:
-        show(print_orders, report)
+        tell_page(print_orders, report)
     return verdict.exit_code
 
 
@@ -237,22 +237,15 @@ def _told(
     except YawidError as error:
         return _explained(error)
     if as_json:
-        print(json.dumps(summary.to_json()), flush=True)
+        tell_json(summary.to_json())
     else:
-        show(page, summary)
+        tell_page(page, summary)
     code: int = verdict.exit_code
     return code
 
 
-def _say(text: str) -> None:
-    try:
-        print(f"yawid: {text}", file=sys.stderr, flush=True)
-    except OSError:
-        mute(sys.stderr)
-
-
 def _explained(error: YawidError) -> int:
-    _say(" ".join(str(error).split()))
+    say(" ".join(str(error).split()))
     return error.exit_code
 
 
@@ -266,7 +259,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except YawidError as error:
         return _explained(error)
     except Interrupted as stopped:
-        _say("interrupted: there is nothing of it to keep")
+        say("interrupted: there is nothing of it to keep")
         return stopped.exit_code
     except KeyboardInterrupt:
         return 130

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from yawid.errors import ConfigError
+from yawid.sinks.door import plain, tell_whole
 
 if TYPE_CHECKING:
     from yawid.config.run import RunConfig
@@ -34,15 +35,14 @@ class OneLineParser(argparse.ArgumentParser):
 
     def _print_message(self, message: str, file: Any = None) -> None:
         """Write help: argparse would pass over a stdout that is full, as if all were well."""
-        if file is not sys.stdout:
+        if file is sys.stdout:
+            tell_whole(message)
+        else:
             super()._print_message(message, file)
-            return
-        file.write(message)
-        file.flush()
 
     def error(self, message: str) -> NoReturn:
         """Write the line to stderr and exit with 2."""
-        self.exit(2, f"yawid: {message}; {self.prog} --help lists what there is\n")
+        self.exit(2, f"yawid: {plain(message)}; {self.prog} --help lists what there is\n")
 
 
 def _sysid(text: str) -> int | str:

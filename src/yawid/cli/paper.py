@@ -1,12 +1,12 @@
 """The commands that need no log: ``step`` (paper eq. 4-16) and ``simulate`` (eq. 17-23)."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from yawid.cli.options import add_command
 from yawid.errors import ConfigError, NotIdentifiable
+from yawid.sinks.door import tell, tell_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -157,11 +157,11 @@ def _print_step(model: str, fit: "StepModel", as_json: bool) -> None:
         noise_std=float(fit.noise_std),
     )
     if as_json:
-        print(json.dumps(report.to_json()))
+        tell_json(report.to_json())
         return
-    print(MODELS[model])
+    tell(MODELS[model])
     for name, number in (report.parameters | {n: getattr(report, n) for n in SETTLING}).items():
-        print(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
+        tell(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
@@ -194,5 +194,5 @@ def _simulate(arguments: argparse.Namespace) -> int:
         force=arguments.force,
     )
     if str(arguments.out) != "-":
-        print(arguments.out)
+        tell(str(arguments.out))
     return 0

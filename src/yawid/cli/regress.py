@@ -1,8 +1,6 @@
 """``yawid regress``: its options, and which of the three things it does."""
 
 import argparse
-import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from yawid.cli.options import add_command, add_estimator_options, given_options
 from yawid.errors import ConfigError
 from yawid.runs.stop import Interrupted
+from yawid.sinks.door import say, tell, tell_json
 
 if TYPE_CHECKING:
     from yawid.runs.regress.check import Outcome
@@ -50,7 +49,7 @@ def _regress(arguments: argparse.Namespace) -> int:
         from yawid.runs.regress.update import update
 
         try:
-            update(arguments.folder, arguments.cases, arguments.why, _say)
+            update(arguments.folder, arguments.cases, arguments.why, tell)
         except Interrupted as stopped:
             return stopped.exit_code  # those updated before stay so
         return 0
@@ -77,9 +76,9 @@ def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
     from yawid.runs.regress.new_case import new_case
 
     case = new_case(arguments.new, arguments.name, arguments.folder, settings)
-    _say(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
-    _say("say in its case.toml whose log it is; then")
-    _say(f'yawid regress --update --why "first reference" {case.folder}')
+    tell(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
+    tell("say in its case.toml whose log it is; then")
+    tell(f'yawid regress --update --why "first reference" {case.folder}')
     return 0
 
 
@@ -105,28 +104,24 @@ def _compare(arguments: argparse.Namespace) -> int:
                 _tell(outcome)
     except Interrupted as stopped:
         unreached = cases[len(outcomes) :]
-        sys.stderr.write(f"yawid: not reached: {', '.join(case.name for case in unreached)}\n")
+        say(f"not reached: {', '.join(case.name for case in unreached)}")
         code, why = stopped.exit_code, ("interrupted: not compared",)
         outcomes += [Outcome(case.name, case.folder.absolute(), code, why) for case in unreached]
     if arguments.json:
-        _say(json.dumps(as_json(outcomes)))
+        tell_json(as_json(outcomes))
     if arguments.junit is not None:
         write_junit(arguments.junit, outcomes)
     return exit_code(outcomes)
 
 
 def _tell(outcome: "Outcome") -> None:
-    _say(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
+    tell(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
     for line in outcome.wrong[:MOST_LINES]:
-        _say(f"        {line}")
+        tell(f"        {line}")
     if len(outcome.wrong) > MOST_LINES:
-        _say(f"        and {len(outcome.wrong) - MOST_LINES} more: --json tells them all")
+        tell(f"        and {len(outcome.wrong) - MOST_LINES} more: --json tells them all")
     for what, path in outcome.files.items():
-        _say(f"        {what}: {path}")
+        tell(f"        {what}: {path}")
     if outcome.code == 1:
-        _say("        if the change is meant:")
-        _say(f'        yawid regress --update --why "..." {outcome.folder}')
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
+        tell("        if the change is meant:")
+        tell(f'        yawid regress --update --why "..." {outcome.folder}')

@@ -6,6 +6,7 @@ from importlib.resources import files
 from typing import Any
 
 from yawid.cli.options import add_command
+from yawid.sinks.door import tell_whole
 
 COMMANDS = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "diff", "fleet")
 Schema = dict[str, Any]
@@ -33,7 +34,7 @@ def _schema(arguments: argparse.Namespace) -> int:
     if arguments.command is not None:
         schema = of_command(json.loads(text), arguments.command)
         text = json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
-    print(text, end="", flush=True)
+    tell_whole(text)
     return 0
 
 

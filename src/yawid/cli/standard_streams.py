@@ -1,14 +1,12 @@
 """Standard output and standard error as they may be: closed, full, of ASCII only, or a pipe."""
 
 import codecs
-import contextlib
 import io
 import os
 import sys
-from collections.abc import Callable
-from typing import Any, TextIO
 
 from yawid.errors import SinkError
+from yawid.sinks.door import mute
 
 PLAIN = {"±": "+-", "ω": "w", "ζ": "zeta", "σ": "sigma", "²": "2", "–": "-", "…": "..."}
 """What yawid prints, for a terminal that cannot show it."""
@@ -31,18 +29,6 @@ def make_ready() -> None:
         raise SinkError("stdout is closed, so nobody would get the answer; > /dev/null drops it")
 
 
-def show(page: Callable[[Any, TextIO], None], content: Any) -> None:
-    """Print a page to stdout as one piece.
-
-    Raises:
-        OSError: stdout takes no more.
-    """
-    text = _Page()
-    page(content, text)
-    sys.stdout.write(text.getvalue())
-    sys.stdout.flush()
-
-
 def bring_out() -> None:
     """Bring out what both streams still hold; Python itself would do so where nobody can answer.
 
@@ -54,19 +40,6 @@ def bring_out() -> None:
     except OSError:
         mute(sys.stderr)
     sys.stdout.flush()
-
-
-def mute(stream: TextIO) -> None:
-    """Drop what a stream that failed still holds: else it fails once more when Python ends."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-class _Page(io.StringIO):
-    """Text for stdout, as wide and coloured as if it were written there line by line."""
-
-    def isatty(self) -> bool:
-        return sys.stdout.isatty()
 
 
 def _replaced(error: UnicodeError) -> tuple[bytes, int]:

@@ -1,12 +1,11 @@
 """The command lines of ``yawid trend`` and ``yawid diff``: what changed."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from yawid.cli.options import add_command
-from yawid.cli.standard_streams import show
+from yawid.sinks.door import tell_json, tell_page
 
 CHANGED = 7
 
@@ -44,9 +43,9 @@ def _trend(arguments: argparse.Namespace) -> int:
 
         write_page(told, studied, arguments.out, force=arguments.force)
     if arguments.json:
-        print(json.dumps(told.to_json()), flush=True)
+        tell_json(told.to_json())
     else:
-        show(print_trend, told)
+        tell_page(print_trend, told)
     return CHANGED if told.changed else 0
 
 
@@ -56,7 +55,7 @@ def _diff(arguments: argparse.Namespace) -> int:
 
     told = diff(arguments.a, arguments.b)
     if arguments.json:
-        print(json.dumps(told.to_json()), flush=True)
+        tell_json(told.to_json())
     else:
-        show(print_diff, told)
+        tell_page(print_diff, told)
     return CHANGED if told.changed else 0

@@ -6,6 +6,7 @@ from typing import Any
 
 from yawid.cli.options import add_command
 from yawid.errors import SinkError
+from yawid.sinks.door import tell
 
 
 def add_warm(commands: Any) -> None:
@@ -22,10 +23,10 @@ def _warm(_: argparse.Namespace) -> int:
     from yawid.estimation.machine.runner import RUNNER, is_plain
 
     if is_plain():
-        print("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
+        tell("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
         return 0
     if RUNNER.is_compiled():
-        print("nothing to do: the estimators are compiled")
+        tell("nothing to do: the estimators are compiled")
         return 0
     start = time.perf_counter()
     folder = RUNNER.compile()
@@ -36,7 +37,7 @@ def _warm(_: argparse.Namespace) -> int:
             f"compiled code cannot be kept: {why + '; ' if why else ''}no folder can be written to "
             f"(tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
         )
-    print(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
+    tell(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
     if why:
-        print(why)
+        tell(why)
     return 0

@@ -184,7 +184,12 @@ def _judged(verdict: VerdictSummary) -> Row:
 
 
 def _us(date: str | None) -> int | None:
-    """Return us since 1970 of an ISO date in UTC; None where the log did not know it."""
-    if date is None:
+    """Return us since 1970 of an ISO date in UTC; None where it is unknown or no date."""
+    try:
+        return None if date is None else known_date(_unix_us(date))
+    except (ValueError, OverflowError):  # a forged summary may say anything
         return None
-    return known_date(round(datetime.fromisoformat(date).timestamp() * 1e6))
+
+
+def _unix_us(date: str) -> int:
+    return round(datetime.fromisoformat(date).timestamp() * 1e6)

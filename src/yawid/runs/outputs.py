@@ -1,7 +1,6 @@
 """Where a run writes, and what every output says of its own origin."""
 
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -16,6 +15,7 @@ from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
+from yawid.sinks.door import say
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.part_file import Disk, check_free
 from yawid.sinks.rerun.sink import RerunSink
@@ -128,7 +128,7 @@ def open_rerun(outputs: Outputs) -> list[Sink]:
             outputs.rerun,
             path=outputs.path(".rrd"),
             name=outputs.name,
-            warn=lambda text: print(f"yawid: {text}", file=sys.stderr),
+            warn=say,
             force=outputs.force,
         )
     ]

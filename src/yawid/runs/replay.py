@@ -26,6 +26,7 @@ from yawid.runs.outputs import (
 from yawid.runs.run_log import open_log, run_log, settled
 from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
+from yawid.sinks.door import say
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import Log, ReadOptions, Source
 
@@ -72,7 +73,7 @@ def _conclude(source: Log, pipeline: Pipeline, is_whole: bool) -> tuple[RunSumma
     boots, link = pipeline.channels.boots, source.link
     for said in (boots.warning(pipeline.config), source.options.unchecked(link)):
         if said is not None:
-            sys.stderr.write(f"yawid: {said}\n")
+            say(said)
     return summarise(pipeline, link, str(source.path.absolute()), source.sha256)
 
 

@@ -5,7 +5,6 @@ concerns the estimators can, and gives what a replay of the log itself would giv
 """
 
 import hashlib
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import partial
@@ -27,6 +26,7 @@ from yawid.runs.choose_orders import with_orders
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import to_files
 from yawid.runs.stop import StopFlag
+from yawid.sinks.door import say
 from yawid.sinks.mcap.reader import McapRun, open_run
 
 CHANGEABLE = (
@@ -75,7 +75,7 @@ def replay_run(
             raise SinkError(f"{mcap} would be overwritten by what is read from it: choose --out")
         config = changed(run, settings)
         if config.manoeuvres != "off" and not run.has_flight_state:
-            sys.stderr.write(f"yawid: {run.path} is of an older version; {NO_MANOEUVRES}\n")
+            say(f"{run.path} is of an older version; {NO_MANOEUVRES}")
             config = replace(config, manoeuvres="off")
         if automatic:
             config = with_orders(RunSource(run, config), config)

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plan
 from yawid.results.summary import summarise
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
 from yawid.runs.run_log import run_log
+from yawid.sinks.door import tell_whole
 from yawid.sinks.part_file import check_free, write_whole
 from yawid.sources.logs.simulated_tlog import Flight, tlog_of
 from yawid.sources.open_log import TlogBytes
@@ -69,7 +69,7 @@ def simulate_to_file(
         _mcap(simulation, out, rate_hz, force)
         return simulation
     if out == STDOUT:
-        sys.stdout.write(_csv(simulation).decode())
+        tell_whole(_csv(simulation).decode())
         return simulation
     check_free(out, force=force)
     write_whole({out: writers[out.suffix](simulation)}, force=force)

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from yawid.sinks.terminal.summary_table import WIDTH
+from yawid.sinks.terminal.page import page_console
 from yawid.trend.diff import Diff
 from yawid.trend.history import shown
 from yawid.trend.trend import Followed, Trend
@@ -28,7 +28,7 @@ MOST_OUTLIERS: Final = 20
 
 def print_trend(told: Trend, stream: TextIO) -> None:
     """Print a data set's trends: what changed first, then every history."""
-    console = _console(stream)
+    console = page_console(stream)
     console.print(Text(told.dataset, "bold"), soft_wrap=True)
     changed = [each for each in told.followed if each.change is not None]
     word = Text(f"{len(changed)} CHANGED", "bold red") if changed else Text("steady", "bold green")
@@ -81,7 +81,7 @@ def _histories(rows: list[Followed]) -> Table:
 
 def print_diff(told: Diff, stream: TextIO) -> None:
     """Print what changed between two sides: numbers, verdict, channels, configuration."""
-    console = _console(stream)
+    console = page_console(stream)
     console.print(Text(f"A {told.a}\nB {told.b}", "bold"), soft_wrap=True)
     word = Text("CHANGED", "bold red") if told.changed else Text("no change", "bold green")
     console.print(Text("verdict  ") + word)
@@ -117,11 +117,6 @@ def _table(*numbers: str) -> Table:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("came of it", overflow="fold")
     return table
-
-
-def _console(stream: TextIO) -> Console:
-    width = None if stream.isatty() else WIDTH
-    return Console(file=stream, highlight=False, markup=False, emoji=False, width=width)
 
 
 def _say(console: Console, text: str, style: str = "") -> None:

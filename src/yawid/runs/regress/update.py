@@ -1,7 +1,6 @@
 """The only place that writes references."""
 
 import json
-import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from yawid.runs.regress.case import Case, Replayed, find_cases
 from yawid.runs.regress.table import csv_of
 from yawid.runs.stop import Interrupted
 from yawid.runs.versions import versions
+from yawid.sinks.door import say as to_stderr
 from yawid.sinks.part_file import write_whole
 
 
@@ -46,7 +46,7 @@ def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], No
                 say(f"updated  {case.name}")
             done += 1
     except Interrupted:
-        sys.stderr.write(f"yawid: not updated: {', '.join(case.name for case in cases[done:])}\n")
+        to_stderr(f"not updated: {', '.join(case.name for case in cases[done:])}")
         raise
     if refused:
         raise ConfigError("; ".join(refused))

@@ -11,7 +11,7 @@ from yawid.results.inspection import Inspection
 from yawid.results.make_card import why_no_card
 from yawid.results.reasons import ARDUPILOT, PX4
 from yawid.sinks.answers import with_sigma
-from yawid.sinks.terminal.summary_table import WIDTH
+from yawid.sinks.terminal.page import WIDTH
 
 BLANK = "________"
 HAND_S = 0.25

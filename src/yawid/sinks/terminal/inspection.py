@@ -5,16 +5,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TextIO
 
 import numpy as np
-from rich.console import Console
 from rich.text import Text
 
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, VehicleSeen
 from yawid.sinks.answers import with_sigma
+from yawid.sinks.terminal.page import page_console
 from yawid.sinks.terminal.summary_table import (
     NAME_WIDTH,
-    WIDTH,
     hanging,
     origin,
     print_verdict,
@@ -29,7 +28,7 @@ MOST_MANOEUVRES = 6
 
 def print_inspection(report: Inspection, stream: TextIO) -> None:
     """Print what a log can answer: verdict, channels, how it was flown, what to do."""
-    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console = page_console(stream)
     console.print(Text(report.log, style="bold"), soft_wrap=True)
     print_verdict(console, report.verdict)
     for line in origin(report):

@@ -6,6 +6,7 @@ import time
 from collections import deque
 from typing import IO, TextIO, cast
 
+from yawid.sinks.door import cleaned, plain
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import LEAVE_S, Direct
 from yawid.sinks.terminal.progress import Console, updates_in_place
@@ -60,6 +61,7 @@ class LiveScreen(Console):
 
     def say(self, text: str) -> None:
         """Show a line among those that were said last."""
+        text = plain(text)
         with self._lock:
             self._said.append((time.strftime("%H:%M:%S"), text))
             is_shown = self._thread is not None
@@ -103,14 +105,20 @@ class LiveScreen(Console):
         from yawid.sinks.terminal.live_page import Page
 
         direct = Direct(self._stream)
-        console = RichConsole(file=cast(IO[str], direct), force_terminal=True, highlight=False)
+        console = RichConsole(
+            file=cast(IO[str], direct),
+            force_terminal=True,
+            highlight=False,
+            markup=False,
+            emoji=False,
+        )
         try:
             with Live(console=console, screen=True, auto_refresh=False, transient=True,
                       redirect_stdout=False, redirect_stderr=False) as live:  # fmt: skip
                 while not self._closing.is_set():
                     self._news.wait()
                     self._news.clear()
-                    facts = self._facts or facts
+                    facts = cleaned(self._facts or facts)
                     console.size = size_of(self._stream)
                     live.update(Page(facts, tuple(self._said)), refresh=True)
                     self._closing.wait(REFRESH_S / 4)  # what comes at once is drawn at once
@@ -119,4 +127,4 @@ class LiveScreen(Console):
                 unsaid, self._thread = list(self._unsaid), None
             for text in unsaid:
                 direct.write(f"yawid: {text}\n")
-        console.print(Page(facts, (), is_last=True))
+        console.print(Page(cleaned(facts), (), is_last=True))

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
+from yawid.sinks.door import plain
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import Outlet
 
@@ -35,9 +36,9 @@ class Bar:
     def begin(self, name: str, total: float = 0.0) -> None:
         """Say what is done now and how much it is, in any unit; 0 where nobody can say."""
         with self._lock:
-            self._name, self._total, self._done = name, total, 0
+            self._name, self._total, self._done = plain(name), total, 0
             if self._shown is not None:
-                self._shown.reset(_TASK, description=name, total=total or None)
+                self._shown.reset(_TASK, description=self._name, total=total or None)
 
     def __call__(self, count: int) -> None:
         """Say that so much more is done."""
@@ -51,14 +52,14 @@ class Bar:
         from rich.console import Console as RichConsole
 
         columns = (
-            parts.TextColumn("{task.description}"),
+            parts.TextColumn("{task.description}", markup=False),
             parts.BarColumn(),
             parts.TaskProgressColumn(show_speed=False),
             parts.TimeElapsedColumn(),
         )
         with self._lock:
             if not self._is_over:
-                console = RichConsole(file=self._stream)
+                console = RichConsole(file=self._stream, markup=False)
                 self._shown = parts.Progress(*columns, console=console, transient=True)
                 self._shown.add_task(self._name, total=self._total or None, completed=self._done)
                 self._shown.start()
@@ -117,7 +118,7 @@ class Console:
         """Write a line that stays."""
         with self._lock:
             clear = _CLEAR if self._shown else ""
-            self._outlet.write(f"{clear}yawid: {text}\n{self._shown}")
+            self._outlet.write(f"{clear}yawid: {plain(text)}\n{self._shown}")
 
     def is_due(self) -> bool:
         """Whether it is time for the next state of the line."""
@@ -129,7 +130,7 @@ class Console:
 
     def show(self, line: str) -> None:
         """Show where the session stands: in place on a terminal, else as a line of its own."""
-        self._next_s = time.monotonic() + self._period_s
+        self._next_s, line = time.monotonic() + self._period_s, plain(line)
         with self._lock:
             if self._is_terminal:
                 self._shown = line[: shutil.get_terminal_size().columns - 1]

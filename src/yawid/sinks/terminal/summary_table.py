@@ -20,8 +20,8 @@ from yawid.results.run_summary import (
 )
 from yawid.sinks.answers import noise_spreads, percent
 from yawid.sinks.terminal.flight_table import Row, flight_rows, manoeuvres_table, table_notes
+from yawid.sinks.terminal.page import page_console
 
-WIDTH = 80
 NAME_WIDTH = 9
 """Width of the column of names."""
 MOST_BOOTS = 4
@@ -33,7 +33,7 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
 
     Where there were manoeuvres the verdict is the flight's, and the stream's stands below it.
     """
-    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console = page_console(stream)
     console.print(Text(summary.log, style="bold"))
     print_verdict(console, summary.deciding)
     for row in flight_rows(summary):
@@ -154,7 +154,7 @@ def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> 
 
 def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> None:
     """Print the best structures of a log as a table, and the one to use."""
-    console = Console(file=stream, highlight=False, width=None if stream.isatty() else WIDTH)
+    console = page_console(stream)
     console.print(Text(str(report["log"]), style="bold"))
     table = Table(box=None, pad_edge=False)
     for heading in ("na,nb,nc,nk", "simulated %", "BIC", "AIC", "white p", "wn", "zeta", "ns"):

@@ -1,0 +1,123 @@
+"""The one door for text to a terminal, a line of error or a log: none of it is a command there.
+
+What a log, a record, a finished run, a file's name or a link says was written by anybody. Escape
+sequences in it could colour a refusal green, move the cursor over it, or reach the clipboard; an
+override of the reading direction could turn a name round. Such characters are shown by their code,
+backslash and all, in place of being obeyed. Styles of yawid's own come from rich, after this door.
+"""
+
+import contextlib
+import dataclasses
+import io
+import json
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TextIO, TypeVar
+
+_T = TypeVar("_T")
+_CONTROL: Final = re.compile(
+    "[\x00-\x1f\x7f-\x9f"  # C0, DEL, C1
+    "\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff"  # direction, ends of lines
+    "\U000e0000-\U000e007f"  # tags: nothing of them is seen
+    "\udc80-\udc9f]"  # C1 as bytes of a file's name that are no text
+)
+
+
+def plain(text: str) -> str:
+    """Return a text as one line that a terminal only shows."""
+    return text if text.isascii() and text.isprintable() else _CONTROL.sub(_code, text)
+
+
+def _code(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    if 0xDC80 <= code <= 0xDC9F:
+        code -= 0xDC00
+    return {9: r"\t", 10: r"\n", 13: r"\r"}.get(code) or (
+        f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
+    )
+
+
+def cleaned(content: _T) -> _T:
+    """Return a structure of facts with every text in it made :func:`plain`."""
+    found: Any = content
+    if isinstance(found, str):
+        found = plain(found)
+    elif isinstance(found, Mapping):
+        found = {cleaned(key): cleaned(value) for key, value in found.items()}
+    elif isinstance(found, tuple) and hasattr(found, "_fields"):
+        found = type(found)(*map(cleaned, found))
+    elif isinstance(found, list | tuple):
+        found = type(found)(map(cleaned, found))
+    elif hasattr(found, "__struct_fields__"):
+        from msgspec.structs import replace
+
+        found = replace(found, **{k: cleaned(getattr(found, k)) for k in found.__struct_fields__})
+    elif dataclasses.is_dataclass(found):
+        texts = {
+            each.name: cleaned(getattr(found, each.name)) for each in dataclasses.fields(found)
+        }
+        found = dataclasses.replace(found, **texts)  # type: ignore[type-var] # an instance, no class
+    return found  # type: ignore[no-any-return] # of the type that came in
+
+
+def say(text: str) -> None:
+    """Write a line to stderr; one that has gone or is full is no error."""
+    try:
+        sys.stderr.write(f"yawid: {plain(text)}\n")
+        sys.stderr.flush()
+    except OSError:
+        mute(sys.stderr)
+
+
+def tell(line: str) -> None:
+    """Write a line of the answer to stdout.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    tell_whole(plain(line) + "\n")
+
+
+def tell_json(answer: object) -> None:
+    """Write an answer to stdout as one line of JSON, in ASCII.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    tell_whole(json.dumps(answer).replace("\x7f", "\\u007f") + "\n")
+
+
+def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
+    """Print a page to stdout as one piece.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    text = _Page()
+    page(cleaned(content), text)
+    tell_whole(text.getvalue())
+
+
+def tell_whole(text: str) -> None:
+    """Write to stdout what yawid alone has made: nothing in it comes from outside as it was.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    sys.stdout.write(text)
+    sys.stdout.flush()
+
+
+def mute(stream: TextIO) -> None:
+    """Drop what a stream that failed still holds: else it fails once more when Python ends."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class _Page(io.StringIO):
+    """Text for stdout, as wide and coloured as if it were written there line by line."""
+
+    def isatty(self) -> bool:
+        return sys.stdout.isatty()
