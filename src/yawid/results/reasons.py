@@ -174,13 +174,15 @@ class Reason:
     """One thing that speaks against the estimate.
 
     ``remedy`` are settings of :class:`yawid.config.run.RunConfig` that may mend it, to be tried.
-    With ``warns`` it is a warning, though its kind may be fatal.
+    With ``warns`` it is a warning, though its kind may be fatal. ``moves`` is how far its text says
+    that wn, as a part of itself, and zeta may be off.
     """
 
     id: str
     text: str
     remedy: Mapping[str, object] = field(default_factory=dict, compare=False)
     warns: bool = False
+    moves: tuple[float, float] = field(default=(0.0, 0.0), compare=False)
 
     @property
     def kind(self) -> ReasonKind:
