@@ -92,7 +92,9 @@ _TABLE: Final = (
         _RATES_ANY, _RATES_ON,
     ),
     ReasonKind(
-        "not_in_command", 5, "log", "Use a log in which the autopilot's outputs fly the aircraft.",
+        "not_in_command", 5, "log",
+        "Use a log in which the autopilot's outputs fly the aircraft, or name the channel by "
+        "--rudder if a receiver moved the servos by the same sticks.",
         "record the outputs that really move the surfaces, with the autopilot armed",
     ),
     ReasonKind(
