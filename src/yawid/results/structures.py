@@ -17,12 +17,13 @@ from functools import partial
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats
+from yawid.channels.conditioning import RATE_SLACK
 from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import RunConfig
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
 from yawid.physics.modes import modes
-from yawid.results.judge_samples import UNCERTAIN_WN
+from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
 NEXT, AFTER_NEXT = (4, 4, 3), (5, 5, 4)
 """The structure (na, nb, nc) that tells on the same grid what a richer one says; the second where
@@ -69,7 +70,8 @@ class Spread:
     ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``next`` is the
     richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
     ``own`` is the fit of the own structure by RML where another fit is the answer, and
-    ``held_back_pct`` how much that of the own structure explains of what was held back.
+    ``held_back_pct`` how much that of the own structure explains of what was held back; ``is_slow``
+    says that the rate is one that may be warned of.
     """
 
     told: tuple[Told, ...]
@@ -78,6 +80,7 @@ class Spread:
     slower: Told | None = None
     own: Told | None = None
     held_back_pct: float = math.nan
+    is_slow: bool = False
 
     def around(self, wn: float) -> "Spread":
         """Return what tells of a mode of wn rad/s, and knows it itself."""
@@ -138,13 +141,15 @@ class Spread:
     def beyond(self, name: str, value: float) -> float:
         """Return the sigma of a value that noise does not explain.
 
-        That of wn and zeta is at least what a warning says that a richer structure or a higher rate
-        moves.
+        That of wn and zeta is at least what a warning may say that a richer structure or a higher
+        rate moves.
         """
         apart = self.structures_std(name, value)
         if name not in MOVED:
             return apart
-        moves = np.fmax(self.next_moves(value, value), self.rate_moves(value, value))
+        moves = self.next_moves(value, value)
+        if self.is_slow:
+            moves = np.fmax(moves, self.rate_moves(value, value))
         return float(np.fmax(apart, moves[MOVED.index(name)]))
 
     def total(self, method: str, name: str, value: float, noise: float) -> float:
@@ -242,8 +247,14 @@ def spread_of(
     _, _, scatter = _said(config, sample_time_s, own, own.scatter)
     return Spread(
         tuple(told), scatter, next(iter(richer), None), next(iter(slower), None), own_told,
-        held_back,
+        held_back, _is_slow(config, sample_time_s, wn),
     )  # fmt: skip
+
+
+def _is_slow(config: RunConfig, sample_time_s: float, wn: float) -> bool:
+    """Tell whether the verdict may warn of the rate, which is the messages' unless it was given."""
+    needed_hz = max(LOW_RATE_HZ, LOW_RATIO * wn / (2.0 * math.pi))
+    return config.binds("rate") or needed_hz * sample_time_s > RATE_SLACK
 
 
 def _others(
