@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ import pytest
 from flightlog import FlightLog, reason_ids, samples_of, summarised, summary_of
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import cont2discrete, lfilter
 from sources.logs.ulog_writer import ULogFile
 
+from yawid.blocks import Floats
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 
@@ -115,6 +118,94 @@ def test_an_on_board_log_disarmed_throughout_is_refused(tmp_path: Path):
     assert not reason_ids(later) & {"not_in_command", "disarmed"}
 
 
+def carried(rudder: Floats, rate: Floats) -> bytes:
+    """Return PX4's log, disarmed and its outputs still, of control 2 and yaw rate (n,) at 25 Hz"""
+    log = FlightLog()
+    for i, (deflection, yaw_rate) in enumerate(zip(rudder.tolist(), rate.tolist(), strict=True)):
+        t = START_S + 0.04 * i
+        if i % 25 == 0:
+            log.add(t, mavlink.MAVLink_heartbeat_message(1, 12, DISARMED, 0, 4, 3))
+            log.add(t, mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 0, 50, 100.0, 0.0))
+        log.attitude(t, yaw_rate)
+        controls, us = [0.0, 0.0, deflection, *[0.0] * 5], round(1e6 * (t + 0.01))
+        log.add(t + 0.01, mavlink.MAVLink_actuator_control_target_message(us, 0, controls))
+        log.servos(t + 0.02, [0, 1500, 1500])
+    return log.data
+
+
+def pulses(n: int) -> Floats:
+    """Pulses of .6 s that go either way"""
+    signs = np.random.default_rng(3).choice([-1.0, 1.0], n // 15 + 1)
+    return 0.3 * np.repeat(signs, 15)[:n]
+
+
+def swinging(x: Floats) -> Floats:
+    """What comes of x (n,) by a pair of poles at 5 rad/s and a damping of .4, a sample later"""
+    b, a, _ = cont2discrete(([25.0], [1.0, 4.0, 25.0]), 0.04)
+    answered: Floats = lfilter(b[0], a, x)
+    return answered
+
+
+def test_a_rudder_that_the_yaw_rate_clearly_follows_was_moved_by_somebody():
+    """A pilot's receiver may move the servos by the same sticks: a warning, with the share"""
+    n = round(25 * SECONDS)
+    rudder, gusts = pulses(n), swinging(np.random.default_rng(4).standard_normal(n))
+    clear = swinging(rudder) + 0.05 * gusts
+    said = told(carried(rudder, clear))
+
+    assert "not_in_command" not in said
+    share = re.search(
+        r"outputs 2, 3 stood still at 1500; the rudder explains (\d+) %", said["disarmed"]
+    )
+    assert int(share[1]) > 80
+    hidden = told(carried(rudder, 0.3 * swinging(rudder) + 0.3 * gusts))
+    assert "not_in_command" in hidden
+
+
+@pytest.mark.parametrize("gain", [-0.5, 0.5])
+def test_a_rudder_that_follows_the_yaw_rate_is_a_passengers(gain: float):
+    """The loop of an autopilot that is taken along: nothing is as coherent"""
+    rate = swinging(np.random.default_rng(5).standard_normal(round(25 * SECONDS)))
+    reaction = gain * np.concatenate([np.zeros(3), rate[:-3]])
+
+    assert "not_in_command" in told(carried(reaction, rate))
+
+
+def test_a_channel_that_was_named_is_believed_with_a_warning():
+    data = tlog(lambda t: 1500, base_mode=DISARMED)
+    assert "not_in_command" in told(data)
+
+    said = told(data, RunConfig(rudder="control:2"))
+    assert "not_in_command" not in said
+    assert "SERVO_OUTPUT_RAW outputs 2, 3 stood still at 1500" in said["disarmed"]
+    assert "--rudder control:2 says that this channel moves the rudder" in said["disarmed"]
+
+
+RECORDED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+
+
+@RECORDED
+def test_a_flight_by_the_receiver_of_an_autopilot_never_armed_is_refused_by_its_samples_alone():
+    """CATALOG.md: its control 2 is the same stick; the line of 14 rad/s is never an answer"""
+    summary = summarised(FLIGHTS / "dawn1_flight1.ulg", RunConfig())[0]
+    weights = {reason.id: reason.weight for reason in summary.flight.verdict.reasons}
+
+    assert weights["disarmed"] == "warning"
+    assert weights["mode_not_driven"] == "fatal"
+    assert "not_in_command" not in weights
+
+
+@RECORDED
+def test_the_passengers_flight_is_refused_by_its_samples_where_its_channel_is_named():
+    config = RunConfig(rudder="control:2")
+    summary, verdict = summarised(FLIGHTS / "seaway_flight3.ulg", config)
+
+    weights = {reason.id: reason.weight for reason in verdict.reasons}
+    assert weights["disarmed"] == "warning"
+    assert not verdict.usable
+    assert not any(each.verdict.usable for each in summary.manoeuvres)
+
+
 def test_the_facts_do_not_depend_on_the_cut():
     data = tlog(lambda t: 1500 + round(t), base_mode=DISARMED)
     config = RunConfig(from_s=START_S + 3.2, to_s=START_S + 5.7)
@@ -125,7 +216,7 @@ def test_the_facts_do_not_depend_on_the_cut():
     assert (whole.moved, whole.armed, whole.disarmed) == (cut.moved, cut.armed, cut.disarmed)
 
 
-@pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+@RECORDED
 def test_the_flight_that_px4_was_a_passenger_of_is_refused_by_inspects_own_line(capsys, tmp_path):
     log = str(FLIGHTS / "seaway_flight3.ulg")
     main(["inspect", log, "--json"])

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from manoeuvres.streams import HZ, TS_S, WN, ZETA, doublets, flown, rest, stream, yawing
 from places import C172P
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
@@ -122,6 +123,51 @@ def test_inputs_that_were_given_bind(mode: float):
     both = told(replace(flight(AILERON, mode=mode), u=u), inputs=BOTH)
     assert both.found.inputs == list(BOTH)
     assert_right(both)
+
+
+def rolling(seed: int) -> SampleBlock:
+    """Strokes of the foot on a runway: a lag of .1 to .5 s without a Dutch roll, and its bumps"""
+    rng = np.random.default_rng([7, seed])
+    seconds, strength, noise, bumps_hz, lag_s = (
+        rng.uniform(*span)
+        for span in ((6.0, 14.0), (0.15, 0.4), (0.01, 0.12), (0.4, 2.0), (0.08, 0.5))
+    )
+    rng, n = np.random.default_rng(seed), round(seconds * HZ)
+    rudder, at = np.zeros(n), HZ
+    while at < n - 3 * HZ:
+        width = rng.integers(6, 24)
+        rudder[at : at + width] = strength * rng.choice([-1, 1]) * rng.uniform(0.5, 1)
+        at += width + rng.integers(0, 30)
+    decay = math.exp(-TS_S / lag_s)
+    yaw = lfilter([0.0, 0.8 * (1.0 - decay)], [1.0, -decay], rudder)
+    bumps = lfilter(*butter(2, bumps_hz / (HZ / 2)), rng.standard_normal(n + 100))[100:]
+    return stream(rudder, y=yaw + noise * bumps / bumps.std(), airspeed=15.0)
+
+
+@pytest.mark.parametrize("seed", [10, 31, 42, 145, 228, 241, 254, 274, 469])
+def test_a_record_without_a_dutch_roll_is_refused_where_a_richer_structure_says_another_one(
+    seed: int,
+):
+    """Each was usable by all other rules, with a sigma of 3 to 10 %"""
+    found = told(rolling(seed)).found
+
+    (fatal,) = found.verdict.fatal
+    assert fatal.id == "not_converged"
+    share = float(re.search(r"a model of more parameters moves about ([\d.]+) %", fatal.text)[1])
+    assert share > 10.0
+    assert found.dutch_roll.wn_std >= 0.00999 * share * found.dutch_roll.wn_rad_s
+
+
+@pytest.mark.parametrize(("last", "is_refused"), [(1.25, False), (1.4, True), (0.7, True)])
+def test_an_airspeed_that_is_another_one_at_the_end_refuses_a_stretch_that_was_named(
+    last: float, is_refused: bool
+):
+    """Which is never cut: wn goes with the airspeed"""
+    speed = np.linspace(20.0, 20.0 * last, len(RUDDER))
+    found = told(flight(airspeed=speed), from_s=0.0, to_s=40.0).found
+
+    assert [reason.id for reason in found.verdict.fatal] == ["not_converged"] * is_refused
+    assert not is_refused or "the first and the last airspeed differ" in found.verdict.fatal[0].text
 
 
 def banked(strength: float) -> dict[str, Any]:

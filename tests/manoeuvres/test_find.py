@@ -168,6 +168,22 @@ def test_another_airspeed_ends_it(share: float, count: int):
         assert second.k[0] == first.k[-1] + 1
 
 
+@pytest.mark.parametrize("goes", [lambda t: 5.0 + 1.6 * t, lambda t: 20.0 - 3.0 * t])
+def test_an_airspeed_that_grows_or_falls_by_a_factor_of_1_3_ends_it_within_its_first_five_seconds(
+    goes,
+):
+    """A take-off roll, and a flare: the mean of five seconds is still that of all of it"""
+    rudder = flown(rest(1), doublets(4))
+    speed = goes(np.arange(len(rudder)) / HZ)
+    first = found_in(stream(rudder, airspeed=speed))[0]
+
+    means = np.convolve(first.airspeed, np.full(2 * HZ, 0.5 / HZ), "valid")
+    factors = np.maximum(means / means[0], means[0] / means)
+    assert len(first) < 5 * HZ
+    assert factors[:-1].max() <= 1.3
+    assert spans(found_in(stream(rudder, airspeed=10.0))) == [(0, len(rudder) - 1)]
+
+
 def test_a_gust_of_a_second_is_no_other_airspeed():
     rudder = flown(rest(20), doublets(60), rest(20))
     airspeed = np.full(len(rudder), 20.0)

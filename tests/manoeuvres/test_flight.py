@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
@@ -301,6 +303,32 @@ def test_the_flight_bears_what_most_of_its_manoeuvres_are_warned_of():
     (reason,) = flight.verdict.reasons
     assert (reason.id, reason.weight) == ("coloured_residuals", "warning")
     assert reason.text == "in 3 of 4 manoeuvres: about coloured_residuals"
+
+
+def test_the_flights_sigma_holds_what_its_warnings_say_that_something_moves():
+    """Though its manoeuvres agree much better: what they leave out they have in common"""
+    said = Reason("coloured_residuals", "moves 6 % of wn and 0.05 of zeta", moves=(0.06, 0.05))
+    warned = [
+        replace(each, verdict=Verdict.of([said], "rml"))
+        for each in (answered(1, 10.0), answered(2, 10.0), answered(3, 10.0))
+    ]
+
+    roll = together(*warned).dutch_roll
+    assert roll.wn_std == pytest.approx(0.06 * roll.wn_rad_s)
+    assert roll.zeta_std == pytest.approx(0.05)
+    alone = together(warned[0], answered(2, 10.0), answered(3, 10.0))  # most are not warned
+    assert alone.verdict.reasons == []
+    assert alone.dutch_roll.wn_std < 0.04 * roll.wn_rad_s
+
+
+def test_of_several_as_bad_the_longest_manoeuvre_is_the_best():
+    short, long = (
+        answered(n, 10.0, reasons=[id_]) for n, id_ in ((1, "diverged"), (2, "poor_fit"))
+    )
+    long = replace(long, found=structs.replace(long.found, duration_s=80.0))
+
+    for each in ([short, long], [long, short]):
+        assert ids(together(*each)) == {"poor_fit"}
 
 
 def test_warnings_of_a_manoeuvre_make_it_no_less_usable():

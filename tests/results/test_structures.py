@@ -213,6 +213,43 @@ def test_what_the_next_structure_and_the_rate_move_is_told_where_they_are_known(
     assert np.isnan([unknown.next_moves(6.0, 0.3), unknown.rate_moves(6.0, 0.3)]).all()
 
 
+def test_a_richer_structure_that_explains_clearly_less_of_what_was_held_back_moves_nothing():
+    """By more than three points; one whose held-back fit is unknown may be the better one"""
+    richer = told(6.2, 0.28, orders=(*NEXT, 1), held_back=57.0)
+    for held_back, counts in ((57.0, True), (59.9, True), (60.1, False), (math.nan, True)):
+        found = replace(spread(richer), held_back_pct=held_back)
+        assert np.isfinite(found.next_moves(6.0, 0.3)).all() == counts
+    unknown = replace(spread(replace(richer, held_back_pct=math.nan)), held_back_pct=80.0)
+    np.testing.assert_allclose(unknown.next_moves(6.0, 0.3), [0.2, 0.02])
+
+
+def test_a_richer_structure_is_compared_with_the_own_one_by_the_same_method():
+    """Where ELS answers, how far it is from RML is no matter of the structure"""
+    richer, own = told(6.2, 0.28, orders=(*NEXT, 1)), told(6.1, 0.3, orders=OWN)
+    found = replace(spread(richer), own=own)
+
+    np.testing.assert_allclose(found.next_moves(5.0, 0.9), [0.1, 0.02])
+
+
+@METHODS
+@given(wn=st.floats(4.0, 40.0), zeta=st.floats(0.1, 0.9), noise=SIGMAS, slow=st.floats(4.0, 9.0))
+def test_the_total_sigma_is_never_less_than_what_a_warning_says_that_something_moves(
+    method: str, wn: float, zeta: float, noise: float, slow: float
+):
+    """Another mode, that ``around`` leaves out, included: a take-off roll said 4.79 +- .20"""
+    others = [told(6.0) for _ in range(5)]
+    richer = told(wn, zeta, orders=(*NEXT, 1))
+    found = spread(*others, richer, slower=told(slow, every=2)).around(6.0)
+    found = replace(found, is_slow=True)
+
+    totals = [
+        found.total(method, name, value, noise)
+        for name, value in (("wn_rad_s", 6.0), ("zeta", 0.3))
+    ]
+    assert (found.next_moves(6.0, 0.3) <= np.array(totals)).all()
+    assert (found.rate_moves(6.0, 0.3) <= np.array(totals)).all()
+
+
 def asked(config: RunConfig, wn: float, *, answers: bool = True) -> tuple[list[str], Spread]:
     """Which structures are told beside an answer of wn, and all that is known"""
     u, y = flown(1)

@@ -6,7 +6,7 @@ could be taken: in the boot and the stretch asked for, and not on the ground.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,8 +106,14 @@ class Command:
                 output.observe(reported)
                 self.moved |= output.moved
 
-    def texts(self, vehicle: Vehicle | None) -> Iterator[tuple[str, str]]:
-        """Yield the reasons, (id, text)."""
+    def texts(
+        self, vehicle: Vehicle | None, why_believed: Callable[[], str]
+    ) -> Iterator[tuple[str, str]]:
+        """Yield the reasons, (id, text).
+
+        ``why_believed`` says why the rudder moved the aircraft all the same, if anything does: a
+        pilot's receiver may have moved the servos by the same sticks.
+        """
         never_armed = self.disarmed and not self.armed
         still = {key: output for key, output in self.outputs.items() if output.rows >= LEAST_ROWS}
         said = []
@@ -116,7 +122,9 @@ class Command:
             said.append(f"{name} was not armed at any time")
         if still and not self.moved:
             said.append(_still(still))
-        if said:
+        if said and (why := why_believed()):
+            yield "disarmed", f"{' and '.join(said)}; {why}"
+        elif said:
             yield "not_in_command", f"{' and '.join(said)}: its commands moved nothing"
         elif never_armed:
             yield (

@@ -17,6 +17,7 @@ from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
 from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
+from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import AIRSPEED, conditions
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
@@ -127,15 +128,18 @@ class Fits:
         y_hat = {method: model.y_hat for method, model in self.estimators.items()}
         return History(u=self.u, y=self.y, y_hat=y_hat, **context)
 
-    def spread(self) -> Spread:
-        """Return what is known beside the answer; the structures are fitted as RML."""
+    def spread(self, held_back: float) -> Spread:
+        """Return what is known beside the answer, whose held-back fit is in %.
+
+        The structures are fitted as RML.
+        """
         first = self.methods[0]
         model = self.estimators[first]
         wn = float(dutch_roll_told(self, first, model.theta)[0])
         if not wn > 0.0:
             return NOTHING_KNOWN
         own = model if first == "rml" else None
-        return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own)
+        return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own, held_back)
 
     def simulation_pct(self) -> float:
         """Return the free-running fit of the method that answers."""
@@ -159,7 +163,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
             fits = both
     first, history = fits.methods[0], fits.history()
     pct = {first: held_back_pct(fits.estimator(first), fits.u, fits.y)}
-    spread = fits.spread()
+    spread = fits.spread(pct[first])
     estimates, evidence = {}, {}
     for method in fits.methods:
         estimates[method], evidence[method] = described(
@@ -206,6 +210,14 @@ def short_reasons(fits: Fits, history: History, evidence: Evidence) -> Iterator[
         )
     seconds = fits.sample_time_s * np.count_nonzero(np.isfinite(history.y))
     periods = seconds * wn_rad_s / (2.0 * math.pi)
+    factors = speed_factors(history.airspeed, speed_rows(fits.sample_time_s))
+    factors = factors[np.isfinite(factors)]
+    if len(factors) and factors[-1] > OTHER_SPEED:
+        yield Reason(
+            "not_converged",
+            f"the first and the last airspeed differ by a factor of {factors[-1]:.2f}, and wn goes "
+            f"with it: at most {OTHER_SPEED:g} is needed; choose --from and --to",
+        )
     if periods < LEAST_PERIODS:
         yield Reason(
             "not_converged",
@@ -280,6 +292,6 @@ def _structure(
     if not math.isfinite(dutch_roll[0]):
         return Structure(dutch_roll, gain, held_back, (math.nan,) * 3)
     spread = spread.around(float(dutch_roll[0]))
-    wn = spread.structures_std("wn_rad_s", float(dutch_roll[0]))
-    zeta = spread.structures_std("zeta", float(dutch_roll[2]))
-    return Structure(dutch_roll, gain, held_back, (wn, zeta, spread.structures_std("K", gain[0])))
+    wn = spread.beyond("wn_rad_s", float(dutch_roll[0]))
+    zeta = spread.beyond("zeta", float(dutch_roll[2]))
+    return Structure(dutch_roll, gain, held_back, (wn, zeta, spread.beyond("K", gain[0])))

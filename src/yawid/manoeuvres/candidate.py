@@ -15,6 +15,13 @@ MOVES = 2.0 * LEAST_TRAVEL
 """A rudder that covers more than this of half its travel within 5 s has left where it stood."""
 
 
+OTHER_SPEED = 1.3
+"""Factor of the airspeed between begin and end: wn goes with it, and the answer is of neither. A
+take-off or a landing, within seconds."""
+SPEED_S = 2.0
+"""First and last airspeed are means over so many seconds: a gust is shorter."""
+
+
 class Progress(NamedTuple):
     """How a manoeuvre stands that may be on its way; it changes nothing of what is found.
 
@@ -47,6 +54,7 @@ class Candidate:
         self._kept = [] if before is None else [before]
         self._longest = round(LONGEST_S / sample_time_s)
         self._window = max(2, round(WINDOW_S / sample_time_s))
+        self._few = speed_rows(sample_time_s)
         self._speeds = np.empty(0) if before is None else before.airspeed
 
     def feed(self, rows: SampleBlock, stroke: Floats) -> tuple[int, bool]:
@@ -69,17 +77,16 @@ class Candidate:
         self._kept = [flown_in(mode, rows) for rows in self._kept]
 
     def _other_airspeed(self, rows: SampleBlock) -> list[int]:
-        """Return the first row at which the newest 5 s differ by 10 % from all of it until then."""
+        """Return the first row at which the airspeed is another one, if there is one.
+
+        There the newest 5 s differ by 10 % from all of it until then, or the newest 2 s from the
+        first by a factor of 1.3.
+        """
         speeds = np.concatenate([self._speeds, rows.airspeed])
-        known = np.isfinite(speeds)
-        total, count = np.cumsum(np.where(known, speeds, 0.0)), np.cumsum(known)
         before = np.arange(len(speeds)) - self._window
-        old = np.where(before >= 0, before, 0)
-        newest_total = total - np.where(before >= 0, total[old], 0.0)
-        newest_count = count - np.where(before >= 0, count[old], 0)
-        sound = (newest_count > 0) & (before >= 0)
-        mean, newest = total / np.maximum(count, 1), newest_total / np.maximum(newest_count, 1)
-        other = sound & (np.abs(newest - mean) > AIRSPEED_SHARE * mean)
+        mean, newest = _running_mean(speeds, len(speeds)), _running_mean(speeds, self._window)
+        other = (before >= 0) & (np.abs(newest - mean) > AIRSPEED_SHARE * mean)
+        other |= speed_factors(speeds, self._few) > OTHER_SPEED
         rest = np.flatnonzero(other[len(self._speeds) :])
         return [int(rest[0])] if len(rest) else []
 
@@ -90,6 +97,32 @@ class Candidate:
     def samples(self) -> SampleBlock:
         """Return all of it."""
         return SampleBlock.joined(self._kept)
+
+
+def speed_rows(sample_time_s: float) -> int:
+    """Return over how many rows the first and the last airspeed are means."""
+    return max(1, round(SPEED_S / sample_time_s))
+
+
+def speed_factors(speeds: Floats, rows: int) -> Floats:
+    """Return by what factor (n,), 1 or more, speeds (n,) differ from the first.
+
+    Each is the mean over the newest ``rows``, the first too; NaN where unknown, and before that.
+    """
+    newest = _running_mean(np.where(speeds > 0.0, speeds, np.nan), rows)
+    later = np.cumsum(np.isfinite(newest)) >= rows
+    if not later.any():
+        return np.full(len(speeds), np.nan)
+    first = newest[int(np.argmax(later))]
+    return np.where(later, np.maximum(newest / first, first / newest), np.nan)
+
+
+def _running_mean(x: Floats, window: int) -> Floats:
+    """Return the mean (n,) of the newest ``window`` rows of x (n,), of what is known; else NaN."""
+    known = np.isfinite(x)
+    sums = [np.cumsum(np.where(known, x, 0.0)), np.cumsum(known, dtype=float)]
+    total, count = (c - np.concatenate([np.zeros(window), c])[: len(c)] for c in sums)
+    return np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
 
 
 def flown_in(mode: float, rows: SampleBlock) -> SampleBlock:

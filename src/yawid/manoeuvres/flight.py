@@ -39,7 +39,8 @@ BETTER_PCT = 1.0
 class Pooled:
     """A mean over manoeuvres: its standard error, and tau, the scatter between them.
 
-    ``noise`` is the standard error that noise alone explains, ``beyond`` what all have in common.
+    ``noise`` is the standard error that noise alone explains, ``beyond`` what all have in common,
+    ``least`` by how much a warning says that it may be off.
     """
 
     mean: float
@@ -47,11 +48,12 @@ class Pooled:
     tau: float
     noise: float
     beyond: float
+    least: float = 0.0
 
     @property
     def std(self) -> float:
         """The sigma of what the next manoeuvre will say."""
-        return math.sqrt(self.error**2 + self.tau**2 + self.beyond**2)
+        return max(math.sqrt(self.error**2 + self.tau**2 + self.beyond**2), self.least)
 
 
 def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
@@ -99,8 +101,12 @@ def flight_of(
 
 
 def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
-    """Return a flight without a usable manoeuvre: its reasons are those of the best one."""
-    best = min(answered, key=lambda each: each.verdict.weight)
+    """Return a flight without a usable manoeuvre: its reasons are those of the best one.
+
+    That is the one with the fewest fatal reasons; of several the longest, which holds the most of
+    what was flown.
+    """
+    best = min(answered, key=lambda each: (each.verdict.weight[0], -each.found.duration_s))
     where = f"manoeuvre {best.found.n}, {best.found.from_s:.0f} to {best.found.to_s:.0f} s: "
     said = [replace(reason, text=where + reason.text) for reason in best.verdict.reasons]
     verdict = Verdict.of([*of_the_log, *said], best.verdict.method)
@@ -156,7 +162,11 @@ def _together(
     wn = pooled(x[agree], std[agree], floor, (beyond[:, 0] / by)[agree])
     zeta = pooled(rolls[agree, 2], rolls[agree, 3], TAU_ZETA, beyond[agree, 1])
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
-    reasons = [*of_the_log, *_warnings(used)]
+    warned = list(_warnings(used))
+    moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
+    wn = replace(wn, least=float(moves[0]) * wn.mean)
+    zeta = replace(zeta, least=float(moves[1]))
+    reasons = [*of_the_log, *warned]
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))

@@ -121,6 +121,11 @@ class Evidence:
         least = np.minimum(self.total_std, WORTH_A_WORD * np.array([self.dutch_roll[0], 1.0]))
         return bool(np.any(moves > least) or np.isnan(moves).any())
 
+    def moved(self, reason: Reason, moves: Floats, what: str) -> Reason:
+        """Return a warning that says, by ``what``, how far something moves wn and zeta (2,)."""
+        share, zeta = (np.nan_to_num(moves) / (self.dutch_roll[0], 1.0)).tolist()
+        return replace(reason, text=f"{reason.text}{what} {self.said(moves)}", moves=(share, zeta))
+
     def said(self, moves: Floats) -> str:
         """Say how far something moves wn and zeta (2,)."""
         if np.isnan(moves).any():
@@ -161,11 +166,17 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
     if not math.isfinite(wn):
         yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
     elif not (wn_std < UNCERTAIN_WN * wn and zeta_std < UNCERTAIN_ZETA):
-        yield Reason(
-            "not_converged",
+        text = (
             f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
-            f"zeta {zeta:.3g} ± {zeta_std:.2g}",
+            f"zeta {zeta:.3g} ± {zeta_std:.2g}"
         )
+        moves = evidence.next_moves
+        if moves[0] > UNCERTAIN_WN * wn or moves[1] > UNCERTAIN_ZETA:
+            text += (
+                f"; a model of more parameters moves {evidence.said(moves)}, and nothing that was "
+                "held back says that it is the worse one"
+            )
+        yield Reason("not_converged", text)
     else:
         yield from _still_moving(evidence)
 
@@ -198,11 +209,12 @@ def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
     """Judge what the model leaves over, by what a richer one makes of it."""
     is_coloured = evidence.whiteness_p < WHITE_P and evidence.autocorrelation > LEAST_COLOUR
     if is_coloured and evidence.matters(evidence.next_moves):
-        yield Reason(
+        found = Reason(
             "coloured_residuals",
             f"the residuals are not white (autocorrelation {evidence.autocorrelation:.2f}): the "
-            f"model leaves something out; a richer one moves {evidence.said(evidence.next_moves)}",
+            "model leaves something out",
         )
+        yield evidence.moved(found, evidence.next_moves, "; a richer one moves")
 
 
 def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason]:
@@ -210,11 +222,11 @@ def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason
     for reason in reasons:
         is_rate = reason.id == "rate_low"
         moves = evidence.rate_moves if is_rate else evidence.next_moves
-        what = "at a higher rate than this it moves" if is_rate else "a richer model moves"
+        what = "; at a higher rate than this it moves" if is_rate else "; a richer model moves"
         if reason.exit_code:
             yield reason
         elif evidence.matters(moves):
-            yield replace(reason, text=f"{reason.text}; {what} {evidence.said(moves)}")
+            yield evidence.moved(reason, moves, what)
 
 
 def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:

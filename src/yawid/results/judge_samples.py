@@ -13,7 +13,7 @@ from yawid.blocks import Floats, shifted
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
 from yawid.estimation.bank import History
-from yawid.results.excitation import LEAST_STROKE, Excitation
+from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Excitation
 from yawid.results.reasons import Reason
 
 LEAST_RATE_HZ = 5.0
@@ -33,6 +33,11 @@ MOST_REACTION = 0.5
 """An aileron of which yaw rate and roll explain more only holds the wings level: no input."""
 WORTH_PCT = 2.0
 """How many points of the simulated fit a further input must bring."""
+RESPONSE_S, RESPONSE_STEP_S = 2.0, 0.1
+"""By how much of the rudder, and how finely, the yaw rate is explained: a Dutch roll's period."""
+LEAST_RESPONSE = 0.5
+"""Part of the yaw rate above which the rudder clearly moves it. It was .64 where a receiver moved
+the servos of a disarmed autopilot, and .36 where the autopilot was a passenger."""
 ROUNDING = 1e-9
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
 """A relative sigma of wn, and a sigma of zeta, above which nobody would act on the Dutch roll."""
@@ -198,6 +203,26 @@ def reaction_shares(history: History) -> list[float]:
     before = np.concatenate([[np.nan], history.roll[:-1]])
     causes = np.column_stack([history.y, history.roll, before])
     return [_explained(u, causes) for u in history.u.T]
+
+
+def why_rudder_moves_yaw(history: History, sample_time_s: float) -> str:
+    """Say how clearly the rudder moves the yaw, whoever commands it; nothing where it does not.
+
+    A loop that is taken along makes its rudder out of the yaw rate: there the rudder that comes
+    after explains the yaw rate better than the one before.
+    """
+    step = max(1, round(RESPONSE_STEP_S / sample_time_s))
+    lags = range(1, round(RESPONSE_S / sample_time_s) + 1, step)
+    u = history.u[:, 0]
+    if np.count_nonzero(np.isfinite(u + history.y)) < ROWS_PER_LAG * len(lags):
+        return ""
+    before, after = (
+        _explained(history.y, np.column_stack([shifted(u, sign * i) for i in lags]))
+        for sign in (1, -1)
+    )
+    if before < LEAST_RESPONSE or before <= after:
+        return ""
+    return f"the rudder explains {100 * before:.0f} % of the yaw rate that follows it"
 
 
 def turn_correlation(y: Floats, turn: Floats) -> float:

@@ -92,7 +92,9 @@ _TABLE: Final = (
         _RATES_ANY, _RATES_ON,
     ),
     ReasonKind(
-        "not_in_command", 5, "log", "Use a log in which the autopilot's outputs fly the aircraft.",
+        "not_in_command", 5, "log",
+        "Use a log in which the autopilot's outputs fly the aircraft, or name the channel by "
+        "--rudder if a receiver moved the servos by the same sticks.",
         "record the outputs that really move the surfaces, with the autopilot armed",
     ),
     ReasonKind(
@@ -179,13 +181,15 @@ class Reason:
     """One thing that speaks against the estimate.
 
     ``remedy`` are settings of :class:`yawid.config.run.RunConfig` that may mend it, to be tried.
-    With ``warns`` it is a warning, though its kind may be fatal.
+    With ``warns`` it is a warning, though its kind may be fatal. ``moves`` is how far its text says
+    that wn, as a part of itself, and zeta may be off.
     """
 
     id: str
     text: str
     remedy: Mapping[str, object] = field(default_factory=dict, compare=False)
     warns: bool = False
+    moves: tuple[float, float] = field(default=(0.0, 0.0), compare=False)
 
     @property
     def kind(self) -> ReasonKind:

@@ -17,12 +17,13 @@ from functools import partial
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats
+from yawid.channels.conditioning import RATE_SLACK
 from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import RunConfig
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
 from yawid.physics.modes import modes
-from yawid.results.judge_samples import UNCERTAIN_WN
+from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
 NEXT, AFTER_NEXT = (4, 4, 3), (5, 5, 4)
 """The structure (na, nb, nc) that tells on the same grid what a richer one says; the second where
@@ -36,6 +37,8 @@ WEIGHT_PCT = 3.0
 EQUAL = {"omega_beta": "wn_rad_s", "xi_beta": "zeta"}
 """Names of eq. 23 for the Dutch roll's own numbers: they have its sigmas. Not every structure's
 model is a yaw channel."""
+MOVED = ("wn_rad_s", "zeta")
+"""What a warning says a structure or a rate moves, in the order of a Dutch roll's numbers."""
 LEAST = {"wn_rad_s": 0.005, "zeta": 0.005}
 """What is left where all structures agree: of wn in proportion, of zeta as it stands."""
 NEAR_ENOUGH = 1e-9
@@ -66,12 +69,18 @@ class Spread:
 
     ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``next`` is the
     richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
+    ``own`` is the fit of the own structure by RML where another fit is the answer, and
+    ``held_back_pct`` how much that of the own structure explains of what was held back; ``is_slow``
+    says that the rate is one that may be warned of.
     """
 
     told: tuple[Told, ...]
     scatter: Mapping[str, float]
     next: Told | None = None
     slower: Told | None = None
+    own: Told | None = None
+    held_back_pct: float = math.nan
+    is_slow: bool = False
 
     def around(self, wn: float) -> "Spread":
         """Return what tells of a mode of wn rad/s, and knows it itself."""
@@ -94,9 +103,21 @@ class Spread:
         weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
         return weights
 
+    @property
+    def richer(self) -> Told | None:
+        """The next richer structure, None where it explains clearly less of what was held back."""
+        if self.next is None or self.next.held_back_pct < self.held_back_pct - WEIGHT_PCT:
+            return None
+        return self.next
+
     def next_moves(self, wn: float, zeta: float) -> Floats:
-        """Return how far the next richer structure moves wn and zeta (2,); NaN for none."""
-        return _apart(self.next, wn, zeta)
+        """Return how far the next richer structure moves wn and zeta (2,); NaN where unknown.
+
+        It is compared with the own one, both fitted as RML.
+        """
+        if self.own is not None:
+            wn, zeta = self.own.dutch_roll[[0, 2]].tolist()
+        return _apart(self.richer, wn, zeta)
 
     def rate_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far about the rate moves wn in rad/s and zeta (2,); NaN where unknown.
@@ -117,6 +138,20 @@ class Spread:
         share = abs(value) if name == "wn_rad_s" else 1.0
         return math.hypot(apart, LEAST.get(name, 0.0) * share)
 
+    def beyond(self, name: str, value: float) -> float:
+        """Return the sigma of a value that noise does not explain.
+
+        That of wn and zeta is at least what a warning may say that a richer structure or a higher
+        rate moves.
+        """
+        apart = self.structures_std(name, value)
+        if name not in MOVED:
+            return apart
+        moves = self.next_moves(value, value)
+        if self.is_slow:
+            moves = np.fmax(moves, self.rate_moves(value, value))
+        return float(np.fmax(apart, moves[MOVED.index(name)]))
+
     def total(self, method: str, name: str, value: float, noise: float) -> float:
         """Return the total sigma of a value whose sigma of noise is known; NaN stays NaN.
 
@@ -126,7 +161,7 @@ class Spread:
         name = EQUAL.get(name, name)
         scatter = self.scatter.get(name, 0.0)
         own = max(noise, scatter) if math.isfinite(scatter) else noise
-        apart = self.structures_std(name, value)
+        apart = self.beyond(name, value)
         if method == "els":
             return max(own, apart) if math.isfinite(own) else own
         return math.hypot(own, apart)
@@ -185,12 +220,13 @@ def spread_of(
     u: Floats,
     y: Floats,
     wn: float,
-    own: FittedModel | None = None,
+    answer: FittedModel | None = None,
+    held_back: float = math.nan,
 ) -> Spread:
     """Return what is known of the samples u (n, inputs) and y (n,) beside an answer of wn rad/s.
 
-    ``own`` is the fit of the configuration's own orders over them, if that is the answer: where it
-    is not, it is one more structure. The others have the same nk.
+    ``answer`` is the fit of the configuration's own orders over them, if that is the answer, with
+    its held-back fit in %: where it is not, it is one more structure. The others have the same nk.
     """
     tell, orders = partial(_others, config, sample_time_s, u, y), config.orders[:3]
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
@@ -202,13 +238,23 @@ def spread_of(
     else:
         told = [*richer, *tell(sorted({SIMPLE, *COARSE} - {each.orders[:3] for each in richer}), 1)]
         slower = tell([orders], 2)
+    own, own_told = answer, None
     if own is None:
         own = fit_record(_forgetting_nothing(config, sample_time_s), u, y, NEAR_ENOUGH)
-        told += [each for each in [_told(config, sample_time_s, own, u, y, 1)] if each is not None]
+        own_told = _told(config, sample_time_s, own, u, y, 1)
+    if own_told is not None:
+        told, held_back = [*told, own_told], own_told.held_back_pct
     _, _, scatter = _said(config, sample_time_s, own, own.scatter)
     return Spread(
-        tuple(told), scatter, richer[0] if richer else None, slower[0] if slower else None
-    )
+        tuple(told), scatter, next(iter(richer), None), next(iter(slower), None), own_told,
+        held_back, _is_slow(config, sample_time_s, wn),
+    )  # fmt: skip
+
+
+def _is_slow(config: RunConfig, sample_time_s: float, wn: float) -> bool:
+    """Tell whether the verdict may warn of the rate, which is the messages' unless it was given."""
+    needed_hz = max(LOW_RATE_HZ, LOW_RATIO * wn / (2.0 * math.pi))
+    return config.binds("rate") or needed_hz * sample_time_s > RATE_SLACK
 
 
 def _others(
