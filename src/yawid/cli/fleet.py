@@ -16,7 +16,7 @@ from yawid.cli.options import (
     read_options_of,
     settings_of,
 )
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def add_fleet(commands: Any) -> None:
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
+    from yawid.dataset.values import FAILED
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
 
@@ -84,7 +85,12 @@ def _fleet(arguments: argparse.Namespace) -> int:
     rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
     print(f"{run.out.absolute()}: {rows}\noutcomes: {outcomes}", flush=True)
-    return stop.exit_code if stop.is_set else 0
+    if count := progress.outcomes[FAILED]:
+        console.say(
+            f"{count} logs failed for a reason that may pass, the same command tries them again; "
+            f"{progress.why_failed}"
+        )
+    return stop.exit_code if stop.is_set else SinkError.exit_code if count else 0
 
 
 def _asked(arguments: argparse.Namespace) -> "FleetRun":
