@@ -30,6 +30,8 @@ from yawid.dataset.files import read_table
 from yawid.fleet.journal import FINISHED
 
 COUNT = 24
+NO_DISK = "/proc/self/mem"
+"""Reading its first byte is an input/output error, as of a broken disk."""
 
 
 @pytest.fixture(scope="session")
@@ -202,6 +204,36 @@ def test_logs_in_memory_are_sent_to_the_workers_and_known_by_their_url(
     assert read_table(out, "logs", ["path", "outcome"]).to_pylist() == [
         {"path": "memory:///flights/a.tlog", "outcome": "ok"}
     ]
+
+
+def test_a_log_that_failed_for_a_reason_that_may_pass_is_told_and_tried_again_by_the_next_run(
+    place: Path, logs: Path, running: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    some, out = place / "some", place / "by_some"
+    some.mkdir()
+    shutil.copy(logs / "01.tlog", some / "good.tlog")
+    (some / "broken.tlog").symlink_to(NO_DISK)
+    command = ["fleet", str(some), "--out", str(out), "--scheduler", running.address]
+
+    assert main(command) == 6
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith(
+        "yawid: 1 logs failed for a reason that may pass, the same command tries"
+    )
+    assert f"{some}/broken.tlog: broken.tlog cannot be read (Input/output error)" in told
+    rows = {Path(str(row["path"])).stem: row for row in tables(out)["logs"]}
+    assert (rows["broken"]["outcome"], rows["broken"]["reasons"]) == ("failed", ["failed"])
+    assert main([*command, "--dry-run"]) == 0
+    assert capsys.readouterr().out.startswith("to run: 1 logs")
+
+    whole = tables(out)
+    (some / "good.tlog").unlink()
+    (some / "good.tlog").symlink_to(NO_DISK)
+    assert main(command) == 6
+    assert "yawid: 2 logs failed" in capsys.readouterr().err
+    after = tables(out)  # takes no earlier answer away
+    assert after["flights"] == whole["flights"]
+    assert [row["outcome"] for row in after["logs"]] == ["failed", rows["good"]["outcome"]]
 
 
 @pytest.mark.parametrize(

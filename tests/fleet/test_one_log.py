@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from places import REPLAY_LOGS
 from yawid.config.run import RunConfig
 from yawid.dataset.files import table_of
 from yawid.dataset.schema import TABLES
+from yawid.fleet.child import rows_here
 from yawid.fleet.one_log import Rows, rows_of
 from yawid.fleet.spec import Spec
 
@@ -88,6 +90,51 @@ def test_whatever_is_wrong_with_a_log_is_an_outcome_with_its_text(
     outcome, reasons, said = told(log_of("no_rudder"), Spec())
     assert (outcome, reasons) == ("crashed", ["crashed"])
     assert said.startswith("ZeroDivisionError: division by zero (test_one_log.py:")
+
+
+def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
+    tmp_path: Path,
+) -> None:
+    def told(rows: Rows) -> tuple[str, str]:
+        return rows["logs"][0]["outcome"], rows["logs"][0]["text"]
+
+    (tmp_path / "broken.tlog").symlink_to("/proc/self/mem")  # its first byte: EIO
+    (tmp_path / "full.tlog").symlink_to("/dev/full")
+    key = tmp_path / "key"
+    key.write_text("one\n")
+    spec = Spec(key_file=str(key))
+
+    outcome, said = told(rows_of(tmp_path / "broken.tlog", Spec()))
+    assert (outcome, "Input/output error" in said) == ("failed", True)
+    outcome, said = told(rows_here("memory://full.tlog", Spec(), tmp_path, b"some"))
+    assert (outcome, said) == ("failed", "OSError: [Errno 28] No space left on device")
+    outcome, said = told(rows_here("memory://absent.tlog", Spec(), tmp_path, None))
+    assert (outcome, said.partition(":")[0]) == ("failed", "FileNotFoundError")
+    key.write_text("other\n")
+    assert told(rows_of(log_of("no_rudder"), spec)) == (
+        "failed",
+        f"signing key file {key}: another key than when the fleet was started",
+    )
+    key.unlink()
+    assert told(rows_of(log_of("no_rudder"), spec)) == (
+        "failed",
+        f"signing key file {key}: No such file or directory",
+    )
+
+
+def test_of_a_key_its_content_is_in_the_hash_and_not_its_path_or_spelling(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("a", "b", "c")]
+    for path, text in zip(paths, ("one\n", "one", sha256(b"one").hexdigest()), strict=True):
+        path.write_text(text)
+
+    def hashes() -> list[str]:
+        return [Spec(key_file=str(path)).config_hash for path in paths]
+
+    one = hashes()
+    assert len({*one, Spec().config_hash}) == 2
+    paths[0].write_text("two\n")
+    assert hashes()[0] not in (one[0], Spec().config_hash)
+    assert hashes()[1:] == one[1:]
 
 
 def test_equal_options_have_equal_hashes_however_they_are_given() -> None:

@@ -16,7 +16,7 @@ from yawid.cli.options import (
     read_options_of,
     settings_of,
 )
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
 from yawid.sinks.door import tell
 
@@ -56,6 +56,7 @@ def add_fleet(commands: Any) -> None:
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
+    from yawid.dataset.values import FAILED
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
 
@@ -86,7 +87,12 @@ def _fleet(arguments: argparse.Namespace) -> int:
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
     tell(f"{run.out.absolute()}: {rows}")
     tell(f"outcomes: {outcomes}")
-    return stop.exit_code if stop.is_set else 0
+    if count := progress.outcomes[FAILED]:
+        console.say(
+            f"{count} logs failed for a reason that may pass, the same command tries them again; "
+            f"{progress.why_failed}"
+        )
+    return stop.exit_code if stop.is_set else SinkError.exit_code if count else 0
 
 
 def _asked(arguments: argparse.Namespace) -> "FleetRun":

@@ -20,7 +20,8 @@ ANALYSIS_VERSION: Final = "3"
 """Raised where the same log gives other numbers than before: a fleet's logs are then run again."""
 FORMAT: Final = 1
 """Of the data set's folders and manifest."""
-OUTCOMES: Final = ("ok", "unusable", "unreadable", "crashed", "timeout")
+OUTCOMES: Final = ("ok", "unusable", "crashed", "timeout", "unreadable", "failed")
+"""Results of a log; ``failed``: a reason that may pass kept it from being read."""
 
 ID: Final = pa.dictionary(pa.int32(), pa.string())
 TIME: Final = pa.timestamp("us", tz="UTC")
@@ -33,7 +34,7 @@ Column = tuple[str, Any, str]
 _MADE_BY: Final[tuple[Column, ...]] = (
     ("yawid_version", ID, "version of yawid that made the row"),
     ("analysis_version", ID, "raised where the same log gives other numbers"),
-    ("config_hash", ID, "of the options: equal where they were equal"),
+    ("config_hash", ID, "of the options, and of a key's content: equal where they were equal"),
 )
 _KEYS: Final[tuple[Column, ...]] = (("log_sha256", ID, "of the log's bytes: see logs"), *_MADE_BY)
 _WHOSE: Final[tuple[Column, ...]] = (

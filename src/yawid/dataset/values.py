@@ -38,6 +38,10 @@ def serial_of(parameters: bytes) -> str | None:
     return None if found is None or not int(found[1]) else f"serial:{int(found[1])}"
 
 
+FAILED = "failed"
+"""The outcome of a log that was not read for a reason that may pass: the next run tries again."""
+
+
 def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of a log that came to nothing, for a reason that is the outcome's name."""
     row = {"outcome": outcome, "reasons": [reason or outcome], "warnings": [], "text": text}

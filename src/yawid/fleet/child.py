@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from yawid.dataset.values import failed
+from yawid.dataset.values import FAILED, failed
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
 
@@ -51,11 +51,11 @@ def _answer(orders: BinaryIO, answers: BinaryIO) -> None:
             path, spec, scratch, data = pickle.load(orders)
         except EOFError:
             return
-        pickle.dump(_rows(path, spec, Path(scratch), data), answers)
+        pickle.dump(rows_here(path, spec, Path(scratch), data), answers)
         answers.flush()
 
 
-def _rows(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
+def rows_here(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
     """Return the rows of a log, None where this machine has no such file."""
     if "://" not in path:
         return rows_of(Path(path), spec) if Path(path).is_file() else None
@@ -67,7 +67,7 @@ def _rows(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
             else:
                 _stream(path, out)
     except Exception as error:  # whatever a store's library raises
-        return failed("unreadable", f"{type(error).__name__}: {error}")
+        return failed(FAILED, f"{type(error).__name__}: {error}")
     try:
         return rows_of(local, spec)
     finally:

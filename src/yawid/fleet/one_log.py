@@ -3,6 +3,7 @@
 Whatever goes wrong with the log becomes an outcome with its text; nothing is raised.
 """
 
+import errno
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
@@ -13,7 +14,7 @@ from typing import Any
 from yawid import __version__
 from yawid.config.run import RunConfig
 from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
-from yawid.dataset.values import failed, known_date, plain, serial_of
+from yawid.dataset.values import FAILED, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
@@ -42,6 +43,10 @@ class _Flown:
     sink: FlightSink
 
 
+class _OtherKeyError(SourceError):
+    """The key file of this machine, at this time, is not the fleet's."""
+
+
 def rows_of(path: Path, spec: Spec) -> Rows:
     """Return a log's rows by table, ``logs`` with exactly one; a log's keys are in that one alone.
 
@@ -51,11 +56,12 @@ def rows_of(path: Path, spec: Spec) -> Rows:
     try:
         return _mcap_rows(path, spec) if is_mcap(path) else _log_rows(path, spec)
     except SourceError as error:
-        outcome, text = "unreadable", str(error)
+        may_pass = isinstance(error, _OtherKeyError) or _may_pass(error.__cause__)
+        outcome, text = FAILED if may_pass else "unreadable", str(error)
     except YawidError as error:
         outcome, text = "unusable", str(error)
     except Exception as error:
-        outcome, text = "crashed", _where(error)
+        outcome, text = FAILED if _may_pass(error) else "crashed", _where(error)
     reason = "refused" if outcome == "unusable" else None
     return failed(outcome, text.replace(str(path), path.name), reason)
 
@@ -64,10 +70,27 @@ def read_options_of(spec: Spec) -> ReadOptions:
     """Return how bytes are read.
 
     Raises:
-        ConfigError: the key cannot be read.
+        _OtherKeyError: it cannot be read here, or is not the one that the fleet was started with.
     """
     path = None if spec.key_file is None else Path(spec.key_file)
-    return ReadOptions.asked(spec.form, path)
+    try:
+        options = ReadOptions.asked(spec.form, path)
+    except ConfigError as error:
+        raise _OtherKeyError(str(error)) from error
+    if options.key is not None and options.key.mark != spec.key_mark:
+        raise _OtherKeyError(
+            f"signing key file {path}: another key than when the fleet was started"
+        )
+    return options
+
+
+def _may_pass(error: BaseException | None) -> bool:
+    """Tell whether an error is of the machine or the store: it says nothing of the log.
+
+    EINVAL is what a damaged log gives, whose readers then seek to places that there are not.
+    """
+    is_system = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
+    return is_system or isinstance(error, ImportError)
 
 
 def _where(error: Exception) -> str:

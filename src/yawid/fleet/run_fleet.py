@@ -14,7 +14,7 @@ import pyarrow as pa
 from yawid.dataset.files import table_of
 from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
-from yawid.dataset.values import Entry, failed
+from yawid.dataset.values import FAILED, Entry, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
@@ -45,10 +45,11 @@ class FleetRun:
 
 @dataclass(slots=True)
 class Plan:
-    """Logs to be run, and how many are known already."""
+    """Logs to be run, how many are known already, and the paths with an answer of any state."""
 
     todo: list[FoundLog]
     known: int
+    answered: frozenset[str] = frozenset()
 
     @property
     def size(self) -> int:
@@ -58,7 +59,10 @@ class Plan:
 
 @dataclass(slots=True)
 class Progress:
-    """How far a run has come; ``threads`` of workers replay a log each; times in s."""
+    """How far a run has come; ``threads`` of workers replay a log each; times in s.
+
+    ``why_failed`` is of the first log that failed.
+    """
 
     logs: int
     size: int
@@ -67,6 +71,12 @@ class Progress:
     done_bytes: int = 0
     outcomes: Counter[str] = field(default_factory=Counter)
     start_s: float = field(default_factory=time.monotonic)
+    why_failed: str = ""
+
+    def add(self, outcome: str, size: int) -> None:
+        """Count a log that has ended."""
+        self.done, self.done_bytes = self.done + 1, self.done_bytes + size
+        self.outcomes[outcome] += 1
 
     def line(self) -> str:
         """Return it in words, with the rate and the time that remains."""
@@ -93,7 +103,8 @@ def plan_of(
     todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
     if any(log.path.lower().endswith(".ulg") for log in todo):
         _need_pyulog()
-    return Plan(todo, len(found) - len(todo))
+    answered = frozenset(path for path, row in known.items() if row["outcome"] != FAILED)
+    return Plan(todo, len(found) - len(todo), answered)
 
 
 def _is_known(
@@ -104,7 +115,7 @@ def _is_known(
         ANALYSIS_VERSION,
     ):
         return False
-    if run.retry and row["outcome"] in TRIED_AGAIN:
+    if row["outcome"] == FAILED or (run.retry and row["outcome"] in TRIED_AGAIN):
         return False
     if row["size_bytes"] != log.size:
         return False
@@ -186,12 +197,12 @@ def _run(
                 task, rows = ended
                 log = found[task.path]
                 entry = _entry(log, rows, own, workers.address)
-                journal.add(entry)
-                progress.done, progress.done_bytes = (
-                    progress.done + 1,
-                    progress.done_bytes + log.size,
-                )
-                progress.outcomes[entry["logs"][0]["outcome"]] += 1
+                row = entry["logs"][0]
+                if row["outcome"] == FAILED:
+                    progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
+                if row["outcome"] != FAILED or log.path not in plan.answered:
+                    journal.add(entry)  # what failed takes no earlier answer away
+                progress.add(row["outcome"], log.size)
                 show(progress)
 
 
@@ -208,7 +219,7 @@ def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> En
                 f"a worker of {address} does not see {log.path}: all machines need the same "
                 "files below the same paths, or URLs"
             )
-        rows = failed("unreadable", "it was removed before it was read")
+        rows = failed(FAILED, "it was removed before it was read")
     elif isinstance(rows, str):
         rows = failed("crashed", rows)
     entry = with_keys(log, rows, own)

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from yawid.config.run import RunConfig
@@ -15,6 +16,9 @@ class Spec:
 
     ``settings`` are those of :class:`RunConfig` that were given, ``automatic`` chooses the orders
     by each log, ``modes`` keeps a row a second.
+
+    Raises:
+        ConfigError: the key cannot be read.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -22,10 +26,20 @@ class Spec:
     form: Literal["auto", "tlog", "raw"] = "auto"
     key_file: str | None = None
     modes: bool = False
+    key_mark: str | None = field(init=False, default=None)
+    """Of the key that the file held when this was made: what it holds, not its path, counts."""
+
+    def __post_init__(self) -> None:
+        """Read the key's mark; the readers are imported where there is a key, as they are heavy."""
+        if self.key_file is not None:
+            from yawid.sources.open_log import ReadOptions
+
+            key = ReadOptions.asked(self.form, Path(self.key_file)).key
+            object.__setattr__(self, "key_mark", key and key.mark)
 
     @property
     def config_hash(self) -> str:
         """The same for the same settings, however they were given."""
-        whole = asdict(RunConfig(**self.settings)), self.automatic, self.form, self.key_file
+        whole = asdict(RunConfig(**self.settings)), self.automatic, self.form, self.key_mark
         text = json.dumps([*whole, self.modes], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

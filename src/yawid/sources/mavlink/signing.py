@@ -8,6 +8,7 @@ import hashlib
 import hmac
 import re
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,14 @@ class SigningKey:
             raise ConfigError(f"signing key file {path}: {error.strerror}") from error
         return SigningKey(_key_in(content, path))
 
+    @property
+    def mark(self) -> str:
+        """Return hex digits by which keys are told apart.
+
+        They stand in data sets; guessing passphrases by them costs scrypt's time and memory each.
+        """
+        return _mark(self._begun.digest())
+
     def signs(self, signed: bytes, signature: bytes) -> bool:
         """Return whether these are the first bytes of sha256(key, signed)."""
         return hmac.compare_digest(self._signature_of(signed), signature)
@@ -81,6 +90,11 @@ class SigningKey:
         begun = self._begun.copy()
         begun.update(signed)
         return begun.digest()[:_HASH_SIZE]
+
+
+@cache
+def _mark(digest: bytes) -> str:
+    return hashlib.scrypt(digest, salt=b"yawid", n=1 << 14, r=8, p=1, dklen=16).hex()
 
 
 class Signing:
