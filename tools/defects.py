@@ -1,4 +1,4 @@
-"""Forty-eight small defects as a hurried change might bring them in: where, what, and why."""
+"""Small defects as a hurried change might bring them in: where, what, and why."""
 
 from __future__ import annotations
 
@@ -390,5 +390,51 @@ DEFECTS = (
         "for each in (folder,):\n        try:",
         KEPT + "test_from_a_folder_that_another_can_write_to_nothing_is_loaded_"
         "and_the_users_stands_for_it",
+    ),
+    Defect(
+        "the nose turned left by PX4's V-tail",
+        "channels/find_surface.py",
+        '"rudder": (7, 8, 0.5, -0.5)',
+        '"rudder": (7, 8, -0.5, 0.5)',
+        SURFACE + "test_px4s_v_tail_turns_the_nose_right_by_the_left_ruddervator_up",
+    ),
+    Defect(
+        "a ULog's true airspeed taken before the calibrated one",
+        "sources/logs/ulog.py",
+        "itertools.product(topics, _AIRSPEED), itertools.product(topics, (_TRUE,))",
+        "itertools.product(topics, (_TRUE,)), itertools.product(topics, _AIRSPEED)",
+        "tests/sources/logs/test_ulog.py::"
+        "test_a_true_airspeed_is_the_last_resort_and_converted_by_the_air_s_density",
+    ),
+    Defect(
+        "a knot one percent too long",
+        "sources/records/units.py",
+        "1852.0 / 3600.0",
+        "1870.0 / 3600.0",
+        "tests/sources/records/test_airspeeds.py::test_a_unit_is_what_it_is_by_definition",
+    ),
+    Defect(
+        "a true airspeed converted by the density, not its root",
+        "airspeed.py",
+        "true_m_s * np.sqrt(ratio)",
+        "true_m_s * ratio",
+        "tests/sources/records/test_airspeeds.py::"
+        "test_a_true_airspeed_is_converted_by_the_altitude",
+    ),
+    Defect(
+        "an airspeed of zero is one",
+        "airspeed.py",
+        "(airspeed >= LEAST_M_S)",
+        "(airspeed >= 0.0)",
+        "tests/manoeuvres/test_unknown_airspeeds.py::"
+        "test_the_bounds_are_next_to_nothing_and_three_times_sound",
+    ),
+    Defect(
+        "an airspeed off by a factor of two is believed",
+        "manoeuvres/airspeed_check.py",
+        "FACTOR: Final = 1.2",
+        "FACTOR: Final = 2.2",
+        "tests/manoeuvres/test_airspeed_check.py::"
+        "test_a_factor_seen_on_several_headings_is_reported",
     ),
 )

@@ -121,8 +121,8 @@ SAYS: Final[dict[str, str]] = {
     "Outlier.date": "UTC time of the flight, ISO 8601",
     "mode": "flight mode by its name",
     "loop": "whose number it is: the bare airframe's, or that with the roll loop closed",
-    "airspeed_m_s": "what airspeed_source and airspeed_kind say: the mean, of a flight the median of those "
-    "used",
+    "airspeed_m_s": "what airspeed_source and airspeed_kind say: the mean, of a flight the median "
+    "of those used",
     "airspeed_std_m_s": "its scatter during the manoeuvre",
     "airspeed_source": "what the airspeed is: a ground speed gives no kappa",
     "airspeed_kind": "which airspeed the source gives; a true one is converted to the equivalent "

@@ -235,6 +235,33 @@ def test_px4_names_its_rudder_by_output_function_and_surface_type():
     assert [(part.number, part.weight) for part in aileron.parts] == [(1, -0.5), (2, 0.5)]
 
 
+@given(yaw=st.floats(-0.45, 0.45), pitch=st.floats(-0.45, 0.45))
+def test_px4s_v_tail_turns_the_nose_right_by_the_left_ruddervator_up(yaw, pitch):
+    """PX4's effectiveness, pitch and yaw: left (.5, .5), right (.5, -.5); its inverse mixes."""
+    left, right = np.linalg.solve([[0.5, 0.5], [0.5, -0.5]], [pitch, yaw])
+    table = ParameterTable()
+    table.values = {
+        "CA_SV_CS0_TYPE": 7.0,
+        "CA_SV_CS1_TYPE": 8.0,
+        "PWM_MAIN_FUNC2": 201.0,
+        "PWM_MAIN_FUNC3": 202.0,
+        **{
+            f"PWM_MAIN_{end}{n}": pwm
+            for n in (2, 3)
+            for end, pwm in (("MIN", 1000.0), ("MAX", 2000.0))
+        },
+    }
+    fields = np.zeros(1, [(f"servo{i}_raw", "u2") for i in range(1, 17)])
+    for number, value in ((2, left), (3, right)):
+        fields[f"servo{number}_raw"] = round(1500.0 + 500.0 * value)
+    one = np.ones(1, np.uint8)
+
+    found = find_surface("rudder", "auto", PX4_PLANE, table, frozenset())
+
+    block = MessageBlock("SERVO_OUTPUT_RAW", one, one, one, one, fields)
+    assert found.deflection(block)[0] == pytest.approx(yaw, abs=1.0 / 500.0)
+
+
 def test_px4_outputs_are_taken_from_the_message_that_is_sent():
     table = ParameterTable()
     table.values = {"CA_SV_CS0_TYPE": 4.0, "PWM_MAIN_FUNC2": 201.0}

@@ -70,3 +70,13 @@ def test_a_key_that_nobody_described_and_a_null_are_refused():
     deep["estimates"]["els"]["theta"]["d1"] = 0.0
 
     assert "'d1' does not match" in why_invalid("replay", deep)
+
+
+@pytest.mark.parametrize("name", ["Manoeuvre", "Flight", "flights_row", "manoeuvres_row"])
+def test_an_airspeed_that_may_be_a_ground_speed_is_not_called_equivalent(name: str):
+    properties = WHOLE["$defs"][name]["properties"]
+
+    assert "equivalent" not in properties["airspeed_m_s"]["description"]
+    assert "airspeed_source" in properties["airspeed_m_s"]["description"]
+    kinds = properties["airspeed_kind"]
+    assert "airspeed the source gives" in kinds["description"]

@@ -8,6 +8,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Noted
+from yawid.config.run import RunConfig
 from yawid.manoeuvres.conditions import conditions, loop_of
 from yawid.sources.mavlink.enums import mode_name
 
@@ -126,3 +127,30 @@ def test_an_airspeed_equal_to_the_ground_speed_is_noted_in_the_samples(
     assert flagged[known].all() == noted
     assert flagged[known].any() == noted
     assert not flagged[~used].any()
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind"), [(ARDUPILOT, "equivalent"), (PX4, "calibrated"), (0, "indicated")]
+)
+def test_which_airspeed_it_is_goes_by_the_autopilot_that_sends_it(autopilot: int, kind: str):
+    """ArduPlane's VFR_HUD has the equivalent one, PX4's the calibrated; MAVLink asks for either."""
+    log = FlightLog()
+    log.heartbeat(10.0, autopilot=autopilot)
+    for i in range(400):
+        t = 10.0 + 0.02 * i
+        if i % 25 == 0:
+            log.add(t, mavlink.MAVLink_vfr_hud_message(20.0, 23.5, 0, 50, 100.0, 0.0))
+        log.attitude(t, 0.1)
+        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
+    found = samples_of(log.data, RunConfig(rudder="servo:4"))
+
+    told = conditions(joined(*found.blocks), (autopilot, 1))
+    assert (told.airspeed_source, told.airspeed_kind) == ("airspeed", kind)
+    over_ground = found.ground_speed[np.isfinite(found.ground_speed)]
+    np.testing.assert_array_equal(over_ground, 23.5)
+
+
+def test_a_ground_speed_is_of_no_kind():
+    samples = stream(doublets(5.0), noted=int(Noted.GROUND_SPEED))
+
+    assert conditions(samples, PLANE).airspeed_kind is None

@@ -31,6 +31,7 @@ from sources.logs.ulog_flight import (
 )
 from sources.logs.ulog_writer import ULogFile
 
+from yawid.airspeed import Kind
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
@@ -43,6 +44,8 @@ from yawid.runs.run_log import open_log
 from yawid.sources.logs.as_mavlink import table
 from yawid.sources.logs.ulog import UlogReader
 from yawid.sources.mavlink.enums import PX4, mode_name, px4_custom_modes
+
+NAN = math.nan
 
 
 @pytest.fixture
@@ -111,6 +114,33 @@ def test_the_estimators_speed_goes_before_that_of_gps(tmp_path: Path):
     log.add("vehicle_local_position", 2000, 3.0, 4.0, True)
     mine = columns(written(tmp_path, log.data))["VFR_HUD"]
     assert mine["groundspeed"].tolist() == [5.0]
+
+
+@pytest.mark.parametrize(
+    ("validated", "plain", "expected", "kind"),
+    [
+        ((18.0, 22.0), (21.0, 19.0), 18.0, Kind.CALIBRATED),
+        ((NAN, 22.0), (21.0, 19.0), 19.0, Kind.INDICATED),
+        ((0.0, 22.0), (21.0, 19.0), 19.0, Kind.INDICATED),  # a column of zeros is none
+        ((NAN, 22.0), (21.0, NAN), 22.0 * math.sqrt(0.9 / 1.225), Kind.TRUE),
+        ((NAN, NAN), (21.0, NAN), 21.0 * math.sqrt(0.9 / 1.225), Kind.TRUE),
+    ],
+)
+def test_a_true_airspeed_is_the_last_resort_and_converted_by_the_air_s_density(
+    tmp_path: Path,
+    validated: tuple[float, float],
+    plain: tuple[float, float],
+    expected: float,
+    kind: Kind,
+):
+    log = ULogFile({})
+    log.add("vehicle_air_data", 500, 0.9, 3000.0)
+    log.add("airspeed_validated", 1000, *validated)
+    log.add("airspeed", 1000, *plain)
+    mine = columns(written(tmp_path, log.data))["VFR_HUD"]
+
+    assert mine["airspeed"][-1] == pytest.approx(expected, rel=1e-6)
+    assert mine["airspeed_kind"].tolist() == [float(kind)] * len(mine)
 
 
 def told(mine: np.ndarray) -> list[tuple[int, int]]:
