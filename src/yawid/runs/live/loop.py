@@ -35,6 +35,9 @@ from yawid.sources.open_log import ReadOptions
 
 READ_S = 0.2
 SILENT_US = 5_000_000
+LAST_READ_US = 1_000_000
+"""What came within this time before a stop is still read: a session that is not behind loses none.
+"""
 SWITCH_S = 0.001
 """How long a fit on its thread may keep the stream waiting for Python; its usual 5 ms can be seen.
 
@@ -273,18 +276,33 @@ class _Loop:
         self._console.draw(facts, time.monotonic() - begun_s)
 
     def finish(self) -> list[Ended]:
-        """Take what is still queued, then finish every session; the tap is closed."""
-        while len(self._tap.inbox):
+        """Take what came last, then finish every session; the tap is closed.
+
+        Where the estimates are behind the link what waits is skipped, in files and estimates alike.
+        """
+        if self._tap.stamps.now() - self._tap.reached_us() < LAST_READ_US:
             self._feed(0.0)
+        inbox = self._tap.inbox
+        if len(inbox):
+            skipped_bytes = inbox.skip()
+            self._tell(
+                f"stopped while {inbox.skipped} datagrams of {skipped_bytes} bytes waited to be "
+                "estimated: they are in no file and no estimate"
+            )
         for line in self._tap.news:
             self._tell(line)
-        if self._tap.inbox.dropped or self._tap.socket_dropped:
+        if inbox.dropped or inbox.too_long or self._tap.socket_dropped:
             self._tell(f"not everything could be taken: {self._dropped()} dropped here")
         parts = (self._publishing, self._asking, self._drawing)
         failed = [part for part in parts if part.failure is not None]
-        dropped = {"queue": self._tap.inbox.dropped, "socket": self._tap.socket_dropped}
+        dropped = {
+            "queue": inbox.dropped,
+            "socket": self._tap.socket_dropped,
+            "too_long": inbox.too_long,
+            "at_the_stop": inbox.skipped,
+        }
         live = LiveFacts(
-            datagrams=self._tap.inbox.received,
+            datagrams=inbox.received,
             skipped_bytes=self._tap.skipped_bytes,
             receive_buffer_bytes=self._tap.receive_buffer,
             dropped={name: count for name, count in dropped.items() if count is not None},
@@ -355,7 +373,8 @@ class _Loop:
 
     def _dropped(self) -> str:
         """Return how many datagrams had to be dropped here."""
-        count = self._tap.inbox.dropped + (self._tap.socket_dropped or 0)
+        inbox = self._tap.inbox
+        count = inbox.dropped + inbox.too_long + (self._tap.socket_dropped or 0)
         # Where nobody counts them, dropped frames show only in the sequence numbers.
         known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
         return f"{count}" if known else f"at least {count}"
