@@ -26,8 +26,9 @@ from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
 from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
-from yawid.sources.link.publisher import COMPID, open_publisher, parse_publish
-from yawid.sources.link.rate_requests import RateRequests
+from yawid.sources.link.outgoing import COMPID
+from yawid.sources.link.publisher import open_publisher, parse_publish
+from yawid.sources.link.rate_requests import SYSID, RateRequests
 from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
@@ -66,6 +67,7 @@ class LiveOptions:
     seconds: float | None = None
     state: Path | None = None
     request_hz: float | None = None
+    request_sysid: int = SYSID
     every_vehicle: bool = False
     publish: str | None = None
     publish_compid: int = COMPID
@@ -85,6 +87,8 @@ class LiveOptions:
             raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
         if self.request_hz is not None and self.every_vehicle:
             raise ConfigError("--request-rates asks one vehicle: name it by --sysid N")
+        if not 1 <= self.request_sysid <= 255:
+            raise ConfigError(f"--request-sysid must be 1 to 255, got {self.request_sysid}")
         if not 2 <= self.publish_compid <= 255:
             raise ConfigError(
                 "--publish-compid must be 2 to 255 (1 is the autopilot's), "
@@ -222,7 +226,12 @@ class _Loop:
         seconds = options.seconds
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
-        self._rates = None if hz is None else RateRequests(tap, hz, setting.read_options)
+        self._rates = None
+        if hz is not None:
+            sender_of = None if publish is None else publish.sender_of
+            self._rates = RateRequests(
+                tap, hz, setting.read_options, options.request_sysid, sender_of
+            )
         self._publish = publish
         self._publishing = Bulkhead("publishing", "nothing more is published", self._tell)
         self._asking = Bulkhead("asking for rates", "nothing more is asked", self._tell)
