@@ -331,7 +331,10 @@ ENTRIES: Final[dict[str, dict[str, Any]]] = {
     "Inspection.rates": {"yaw": "of the yaw rate", "rudder": "of the rudder"},
     "files": {"mcap": "the run", "rrd": "Rerun's recording", "tlog": "what a live session heard"},
     "CaseReport.files": {"actual": "the rows as they are now", "picture": "what differs"},
-    "dropped": {"queue": "no room in the queue", "socket": "by the system"},
+    "dropped": {
+        "queue": "no room in the queue", "socket": "by the system",
+        "too_long": "of more than 9000 bytes", "at_the_stop": "still waiting at the end",
+    },
     "latency_ms": {"p50": "median", "p99": "99th percentile", "max": "longest"},
     "left_out": {
         "not usable": "", "without a date": "", "without a number and its sigma": "of an answer",

@@ -18,6 +18,7 @@ from yawid.sinks.door import tell_json, tell_page
 
 ASKED_HZ = 50.0
 COMPID = 194
+REQUEST_SYSID = 250
 _ENDPOINT = (
     "udpin:HOST:PORT, udpbcast:HOST:PORT, mcast:, tcp:HOST:PORT or a serial port such as "
     "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates; IPv6 as udpin:[::1]:14560"
@@ -43,6 +44,11 @@ def add_live(commands: Any) -> None:
         "--request-rates", type=float, nargs="?", const=ASKED_HZ, metavar="HZ",
         help="transmit: ask the vehicle for attitude and servos at HZ, 50 if left out "
         "(default: transmit nothing)",
+    )  # fmt: skip
+    live.add_argument(
+        "--request-sysid", type=int, default=REQUEST_SYSID, metavar="N",
+        help="system by which --request-rates speaks until a vehicle is heard, 1 to 255, then by "
+        f"the vehicle's own (default: {REQUEST_SYSID})",
     )  # fmt: skip
     live.add_argument(
         "--publish", metavar="ENDPOINT",
@@ -79,6 +85,7 @@ def _live(arguments: argparse.Namespace) -> int:
         arguments.seconds,
         arguments.state,
         arguments.request_rates,
+        request_sysid=arguments.request_sysid,
         every_vehicle=every_vehicle,
         publish=arguments.publish,
         publish_compid=arguments.publish_compid,

@@ -29,6 +29,8 @@ from yawid.runs.live.running_answer import Answer, RunningAnswer
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.signing import SigningKey
+from yawid.sources.open_log import ReadOptions
 
 # One doublet, and rest, that ends the manoeuvre.
 SENT = frames(24.0, doublet_s=9.0)
@@ -131,6 +133,39 @@ def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tm
     senders = [m.get_srcSystem() for m in beats if m.get_type() == "HEARTBEAT"]
     assert {*senders[:2]} == {*senders[2:4]} == {1, 2}
     assert {m.get_srcComponent() for m in beats} == {77}
+
+
+def test_what_is_asked_and_what_is_published_is_of_one_sender_in_one_sequence(tmp_path: Path):
+    key = bytes(range(32))
+    reader, link = mavlink.MAVLink(None), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    link.signing.secret_key, link.signing.timestamp, link.signing.sign_outgoing = key, 1, True
+    options = {
+        "publish": "tap",
+        "request_hz": 50.0,
+        "read_options": ReadOptions(key=SigningKey(key)),
+    }
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        listening(tmp_path, **options) as session,
+    ):
+        vehicle.settimeout(20.0)
+        send(
+            [bytes(reader.decode(bytearray(f)).pack(link)) for f in SENT[:60]],
+            session.port,
+            vehicle,
+        )
+        got = [vehicle.recv(300) for _ in range(5)]
+    strict = mavlink.MAVLink(None)  # it refuses what is not newer than the frame before
+    strict.signing.secret_key, strict.signing.timestamp = key, 1
+    read = [strict.decode(bytearray(frame)) for frame in got]
+    assert {"COMMAND_LONG", "HEARTBEAT"} <= {m.get_type() for m in read}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in read} == {(1, 194)}
+    assert [m.get_seq() for m in read] == [*range(5)]
+
+
+def test_the_system_that_asks_has_a_number_that_mavlink_has():
+    with pytest.raises(ConfigError, match="--request-sysid must be 1 to 255, got 0"):
+        LiveOptions("udpin:127.0.0.1:14560", request_hz=50.0, request_sysid=0)
 
 
 class Later:

@@ -20,6 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.channels.stage import WANTED
 from yawid.runs.live.overload import Overload
+from yawid.runs.live.vehicle_session import LiveSession
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.link.endpoints import Endpoint
@@ -119,6 +120,39 @@ def test_what_has_no_room_is_counted_and_said_and_nothing_else_is_missing(
     assert ended.summary.link.frames + dropped == len(sent)
     assert any("in no file and no estimate" in line for line in ended.summary.live.events)
     assert f"not everything could be taken: {dropped} dropped here" in session.screen.getvalue()
+
+
+def test_a_stop_skips_what_waits_in_the_tlog_and_in_the_estimates_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    sent, is_late, may_go_on = frames(20.0), threading.Event(), threading.Event()
+    estimate = LiveSession.estimate
+
+    def slow(session: LiveSession, data: bytes) -> None:
+        estimate(session, data)
+        if session.pipeline.samples > 100:
+            is_late.set()
+            may_go_on.wait(10.0)
+
+    monkeypatch.setattr(LiveSession, "estimate", slow)
+    with listening(tmp_path) as session:
+        send(sent[:1500], session.port)
+        assert is_late.wait(20.0)
+        send(sent[1500:], session.port)
+        time.sleep(1.3)
+        session.stop.is_set = True
+        may_go_on.set()
+    [ended] = session.ended
+    skipped = ended.summary.live.dropped["at_the_stop"]
+    assert skipped >= len(sent) - 1500
+    assert ended.summary.link.frames == len(sent) - skipped
+    [line] = [line for line in ended.summary.live.events if line.startswith("stopped while")]
+    left_bytes = sum(map(len, sent[len(sent) - skipped :]))
+    assert f"{skipped} datagrams of {left_bytes} bytes" in line
+    assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent[: len(sent) - skipped])
+    again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+    assert again.estimates == ended.summary.estimates
+    assert again.estimates["els"].updates > 50
 
 
 def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_up():

@@ -112,6 +112,27 @@ def test_both_messages_are_asked_for_one_after_the_other(link: SimpleNamespace) 
     assert asked(link) == [(3, 511, 36.0, 20000.0)]
 
 
+@pytest.mark.parametrize("sysid", [250, 7])
+def test_it_speaks_as_an_onboard_controller_and_never_as_the_ground_station(sysid: int) -> None:
+    """System 255's HEARTBEATs would keep ArduPilot's failsafe from acting."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router:
+        router.bind(("127.0.0.1", 0))
+        router.settimeout(5.0)
+        to = Endpoint(*router.getsockname(), "udpout")
+        with UdpTap(to, may_transmit=True) as tap:
+            requests = RateRequests(tap, sysid=sysid) if sysid != 250 else RateRequests(tap)
+            requests.tick(0.0, None)
+            requests.tick(1.0, VEHICLE)
+            parser = mavlink.MAVLink(None)
+            sent = [parser.decode(bytearray(router.recv(300))) for _ in range(3)]
+    assert [m.get_type() for m in sent] == ["HEARTBEAT", "HEARTBEAT", "COMMAND_LONG"]
+    senders = [(m.get_srcSystem(), m.get_srcComponent()) for m in sent]
+    assert senders == [(sysid, 194), (3, 194), (3, 194)]
+    assert {(m.type, m.autopilot) for m in sent[:2]} == {
+        (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID)
+    }
+
+
 def test_nothing_is_asked_of_nobody(link: SimpleNamespace) -> None:
     link.requests.tick(0.0, None)
     assert asked(link) == []

@@ -16,7 +16,7 @@ from sources.tlog_records import BY_NAME, message, pack, random_records, rows, r
 from yawid.channels.stage import WANTED
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
-from yawid.sources.link.inbox import MOST_AT_ONCE, Stamps
+from yawid.sources.link.inbox import MOST_AT_ONCE, Inbox, Stamps
 from yawid.sources.link.recvmmsg import OneByOne, make_receiver
 from yawid.sources.link.tap import split_datagram
 from yawid.sources.link.udp import UdpTap, dropped_by
@@ -110,6 +110,57 @@ def test_what_a_full_queue_cannot_take_is_counted(vehicle: socket.socket) -> Non
             time.sleep(0)
         assert tap.inbox.dropped == 15
         assert len(tap.read(1)) == 10 * (8 + len(FRAMES[0]))
+
+
+def put(inbox: Inbox, *sizes: int) -> None:
+    """Receive datagrams of these sizes, all of one read."""
+    count = len(sizes)
+    inbox.put([1] * count, [bytes(size) for size in sizes], [("127.0.0.1", 1)] * count)
+
+
+def test_the_queue_is_bounded_in_bytes_and_what_is_too_long_is_counted() -> None:
+    inbox = Inbox(1000, most_bytes=20_000)
+    put(inbox, 9000, 9001, 65_000, 9000)
+    assert (len(inbox), inbox.too_long, inbox.dropped, inbox.received) == (2, 2, 0, 4)
+    put(inbox, 1500, 600, 100)  # of these the first has room
+    assert (len(inbox), inbox.too_long, inbox.dropped, inbox.received) == (3, 2, 2, 7)
+    assert [len(datagram) for _, datagram, _ in inbox.get()] == [9000, 9000, 1500]
+    put(inbox, 65_000)
+    put(inbox, 9000, 9000)  # there is room again
+    assert (len(inbox), inbox.too_long, inbox.dropped) == (2, 3, 2)
+    assert inbox.skip() == 18_000
+    assert (len(inbox), inbox.skipped, list(inbox.get())) == (0, 2, [])
+
+
+def test_a_read_takes_no_more_than_a_megabyte_of_a_backlog() -> None:
+    inbox = Inbox(1000)
+    for _ in range(200):
+        put(inbox, 9000)
+    sizes = []
+    while len(inbox):
+        sizes.append(sum(len(datagram) for _, datagram, _ in inbox.get()))
+    assert sum(sizes) == 200 * 9000
+    assert max(sizes) <= (1 << 20) + 9000
+
+
+def test_a_flood_of_long_datagrams_does_not_fill_the_memory(
+    tap: UdpTap, vehicle: socket.socket
+) -> None:
+    for _ in range(50):
+        vehicle.sendto(bytes(65_000), tap.address)
+        vehicle.sendto(FRAMES[0], tap.address)
+        time.sleep(0.001)
+    assert len(heard(tap, 100)) == 50 * (8 + len(FRAMES[0]))
+    assert (tap.inbox.too_long, tap.inbox.dropped) == (50, 0)
+
+
+@pytest.mark.parametrize("junk", [b"\xfd", b"\xfe\xff\xff", b"\xfd\xff\x00"])
+def test_bytes_made_to_look_like_frames_cost_little(junk: bytes) -> None:
+    begun_s = time.process_time()
+    for _ in range(100):
+        for frame in split_datagram((junk * 9000)[:9000]):
+            assert frame[:3] == (junk * 3)[:3]
+    assert time.process_time() - begun_s < 0.3
 
 
 def test_what_comes_while_nobody_reads_waits(tap: UdpTap, vehicle: socket.socket) -> None:

@@ -26,8 +26,9 @@ from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
 from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
-from yawid.sources.link.publisher import COMPID, open_publisher, parse_publish
-from yawid.sources.link.rate_requests import RateRequests
+from yawid.sources.link.outgoing import COMPID
+from yawid.sources.link.publisher import open_publisher, parse_publish
+from yawid.sources.link.rate_requests import SYSID, RateRequests
 from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
@@ -35,6 +36,9 @@ from yawid.sources.open_log import ReadOptions
 
 READ_S = 0.2
 SILENT_US = 5_000_000
+LAST_READ_US = 1_000_000
+"""What came within this time before a stop is still read: a session that is not behind loses none.
+"""
 SWITCH_S = 0.001
 """How long a fit on its thread may keep the stream waiting for Python; its usual 5 ms can be seen.
 
@@ -63,6 +67,7 @@ class LiveOptions:
     seconds: float | None = None
     state: Path | None = None
     request_hz: float | None = None
+    request_sysid: int = SYSID
     every_vehicle: bool = False
     publish: str | None = None
     publish_compid: int = COMPID
@@ -82,6 +87,8 @@ class LiveOptions:
             raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
         if self.request_hz is not None and self.every_vehicle:
             raise ConfigError("--request-rates asks one vehicle: name it by --sysid N")
+        if not 1 <= self.request_sysid <= 255:
+            raise ConfigError(f"--request-sysid must be 1 to 255, got {self.request_sysid}")
         if not 2 <= self.publish_compid <= 255:
             raise ConfigError(
                 "--publish-compid must be 2 to 255 (1 is the autopilot's), "
@@ -219,7 +226,12 @@ class _Loop:
         seconds = options.seconds
         self._end_s = float("inf") if seconds is None else time.monotonic() + seconds
         hz = options.request_hz
-        self._rates = None if hz is None else RateRequests(tap, hz, setting.read_options)
+        self._rates = None
+        if hz is not None:
+            sender_of = None if publish is None else publish.sender_of
+            self._rates = RateRequests(
+                tap, hz, setting.read_options, options.request_sysid, sender_of
+            )
         self._publish = publish
         self._publishing = Bulkhead("publishing", "nothing more is published", self._tell)
         self._asking = Bulkhead("asking for rates", "nothing more is asked", self._tell)
@@ -273,18 +285,33 @@ class _Loop:
         self._console.draw(facts, time.monotonic() - begun_s)
 
     def finish(self) -> list[Ended]:
-        """Take what is still queued, then finish every session; the tap is closed."""
-        while len(self._tap.inbox):
+        """Take what came last, then finish every session; the tap is closed.
+
+        Where the estimates are behind the link what waits is skipped, in files and estimates alike.
+        """
+        if self._tap.stamps.now() - self._tap.reached_us() < LAST_READ_US:
             self._feed(0.0)
+        inbox = self._tap.inbox
+        if len(inbox):
+            skipped_bytes = inbox.skip()
+            self._tell(
+                f"stopped while {inbox.skipped} datagrams of {skipped_bytes} bytes waited to be "
+                "estimated: they are in no file and no estimate"
+            )
         for line in self._tap.news:
             self._tell(line)
-        if self._tap.inbox.dropped or self._tap.socket_dropped:
+        if inbox.dropped or inbox.too_long or self._tap.socket_dropped:
             self._tell(f"not everything could be taken: {self._dropped()} dropped here")
         parts = (self._publishing, self._asking, self._drawing)
         failed = [part for part in parts if part.failure is not None]
-        dropped = {"queue": self._tap.inbox.dropped, "socket": self._tap.socket_dropped}
+        dropped = {
+            "queue": inbox.dropped,
+            "socket": self._tap.socket_dropped,
+            "too_long": inbox.too_long,
+            "at_the_stop": inbox.skipped,
+        }
         live = LiveFacts(
-            datagrams=self._tap.inbox.received,
+            datagrams=inbox.received,
             skipped_bytes=self._tap.skipped_bytes,
             receive_buffer_bytes=self._tap.receive_buffer,
             dropped={name: count for name, count in dropped.items() if count is not None},
@@ -355,7 +382,8 @@ class _Loop:
 
     def _dropped(self) -> str:
         """Return how many datagrams had to be dropped here."""
-        count = self._tap.inbox.dropped + (self._tap.socket_dropped or 0)
+        inbox = self._tap.inbox
+        count = inbox.dropped + inbox.too_long + (self._tap.socket_dropped or 0)
         # Where nobody counts them, dropped frames show only in the sequence numbers.
         known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
         return f"{count}" if known else f"at least {count}"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from yawid.sinks.base import Pace
+from yawid.sources.link.inbox import LONGEST
 from yawid.sources.link.tap import Tap
 
 BEHIND_S, CAUGHT_UP_S = 3.0, 1.0
@@ -17,6 +18,7 @@ class Overload:
         self._tap = tap
         self._is_behind = False
         self._said = 0
+        self._too_long_said = False
         self._again = Pace(AGAIN_S)
 
     def lines(self) -> Iterator[str]:
@@ -32,6 +34,12 @@ class Overload:
         elif behind_s < CAUGHT_UP_S and self._is_behind:
             self._is_behind = False
             yield "the estimates have caught up with the link"
+        if inbox.too_long and not self._too_long_said:
+            self._too_long_said = True
+            yield (
+                f"datagrams of more than {LONGEST} bytes come, which no MAVLink link sends: they "
+                "are dropped and counted"
+            )
         queue, system = inbox.dropped, self._tap.socket_dropped or 0
         if queue + system > self._said and self._again.due():
             self._said = queue + system

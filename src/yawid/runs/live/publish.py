@@ -39,6 +39,7 @@ class Publish:
 
     def __init__(self, publisher: Publisher, worker: Worker, reached_us: Callable[[], int]) -> None:
         self._publisher = publisher
+        self.sender_of = publisher.sender_of
         self._worker = worker
         self._reached_us = reached_us
         self._known: dict[tuple[int, int], Published] = {}

@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from itertools import chain
+from itertools import accumulate, chain, compress, takewhile
 
 from yawid.sources.link.endpoints import written
 
@@ -12,10 +12,15 @@ Address = tuple[str, int]
 """Host and port; an IPv6 host that is one only on its link says on which: ``fe80::1%2``."""
 Batch = tuple[list[int], list[bytes], list[Address]]
 """Stamps, datagrams and senders, as many of each."""
-QUEUE = 200_000  # datagrams: a minute and more of a busy link
+QUEUE, QUEUE_BYTES = 200_000, 64 << 20
+"""Datagrams, and the bytes in them, that may wait: a minute and more of a busy link."""
+LONGEST = 9000
+"""Bytes of a datagram that is taken: a jumbo frame's, thirty of MAVLink's longest frames."""
 JUMP_S = 1.0
 MOST_AT_ONCE = 32_768
 """Datagrams of one read: a second of 250 vehicles, and a backlog does not fill the memory."""
+MOST_BYTES_AT_ONCE = 1 << 20
+"""Their bytes; what is hostile takes a second to be looked through, and a stop waits no longer."""
 TOGETHER_US = 5_000_000
 """Two addresses received within this time of one another are two senders, not one that moved."""
 
@@ -64,23 +69,29 @@ class Stamps:
 
 
 class Inbox:
-    """A queue of at most ``size`` datagrams with their stamps and senders; ``dropped`` counts more.
+    """A queue of datagrams with their stamps and senders, bounded in datagrams and in bytes.
 
-    One thread puts, another takes; ``last_us`` is the stamp of the newest datagram received, 0
-    before.
+    ``received`` counts them all, ``dropped`` those for which there was no room, ``too_long`` those
+    of more than ``LONGEST`` bytes and ``skipped`` those that :meth:`skip` left out. One thread
+    puts, another takes; ``last_us`` is the stamp of the newest datagram received, 0 before.
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, most_bytes: int = QUEUE_BYTES) -> None:
         self.received = 0
         self.dropped = 0
+        self.too_long = 0
+        self.skipped = 0
         self.last_us = 0
-        self._size = size
+        self._size, self._most_bytes = size, most_bytes
         self._taken = 0
+        # Each counted by one thread: what is in the queue is the difference.
+        self._bytes_put = self._bytes_taken = 0
         self._queue: deque[Batch] = deque()
         self._arrived = threading.Event()
 
     def __len__(self) -> int:
-        return self.received - self.dropped - self._taken
+        # Another thread counts: for an instant it may have dropped more than it has received.
+        return max(self.received - self.dropped - self.too_long - self._taken, 0)
 
     @property
     def oldest_us(self) -> int | None:
@@ -88,16 +99,31 @@ class Inbox:
         return self._queue[0][0][0] if self._queue else None
 
     def put(self, stamps: list[int], datagrams: list[bytes], senders: list[Address]) -> None:
-        """Queue datagrams, those that have room; count the others as dropped."""
-        room, count = max(self._size - len(self), 0), len(datagrams)
-        self.last_us = stamps[-1]
-        if count > room:
-            self.dropped += count - room
+        """Queue datagrams, those that have room; count the others."""
+        count, self.last_us = len(datagrams), stamps[-1]
+        sizes = list(map(len, datagrams))
+        if max(sizes) > LONGEST:
+            fits = [size <= LONGEST for size in sizes]
+            stamps, datagrams, senders, sizes = (
+                list(compress(each, fits)) for each in (stamps, datagrams, senders, sizes)
+            )
+            self.too_long += count - len(sizes)
+        room, room_bytes = self._size - len(self), self._most_bytes - self._waiting_bytes
+        if len(sizes) > room or sum(sizes) > room_bytes:
+            least = takewhile(room_bytes.__ge__, accumulate(sizes))
+            room = min(max(room, 0), len(list(least)))
+            self.dropped += len(sizes) - room
             stamps, datagrams, senders = stamps[:room], datagrams[:room], senders[:room]
+            sizes = sizes[:room]
         if stamps:
+            self._bytes_put += sum(sizes)
             self._queue.append((stamps, datagrams, senders))
         self.received += count
         self._arrived.set()
+
+    @property
+    def _waiting_bytes(self) -> int:
+        return self._bytes_put - self._bytes_taken
 
     def wake(self) -> None:
         """Let whoever waits look: something other than a datagram has happened."""
@@ -110,14 +136,24 @@ class Inbox:
     def get(self) -> Iterator[tuple[int, bytes, Address]]:
         """Return what is queued, the oldest first, up to a bound: stamp, datagram and sender."""
         self._arrived.clear()
-        taken, count = [], 0
-        while self._queue and count < MOST_AT_ONCE:
+        taken, count, size = [], 0, 0
+        while self._queue and count < MOST_AT_ONCE and size < MOST_BYTES_AT_ONCE:
             taken.append(self._queue.popleft())
             count += len(taken[-1][0])
+            size += sum(map(len, taken[-1][1]))
         self._taken += count
+        self._bytes_taken += size
         if self._queue:
             self._arrived.set()
         return chain.from_iterable(zip(*received, strict=True) for received in taken)
+
+    def skip(self) -> int:
+        """Leave out all that waits and count it; return its bytes. Nobody puts any more."""
+        left = self._waiting_bytes
+        self.skipped, self._bytes_taken = len(self), self._bytes_put
+        self._taken += self.skipped
+        self._queue.clear()
+        return left
 
 
 class Addresses:

@@ -1,9 +1,15 @@
 """What is sent: MAVLink 2 frames of one sender, in sequence, signed where there is a key."""
 
 import time
-from typing import Any
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final
 
 from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S, SigningKey
+
+COMPID: Final = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4: the last of four, the first of which others take."""
+_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
 
 
 class Outgoing:
@@ -23,6 +29,10 @@ class Outgoing:
         self.messages.signing.sign_outgoing = key is not None
         self.messages.signing.secret_key = bytes(KEY_SIZE)
 
+    def heartbeat(self) -> Any:
+        """Return the HEARTBEAT of an onboard controller."""
+        return self.messages.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE)
+
     def frame(self, message: Any) -> bytes:
         """Return the frame of one message, made by ``messages``."""
         signing = self.messages.signing
@@ -31,3 +41,13 @@ class Outgoing:
         frame: bytes = bytes(message.pack(self.messages))
         self.messages.seq = (self.messages.seq + 1) % 256
         return frame if self._key is None else self._key.sign(frame)
+
+
+def senders(compid: int, key: SigningKey | None) -> Callable[[int], Outgoing]:
+    """Return what gives a system's one sender: two would count and sign past each other."""
+
+    @cache
+    def sender(sysid: int) -> Outgoing:
+        return Outgoing(sysid, compid, key)
+
+    return sender

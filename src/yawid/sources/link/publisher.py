@@ -20,13 +20,11 @@ from typing import Protocol
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
-from yawid.sources.link.outgoing import Outgoing
+from yawid.sources.link.outgoing import COMPID, senders
 from yawid.sources.link.tap import Tap
 from yawid.sources.link.udp import open_socket
 from yawid.sources.mavlink.signing import SigningKey
 
-COMPID = 194
-"""MAV_COMP_ID_ONBOARD_COMPUTER4: the last of four, the first of which others take."""
 WINDOW_S = 10.0
 MOST_BYTES, MOST_SIGNED_BYTES = 2500, 3500
 """Of all that is sent in any ten seconds."""
@@ -38,7 +36,6 @@ LONGEST_TEXT = 50
 TAP = "tap"
 NOTICE, INFO = 5, 6
 """MAV_SEVERITY: what ground stations list, and neither speak nor paint red."""
-_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
 _LARGEST = 3e38  # what fits into a float of four bytes
 _MOST_READ, _LONGEST_DATAGRAM = 64, 1 << 16
 _HERE = frozenset({"127.0.0.1", "localhost", "::1"})
@@ -139,8 +136,8 @@ class Publisher:
         self.name = name
         self.compid = compid
         self.news: deque[str] = deque()
-        self._way, self._key = way, key
-        self._senders: dict[int, Outgoing] = {}
+        self._way = way
+        self.sender_of = senders(compid, key)
         signed = key is not None
         self._all = Limiter(MOST_SIGNED_BYTES if signed else MOST_BYTES)
         self._of_texts = Limiter(TEXT_SIGNED_BYTES if signed else TEXT_BYTES)
@@ -156,9 +153,9 @@ class Publisher:
         Names have ten characters at most. A value that is not finite is left out: it would stop
         MAVProxy's graph for as long as it is on it.
         """
-        sender = self._sender(sysid)
+        sender = self.sender_of(sysid)
         make = sender.messages
-        messages = [make.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE)]
+        messages = [sender.heartbeat()]
         for name, value in values.items():
             if math.isfinite(value) and abs(value) < _LARGEST:
                 text = name.encode("ascii")
@@ -189,7 +186,7 @@ class Publisher:
         """Send the texts there is room for, the one that has waited longest first."""
         while self._texts:
             (sysid, about), (severity, text) = next(iter(self._texts.items()))
-            sender = self._sender(sysid)
+            sender = self.sender_of(sysid)
             frame = sender.frame(
                 sender.messages.statustext_encode(severity, text.encode("ascii", "replace"))
             )
@@ -205,11 +202,6 @@ class Publisher:
     def close(self) -> None:
         """Close what was opened."""
         self._way.close()
-
-    def _sender(self, sysid: int) -> Outgoing:
-        if sysid not in self._senders:
-            self._senders[sysid] = Outgoing(sysid, self.compid, self._key)
-        return self._senders[sysid]
 
     def _send(self, frames: list[bytes], sysid: int) -> None:
         """Send frames, a datagram each; that nobody takes them is said one time."""

@@ -2,13 +2,16 @@
 
 MAV_CMD_SET_MESSAGE_INTERVAL (511) per message. ArduPilot takes no less than its loop period / 0.8,
 and whoever else is on the link may set the rate back: what comes in is measured, and asked for
-again where it falls behind.
+again where it falls behind. Whoever sends a HEARTBEAT as the ground station (system 255) keeps
+ArduPilot's failsafe from acting when the real one has gone: this speaks as an onboard controller.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from yawid.blocks import MessageBlock
-from yawid.sources.link.outgoing import Outgoing
+from yawid.sources.link.outgoing import COMPID, Outgoing, senders
 from yawid.sources.link.tap import Tap
 from yawid.sources.open_log import ReadOptions
 
@@ -23,7 +26,8 @@ GRANTED = 0.9
 """A rate below this share of the best seen has fallen behind; the one asked for may never come."""
 MESSAGES = {"ATTITUDE": 30, "SERVO_OUTPUT_RAW": 36}
 _SET_MESSAGE_INTERVAL = 511
-_OWN_SYSID, _OWN_COMPID = 255, 191  # a ground station's number, an onboard computer's component
+SYSID: Final = 250
+"""Ours until a vehicle is heard: no usual number of a vehicle, nor 255, the ground station's."""
 _RESULTS = {
     0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed",
     5: "in progress",
@@ -48,17 +52,26 @@ class RateRequests:
     Feed it the session's records; :meth:`tick` asks, at most every ``AGAIN_S``, and returns what
     there is to say: an answer, and the rate achieved beside the one asked for where it changes.
     With a key what is sent is signed, and only signed answers and messages count.
+
+    It speaks as a component of the vehicle's own system, before one is heard of ``sysid``;
+    ``sender_of`` returns what packs the frames of that component of a system.
     """
 
     def __init__(
-        self, tap: Tap, hz: float = ASKED_HZ, read_options: ReadOptions | None = None
+        self,
+        tap: Tap,
+        hz: float = ASKED_HZ,
+        read_options: ReadOptions | None = None,
+        sysid: int = SYSID,
+        sender_of: Callable[[int], Outgoing] | None = None,
     ) -> None:
         read_options = read_options or ReadOptions()
         self.hz = hz
         self.wishes = {name: Wish(number) for name, number in MESSAGES.items()}
         self._tap = tap
         self._decoder = read_options.decoder({*MESSAGES, "COMMAND_ACK"})
-        self._outgoing = Outgoing(_OWN_SYSID, _OWN_COMPID, read_options.key)
+        self._sysid = sysid
+        self._sender_of = sender_of or senders(COMPID, read_options.key)
         self._news: list[str] = []
         self._window_s: float | None = None
         self._beat_s = float("-inf")
@@ -82,8 +95,8 @@ class RateRequests:
         if self._tap.endpoint.kind == "udpout" and now_s - self._beat_s >= 1.0:
             # Who listens there knows of us only by what we send.
             self._beat_s = now_s
-            beat = self._outgoing.messages.heartbeat_encode(6, 8, 0, 0, 0)
-            self._tap.transmit(self._outgoing.frame(beat), 0)
+            sender = self._sender_of(self._sysid if vehicle is None else vehicle[0])
+            self._tap.transmit(sender.frame(sender.heartbeat()), 0)
         if vehicle is not None:
             self._measure(now_s)
             for wish in self.wishes.values():
@@ -119,10 +132,11 @@ class RateRequests:
 
     def _ask(self, wish: Wish, vehicle: tuple[int, int], now_s: float) -> None:
         interval_us = 1e6 / self.hz
-        command = self._outgoing.messages.command_long_encode(
+        sender = self._sender_of(vehicle[0])
+        command = sender.messages.command_long_encode(
             *vehicle, _SET_MESSAGE_INTERVAL, 0, wish.message_id, interval_us, 0, 0, 0, 0, 0
         )
-        if self._tap.transmit(self._outgoing.frame(command), vehicle[0]):
+        if self._tap.transmit(sender.frame(command), vehicle[0]):
             wish.asked_s, wish.answer, self._asked_last = now_s, None, wish
 
     def _read_answers(self, block: MessageBlock) -> None:

@@ -17,6 +17,8 @@ from yawid.sources.mavlink.framing import MAGIC_V1, frame_size
 
 BATCH_S = 0.035  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
 _MAGIC = re.compile(rb"[\xfd\xfe]")
+_HEAD = re.compile(rb"\xfe..|\xfd.[\0\1]", re.DOTALL)
+"""What ``frame_size`` takes for the head of a frame; to ask it of every byte takes a second."""
 _STAMP = struct.Struct(">Q")
 
 
@@ -170,9 +172,9 @@ class Tap(ABC):
 def split_datagram(datagram: bytes) -> Iterator[bytes]:
     """Yield the MAVLink frames in a datagram, found by their headers; other bytes are left out."""
     at = 0
-    while match := _MAGIC.search(datagram, at):
+    while match := _HEAD.search(datagram, at):
         at = match.start()
-        size = frame_size(datagram[at : at + 3])
+        size = frame_size(match[0])
         if size is None or at + size > len(datagram):
             at += 1
             continue

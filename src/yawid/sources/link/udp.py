@@ -15,6 +15,7 @@ from yawid.sources.link.tap import Tap
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.04
 """So long datagrams gather before they are taken: to wake up for each costs more than all else."""
+_MOST_WAITING = 2 * RECEIVE_BUFFER // 832  # datagrams in it, at 832 bytes at least each
 _DENSEST = 832 * 200_000  # bytes a second of the buffer that a flood takes: 832 a datagram
 # How long closing may take to be noticed; Python's own timeout takes two system calls.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
@@ -53,9 +54,9 @@ class UdpTap(Tap):
         self._take()
 
     def _take(self) -> int:
-        """Queue all that is there; return how many there were."""
+        """Queue all that is there, as much as the socket's buffer holds; return how many."""
         count = 0
-        while self._receiver.can_gather:
+        while self._receiver.can_gather and count < _MOST_WAITING:
             taken = self._put(self._receiver.get())
             count += taken
             if taken < MOST:
