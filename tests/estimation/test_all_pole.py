@@ -49,14 +49,14 @@ def test_a_long_record_is_filtered_beside_other_threads():
         while not is_over.wait(0.001):
             times[0] += 1
 
-    other = threading.Thread(target=count)
+    other = threading.Thread(target=count, daemon=True)
     other.start()
     x = np.concatenate([np.zeros(1), drive])[:, None]
     before = times[0]
     over_a(np.array([-0.5]), x)
     counted = times[0] - before
     is_over.set()
-    other.join()
+    other.join(10.0)
     assert x[-1, 0] == 2.0
     assert counted > 3
 

@@ -335,7 +335,8 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
     worth = {"/verdict", "/manoeuvres", "/log", "/z_plane", "/whiteness"}
     hidden = {"/none"}  # holds the time range that all time axes share
     assert origins == flight | learnt | worth | hidden
-    subprocess.run([VIEWER, "rrd", "verify", str(path)], check=True, capture_output=True)
+    verify = [VIEWER, "rrd", "verify", str(path)]
+    subprocess.run(verify, check=True, capture_output=True, timeout=60)
 
 
 def test_an_aborted_recording_keeps_what_it_had(tmp_path: Path) -> None:
