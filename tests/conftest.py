@@ -1,11 +1,19 @@
 """The tests run compiled, as all runs of an installation but its first."""
 
+import signal
+
 import pytest
 
 from yawid.estimation.machine.runner import RUNNER, is_plain
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile before the workers start: each would interpret for seconds, then compile as well."""
+    """Compile before the workers start: each would interpret for seconds, then compile as well.
+
+    A shell starts a job in the background with SIGINT ignored, which its children would inherit:
+    here tests send SIGINT.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not (hasattr(config, "workerinput") or is_plain() or RUNNER.is_compiled()):
         RUNNER.compile()

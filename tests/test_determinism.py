@@ -73,6 +73,7 @@ def run_yawid(*arguments: object, **environment: str) -> subprocess.CompletedPro
         capture_output=True,
         text=True,
         check=False,
+        timeout=120,
     )
 
 

@@ -20,11 +20,11 @@ from yawid.results.reasons import KINDS
 from yawid.runs.stop import SIGNALS
 
 LIMITS = {
-    "README.md": (160, 100),
-    "src/README.md": (140, 160),
-    "tests/README.md": (130, 160),
-    "tools/README.md": (120, 160),
-    "replay_logs/README.md": (45, 160),
+    "README.md": (200, 100),
+    "src/README.md": (180, 160),
+    "tests/README.md": (170, 160),
+    "tools/README.md": (160, 160),
+    "replay_logs/README.md": (85, 160),
 }
 """Lines, and characters of one line."""
 TEXTS = {name: (ROOT / name).read_text(encoding="utf-8") for name in LIMITS}

@@ -15,10 +15,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from children import LONG_S, child
 from live_kill import kill_once
 from send_tlog import stamped_frames
 
@@ -34,12 +36,14 @@ QUIET_S = 0.5
 CPU_TURNS = 4
 STALL_HZ, STALL_S = 1872.0, 5.0
 FITS_SPEED = 4.0
+ENDING_S = 300.0
+"""A session of many vehicles answers for each as it ends."""
 
 
-def sender(port: int, log: Path, *options: object) -> subprocess.Popen[str]:
+def sender(port: int, log: Path, *options: object) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start the sender."""
-    command = [TOOLS / "send_tlog.py", log, f"127.0.0.1:{port}", *options]
-    return subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, TOOLS / "send_tlog.py", log, f"127.0.0.1:{port}", *options]
+    return child([*map(str, command)], LONG_S, stdout=subprocess.PIPE, text=True)
 
 
 def hear(
@@ -128,21 +132,22 @@ def pymavlink_loop(log: Path, rate: float, count: int) -> float:
     return 1e6 * cpu_s / max(heard, 1)
 
 
+@contextmanager
 def session(
     folder: Path, *options: object, program: tuple[object, ...] = ("-m", "yawid", "live")
-) -> tuple[subprocess.Popen[str], int]:
-    """Start ``yawid live`` on a free port; return it once it listens."""
+) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Start ``yawid live`` on a free port; yield it and the port once it listens."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
     command = [*program, f"udpin:127.0.0.1:{port}", "--out", folder, "--json", *options]
-    process = subprocess.Popen(
-        [sys.executable, *map(str, command)],
+    with child(
+        [sys.executable, *map(str, command)], LONG_S,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    assert process.stderr is not None
-    assert "listening" in process.stderr.readline()
-    return process, port
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        assert "listening" in process.stderr.readline()
+        yield process, port
 
 
 def bench_latency(options: argparse.Namespace) -> Iterator[str]:
@@ -154,11 +159,11 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        process, port = session(folder)
-        with sender(port, options.log, "--speed", options.speed) as vehicle:
-            vehicle.wait()
-        process.terminate()
-        out, _ = process.communicate()
+        with session(folder) as (process, port):
+            with sender(port, options.log, "--speed", options.speed) as vehicle:
+                vehicle.wait(LONG_S)
+            process.terminate()
+            out, _ = process.communicate(timeout=ENDING_S)
         summary = json.loads(out)
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
@@ -185,11 +190,12 @@ def bench_fits(options: argparse.Namespace) -> Iterator[str]:
         ("with a fit beside it all the time", beside, "auto"),
     ):
         with tempfile.TemporaryDirectory() as name:
-            process, port = session(Path(name), "--manoeuvres", manoeuvres, program=program)
-            with sender(port, options.log, "--speed", FITS_SPEED) as vehicle:
-                vehicle.wait()
-            process.terminate()
-            summary = json.loads(process.communicate()[0])
+            asked = (Path(name), "--manoeuvres", manoeuvres)
+            with session(*asked, program=program) as (process, port):
+                with sender(port, options.log, "--speed", FITS_SPEED) as vehicle:
+                    vehicle.wait(LONG_S)
+                process.terminate()
+                summary = json.loads(process.communicate(timeout=ENDING_S)[0])
         rate = summary["link"]["frames"] / summary["duration_s"]
         found = len(summary.get("manoeuvres") or [])
         yield f"{what}, {rate:.0f} msg/s, {found} found: latency {_latency(summary)} ms"
@@ -219,9 +225,8 @@ def bench_soak(options: argparse.Namespace) -> Iterator[str]:
     """Fly at 50 times the speed, with silences, reboots and gaps; watch the memory."""
     from live_soak import soak
 
-    with tempfile.TemporaryDirectory() as name:
-        process, port = session(Path(name))
-        lines: list[str] = []
+    lines: list[str] = []
+    with tempfile.TemporaryDirectory() as name, session(Path(name)) as (process, port):
         soak(process, port, options.soak, lines.append)
     for line in lines[1:]:
         print(line, file=sys.stderr)

@@ -26,6 +26,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from children import LONG_S, child
 from long_log import write_log
 from mcap.reader import make_reader
 
@@ -149,15 +150,13 @@ class Bench:
         folder = {} if compiled is None else {"NUMBA_CACHE_DIR": compiled}
         with tempfile.TemporaryFile() as errors:
             start = time.perf_counter()
-            process = subprocess.Popen(
-                [sys.executable, *arguments],
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
+            with child(
+                [sys.executable, *arguments], LONG_S, stdout=subprocess.DEVNULL, stderr=errors,
                 env=self._environment | folder,
-            )
-            _, status, used = os.wait4(process.pid, 0)
-            wall_s = time.perf_counter() - start
-            process.returncode = os.waitstatus_to_exitcode(status)
+            ) as process:  # fmt: skip
+                _, status, used = os.wait4(process.pid, 0)
+                wall_s = time.perf_counter() - start
+                process.returncode = os.waitstatus_to_exitcode(status)
             if process.returncode not in allowed:
                 errors.seek(0)
                 told = errors.read().decode().strip()

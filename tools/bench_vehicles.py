@@ -27,7 +27,7 @@ from statistics import median
 from typing import IO, Any
 
 import numpy as np
-from bench_live import session
+from bench_live import ENDING_S, session
 from corpus_drawn import Drawn
 from corpus_flights import count
 from jsbsim_flight import STEP_S, FlightPlan
@@ -115,21 +115,20 @@ def cpu_s(process: int) -> float:
 
 def flown(log: Path, folder: Path) -> dict[str, Any]:
     """Have a session listen to what is sent; return what came of it."""
-    process, port = session(folder, "--sysid", "all")
-    assert process.stdout is not None
-    assert process.stderr is not None
-    told = Told(process.stderr)
-    told.start()
-    time.sleep(WARM_S)
-    before_s = cpu_s(process.pid)
-    command = [sys.executable, __file__, "send", str(log), str(port)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    used_s = cpu_s(process.pid) - before_s
-    time.sleep(SETTLED_S)
-    process.terminate()
-    summaries = [json.loads(line) for line in process.stdout]
-    process.wait()
-    told.join()
+    with session(folder, "--sysid", "all") as (process, port):
+        assert process.stdout is not None
+        assert process.stderr is not None
+        told = Told(process.stderr)
+        told.start()
+        time.sleep(WARM_S)
+        before_s = cpu_s(process.pid)
+        command = [sys.executable, __file__, "send", str(log), str(port)]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+        used_s = cpu_s(process.pid) - before_s
+        time.sleep(SETTLED_S)
+        process.terminate()
+        summaries = [json.loads(line) for line in process.stdout]
+        told.join(ENDING_S)
     sent: dict[str, Any] = json.loads(done.stdout)
     return sent | {"cpu_s": used_s, "told": told, "summaries": summaries}
 

@@ -14,9 +14,12 @@ import shutil
 import subprocess
 import tempfile
 import time
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from children import LEAVE_S, LONG_S, child
 
 OPTIONS = (
     "--headless=new",
@@ -59,12 +62,13 @@ class Browser:
         # The browser reads descriptor 3 and writes 4; a shell puts the pipes there.
         shell = f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}'
         options = (*OPTIONS, f"--user-data-dir={self._profile.name}", "about:blank")
-        self._process = subprocess.Popen(
-            ["/bin/bash", "-c", shell, chromium, *options],
-            pass_fds=(theirs_in, theirs_out),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        quiet = subprocess.DEVNULL
+        running = child(
+            ["/bin/bash", "-c", shell, chromium, *options], LONG_S,
+            pass_fds=(theirs_in, theirs_out), stdout=quiet, stderr=quiet,
+        )  # fmt: skip
+        self._ended = ExitStack()
+        self._process = self._ended.enter_context(running)
         os.close(theirs_in)
         os.close(theirs_out)
         self._buffer = b""
@@ -80,11 +84,9 @@ class Browser:
 
     def __exit__(self, *_: object) -> None:
         os.close(self._out)
-        try:
-            self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        with suppress(subprocess.TimeoutExpired):  # it closes by itself
+            self._process.wait(LEAVE_S)
+        self._ended.close()
         os.close(self._in)
         self._profile.cleanup()
 

@@ -16,6 +16,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+LONG_S = 7200
+"""One test of those marked long may take so many seconds."""
 TYPED = ("src", "tools")
 
 
@@ -23,9 +25,10 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     """Return the command lines; the first is the README's own test command."""
     python = sys.executable
     tests = [python, "-m", "pytest", "-n", "2"]
+    long_tests = [python, "-m", "pytest", "-m", "long", "-o", f"faulthandler_timeout={LONG_S}"]
     return [
         [*tests, "-m", "not slow and not mutation and not long"] if fast else tests,
-        *([[python, "-m", "pytest", "-m", "long"]] if long else []),
+        *([long_tests] if long else []),
         *([[python, "tools/check_install.py"]] if long else []),
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],

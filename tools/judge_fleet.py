@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import psutil
+from children import LONG_S, child
 
 from yawid.dataset.files import read_table
 from yawid.dataset.schema import TABLES
@@ -59,20 +60,21 @@ def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float
     """Run ``yawid fleet`` to its end and watch it; kill a process of it every so often."""
     seen, start_s = Watched(), time.perf_counter()
     command = [sys.executable, "-m", "yawid", "fleet", *paths, "--out", str(out)]
-    process = subprocess.Popen([*command, "--workers", str(workers)], stdout=subprocess.DEVNULL)
-    main, next_s = psutil.Process(process.pid), start_s + kill_every_s
-    while process.poll() is None:
-        time.sleep(LOOK_S)
-        try:
-            for worker in workers_of(main):
-                seen.worker_mb = max(seen.worker_mb, worker.memory_info().rss / 1e6)
-                seen.cpu_s[worker.pid] = sum(worker.cpu_times()[:2])
-            if kill_every_s and time.perf_counter() > next_s:
-                next_s += kill_every_s
-                workers_of(main)[seen.kills % workers].kill()
-                seen.kills += 1
-        except (psutil.Error, IndexError):
-            continue  # it has ended, or is just starting again
+    command += ["--workers", str(workers)]
+    with child(command, LONG_S, stdout=subprocess.DEVNULL) as process:
+        main, next_s = psutil.Process(process.pid), start_s + kill_every_s
+        while process.poll() is None:
+            time.sleep(LOOK_S)
+            try:
+                for worker in workers_of(main):
+                    seen.worker_mb = max(seen.worker_mb, worker.memory_info().rss / 1e6)
+                    seen.cpu_s[worker.pid] = sum(worker.cpu_times()[:2])
+                if kill_every_s and time.perf_counter() > next_s:
+                    next_s += kill_every_s
+                    workers_of(main)[seen.kills % workers].kill()
+                    seen.kills += 1
+            except (psutil.Error, IndexError):
+                continue  # it has ended, or is just starting again
     seen.wall_s = time.perf_counter() - start_s
     if process.returncode:
         raise SystemExit(f"yawid fleet ended with {process.returncode}")

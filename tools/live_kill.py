@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from children import LEAVE_S, child
 from fly_jsbsim import Stamped
 from mcap.reader import make_reader
 from send_tlog import stamped_frames
@@ -62,7 +62,7 @@ class Sender(threading.Thread):
     def stop(self) -> None:
         """Stop and wait for it."""
         self._stop_asked.set()
-        self.join()
+        self.join(LEAVE_S)
 
 
 def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: float = 1.0) -> Loss:
@@ -81,7 +81,7 @@ def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: f
     ]
     if not RUNNER.is_compiled():  # a compiler would still be at work when the session is killed
         RUNNER.compile()
-    with subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ) as process:
+    with child(command, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         assert b"listening" in process.stderr.readline()
         sender = Sender(frames, port, speed)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from children import LEAVE_S
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 SPEED, HZ = 50.0, 50
@@ -86,7 +87,7 @@ def soak(
     assert process.stderr is not None
     reader = threading.Thread(target=lines.extend, args=(process.stderr,), daemon=True)
     reader.start()
-    vehicle = threading.Thread(target=fly, args=(port, seconds, sent))
+    vehicle = threading.Thread(target=fly, args=(port, seconds, sent), daemon=True)
     start_s = time.monotonic()
     vehicle.start()
     memory = []
@@ -96,8 +97,7 @@ def soak(
     process.terminate()
     assert process.stdout is not None
     summary = json.loads(process.stdout.read())
-    process.wait()
-    reader.join()
+    reader.join(LEAVE_S)
     report(summary, memory, sent[0], lines, say)
 
 

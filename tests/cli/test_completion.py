@@ -37,13 +37,13 @@ def offered(script: Path, *words: str) -> set[str]:
     """Return what bash offers for the last of these words of a command line."""
     done = subprocess.run(
         ["bash", "-c", PRESS_TAB, "bash", script, "yawid", *words],
-        cwd=script.parent, capture_output=True, text=True, check=True,
+        cwd=script.parent, capture_output=True, text=True, check=True, timeout=60,
     )  # fmt: skip
     return set(done.stdout.split())
 
 
 def test_bash_takes_the_script_and_offers_every_command(script: Path):
-    assert subprocess.run(["bash", "-n", script], check=False).returncode == 0
+    assert subprocess.run(["bash", "-n", script], check=False, timeout=60).returncode == 0
     assert offered(script, "") >= COMMANDS >= {"replay", "live", "completion"}
 
 
@@ -66,7 +66,8 @@ def test_zsh_takes_its_script_with_every_command(
     assert all(f"    {command}:" in text for command in COMMANDS)
     if shutil.which("zsh"):
         (tmp_path / "_yawid").write_text(text)
-        assert subprocess.run(["zsh", "-n", tmp_path / "_yawid"], check=False).returncode == 0
+        done = subprocess.run(["zsh", "-n", tmp_path / "_yawid"], check=False, timeout=60)
+        assert done.returncode == 0
 
 
 def test_another_shell_is_refused_by_name(capsys: pytest.CaptureFixture[str]):

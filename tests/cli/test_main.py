@@ -274,7 +274,8 @@ def test_help_does_not_import_what_only_a_run_needs():
     )
     heavy = ["numba", "scipy", "rerun", "mcap", "pymavlink", "matplotlib", "filterpy", "rich"]
     done = subprocess.run(
-        [sys.executable, "-c", program, *heavy], capture_output=True, text=True, check=True
-    )
+        [sys.executable, "-c", program, *heavy],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
 
     assert done.stderr.strip() == "[]"

@@ -49,7 +49,7 @@ def test_a_long_record_is_filtered_beside_other_threads():
         while not is_over.wait(0.001):
             times[0] += 1
 
-    other = threading.Thread(target=count)
+    other = threading.Thread(target=count, daemon=True)
     other.start()
     x = drive[:, None]
     before = times[0]
@@ -58,7 +58,7 @@ def test_a_long_record_is_filtered_beside_other_threads():
     loop(np.array([-0.5]), np.zeros((1, 1)), x)
     counted = times[0] - before
     is_over.set()
-    other.join()
+    other.join(10.0)
     assert x[-1, 0] == 2.0
     assert counted > 3
 

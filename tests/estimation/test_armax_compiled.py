@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from children import LEAVE_S, child
 from finished_runs import messages
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -222,7 +223,7 @@ def test_only_one_process_compiles_and_one_that_was_killed_is_in_nobodys_way(tmp
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     hold = "from yawid.estimation.machine import kept, object_code\n"
     hold += "with kept.alone(object_code.RUN) as alone: print(alone, flush=True); input()"
-    with subprocess.Popen(
+    with child(
         [sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout is not None
@@ -230,7 +231,7 @@ def test_only_one_process_compiles_and_one_that_was_killed_is_in_nobodys_way(tmp
         with kept.alone(RUN) as first:
             assert not first
         other.kill()
-        other.wait()
+        other.wait(LEAVE_S)
     with kept.alone(RUN) as first:
         assert first
 
@@ -238,7 +239,7 @@ def test_only_one_process_compiles_and_one_that_was_killed_is_in_nobodys_way(tmp
 def replayed(folder: Path, cache: Path) -> str:
     """Run README's first command as somebody at a terminal; return what stands in it."""
     terminal, own = pty.openpty()
-    with subprocess.Popen(
+    with child(
         [sys.executable, "-m", "yawid", "replay", str(LOG), "--out", str(folder)],
         env={**os.environ, "PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(cache)},
         stdout=subprocess.DEVNULL, stderr=own,

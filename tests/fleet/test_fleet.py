@@ -141,10 +141,10 @@ def test_a_fleet_that_is_killed_goes_on_where_it_was_and_ends_with_the_same_data
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = place / "killed"
-    run = yawid_fleet(env, logs, "--out", out, "--workers", "2")
-    _wait_for_lines(out / FINISHED, 5)
-    run.kill()
-    run.communicate()
+    with yawid_fleet(env, logs, "--out", out, "--workers", "2") as run:
+        _wait_for_lines(out / FINISHED, 5)
+        run.kill()
+        run.communicate(timeout=60)
     done = _lines(out / FINISHED)
     with (out / FINISHED).open("ab") as torn:
         torn.write(b'{"logs": [{"path": "/half')
@@ -159,10 +159,10 @@ def test_a_fleet_that_is_killed_goes_on_where_it_was_and_ends_with_the_same_data
 
 def test_ctrl_c_keeps_what_is_finished(place: Path, logs: Path, env: dict[str, str]) -> None:
     out = place / "interrupted"
-    run = yawid_fleet(env, logs, "--out", out, "--workers", "1")
-    _wait_for_lines(out / FINISHED, 3)
-    os.killpg(run.pid, signal.SIGINT)  # as a terminal does
-    said = run.communicate(timeout=60)
+    with yawid_fleet(env, logs, "--out", out, "--workers", "1") as run:
+        _wait_for_lines(out / FINISHED, 3)
+        os.killpg(run.pid, signal.SIGINT)  # as a terminal does
+        said = run.communicate(timeout=60)
 
     assert run.returncode == 130, said
     kept = len(read_table(out, "logs"))
@@ -176,8 +176,10 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
     place: Path, logs: Path, env: dict[str, str]
 ) -> None:
     out = place / "lost"
-    with cluster(env, place / "lost_cluster", workers=1) as found:
-        run = yawid_fleet(env, logs, "--out", out, "--scheduler", found.address)
+    with (
+        cluster(env, place / "lost_cluster", workers=1) as found,
+        yawid_fleet(env, logs, "--out", out, "--scheduler", found.address) as run,
+    ):
         _wait_for_lines(out / FINISHED, 1)
         found.scheduler.kill()
         said = run.communicate(timeout=60)

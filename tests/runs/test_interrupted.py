@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from children import child
 from finished_runs import replayed
 from interrupting import repeated, yawid_with
 from places import C172P, REPLAY_LOGS
@@ -201,7 +202,7 @@ def test_a_second_signal_ends_at_once() -> None:
         "    time.sleep(60)\n"
     )
     for second, code in ((signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, -signal.SIGTERM)):
-        with subprocess.Popen(
+        with child(
             [sys.executable, "-c", script],
             stdout=subprocess.PIPE,
             text=True,
@@ -227,7 +228,7 @@ def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         endpoint = f"udpin:127.0.0.1:{free.getsockname()[1]}"
-    with subprocess.Popen(
+    with child(
         [sys.executable, "-c", script, "live", endpoint, "--out", str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -241,6 +242,44 @@ def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -
         assert process.stdout.readline() == "finishing\n"
         process.send_signal(signal.SIGINT)
         assert process.wait(10.0) == -signal.SIGINT
+
+
+def test_a_sigint_that_is_ignored_from_the_start_stays_so_and_sigterm_stops() -> None:
+    """A shell starts a script's jobs in the background so: a ctrl-C is not meant for them."""
+    script = (
+        "import signal, sys, time\n"
+        "from yawid.runs.stop import StopFlag\n"
+        "with StopFlag().installed() as stop:\n"
+        "    print('ready', flush=True)\n"
+        "    sys.stdin.readline()\n"
+        "    print(stop.is_set, flush=True)\n"
+        "    while not stop.is_set: time.sleep(0.01)\n"
+        "    print(stop.name, flush=True)\n"
+        "    sys.stdin.readline()\n"
+        "    print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN, flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    with child(
+        ["bash", "-c", "trap '' INT; exec \"$@\"", "bash", sys.executable, "-c", script],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    ) as process:
+        said = iter(process.stdout.readline, "")
+        assert next(said) == "ready\n"
+        process.send_signal(signal.SIGINT)
+        process.stdin.write("\n")
+        process.stdin.flush()
+        assert next(said) == "False\n"
+        process.terminate()
+        assert next(said) == "SIGTERM\n"
+        process.send_signal(signal.SIGINT)
+        process.stdin.write("\n")
+        process.stdin.flush()
+        assert next(said) == "True\n"
+        process.terminate()
+        assert process.wait(10.0) == -signal.SIGTERM
 
 
 def test_the_flag_is_looked_at_or_raises_and_leaves_the_handlers_as_they_were() -> None:

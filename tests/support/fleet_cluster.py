@@ -8,10 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from children import child
 from long_log import START_US, write_log
 
 from yawid.dataset.files import merge, read_table
@@ -21,6 +22,8 @@ from yawid.fleet.one_log import rows_of
 from yawid.fleet.run_fleet import with_keys
 from yawid.fleet.spec import Spec
 
+CLUSTER_S = 600.0
+"""A cluster serves a whole file of tests."""
 MONTH_US = 31 * 86_400 * 10**6
 HOOK = """
 import os, signal, sys, time
@@ -78,13 +81,13 @@ def environment(folder: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
 
 
-def yawid_fleet(env: dict[str, str], *arguments: str | Path) -> subprocess.Popen[str]:
+def yawid_fleet(
+    env: dict[str, str], *arguments: str | Path
+) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start ``yawid fleet`` as a process that heads its own group."""
     command = [sys.executable, "-m", "yawid", "fleet", *map(str, arguments)]
     pipe = subprocess.PIPE
-    return subprocess.Popen(
-        command, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True
-    )
+    return child(command, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
 
 
 @contextmanager
@@ -107,14 +110,8 @@ def _process(
     name: str, options: list[str], env: dict[str, str], folder: Path
 ) -> Iterator[subprocess.Popen[bytes]]:
     command = [sys.executable, "-m", f"distributed.cli.{name}", *options]
-    with (folder / f"{name}.txt").open("wb") as said:
-        process = subprocess.Popen(command, env=env, stdout=said, stderr=said)
-        try:
-            yield process
-        finally:
-            process.terminate()
-            try:
-                process.wait(5)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+    with (
+        (folder / f"{name}.txt").open("wb") as said,
+        child(command, CLUSTER_S, env=env, stdout=said, stderr=said) as process,
+    ):
+        yield process

@@ -125,7 +125,7 @@ def listening(
     def listen() -> None:
         ended.extend(live(asked, config, outputs, stop, Console(screen, line_s), read_options))
 
-    thread = threading.Thread(target=listen)
+    thread = threading.Thread(target=listen, daemon=True)
     thread.start()
     try:
         screen.wait_for("listening")
@@ -169,13 +169,13 @@ def attend(folder: Path, then: object) -> Screen:
         wait_for_size(folder / "live.tlog.part", tlog_size(SENT))
         then(stop, screen)  # type: ignore[operator] # a function of the test
 
-    sender = threading.Thread(target=vehicle)
+    sender = threading.Thread(target=vehicle, daemon=True)
     sender.start()
     options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
     try:
         live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
     finally:
-        sender.join()
+        sender.join(60.0)
     return screen
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SRC, TOOLS = ROOT / "src" / "yawid", ROOT / "tools"
+SRC, TESTS, TOOLS = ROOT / "src" / "yawid", ROOT / "tests", ROOT / "tools"
 REPLAY_LOGS = ROOT / "replay_logs"
 C172P = REPLAY_LOGS / "c172p_3211" / "log.tlog"
 SHARED_FLIGHTS = ROOT / ".." / "shared" / "flights"

@@ -38,8 +38,9 @@ def test_systemd_knows_every_line_of_the_unit(tmp_path: Path):
     unit.write_text(UNIT.replace("/opt/yawid/bin/yawid", "/bin/true"))
 
     done = subprocess.run(
-        ["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False
-    )
+        ["systemd-analyze", "verify", unit],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
 
     assert (done.returncode, done.stderr) == (0, "")
 

@@ -30,8 +30,22 @@ class HelpPage(argparse.RawDescriptionHelpFormatter):
             super().add_argument(action)
 
 
+def _path(text: str) -> Path:
+    """Read a path: of ``s3://bucket/x`` a Path would make the folder ``s3:``."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is a URL, but a path on this machine is needed: copy the file to or from "
+            "the store with the store's own tool (only yawid fleet takes URLs, for its logs)"
+        )
+    return Path(text)
+
+
 class OneLineParser(argparse.ArgumentParser):
     """A parser that says in one line what is wrong, and where the options stand."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.register("type", Path, _path)  # of every command: subparsers are of this class
 
     def _print_message(self, message: str, file: Any = None) -> None:
         """Write help: argparse would pass over a stdout that is full, as if all were well."""

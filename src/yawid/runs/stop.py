@@ -4,6 +4,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -21,7 +22,8 @@ class StopFlag:
 
     ``exit_code`` is 128 plus the signal's number, ``name`` the signal's own. Where it ``raises`` it
     is not waited for that somebody looks: :class:`Interrupted` comes at once. A second signal finds
-    the system's own handler and ends the process there and then, whatever it does.
+    the system's own handler and ends the process there and then, whatever it does. A signal that
+    the process was started to ignore, as a shell starts a job in the background, stays ignored.
     """
 
     def __init__(self, *, raises: bool = False) -> None:
@@ -29,9 +31,10 @@ class StopFlag:
         self.exit_code = 128 + signal.SIGINT
         self.name = signal.SIGINT.name
         self._raises = raises
+        self._before: dict[signal.Signals, Any] = {}
 
     def _set(self, number: int, frame: FrameType | None) -> None:
-        for one in SIGNALS:
+        for one in self._before:
             signal.signal(one, signal.SIG_DFL)
         self.is_set = True
         self.exit_code, self.name = 128 + number, signal.Signals(number).name
@@ -55,10 +58,13 @@ class StopFlag:
 
     @contextmanager
     def installed(self) -> "Iterator[StopFlag]":
-        """Catch the two signals while the context lasts."""
-        before = [signal.signal(number, self._set) for number in SIGNALS]
+        """Catch the two signals while the context lasts, but for one that is ignored."""
+        handlers = {number: signal.getsignal(number) for number in SIGNALS}
+        self._before = {n: old for n, old in handlers.items() if old is not signal.SIG_IGN}
+        for number in self._before:
+            signal.signal(number, self._set)
         try:
             yield self
         finally:
-            for number, handler in zip(SIGNALS, before, strict=True):
+            for number, handler in self._before.items():
                 signal.signal(number, handler)

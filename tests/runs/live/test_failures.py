@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import shutil
@@ -12,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from children import LEAVE_S, child
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from send_tlog import stamped_frames
 from sinks.rerun.rerun_reading import VIEWER
@@ -141,7 +141,7 @@ def test_a_viewer_that_dies_is_one_line_and_the_files_are_whole(tmp_path: Path):
             send(frames(10.0), session.port)
             session.screen.wait_for("tracking")
             process.kill()
-            process.wait()
+            process.wait(LEAVE_S)
             send(frames(10.0, first_s=110.0), session.port)
             session.screen.wait_for("no Rerun viewer")
             send(frames(10.0, first_s=120.0), session.port)
@@ -165,14 +165,11 @@ def test_a_part_left_by_a_crash_replays_as_it_is(tmp_path: Path):
 
 def test_the_stream_the_session_talks_to_may_be_gone(tmp_path: Path):
     """A terminal that was closed must not end the recording."""
-    gone = subprocess.Popen(["true"], stdin=subprocess.PIPE, text=True)
-    gone.wait()
-    assert gone.stdin is not None
-    console = Console(gone.stdin)
-    console.say("still flying")
-    console.show("12 msg/s")
-    with contextlib.suppress(BrokenPipeError):
-        gone.stdin.close()
+    with child(["true"], stdin=subprocess.PIPE, text=True) as gone:
+        gone.wait(LEAVE_S)
+        console = Console(gone.stdin)
+        console.say("still flying")
+        console.show("12 msg/s")
 
 
 def test_a_viewer_that_comes_back_is_shown_what_follows(
@@ -186,20 +183,19 @@ def test_a_viewer_that_comes_back_is_shown_what_follows(
         send(frames(10.0), session.port)
         session.screen.wait_for("tracking")
         process.kill()
-        process.wait()
+        process.wait(LEAVE_S)
         session.screen.wait_for("no Rerun viewer")
         sent = frames(5.0, first_s=110.0)
         for at in range(0, len(sent), 25):  # while it looks for the viewer and finds none
             send(sent[at : at + 25], session.port)
             time.sleep(0.1)
         port = address.rpartition(":")[2].partition("/")[0]
-        with subprocess.Popen(
+        with child(
             [VIEWER, "--serve-grpc", "--bind", "127.0.0.1", "--port", port],
             stderr=subprocess.DEVNULL,
-        ) as again:
+        ):
             session.screen.wait_for("the Rerun viewer is back")
             send(frames(5.0, first_s=115.0), session.port)
-            again.terminate()
     [ended] = session.ended
     els = ended.summary.estimates["els"]
     assert 0 < ended.summary.live.viewer_skipped < els.held + els.updates

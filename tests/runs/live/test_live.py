@@ -14,6 +14,7 @@ from pathlib import Path
 
 import fly_jsbsim
 import pytest
+from children import child
 from finished_runs import messages
 from jsbsim_flight import FlightPlan
 from live_link import (
@@ -115,20 +116,19 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
 def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path: Path):
     port = free_port()
     arguments = [f"udpin:127.0.0.1:{port}", "--out", str(tmp_path), "--json"]
-    process = subprocess.Popen(
+    with child(
         [sys.executable, "-m", "yawid", "live", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stderr is not None
-    assert "listening" in process.stderr.readline()
-    sent = frames(3.0)
-    send(sent, port)
-    wait_for_size(wait_for_part(tmp_path), tlog_size(sent))
-    process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    ) as process:
+        assert "listening" in process.stderr.readline()
+        sent = frames(3.0)
+        send(sent, port)
+        wait_for_size(wait_for_part(tmp_path), tlog_size(sent))
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
 
     assert process.returncode in (0, 5), err
     assert out.count("\n") == 1
@@ -197,11 +197,11 @@ def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_re
         screen.wait_for("listening")
         send(sent, port)
 
-    sender = threading.Thread(target=play)
+    sender = threading.Thread(target=play, daemon=True)
     sender.start()
     with pytest.raises(ConfigError, match="most that can be had is --rate 50") as refused:
         live(options, config, Outputs(tmp_path, "live"), StopFlag(), Console(screen))
-    sender.join()
+    sender.join(60.0)
 
     assert str(tmp_path / "live.tlog") in str(refused.value)
     recorded = (tmp_path / "live.tlog").read_bytes()

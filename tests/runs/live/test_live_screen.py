@@ -64,7 +64,9 @@ def test_the_screen_says_a_dead_link_within_two_seconds_and_leaves_the_terminal_
     options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
     console = console_for(terminal.stream)
     outputs = Outputs(tmp_path, "live")
-    session = threading.Thread(target=live, args=(options, CONFIG, outputs, stop, console))
+    session = threading.Thread(
+        target=live, args=(options, CONFIG, outputs, stop, console), daemon=True
+    )
     session.start()
     try:
         terminal.wait_for("listening on")
@@ -78,7 +80,7 @@ def test_the_screen_says_a_dead_link_within_two_seconds_and_leaves_the_terminal_
     terminal.wait_for("\x1b[?25h")  # the cursor
     terminal.wait_for("\x1b[?1049lyawid: said meanwhile")
     terminal.wait_for("VERDICT")
-    session.join()
+    session.join(60.0)
 
 
 @pytest.mark.parametrize("why", ["no terminal", "dumb", "small"])

@@ -50,11 +50,11 @@ def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):
     viewer = Viewer(lambda _: stuck, print, Worker("viewers"))
     viewer.log(0, "info", "hello")
     assert stuck.asked.wait(10.0)
-    ender = threading.Thread(target=viewer.abort)
+    ender = threading.Thread(target=viewer.abort, daemon=True)
     ender.start()
     ender.join(2.0)
     try:
         assert not ender.is_alive()
     finally:
         stuck.freed.set()
-        ender.join()
+        ender.join(10.0)

@@ -49,10 +49,10 @@ def test_two_threads_write_one_whole_line_after_the_other():
     terminal = Terminal()
     console = Console(terminal)
     console.show("12 msg/s")
-    viewer = threading.Thread(target=console.say, args=("the Rerun viewer is back",))
+    viewer = threading.Thread(target=console.say, args=("the Rerun viewer is back",), daemon=True)
     viewer.start()
     console.show("13 msg/s")
-    viewer.join()
+    viewer.join(10.0)
     assert terminal.most == 1
 
 

@@ -298,7 +298,7 @@ def test_rerun_converts_the_file_and_finds_every_message(tmp_path: Path) -> None
     sink.manoeuvre(*make_manoeuvre(samples, 10, 60))
     sink.finish(SUMMARY, {})
     command = [rerun_executable(), "mcap", "convert", "a.mcap", "-o", "a.rrd"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
     rows: Counter[str] = Counter()
     columns: dict[str, set[str]] = {}
     for chunk in RrdReader(tmp_path / "a.rrd").stream().to_chunks():

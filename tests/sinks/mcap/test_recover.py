@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from children import child
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -79,7 +80,7 @@ sys.stdin.read()
 def test_kill_9_loses_at_most_a_second(tmp_path: Path) -> None:
     n = 317
     path = tmp_path / "a.mcap"
-    with subprocess.Popen(
+    with child(
         [sys.executable, "-c", WRITER, str(path), str(n)],
         env=script_environment(),
         stdin=subprocess.PIPE,

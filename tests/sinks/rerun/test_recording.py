@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from rerun.components import AggregationPolicy
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, save, statics, values
 from sinks.sink_blocks import (
     FLIGHT,
@@ -121,6 +122,31 @@ def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
         if "Scalars:scalars" in columns:
             [colours] = statics(path, entity, "SeriesLines:colors")
             assert len(colours) == len(columns["Scalars:scalars"][0])
+
+
+def test_every_line_is_drawn_from_its_least_to_its_greatest_value_within_a_pixel(
+    tmp_path: Path,
+) -> None:
+    """The viewer's own way is the mean of a pixel: a doublet would be half as large."""
+    samples, estimates, modes = known(make_blocks(n=200))
+    sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    sink.start(GRID)
+    sink.write(samples, estimates, modes)
+    for usable in (True, False):
+        found, span_ns = make_manoeuvre(samples, 20, 60)
+        verdict = msgspec.structs.replace(found.verdict, usable=usable)
+        sink.manoeuvre(msgspec.structs.replace(found, verdict=verdict), span_ns)
+    sink.finish(SUMMARY, {})
+
+    drawn = {
+        entity
+        for entity, columns in recorded(tmp_path / "a.rrd").items()
+        if "Scalars:scalars" in columns
+    }
+    assert {"/input", "/innovation", "/dutch_roll/wn/rml", "/dutch_roll/wn/refused"} <= drawn
+    for entity in drawn:
+        policy = statics(tmp_path / "a.rrd", entity, "SeriesLines:aggregation_policy")
+        assert policy == [[AggregationPolicy.MinMax.value]], entity
 
 
 def test_held_stretches_status_and_mode_changes_are_lanes_over_time(tmp_path: Path) -> None:
@@ -335,7 +361,8 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
     worth = {"/verdict", "/manoeuvres", "/log", "/z_plane", "/whiteness"}
     hidden = {"/none"}  # holds the time range that all time axes share
     assert origins == flight | learnt | worth | hidden
-    subprocess.run([VIEWER, "rrd", "verify", str(path)], check=True, capture_output=True)
+    verify = [VIEWER, "rrd", "verify", str(path)]
+    subprocess.run(verify, check=True, capture_output=True, timeout=60)
 
 
 def test_an_aborted_recording_keeps_what_it_had(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from children import child
 from finished_runs import replayed
 from places import C172P
 
@@ -43,13 +44,13 @@ def screen() -> Iterator[str]:
         pytest.skip(f"somebody listens on port {PORT} already")
     read, write = os.pipe()
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1024x768x24"]
-    server = subprocess.Popen(
-        [*command, "-nolisten", "tcp"], pass_fds=[write], stderr=subprocess.DEVNULL
-    )
-    os.close(write)
-    with os.fdopen(read) as numbers, server:
+    quiet = subprocess.DEVNULL
+    with (
+        os.fdopen(read) as numbers,
+        child([*command, "-nolisten", "tcp"], pass_fds=[write], stderr=quiet),
+    ):
+        os.close(write)
         yield f":{numbers.readline().strip()}"
-        server.terminate()
     assert wait_until(False), "the viewer outlives its screen"
 
 
@@ -72,6 +73,6 @@ def test_a_viewer_opens_where_there_is_a_screen(screen: str, tmp_path: Path, com
     assert listens()
     windows = subprocess.run(
         ["xwininfo", "-root", "-tree", "-display", screen],
-        capture_output=True, text=True, check=True,
+        capture_output=True, text=True, check=True, timeout=30,
     )  # fmt: skip
     assert '"Rerun"' in windows.stdout

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from children import LEAVE_S, child
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, run, values
 from sinks.sink_blocks import (
     GRID,
@@ -31,7 +31,7 @@ def viewer(*options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """Rerun's own receiver, without a window, on a free port."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with subprocess.Popen(
+    with child(
         [VIEWER, *options, "--bind", "127.0.0.1", "--port", str(port)],
         env={**os.environ, "RUST_LOG": "info"},
         stderr=subprocess.PIPE,
@@ -39,10 +39,7 @@ def viewer(*options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         assert process.stderr is not None
         while b"Listening for gRPC" not in process.stderr.readline():
             assert process.poll() is None
-        try:
-            yield f"rerun+http://127.0.0.1:{port}/proxy", process
-        finally:
-            process.send_signal(signal.SIGINT)
+        yield f"rerun+http://127.0.0.1:{port}/proxy", process
 
 
 def wait_for_rows(path: Path, n: int) -> dict[str, dict[str, Any]]:
@@ -79,7 +76,7 @@ def test_a_viewer_that_dies_is_one_warning_and_the_run_goes_on() -> None:
         sink.flush()
         assert warnings == []
         process.kill()
-        process.wait()
+        process.wait(LEAVE_S)
         sink.write(*blocks)
         sink.log(START_NS, "info", "still flying")
         sink.finish(SUMMARY, {})
@@ -96,7 +93,7 @@ def test_a_viewer_that_died_is_noticed_by_the_next_flush() -> None:
         view.write(samples, estimates, modes)
         view.flush()
         process.kill()
-        process.wait()
+        process.wait(LEAVE_S)
         view.write(samples, estimates, modes)
         with pytest.raises(RuntimeError):
             view.flush()

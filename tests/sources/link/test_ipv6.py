@@ -114,6 +114,7 @@ def test_a_tcp_connection_is_recorded_and_can_be_answered() -> None:
     with socket.create_server(("::1", 0), family=socket.AF_INET6) as server:
         host, port, *_ = server.getsockname()
         tap = StreamTap(Endpoint(host, port, "tcp"), may_transmit=True)
+        server.settimeout(10.0)
         vehicle, _ = server.accept()
         with tap, vehicle:
             vehicle.sendall(b"".join(FRAMES))

@@ -214,7 +214,9 @@ def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() 
     with socket.create_server(("127.0.0.1", 0)) as server:
         tap = StreamTap(Endpoint(*server.getsockname(), "tcp"), may_transmit=True)
         tap._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        server.settimeout(10.0)
         peer, _ = server.accept()
+        peer.settimeout(10.0)
         with tap, peer:
             tap.senders.latest[1] = "127.0.0.1", 1
             went = 0
@@ -237,6 +239,11 @@ def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() 
         ("mcast:", "udpin:127.0.0.1:14560", "or tap"),
         ("/dev/ttyUSB0", "udpin:127.0.0.1:14560", "or tap"),
         ("udpout:127.0.0.1:14560", "udpin:0.0.0.0:14560", "write --publish tap"),
+        ("udpin:127.0.0.1:14560", "udpin:127.0.0.1:14560", "write --publish tap"),
+        ("udpin:0.0.0.0:14560", "udpin:127.0.0.1:14560", "write --publish tap"),
+        ("udpin:10.0.0.7:14560", "udpin:0.0.0.0:14560", "write --publish tap"),
+        ("udpin:[::]:14560", "udpin:[::1]:14560", "write --publish tap"),
+        ("udpin:0.0.0.0:14550", "mcast:", "write --publish tap"),
         ("tap", "mcast:", "nobody answers to a group"),
     ],
 )
@@ -253,4 +260,6 @@ def test_what_cannot_be_published_to_is_refused_in_one_line(
 def test_the_tap_s_own_endpoint_means_the_tap() -> None:
     tapped = parse_endpoint("tcp:127.0.0.1:5760")
     assert parse_publish("tap", tapped) is parse_publish("tcp:127.0.0.1:5760", tapped) is None
+    apart = parse_endpoint("udpin:127.0.0.1:14561")
+    assert parse_publish(str(apart), parse_endpoint("udpin:127.0.0.1:14560")) == apart
     assert parse_publish("udpout:10.0.0.1:5760", tapped) == Endpoint("10.0.0.1", 5760, "udpout")

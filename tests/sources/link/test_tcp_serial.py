@@ -45,6 +45,7 @@ def read_all(tap: Tap, size: int) -> bytes:
 def test_frames_cut_anywhere_come_out_whole_and_nothing_is_sent_back() -> None:
     stream, rng = b"".join(FRAMES), np.random.default_rng(1)
     with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(10.0)
         tap = StreamTap(Endpoint(*server.getsockname(), "tcp"))
         vehicle, _ = server.accept()
         with tap, vehicle:
@@ -60,6 +61,7 @@ def test_frames_cut_anywhere_come_out_whole_and_nothing_is_sent_back() -> None:
 
 def test_a_connection_that_is_lost_is_sought_again_and_both_are_said() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(10.0)
         tap = StreamTap(Endpoint(*server.getsockname(), "tcp"))
         first, _ = server.accept()
         with tap:
@@ -116,10 +118,10 @@ def test_frames_on_a_serial_line_come_out_whole_and_nothing_is_sent_back(tmp_pat
     stream, device = b"".join(FRAMES), tmp_path / "tty"
     with serial_line(device) as vehicle:
         with StreamTap(Endpoint(str(device), 57600, "serial")) as tap:
-            sender = threading.Thread(target=write_all, args=(vehicle, stream))
+            sender = threading.Thread(target=write_all, args=(vehicle, stream), daemon=True)
             sender.start()
             data = read_all(tap, len(stream) + 8 * len(FRAMES))
-            sender.join()
+            sender.join(10.0)
         os.set_blocking(vehicle, False)
         with pytest.raises(BlockingIOError):
             os.read(vehicle, 1)

@@ -55,5 +55,6 @@ def test_mavlink_1_has_the_base_payload_or_extensions_but_nothing_else(
 def test_importing_the_readers_does_not_import_pymavlink() -> None:
     modules = "sys, yawid.sources.logs.tlog, yawid.sources.link.udp"
     code = f"import {modules}; print('pymavlink' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "False"

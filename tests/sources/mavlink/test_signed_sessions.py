@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from children import child
 from flightlog import START_US, fly
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -207,26 +208,25 @@ def heard_live(frames: list[bytes], arguments: list[str], folder: Path, size: in
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    process = subprocess.Popen(
+    with child(
         [sys.executable, "-m", "yawid", "live", f"udpin:127.0.0.1:{port}", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "listening" in line:
-            break
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for frame in frames:
-            out.sendto(frame, ("127.0.0.1", port))
-    for _ in range(300):
-        if sum(path.stat().st_size for path in folder.glob("*.tlog.part")) >= size:
-            break
-        threading.Event().wait(0.05)
-    process.send_signal(signal.SIGTERM)
-    said, _ = process.communicate(timeout=60)
+    ) as process:
+        for line in process.stderr:
+            if "listening" in line:
+                break
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for frame in frames:
+                out.sendto(frame, ("127.0.0.1", port))
+        for _ in range(300):
+            if sum(path.stat().st_size for path in folder.glob("*.tlog.part")) >= size:
+                break
+            threading.Event().wait(0.05)
+        process.send_signal(signal.SIGTERM)
+        said: str = process.communicate(timeout=60)[0]
     return said
 
 

@@ -10,7 +10,7 @@ import socket
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -79,7 +79,7 @@ class RerunView:
         """Name and colour the lines."""
         self._marks, self._grid, self._rudder_unit = Marks(grid), grid, grid.rudder_unit
         for entity, style in series_styles(grid).items():
-            self._recording.log(entity, rr.SeriesLines(**style), static=True)
+            self._style(entity, style)
         poles = rr.LineStrips2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(1.2))
         zeros = rr.Points2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(4.0))
         self._recording.log("z_plane/poles", poles, static=True)
@@ -121,7 +121,7 @@ class RerunView:
         if not self._has_bars:
             self._has_bars = True
             for entity, style in manoeuvre_styles(found.answer.method).items():
-                self._recording.log(entity, rr.SeriesLines(**style), static=True)
+                self._style(entity, style)
         after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
         after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
         for entity, rows in manoeuvre_rows(found.dutch_roll, usable=usable).items():
@@ -161,6 +161,14 @@ class RerunView:
         self._send()
         self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
         self._recording.disconnect()
+
+    def _style(self, entity: str, style: Mapping[str, Any]) -> None:
+        """Name and colour lines; each is drawn over all it reaches within a pixel.
+
+        Left to itself the viewer draws the mean: a doublet far too small, noise within its bounds.
+        """
+        lines = rr.SeriesLines(**style, aggregation_policy=rr.components.AggregationPolicy.MinMax)
+        self._recording.log(entity, lines, static=True)
 
     def _show(self, entity: str, markdown: str) -> None:
         document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)

@@ -39,6 +39,7 @@ NOTICE, INFO = 5, 6
 _LARGEST = 3e38  # what fits into a float of four bytes
 _MOST_READ, _LONGEST_DATAGRAM = 64, 1 << 16
 _HERE = frozenset({"127.0.0.1", "localhost", "::1"})
+_ANY = frozenset({"0.0.0.0", "::"})
 
 
 class Limiter:
@@ -228,16 +229,28 @@ def parse_publish(text: str, tapped: Endpoint) -> Endpoint | None:
         endpoint = None if text == TAP else parse_endpoint(text)
     except ConfigError as error:
         raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)") from error
-    if endpoint is None or endpoint == tapped:
+    is_own_link = endpoint == tapped and tapped.kind != "udpin"
+    if endpoint is None or is_own_link:
         if tapped.kind == "mcast":
             raise ConfigError(f"--publish {text}: nobody answers to a group, write {what}")
         return None
     if endpoint.kind not in ("udpout", "udpin"):
         raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)")
-    at_tap = tapped.port == endpoint.port and endpoint.host in {*_HERE, tapped.host}
-    if at_tap and tapped.kind != "tcp" and tapped.kind != "serial":
-        raise ConfigError(f"--publish {text}: there the tap itself listens, write --publish tap")
+    if _is_at_tap(endpoint, tapped):
+        raise ConfigError(
+            f"--publish {text}: there the tap itself listens, write --publish tap or another port"
+        )
     return endpoint
+
+
+def _is_at_tap(endpoint: Endpoint, tapped: Endpoint) -> bool:
+    """Tell whether one of the two would receive what is meant for the other."""
+    if tapped.kind in ("tcp", "serial") or endpoint.port != tapped.port:
+        return False
+    if endpoint.host in {*_HERE, tapped.host}:
+        return True
+    listens = tapped.kind != "udpout"
+    return listens and (endpoint.host in _ANY or (endpoint.kind == "udpin" and tapped.host in _ANY))
 
 
 def open_publisher(
