@@ -122,7 +122,7 @@ def test_the_exit_codes_are_those_of_the_code():
     documented = {int(code) for code in re.findall(r"\b\d+\b", text)}
     raised = {kind.exit_code for kind in (YawidError, *YawidError.__subclasses__())} | {0, 1}
     raised |= {kind.exit_code for kind in KINDS.values()} | {128 + each for each in SIGNALS}
-    raised.add(CHANGED)
+    raised |= {CHANGED, command_line.UNFORESEEN}
 
     assert documented == raised
 

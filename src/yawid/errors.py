@@ -11,6 +11,7 @@ EXIT_CODES: Final = {
     5: "not excited or not identifiable: the answer is shown and marked unusable",
     6: "input or output failed",
     7: "something changed: trend, diff",
+    70: "unforeseen: a fault of yawid; YAWID_DEBUG=1 shows where",
     130: "interrupted by SIGINT",
     143: "interrupted by SIGTERM",
 }

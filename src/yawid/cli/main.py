@@ -2,13 +2,15 @@
 
 Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
 rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 7 something
-changed (trend, diff), 130 and 143 interrupted by SIGINT and SIGTERM. Results go to stdout,
-everything else to stderr. Heavy imports wait until a command needs them.
+changed (trend, diff), 70 something unforeseen, 130 and 143 interrupted by SIGINT and SIGTERM.
+Results go to stdout, everything else to stderr. Heavy imports wait until a command needs them.
 """
 
 import argparse
 import gc
+import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -49,7 +51,10 @@ if TYPE_CHECKING:
     from yawid.results.run_summary import Origin, RunSummary
 
 _Page = TypeVar("_Page", bound="Origin")
-INTERRUPTED = 130
+INTERRUPTED, UNFORESEEN = 130, 70
+DEBUG = "YAWID_DEBUG"
+MOST_SAID = 300
+"""Characters of an unforeseen error's own text: it may hold a whole array."""
 OVERVIEW = {
     "a flight": ("replay", "live", "inspect", "orders"),
     "a finished run": ("view", "report", "export", "recover"),
@@ -71,7 +76,8 @@ examples:
 
 yawid COMMAND --help lists a command's options; yawid completion bash|zsh lets the Tab key
 complete them. Exit codes: 0 good, 1 regression mismatch, 2 usage, 3 no vehicle, rudder or yaw,
-4 rate too low, 5 not excited or not identifiable, 6 input or output failed, 7 something changed.
+4 rate too low, 5 not excited or not identifiable, 6 input or output failed, 7 something changed,
+70 a fault of yawid itself (YAWID_DEBUG=1 shows where).
 """
 GARBAGE_AFTER = 50_000
 """Allocations until garbage is searched for: what is imported stays, and by Python's own 700 a
@@ -236,6 +242,10 @@ def _told(
         summary, verdict = run()
     except YawidError as error:
         return _explained(error)
+    except (Interrupted, OSError):
+        raise
+    except Exception as error:  # the logs that follow are run all the same
+        return _unforeseen(error)
     if as_json:
         tell_json(summary.to_json())
     else:
@@ -247,6 +257,16 @@ def _told(
 def _explained(error: YawidError) -> int:
     say(" ".join(str(error).split()))
     return error.exit_code
+
+
+def _unforeseen(error: Exception) -> int:
+    """Say in one line that yawid itself failed; the traceback is for who asks for it."""
+    if os.environ.get(DEBUG, "0") not in ("", "0"):
+        for line in "".join(traceback.format_exception(error)).splitlines():
+            say(line)
+    what = " ".join(f"{type(error).__name__}: {error}".split())[:MOST_SAID]
+    say(f"unforeseen, a fault of yawid: {what}; {DEBUG}=1 shows where: please report it")
+    return UNFORESEEN
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -271,6 +291,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever opens a file says himself what is wrong with it.
         mute(sys.stdout)
         return _explained(SinkError(f"{error.filename or 'stdout'}: {error.strerror or error}"))
+    except Exception as error:  # the last door
+        return _unforeseen(error)
 
 
 def _run(argv: Sequence[str] | None) -> int:

@@ -1,5 +1,6 @@
 """Flight modes by name: which autopilot's they are, and the number each has there."""
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -10,6 +11,7 @@ from yawid.sources.mavlink.enums import ARDUPILOT, FIXED_WING, PX4, mode_name, p
 
 AUTOPILOTS: Final = {"ArduPilot": ARDUPILOT, "PX4": PX4}
 """Those whose modes have names here, as :mod:`yawid.channels.vehicle` calls them."""
+_NUMBER: Final = re.compile("[0-9]{1,10}")
 FIRST_OF_NOBODY: Final = 1000
 """Modes of names that no autopilot here has count from this: the name is lost, a change is not."""
 _NUMBERS: Final = {ARDUPILOT: range(64), PX4: sorted({*px4_custom_modes(np.arange(64)).tolist()})}
@@ -21,7 +23,7 @@ def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple
     That is autopilot and vehicle type, (0, 0) where it is nobody's: the ``autopilot`` named, else
     the one that has most of the names.
     """
-    names = list(dict.fromkeys(text for text in texts if text and not text.isdigit()))
+    names = list(dict.fromkeys(text for text in texts if text and not _NUMBER.fullmatch(text)))
     known = {who: _numbers(who) for who in _NUMBERS} if names or autopilot else {}
     who = AUTOPILOTS.get(autopilot or "", 0)
     if not who and names:
@@ -30,7 +32,7 @@ def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple
     numbers = dict(known.get(who, {}))
     for name in names:
         numbers.setdefault(name, FIRST_OF_NOBODY + len(numbers))
-    found = {text: float(text) if text.isdigit() else numbers.get(text, np.nan)
+    found = {text: float(text) if _NUMBER.fullmatch(text) else numbers.get(text, np.nan)
              for text in set(texts)}  # fmt: skip
     return np.array([found[text] for text in texts], float), (who, FIXED_WING if who else 0)
 

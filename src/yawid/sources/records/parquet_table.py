@@ -3,16 +3,19 @@
 pyarrow is loaded where such a file is read: it takes a fifth of a second.
 """
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
+from yawid.sources.records.times import FIRST_YEAR, LAST_YEAR, NO_DATE
 
 MAGIC: Final = b"PAR1"
+PER_S: Final = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+AFTER_LAST_YEAR_S: Final = int(datetime(LAST_YEAR + 1, 1, 1, tzinfo=UTC).timestamp())
 
 
 class ParquetTable:
@@ -68,13 +71,26 @@ class ParquetTable:
             ) from error
 
     def dates_ns(self, column: int) -> Ints | None:
-        """Return the Unix time in ns (n,), int64's least where it is null; None of other types."""
+        """Return the Unix time in ns (n,), int64's least where it is null; None of other types.
+
+        Raises:
+            SourceError: a date is none of a flight's.
+        """
         values = self._read(column)
         if not self._arrow.types.is_timestamp(values.type):
             return None
-        whole = values.cast(self._arrow.timestamp("ns", tz=values.type.tz))
-        found: NDArray[Any] = whole.to_numpy(zero_copy_only=False).astype("datetime64[ns]")
-        return found.astype(np.int64)
+        # Not by a cast to ns, which fails for the year 1500.
+        whole = values.cast(self._arrow.int64()).fill_null(int(NO_DATE))
+        found: Ints = whole.to_numpy(zero_copy_only=False)
+        scale = 10**9 // PER_S[values.type.unit]
+        wrong = (found != NO_DATE) & ((found < 0) | (found >= AFTER_LAST_YEAR_S * 10**9 // scale))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise SourceError(
+                f"{self.path}, column {self.names[column]}, {self.line(row)}: {values[row]} is no "
+                f"time of a flight: a date from {FIRST_YEAR} to {LAST_YEAR} is needed"
+            )
+        return np.where(found == NO_DATE, NO_DATE, found * scale)
 
     def line(self, row: int) -> str:
         """Return the number of a row, from 1."""

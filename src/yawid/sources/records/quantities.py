@@ -18,6 +18,13 @@ MOST: Final = {
     **{"roll": 3.2, "pitch": 1.6, "yaw": 6.3, "aileron": 2.0},
 }
 """More is none of the table's own unit where nobody says that it is."""
+IMPOSSIBLE: Final = {
+    **dict.fromkeys(("r", "q", "turn_rate"), 1e3),
+    **dict.fromkeys(("roll", "pitch", "yaw", "aileron"), 1e3),
+    **{"ground_speed": 1e4, "altitude": 1e6, "mode": 2.0**32},
+}
+"""From here on a value is damage, in the table's own units: an orbit is slower and lower. An angle
+may have been unwrapped over many turns."""
 MOST_RUDDER: Final = {HALF_TRAVEL: 2.0, "rad": 1.6, "deg": 90.0}
 LEAST_STEP_S, MOST_STEP_S = 9e-4, 2.0
 """Between rows, in the median, if nobody says that t is in seconds."""
@@ -57,7 +64,8 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
     """
     values, header = table.numbers(found.place), found.header
     if found.unit is not None:
-        return values * found.unit.factor if found.unit.factor != 1.0 else values
+        values = values * found.unit.factor if found.unit.factor != 1.0 else values
+        return possible(name, values)
     own = COLUMNS[name].unit
     option = f"--columns '{name}={header.name}[UNIT]'"
     if own in ANGLES:
@@ -72,7 +80,13 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
             f"{place_of(table, found)}: it goes up to {most:.4g}, which is too much in {own}, and "
             f"nothing says another unit: say it by {option}"
         )
-    return values
+    return possible(name, values)
+
+
+def possible(name: str, values: Floats) -> Floats:
+    """Return values (n,), unknown where no aircraft has them, as in a row of garbage."""
+    most = IMPOSSIBLE.get(name, np.inf)
+    return np.where(np.abs(values) < most, values, np.nan) if np.isfinite(most) else values
 
 
 def rudder_of(

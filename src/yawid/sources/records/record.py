@@ -27,6 +27,7 @@ from yawid.sources.records.quantities import (
     held_of,
     in_its_unit,
     place_of,
+    possible,
     rudder_of,
     times_of,
 )
@@ -138,7 +139,7 @@ def _modes(
         return np.full(table.rows, np.nan), (0, 0)
     texts = table.texts(found["mode"].place)
     if texts is None:
-        return table.numbers(found["mode"].place), modes_of([], autopilot)[1]
+        return possible("mode", table.numbers(found["mode"].place)), modes_of([], autopilot)[1]
     return modes_of(texts, autopilot)
 
 
