@@ -1,4 +1,4 @@
-"""Forty-eight small defects as a hurried change might bring them in: where, what, and why."""
+"""Fifty-one small defects as a hurried change might bring them in: where, what, and why."""
 
 from __future__ import annotations
 
@@ -367,5 +367,27 @@ DEFECTS = (
         "np.sqrt(np.mean(beyond**2) / n)",
         "tests/manoeuvres/test_pooled.py::"
         "test_what_noise_does_not_explain_is_in_common_and_weighs_nothing",
+    ),
+    Defect(
+        "what a richer structure moves left out of the total sigma",
+        "results/structures.py",
+        "return float(np.fmax(apart, moves[MOVED.index(name)]))",
+        "return apart",
+        "tests/manoeuvres/test_answer.py::"
+        "test_a_roll_on_a_runway_is_refused_where_a_richer_structure_moves_wn",
+    ),
+    Defect(
+        "a take-off roll is one manoeuvre for its first five seconds",
+        "manoeuvres/candidate.py",
+        "        other |= speed_factors(speeds, self._few) > OTHER_SPEED\n",
+        "",
+        FIND + "test_another_airspeed_ends_it_within_its_first_five_seconds_too",
+    ),
+    Defect(
+        "a rudder that follows the yaw rate is believed to move it",
+        "results/judge_samples.py",
+        "if before < LEAST_RESPONSE or before <= after:",
+        "if before < LEAST_RESPONSE:",
+        "tests/channels/test_command.py::test_a_rudder_that_follows_the_yaw_rate_is_a_passengers",
     ),
 )
