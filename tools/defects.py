@@ -437,4 +437,26 @@ DEFECTS = (
         "tests/manoeuvres/test_airspeed_check.py::"
         "test_a_factor_seen_on_several_headings_is_reported",
     ),
+    Defect(
+        "what a richer structure moves left out of the total sigma",
+        "results/structures.py",
+        "return float(np.fmax(apart, moves[MOVED.index(name)]))",
+        "return apart",
+        "tests/manoeuvres/test_answer.py::"
+        "test_a_roll_on_a_runway_is_refused_where_a_richer_structure_moves_wn",
+    ),
+    Defect(
+        "a take-off roll is one manoeuvre for its first five seconds",
+        "manoeuvres/candidate.py",
+        "        other |= speed_factors(speeds, self._few) > OTHER_SPEED\n",
+        "",
+        FIND + "test_another_airspeed_ends_it_within_its_first_five_seconds_too",
+    ),
+    Defect(
+        "a rudder that follows the yaw rate is believed to move it",
+        "results/judge_samples.py",
+        "if before < LEAST_RESPONSE or before <= after:",
+        "if before < LEAST_RESPONSE:",
+        "tests/channels/test_command.py::test_a_rudder_that_follows_the_yaw_rate_is_a_passengers",
+    ),
 )

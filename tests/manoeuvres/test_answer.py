@@ -145,7 +145,7 @@ def rolling(seed: int) -> SampleBlock:
 
 
 @pytest.mark.parametrize("seed", [10, 31, 42, 145, 228, 241, 254, 274, 469])
-def test_a_record_without_a_dutch_roll_is_refused_where_a_richer_structure_says_another_one(
+def test_a_roll_on_a_runway_is_refused_where_a_richer_structure_moves_wn(
     seed: int,
 ):
     """Each was usable by all other rules, with a sigma of 3 to 10 %"""

@@ -213,14 +213,18 @@ def test_what_the_next_structure_and_the_rate_move_is_told_where_they_are_known(
     assert np.isnan([unknown.next_moves(6.0, 0.3), unknown.rate_moves(6.0, 0.3)]).all()
 
 
-def test_a_richer_structure_that_explains_clearly_less_of_what_was_held_back_moves_nothing():
-    """By more than three points; one whose held-back fit is unknown may be the better one"""
-    richer = told(6.2, 0.28, orders=(*NEXT, 1), held_back=57.0)
+def test_a_richer_structure_that_explains_clearly_less_found_another_mode():
+    """By more than three points, of another wn; one whose held-back fit is unknown may be better"""
+    others = [told(6.0) for _ in range(5)]
+    richer = told(7.2, 0.28, orders=(*NEXT, 1), held_back=57.0)
     for held_back, counts in ((57.0, True), (59.9, True), (60.1, False), (math.nan, True)):
-        found = replace(spread(richer), held_back_pct=held_back)
+        found = replace(spread(*others, richer), held_back_pct=held_back).around(6.0)
         assert np.isfinite(found.next_moves(6.0, 0.3)).all() == counts
+        assert (found.total("rml", "wn_rad_s", 6.0, 0.01) > 1.2) == counts
     unknown = replace(spread(replace(richer, held_back_pct=math.nan)), held_back_pct=80.0)
-    np.testing.assert_allclose(unknown.next_moves(6.0, 0.3), [0.2, 0.02])
+    np.testing.assert_allclose(unknown.around(6.0).next_moves(6.0, 0.3), [1.2, 0.02])
+    near = replace(spread(told(6.2, orders=(*NEXT, 1), held_back=57.0)), held_back_pct=80.0)
+    np.testing.assert_allclose(near.around(6.0).next_moves(6.0, 0.3), [0.2, 0.0])
 
 
 def test_a_richer_structure_is_compared_with_the_own_one_by_the_same_method():

@@ -93,8 +93,7 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "not_in_command", 5, "log",
-        "Use a log in which the autopilot's outputs fly the aircraft, or name the channel by "
-        "--rudder if a receiver moved the servos by the same sticks.",
+        "Use a log whose outputs fly the aircraft, or name its rudder by --rudder.",
         "record the outputs that really move the surfaces, with the autopilot armed",
     ),
     ReasonKind(

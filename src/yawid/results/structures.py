@@ -93,7 +93,15 @@ class Spread:
 
         told = tuple(each for each in self.told if tells(each))
         slower = self.slower if tells(self.slower) else None
-        return replace(self, told=told, slower=slower)
+        richer = None if self._is_another_mode(wn) else self.next
+        return replace(self, told=told, slower=slower, next=richer)
+
+    def _is_another_mode(self, wn: float) -> bool:
+        """Tell whether the next structure learned another mode: held-back samples say so."""
+        if self.next is None or not self.next.held_back_pct < self.held_back_pct - WEIGHT_PCT:
+            return False
+        own = wn if self.own is None else float(self.own.dutch_roll[0])
+        return abs(float(self.next.dutch_roll[0]) - own) > UNCERTAIN_WN * own
 
     @property
     def weights(self) -> Floats:
@@ -103,13 +111,6 @@ class Spread:
         weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
         return weights
 
-    @property
-    def richer(self) -> Told | None:
-        """The next richer structure, None where it explains clearly less of what was held back."""
-        if self.next is None or self.next.held_back_pct < self.held_back_pct - WEIGHT_PCT:
-            return None
-        return self.next
-
     def next_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far the next richer structure moves wn and zeta (2,); NaN where unknown.
 
@@ -117,7 +118,7 @@ class Spread:
         """
         if self.own is not None:
             wn, zeta = self.own.dutch_roll[[0, 2]].tolist()
-        return _apart(self.richer, wn, zeta)
+        return _apart(self.next, wn, zeta)
 
     def rate_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far about the rate moves wn in rad/s and zeta (2,); NaN where unknown.
