@@ -1,4 +1,4 @@
-"""Forty-eight seeded defects (tools/defects.py), and the test that must notice each."""
+"""Seeded defects (tools/defects.py), and the test that must notice each."""
 
 from __future__ import annotations
 
