@@ -16,6 +16,8 @@ FLIGHT = "tests/manoeuvres/test_flight.py::"
 STRUCTURES = RESULTS + "test_structures.py::"
 KEPT = "tests/estimation/test_kept_code.py::"
 RECORD = "tests/estimation/test_record_fit.py::"
+OTHERS = "tests/dataset/test_read_by_others.py::"
+KNOWN = "tests/fleet/test_known_logs.py::"
 
 
 @dataclass(frozen=True, slots=True)
@@ -458,5 +460,53 @@ DEFECTS = (
         "if before < LEAST_RESPONSE or before <= after:",
         "if before < LEAST_RESPONSE:",
         "tests/channels/test_command.py::test_a_rudder_that_follows_the_yaw_rate_is_a_passengers",
+    ),
+    Defect(
+        "sigma of wn / V not divided by V",
+        "dataset/summary_rows.py",
+        '(f"{stem}_std", value.std),',
+        '(f"{stem}_std", None if value.std is None else value.std / scale),',
+        "tests/dataset/test_summary_rows.py::"
+        "test_kappa_and_k_over_v_and_all_their_sigmas_are_divided_by_the_airspeed",
+    ),
+    Defect(
+        "old files of a data set stay where the new ones come",
+        "dataset/places.py",
+        "    for name in set(_own_files(folder)) - named:\n        (folder / name).unlink",
+        "    for name in set():\n        (folder / name).unlink",
+        OTHERS + "test_killed_at_any_step_a_glob_reads_no_row_twice_and_the_next_merge_completes",
+    ),
+    Defect(
+        "the analysis version left out of what a fleet knows",
+        "fleet/run_fleet.py",
+        """if row is None or (row["config_hash"], row["analysis_version"]) != (
+        config_hash,
+        ANALYSIS_VERSION,
+    ):""",
+        'if row is None or row["config_hash"] != config_hash:',
+        KNOWN + "test_a_log_is_known_where_all_that_its_numbers_depend_on_is_the_same",
+    ),
+    Defect(
+        "a log that failed for a passing reason is known for ever",
+        "fleet/run_fleet.py",
+        'if row["outcome"] == FAILED or (',
+        "if (",
+        KNOWN + "test_a_log_is_known_where_all_that_its_numbers_depend_on_is_the_same",
+    ),
+    Defect(
+        "the time of a log without a date is 1970",
+        "tables/columns.py",
+        'np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)',
+        "time",
+        "tests/tables/test_export.py::"
+        "test_the_time_of_a_log_without_a_date_is_unknown_and_not_1970",
+    ),
+    Defect(
+        "a run compared with a fleet that holds its own log",
+        "trend/history.py",
+        'rows = [row for row in rows if row["log_sha256"] != without_sha]',
+        "rows = list(rows)",
+        "tests/trend/test_own_log.py::"
+        "test_a_run_is_compared_with_the_other_flights_and_not_with_its_own_log",
     ),
 )

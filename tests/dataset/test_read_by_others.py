@@ -18,7 +18,6 @@ from yawid.dataset.files import completed, merge, read_table
 
 KEYS = {"yawid_version": "0", "analysis_version": "1", "config_hash": "c"}
 MAY, JUNE = 1_780_000_000_000_000, 1_782_000_000_000_000
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def entry(path: str, sha: str | None, *dates: int | None, **values: Any) -> Any:
@@ -39,12 +38,13 @@ def by_glob(folder: Path, pattern: str, *columns: str) -> list[tuple[Any, ...]]:
 def test_the_manuals_own_queries_read_a_data_set_with_undated_flights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
     dated, undated = entry("/a", "A", MAY, JUNE, zeta=0.25), entry("/b", "B", None, zeta=0.5)
     bad = entry("/c", "C", None, usable=False)
     merge(tmp_path / "DATA", [dated, undated, bad])
     monkeypatch.chdir(tmp_path)
 
-    query = re.search(r"`(pandas\.read_parquet\(.*?\))`", README)
+    query = re.search(r"`(pandas\.read_parquet\(.*?\))`", readme)
     assert query is not None
     usable = eval(query[1], {"pandas": pd})  # the line that README tells to write
     assert sorted(zip(usable["month"], usable["zeta"], strict=True)) == [
@@ -52,7 +52,7 @@ def test_the_manuals_own_queries_read_a_data_set_with_undated_flights(
         ("2026-06", 0.25),
         ("unknown", 0.5),
     ]
-    select = re.search(r"`duckdb -c \"select (.*?) from '(.*?)'\"`", README)
+    select = re.search(r"`duckdb -c \"select (.*?) from '(.*?)'\"`", readme)
     assert select is not None
     found = by_glob(Path(), select[2], *select[1].split(", "))
     assert Counter((vehicle, zeta) for vehicle, _, zeta in found) == {

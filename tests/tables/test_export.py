@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from finished_runs import replayed
 from places import C172P
+from sources.logs.test_bare_frames import bare
 
 import yawid
 import yawid.sinks.mcap.reader
@@ -119,3 +120,18 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
         assert words in line
     assert out.read_text() == "mine"
     assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "torn.mcap"}
+
+
+def test_the_time_of_a_log_without_a_date_is_unknown_and_not_1970(tmp_path: Path) -> None:
+    (tmp_path / "flight.rlog").write_bytes(bare(C172P.read_bytes()))
+    options = ("--rate", 10, "--also", "none", "--manoeuvres", "off")
+    mcap = replayed(tmp_path / "flight.rlog", tmp_path / "out", *options)
+    assert main(["export", str(mcap)]) == main(["export", str(mcap), "-o", f"{mcap}.csv"]) == 0
+
+    table = pq.read_table(mcap.with_suffix(".parquet"))
+    assert len(table) > 100
+    assert table["time"].null_count == len(table)
+    assert table["t"].null_count == 0
+    with Path(f"{mcap}.csv").open(newline="") as stream:
+        head, _, *rows = csv.reader(stream)
+    assert {row[head.index("time")] for row in rows} == {""}
