@@ -18,7 +18,7 @@ from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
 from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
-from yawid.manoeuvres.conditions import AIRSPEED, conditions
+from yawid.manoeuvres.conditions import conditions, without_airspeed
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_samples import (
@@ -153,8 +153,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     found = conditions(samples, setting.modes_of)
     untrue = of_one_manoeuvre(samples)
     if untrue is not None:
-        unknown = dict.fromkeys(AIRSPEED)
-        found = replace(found, **unknown)
+        found = without_airspeed(found)
     config = _with_turn(samples, setting)
     fits = Fits(setting, config, samples)
     if found.loop != "with_roll_loop" and _may_have_aileron(samples, fits):

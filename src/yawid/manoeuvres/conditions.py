@@ -1,7 +1,7 @@
 """In which conditions a manoeuvre was flown, and whose answer it therefore is."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -16,8 +16,6 @@ BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
 """... and those in which that depends on the bank."""
 MOSTLY = 0.5
-AIRSPEED = "airspeed_m_s", "airspeed_std_m_s", "airspeed_source", "airspeed_kind"
-"""What is None where no airspeed is known."""
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -68,6 +66,13 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
         airspeed_source=None if airspeed is None else source,
         airspeed_kind=name_of(float(kind[np.argmax(count)])) if has_kind else None,
         altitude_m=_mean(height),
+    )
+
+
+def without_airspeed(found: Conditions) -> Conditions:
+    """Return the conditions as they are known where the airspeed is not."""
+    return replace(
+        found, airspeed_m_s=None, airspeed_std_m_s=None, airspeed_source=None, airspeed_kind=None
     )
 
 

@@ -46,15 +46,15 @@ _SPELT: Final = (
     ("m/s^2", _FT, "ft/s^2 ft/s2 ft/s²"),
     (HALF_TRAVEL, 1.0, "half-travel halftravel half_travel"),
 )
-UNITS: Final[dict[str, Unit]] = {
+_PLAIN: Final = {
     spelt: Unit(of, factor) for of, factor, all_of_it in _SPELT for spelt in all_of_it.split()
 }
 KIND_WORDS: Final = {
     "tas": Kind.TRUE, "eas": Kind.EQUIVALENT, "cas": Kind.CALIBRATED, "ias": Kind.INDICATED,
 }  # fmt: skip
-UNITS |= {
+UNITS: Final = _PLAIN | {
     f"{spelt}{parts}{word}": Unit(unit.of, unit.factor, kind)
-    for spelt, unit in [*UNITS.items(), ("k", UNITS["kt"])]
+    for spelt, unit in [*_PLAIN.items(), ("k", _PLAIN["kt"])]
     for parts in ("", "-", "_")
     for word, kind in KIND_WORDS.items()
     if unit.of == "m/s"
