@@ -1,4 +1,4 @@
-"""Forty-eight small defects as a hurried change might bring them in: where, what, and why."""
+"""Fifty small defects as a hurried change might bring them in: where, what, and why."""
 
 from __future__ import annotations
 
@@ -367,5 +367,21 @@ DEFECTS = (
         "np.sqrt(np.mean(beyond**2) / n)",
         "tests/manoeuvres/test_pooled.py::"
         "test_what_noise_does_not_explain_is_in_common_and_weighs_nothing",
+    ),
+    Defect(
+        "the publisher's ten seconds are five: twice the bytes",
+        "sources/link/publisher.py",
+        "self._sent[0][0] > WINDOW_S",
+        "self._sent[0][0] > WINDOW_S / 2",
+        "tests/sources/link/test_publisher.py::"
+        "test_what_was_sent_counts_for_ten_seconds_both_ends_of_them_included",
+    ),
+    Defect(
+        "what is sent to a vehicle goes to who spoke last in its name",
+        "sources/link/inbox.py",
+        "if now_us - self._first_us.get(sysid, -SILENT_US) >= SILENT_US:",
+        "if now_us >= self._first_us.get(sysid, -SILENT_US):",
+        "tests/sources/link/test_sender_addresses.py::"
+        "test_the_address_first_heard_from_stays_until_it_has_been_silent_for_ten_seconds",
     ),
 )
