@@ -10,11 +10,13 @@ from __future__ import annotations
 import json
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from daylog import long_log
 from flightlog import FlightLog, finished
 from hostile import FLIGHT, run_limited
@@ -112,8 +114,38 @@ def test_without_a_key_a_second_sender_of_the_vehicles_id_is_named():
             while tap.inbox.received < count:
                 data += tap.read(0.05)
         data += tap.read(0.0)
-        assert set(tap.senders.latest) == {1}
+        assert set(tap.senders.first) == {1}
         assert tap.senders._reported == {1}
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_what_is_sent_to_a_vehicle_is_not_drawn_to_who_claims_to_be_it(key: bytes | None):
+    """Without a key the first address stands; with one only what is signed says where to."""
+    frames = [frame for _, frame in split(FLIGHT)][:20]
+    own = frames if key is None else signed(key)[:20]
+    signing = None if key is None else SigningKey(key)
+    with (
+        UdpTap(Endpoint("127.0.0.1", 0), may_transmit=True, key=signing) as tap,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as forger,
+    ):
+        if key is not None:  # he may even come first
+            forger.sendto(frames[0], tap.address)
+        sent = int(key is not None)
+        for true, forged in zip(own, frames, strict=True):
+            vehicle.sendto(true, tap.address)
+            forger.sendto(forged, tap.address)
+            sent += 2
+        patience_s = time.monotonic() + 10.0
+        while tap.inbox.received < sent and time.monotonic() < patience_s:
+            tap.read(0.05)
+        tap.read(0.0)
+        for socket_ in (vehicle, forger):
+            socket_.settimeout(5.0 if socket_ is vehicle else 0.0)
+        assert tap.transmit(b"hello", 1)
+        assert vehicle.recv(100) == b"hello"
+        with pytest.raises(BlockingIOError):
+            forger.recv(100)
 
 
 MESSAGES = {

@@ -509,4 +509,20 @@ DEFECTS = (
         "tests/trend/test_own_log.py::"
         "test_a_run_is_compared_with_the_other_flights_and_not_with_its_own_log",
     ),
+    Defect(
+        "the publisher's ten seconds are five: twice the bytes",
+        "sources/link/publisher.py",
+        "self._sent[0][0] > WINDOW_S",
+        "self._sent[0][0] > WINDOW_S / 2",
+        "tests/sources/link/test_publisher.py::"
+        "test_what_was_sent_counts_for_ten_seconds_both_ends_of_them_included",
+    ),
+    Defect(
+        "what is sent to a vehicle goes to who spoke last in its name",
+        "sources/link/inbox.py",
+        "if now_us - self._first_us.get(sysid, -SILENT_US) >= SILENT_US:",
+        "if now_us >= self._first_us.get(sysid, -SILENT_US):",
+        "tests/sources/link/test_sender_addresses.py::"
+        "test_the_address_first_heard_from_stays_until_it_has_been_silent_for_ten_seconds",
+    ),
 )

@@ -19,6 +19,7 @@ from yawid.sinks.door import tell_json, tell_page
 ASKED_HZ = 50.0
 COMPID = 194
 REQUEST_SYSID = 250
+MOST_VEHICLES = 64
 _ENDPOINT = (
     "udpin:HOST:PORT, udpbcast:HOST:PORT, mcast:, tcp:HOST:PORT or a serial port such as "
     "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates; IPv6 as udpin:[::1]:14560"
@@ -37,6 +38,16 @@ def add_live(commands: Any) -> None:
         "--seconds", type=float, metavar="N", help="stop after so many s (default: at Ctrl-C)"
     )
     live.add_argument("--no-record", action="store_true", help="write no tlog")
+    live.add_argument(
+        "--most-vehicles", type=int, default=MOST_VEHICLES, metavar="N",
+        help="with --sysid all: sessions that are opened at most, 1 to 255 "
+        f"(default: {MOST_VEHICLES})",
+    )  # fmt: skip
+    live.add_argument(
+        "--record-others", action="store_true",
+        help="with --sysid all: each vehicle's tlog also has the frames of ground stations and "
+        "others who are no vehicle",
+    )  # fmt: skip
     live.add_argument(
         "--state", type=Path, metavar="FILE", help="resume from it, save to it every minute"
     )
@@ -87,6 +98,8 @@ def _live(arguments: argparse.Namespace) -> int:
         arguments.request_rates,
         request_sysid=arguments.request_sysid,
         every_vehicle=every_vehicle,
+        most_vehicles=arguments.most_vehicles,
+        record_others=arguments.record_others,
         publish=arguments.publish,
         publish_compid=arguments.publish_compid,
     )

@@ -19,6 +19,8 @@ from printed import why_invalid
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.channels.stage import WANTED
+from yawid.errors import ConfigError
+from yawid.runs.live import LiveOptions
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.vehicle_session import LiveSession
 from yawid.runs.outputs import Outputs
@@ -39,7 +41,7 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
     one, two = frames(20.0, sysid=1), frames(20.0, sysid=2)
     ground = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
     beat = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(ground))
-    with listening(tmp_path, every_vehicle=True) as session:
+    with listening(tmp_path, every_vehicle=True, record_others=True) as session:
         send([beat, *mixed(one, two), beat], session.port)
         # What 2 sent before it said what it is goes into the tlog of 1 too.
         heard = {1: [beat, *one, *two[:4], beat], 2: [beat, *two, beat]}
@@ -176,13 +178,42 @@ def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_
         assert list(overload.lines()) == ["the estimates have caught up with the link"]
 
 
+def test_who_is_no_vehicle_fills_no_tlog_and_made_up_vehicles_open_no_more_than_may_be(
+    tmp_path: Path,
+):
+    """One station's frames would be written once for each vehicle; anybody claims to be many."""
+    vehicle, ground = frames(4.0, sysid=9), mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    chatter = [bytes(mavlink.MAVLink_ping_message(i, i, 0, 0).pack(ground)) for i in range(100)]
+    beat = mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)
+    made_up = [
+        bytes(beat.pack(mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)))
+        for sysid in range(10, 60)
+    ]
+    with listening(tmp_path, every_vehicle=True, most_vehicles=3) as session:
+        send([*vehicle, *chatter, *made_up, *chatter], session.port)
+        session.screen.wait_for("system 12: no session, there are 3 already and --most-vehicles")
+        wait_for_size(session.part("tlog", "live-9"), tlog_size(vehicle))
+
+    assert session.screen.getvalue().count("no session, there are") == 1
+    sizes = {path.stem: path.stat().st_size for path in tmp_path.glob("*.tlog")}
+    assert sizes == {
+        "live-9": tlog_size(vehicle),
+        "live-10": tlog_size(made_up[:1]),
+        "live-11": tlog_size(made_up[1:2]),
+    }
+    assert LiveOptions("udpin:127.0.0.1:14560").most_vehicles == 64
+    for wrong in ({"most_vehicles": 0}, {"most_vehicles": 256}, {"record_others": True}):
+        with pytest.raises(ConfigError, match=r"must be 1 to 255|is for --sysid all"):
+            LiveOptions("udpin:127.0.0.1:14560", **wrong)
+
+
 def test_each_vehicle_s_tlog_has_the_ground_station_but_no_other_vehicle(tmp_path: Path):
     one, two = frames(4.0, sysid=1), frames(4.0, sysid=2)
     ground = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
     asked = [
         bytes(mavlink.MAVLink_param_request_list_message(sysid, 1).pack(ground)) for sysid in (1, 2)
     ]
-    with listening(tmp_path, every_vehicle=True) as session:
+    with listening(tmp_path, every_vehicle=True, record_others=True) as session:
         send([asked[0], *one, asked[1], *two, *asked], session.port)
         wait_for_size(session.part("tlog", "live-2"), tlog_size([*asked, *two, *asked]))
 
@@ -285,13 +316,12 @@ def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path):
         tmp_path, read_options=ReadOptions(key=SigningKey(key)), every_vehicle=True
     ) as session:
         send([*forged, *stranger, *own, *stranger], session.port)
-        wait_for_size(
-            session.part("tlog", "live-1"), tlog_size([*forged, *stranger, *own, *stranger])
-        )
+        session.screen.wait_for("system 2: its HEARTBEAT is not signed")
+        wait_for_size(session.part("tlog", "live-1"), tlog_size([*forged, *own]))
 
     [ended] = session.ended
     assert ended.summary.vehicle.sysid == 1
-    assert ended.summary.link.unsigned_rejected == len(forged) + 2 * len(stranger)
+    assert ended.summary.link.unsigned_rejected == len(forged)
     assert {path.name for path in tmp_path.iterdir()} == {"live-1.tlog", "live-1.mcap"}
     assert session.screen.getvalue().count("system 2: its HEARTBEAT is not signed") == 1
 

@@ -60,7 +60,7 @@ def test_datagrams_come_whole_and_an_answer_goes_back_to_their_sender(
         for frame in FRAMES:
             vehicle.sendto(frame, tap.address)
         data = heard(tap, tlog_size(FRAMES))
-        known = dict(tap.senders.latest)
+        known = dict(tap.senders.first)
         assert tap.transmit(b"hello", next(iter(known)))
         assert vehicle.recv(100) == b"hello"
     assert len(data) == tlog_size(FRAMES)
@@ -119,7 +119,7 @@ def test_a_tcp_connection_is_recorded_and_can_be_answered() -> None:
         with tap, vehicle:
             vehicle.sendall(b"".join(FRAMES))
             assert len(heard(tap, tlog_size(FRAMES))) == tlog_size(FRAMES)
-            assert tap.transmit(b"hello", next(iter(tap.senders.latest)))
+            assert tap.transmit(b"hello", next(iter(tap.senders.first)))
             vehicle.settimeout(10.0)
             assert vehicle.recv(100) == b"hello"
             assert str(tap.endpoint) == f"tcp:[::1]:{port}"

@@ -19,6 +19,7 @@ from yawid.sources.link.publisher import (
     INFO,
     MOST_WAITING,
     NOTICE,
+    Limiter,
     OverUdp,
     Publisher,
     parse_publish,
@@ -124,6 +125,15 @@ def test_no_ten_seconds_have_more_bytes_than_may_be_and_every_verdict_arrives(
         assert all((b - a) % 256 == 1 for a, b in pairwise(numbers))
 
 
+def test_what_was_sent_counts_for_ten_seconds_both_ends_of_them_included() -> None:
+    limiter = Limiter(100)
+    limiter.count(60, 0.0)
+    limiter.count(40, 4.0)
+    assert [limiter.admits(1, t) for t in (4.0, 5.5, 9.0, 10.0)] == [False] * 4
+    assert (limiter.admits(60, 10.01), limiter.admits(61, 10.02)) == (True, False)
+    assert (limiter.admits(61, 14.0), limiter.admits(100, 14.01)) == (False, True)
+
+
 def test_rounds_once_a_second_leave_room_for_texts_and_always_have_their_own() -> None:
     for key in (None, SigningKey(KEY)):
         way = Noted()
@@ -218,7 +228,7 @@ def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() 
         peer, _ = server.accept()
         peer.settimeout(10.0)
         with tap, peer:
-            tap.senders.latest[1] = "127.0.0.1", 1
+            tap.senders.first[1] = "127.0.0.1", 1
             went = 0
             while tap.transmit(frame, 1):
                 went += 1

@@ -17,7 +17,7 @@ from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
-from yawid.runs.live.vehicles import Fleet, Single
+from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
 from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
@@ -32,6 +32,7 @@ from yawid.sources.link.rate_requests import SYSID, RateRequests
 from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
+from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
 
 READ_S = 0.2
@@ -57,7 +58,9 @@ class LiveOptions:
     """What a live run is asked for beside its configuration and outputs.
 
     ``seconds`` None: until asked to stop. ``request_hz`` None: nothing is ever transmitted.
-    ``every_vehicle``: each has its own session. ``publish`` None: no answer is ever sent.
+    ``every_vehicle``: each has its own session, ``most_vehicles`` at most, in whose tlog frames of
+    who is no vehicle stand only where ``record_others`` asks for it. ``publish`` None: no answer is
+    ever sent.
 
     Raises:
         ConfigError: a value outside its limits, or values that exclude one another.
@@ -69,6 +72,8 @@ class LiveOptions:
     request_hz: float | None = None
     request_sysid: int = SYSID
     every_vehicle: bool = False
+    most_vehicles: int = MOST_VEHICLES
+    record_others: bool = False
     publish: str | None = None
     publish_compid: int = COMPID
 
@@ -87,6 +92,12 @@ class LiveOptions:
             raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
         if self.request_hz is not None and self.every_vehicle:
             raise ConfigError("--request-rates asks one vehicle: name it by --sysid N")
+        if not 1 <= self.most_vehicles <= 255:
+            raise ConfigError(f"--most-vehicles must be 1 to 255, got {self.most_vehicles}")
+        if self.record_others and not self.every_vehicle:
+            raise ConfigError(
+                "--record-others is for --sysid all: one session records all it hears"
+            )
         if not 1 <= self.request_sysid <= 255:
             raise ConfigError(f"--request-sysid must be 1 to 255, got {self.request_sysid}")
         if not 2 <= self.publish_compid <= 255:
@@ -130,7 +141,8 @@ def live(
     sys.setswitchinterval(SWITCH_S)
     try:
         # The tap comes first: it queues what is sent while a viewer takes its time.
-        with open_tap(endpoint, stamps, may_transmit=options.may_transmit) as tap:
+        key = read_options.key
+        with open_tap(endpoint, stamps, may_transmit=options.may_transmit, key=key) as tap:
             RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
@@ -155,7 +167,9 @@ def _attend(
     publish: Publish | None,
 ) -> list[Ended]:
     """Read the tap until asked to stop, close it and finish; what is cut short is left readable."""
-    sessions = Fleet(setting) if options.every_vehicle else Single(setting)
+    sessions: Single | Fleet = Single(setting)
+    if options.every_vehicle:
+        sessions = Fleet(setting, options.most_vehicles, record_others=options.record_others)
     try:
         loop = _Loop(tap, sessions, setting, options, console, publish)
         loop.run(stop)
@@ -187,14 +201,16 @@ def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Pu
         publisher.close()
 
 
-def open_tap(endpoint: Endpoint, stamps: Stamps, *, may_transmit: bool) -> Tap:
+def open_tap(
+    endpoint: Endpoint, stamps: Stamps, *, may_transmit: bool, key: SigningKey | None = None
+) -> Tap:
     """Return the tap that listens on an endpoint.
 
     Raises:
         SourceError: it cannot be opened.
     """
     kind = StreamTap if endpoint.kind in ("tcp", "serial") else UdpTap
-    return kind(endpoint, may_transmit=may_transmit, stamps=stamps)
+    return kind(endpoint, may_transmit=may_transmit, stamps=stamps, key=key)
 
 
 def session_name() -> str:

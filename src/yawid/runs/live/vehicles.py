@@ -20,6 +20,8 @@ from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
 
 KEPT = 8192
 """Records kept of systems that have not said that they are vehicles, for who does say so later."""
+MOST_VEHICLES = 64
+"""Sessions that are opened unless more are asked for: anybody can claim to be 255 vehicles."""
 FEW = 4
 """Vehicles of which each has its own part of the line."""
 CLOSELY = 20
@@ -64,17 +66,22 @@ class Fleet:
 
     Where there is a key the HEARTBEAT must be signed with it.
 
-    Each has what a ground station would have of its vehicle: the vehicle's own records, and those
-    of everybody who is no vehicle (ground stations, radios, or who has not said yet), also the
-    last of them from before it was opened. Without any vehicle nothing is recorded.
+    Each has its vehicle's own records, also the last of them from before it was opened, and with
+    ``record_others`` what a ground station would have: those of everybody who is no vehicle (ground
+    stations, radios, or who has not said yet). ``most`` sessions are opened. Without any vehicle
+    nothing is recorded.
 
     Raises:
         ConfigError: the state of some vehicle does not fit.
         SinkError: states cannot be written.
     """
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(
+        self, setting: Setting, most: int = MOST_VEHICLES, *, record_others: bool = False
+    ) -> None:
         self._setting = setting
+        self._most, self._record_others = most, record_others
+        self._too_many_said = False
         if setting.state is not None:
             check_states(setting.state, setting.config)
         self._sessions: dict[int, LiveSession] = {}
@@ -92,14 +99,18 @@ class Fleet:
         for record in records(data):
             self._records += 1
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
-            if sysid not in parts and self._is_vehicle(record[STAMP_SIZE:]):
-                parts[sysid] = [r for of, r in self._early if of == sysid or of not in parts]
+            if sysid not in parts and self._may_open(record[STAMP_SIZE:]):
+                parts[sysid] = [
+                    r
+                    for of, r in self._early
+                    if of == sysid or (self._record_others and of not in parts)
+                ]
                 self._open(sysid)
             if sysid in parts:
                 parts[sysid].append(record)
             else:
                 self._early.append((sysid, record))
-                for own in parts.values():
+                for own in parts.values() if self._record_others else ():
                     own.append(record)
         joined = {sysid: b"".join(own) for sysid, own in parts.items() if own}
         for act in (LiveSession.record, LiveSession.estimate):  # on record first, all of it
@@ -147,6 +158,21 @@ class Fleet:
             quiet = replace(self._setting.outputs, rerun="off")
             return [LiveSession(self._setting._replace(outputs=quiet, state=None)).finish(live)]
         return [session.finish(live) for session in self.running()]
+
+    def _may_open(self, frame: bytes) -> bool:
+        """Whether the frame is a HEARTBEAT for which a session is to be opened."""
+        if not self._is_vehicle(frame):
+            return False
+        if len(self._sessions) < self._most:
+            return True
+        if not self._too_many_said:
+            self._too_many_said = True
+            self._setting.say(
+                f"system {sysid_of(frame)}: no session, there are {self._most} already and "
+                "--most-vehicles N allows no more; without --signing-key-file anybody can claim "
+                "to be a vehicle"
+            )
+        return False
 
     def _is_vehicle(self, frame: bytes) -> bool:
         if not is_vehicle(frame):

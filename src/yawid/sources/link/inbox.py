@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import accumulate, chain, compress, takewhile
 
 from yawid.sources.link.endpoints import written
@@ -21,6 +21,8 @@ MOST_AT_ONCE = 32_768
 """Datagrams of one read: a second of 250 vehicles, and a backlog does not fill the memory."""
 MOST_BYTES_AT_ONCE = 1 << 20
 """Their bytes; what is hostile takes a second to be looked through, and a stop waits no longer."""
+SILENT_US = 10_000_000
+"""An address of a system that has been silent for so long gives its place to another."""
 TOGETHER_US = 5_000_000
 """Two addresses received within this time of one another are two senders, not one that moved."""
 
@@ -157,22 +159,30 @@ class Inbox:
 
 
 class Addresses:
-    """Remembers the addresses of every system id; ``latest`` has the one received last."""
+    """Remembers the addresses of every system id; ``first`` has the one to send to.
+
+    That is the address first received from, until it has been silent for ``SILENT_US``: whoever
+    claims to be that system later draws nothing to himself.
+    """
 
     def __init__(self) -> None:
-        self.latest: dict[int, Address] = {}
+        self.first: dict[int, Address] = {}
+        self._first_us: dict[int, int] = {}
         self._received_us: dict[int, dict[Address, int]] = {}
         self._reported: set[int] = set()
 
-    def observe(self, pairs: set[tuple[int, Address]], now_us: int) -> list[str]:
-        """Take the (system id, address) pairs received since the last call; return new anomalies.
+    def observe(self, pairs: Mapping[tuple[int, Address], bool], now_us: int) -> list[str]:
+        """Take the (system id, address) pairs received since the last call, the oldest first.
+
+        Each with whether it may be ``first``. Return new anomalies.
 
         A system id from two addresses at once is said one time; an address that takes over from a
         silent one is a restarted sender and not worth a line.
         """
         news = []
-        for sysid, address in sorted(pairs):
-            self.latest[sysid] = address
+        for (sysid, address), is_trusted in pairs.items():
+            if is_trusted:
+                self._choose(sysid, address, now_us)
             if sysid in self._reported:
                 continue
             known = self._received_us.setdefault(sysid, {})
@@ -188,3 +198,9 @@ class Addresses:
                     "stream, or two vehicles with one id; both are recorded and estimated"
                 )
         return news
+
+    def _choose(self, sysid: int, address: Address, now_us: int) -> None:
+        if now_us - self._first_us.get(sysid, -SILENT_US) >= SILENT_US:
+            self.first[sysid] = address
+        if self.first[sysid] == address:
+            self._first_us[sysid] = now_us

@@ -14,6 +14,7 @@ from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import MOST_AT_ONCE, QUEUE, Address, Addresses, Inbox, Stamps
 from yawid.sources.mavlink.framing import MAGIC_V1, frame_size
+from yawid.sources.mavlink.signing import SigningKey
 
 BATCH_S = 0.035  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
 _MAGIC = re.compile(rb"[\xfd\xfe]")
@@ -29,7 +30,7 @@ class Tap(ABC):
     frames of a datagram carry its stamp and stamps never decrease. ``inbox`` counts the datagrams
     received and those for which its ``queue_size`` had no room, ``skipped_bytes`` the bytes that
     are in no frame. ``senders`` knows who sends and ``news`` are lines about the link that nobody
-    has reported yet.
+    has reported yet. With ``key`` only what is signed with it says where a vehicle is sent to.
 
     Raises:
         SourceError: the endpoint cannot be opened.
@@ -45,6 +46,7 @@ class Tap(ABC):
         *,
         may_transmit: bool = False,
         stamps: Stamps | None = None,
+        key: SigningKey | None = None,
     ) -> None:
         self.endpoint = endpoint
         self.may_transmit = may_transmit
@@ -55,6 +57,7 @@ class Tap(ABC):
         self.inbox = Inbox(queue_size)
         self.pause_s = BATCH_S
         self._next_read_s = 0.0
+        self._key = key
         self._closing = threading.Event()
         self._failure: Exception | None = None
         self._open()
@@ -104,27 +107,33 @@ class Tap(ABC):
                     return b""
             self._next_read_s = time.monotonic() + self.pause_s
         parts: list[bytes] = []
-        pairs: set[tuple[int, Address]] = set()
+        pairs: dict[tuple[int, Address], bool] = {}
         stamp, pack = 0, _STAMP.pack
         for stamp, datagram, address in self.inbox.get():
             prefix = pack(stamp)
             if frame_size(datagram) == len(datagram):
                 parts += (prefix, datagram)
-                pairs.add((sysid_of(datagram), address))
+                self._note(pairs, datagram, address)
                 continue
             frames = list(split_datagram(datagram))
             self.skipped_bytes += len(datagram) - sum(map(len, frames))
             for frame in frames:
                 parts += (prefix, frame)
-                pairs.add((sysid_of(frame), address))
+                self._note(pairs, frame, address)
         self.news.extend(self.senders.observe(pairs, stamp))
         if not parts and self._failure is not None:
             kind = "" if isinstance(self._failure, OSError) else f"{type(self._failure).__name__}: "
             raise SourceError(f"{self.endpoint} failed: {kind}{self._failure}")
         return b"".join(parts)
 
+    def _note(self, pairs: dict[tuple[int, Address], bool], frame: bytes, address: Address) -> None:
+        """Note who sent a frame, and whether he has the key where there is one."""
+        pair = sysid_of(frame), address
+        if not pairs.get(pair):
+            pairs[pair] = self._key is None or self._key.has_signed(frame)
+
     def transmit(self, frame: bytes, sysid: int) -> bool:
-        """Send a frame to where ``sysid`` was last received from; return whether it went.
+        """Send a frame to where ``sysid`` was first received from; return whether it went.
 
         Raises:
             RuntimeError: the tap was not opened to transmit.
@@ -141,7 +150,7 @@ class Tap(ABC):
         return True
 
     def _destination(self, sysid: int) -> Address | None:
-        return self.senders.latest.get(sysid)
+        return self.senders.first.get(sysid)
 
     def close(self) -> None:
         """Stop listening; what is queued can still be read."""
