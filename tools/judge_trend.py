@@ -1,21 +1,25 @@
 """Judge ``yawid trend`` on drawn fleets: a damping that falls is found, and nothing else.
 
+    python tools/judge_trend.py rates [--draws 2000] [--only nightly]
     python tools/judge_trend.py seeds [--seeds 100] [--first 0]
     python tools/judge_trend.py looks [--histories 30000]
 
-seeds: fleets of 20 aircraft with 40 flights each, scatter 8 % in zeta, 1.5 % in wn/V, 5 % in K/V
-(the flight's own total sigma, 3/8 to 7/8 of it, is told; the rest is tau), 5 % of the flights off
-by 25 to 60 % in all three. In each fleet with a change zeta of one aircraft falls by 20 % over 30
-flights, from a flight drawn between the first and the eleventh. Every fleet is written and read
-back as a data set. looks: whether the p of a change is right, by histories without one
-(changes.looks is from it).
+A number scatters by 8 % in zeta, 1.5 % in wn/V, 5 % in K/V (the flight's own total sigma, 3/8 to
+7/8 of it, is given; the rest is tau), and 5 % of the flights are off by 25 to 60 % in all three.
+
+rates: of the data sets of each of PLANS, how many call anything changed; each is PLANS' count of
+vehicles, with one to three flights on a day, which share an offset, looked at once or after every
+day. seeds: fleets of 20 aircraft with 60 flights each, one a day; in each fleet with a change zeta
+of one aircraft falls by 20 % over 30 days, from a day drawn among the first 31.
+Every fleet is written and read back as a data set. looks: whether the p of one look is right, by
+histories without a change (changes.looks is from it).
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,30 +27,65 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.dataset.files import merge
-from yawid.trend.changes import Track, fit_tracks
-from yawid.trend.trend import trend
+from yawid.trend.best_profile import LEAST_DAYS
+from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights
+from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
+from yawid.trend.trend import FALSE_ALARMS, trend
 
 VEHICLES: Final = 20
-FLIGHTS: Final = 40
+DAYS: Final = 60
 SCATTER: Final = {"kappa_rad_m": 0.015, "zeta": 0.08, "K_per_V": 0.05}
 STDS: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 LEVELS: Final = {"kappa_rad_m": 0.12, "zeta": 0.15, "K_per_V": 0.04}
 OUTLIERS: Final = 0.05
 FALL: Final = 0.2
-FALL_FLIGHTS: Final = 30
+FALL_DAYS: Final = 30
 FALLS: Final = "sysid:7"
-WEEK_US: Final = 7 * 86_400_000_000
 START_US: Final = 1_740_000_000_000_000  # 2025-02-19
+_AT_ONCE: Final = 50
+"""Fleets that are fitted together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How a fleet is drawn.
+
+    most: flights on a day, from one; share: sigmas of a flight that a day's flights are off
+    together; falls: whether zeta of the last vehicle falls; season: of each number, either way.
+    """
+
+    vehicles: int = VEHICLES
+    days: int = DAYS
+    most: int = 1
+    share: float = 0.0
+    falls: bool = False
+    season: float = 0.0
+    apart_days: int = 1
+    nightly: bool = False
+
+
+PLANS: Final = {
+    "independent": Plan(vehicles=5, days=60),
+    "days": Plan(vehicles=5, days=60, most=3, share=1.0),
+    "nightly": Plan(vehicles=1, days=40, nightly=True),
+    "nightly-days": Plan(vehicles=1, days=40, most=3, share=1.0, nightly=True),
+    "season": Plan(vehicles=5, days=50, season=0.03, apart_days=7),
+    "fall": Plan(vehicles=5, days=60, most=3, share=0.5, falls=True),
+}
+"""What is drawn for ``rates``; the last should be found, in the others nothing changed."""
 
 
 def draw_history(
-    rng: np.random.Generator, level: float, scatter: float, n: int, off: Any
+    rng: np.random.Generator, level: float, scatter: float, n: int, off: Any, shared: Any = 0.0
 ) -> tuple[Any, Any]:
-    """Return numbers (n,) and total sigmas (n,) of a vehicle; ``off`` (n,) factors of outliers."""
+    """Return numbers (n,) and total sigmas (n,) of a vehicle.
+
+    off (n,): factors of outliers; shared (n,): what flights of a day have in common, in sigmas.
+    """
     sigma = scatter * rng.uniform(3 / 8, 7 / 8, n)
     tau2 = scatter**2 * (1.0 - (9 + 21 + 49) / 3 / 64)  # sigma² is 79/192 of it in the mean
-    number = 1.0 + np.sqrt(sigma**2 + tau2) * rng.standard_normal(n)
-    return level * number * off, level * sigma
+    own = np.sqrt(sigma**2 + tau2) * rng.standard_normal(n)
+    return level * (1.0 + own + scatter * shared) * off, level * sigma
 
 
 def draw_off(rng: np.random.Generator, n: int, share: float = OUTLIERS) -> Any:
@@ -55,27 +94,36 @@ def draw_off(rng: np.random.Generator, n: int, share: float = OUTLIERS) -> Any:
     return np.where(rng.random(n) < share, 1.0 + far, 1.0)
 
 
-def draw_fleet(
-    seed: int, *, falls: bool, vehicles: int = VEHICLES, n: int = FLIGHTS
-) -> list[dict[str, Any]]:
-    """Return a fleet's rows of ``flights``; FALLS is the aircraft whose zeta falls."""
-    rng = np.random.default_rng(seed)
-    start = int(rng.integers(0, n - FALL_FLIGHTS + 1))
-    fall = 1.0 - FALL * np.clip((np.arange(n) - start) / FALL_FLIGHTS, 0.0, 1.0)
-    rows = []
-    for sysid in range(1, vehicles + 1):
-        off = draw_off(rng, n)
-        columns: dict[str, Any] = {}
+def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Track]]:
+    """Yield the three histories of each vehicle."""
+    begin = int(rng.integers(0, max(plan.days - FALL_DAYS, 0) + 1))
+    for vehicle in range(1, plan.vehicles + 1):
+        counts = rng.integers(1, plan.most + 1, plan.days)
+        day = np.repeat(np.arange(plan.days), counts)
+        of_day = np.concatenate([np.arange(count) for count in counts])
+        date = START_US + day * plan.apart_days * DAY_US + of_day * HOUR_US + vehicle * 1_000_000
+        fall = 1.0 - FALL * np.clip((day - begin) / FALL_DAYS, 0.0, 1.0)
+        phase = 2.0 * np.pi * (rng.random() + date / YEAR_US)
+        off = draw_off(rng, len(day))
+        tracks = {}
         for name, level in LEVELS.items():
             own = level * (1.0 + 0.03 * rng.standard_normal())
-            value, sigma = draw_history(rng, own, SCATTER[name], n, off)
-            if falls and name == "zeta" and f"sysid:{sysid}" == FALLS:
+            shared = plan.share * rng.standard_normal(plan.days)[day]
+            value, sigma = draw_history(rng, own, SCATTER[name], len(day), off, shared)
+            if plan.falls and name == "zeta" and vehicle == min(plan.vehicles, 7):
                 value = value * fall
-            columns |= {name: value, STDS[name]: sigma}
-        for i in range(n):
-            date = START_US + i * WEEK_US + sysid * 1_000_000
-            row = {name: float(column[i]) for name, column in columns.items()}
-            rows.append(flight(sysid, i, date, **row))
+            tracks[name] = Track(value * (1.0 + plan.season * np.sin(phase)), sigma, date)
+        yield tracks
+
+
+def draw_fleet(seed: int, plan: Plan) -> list[dict[str, Any]]:
+    """Return a fleet's rows of ``flights``; FALLS is the aircraft whose zeta falls."""
+    rows = []
+    for sysid, tracks in enumerate(draw_vehicles(np.random.default_rng(seed), plan), start=1):
+        for i, date in enumerate(tracks["zeta"].dates):
+            row = {name: float(track.value[i]) for name, track in tracks.items()}
+            row |= {STDS[name]: float(track.sigma[i]) for name, track in tracks.items()}
+            rows.append(flight(sysid, i, int(date), **row))
     return rows
 
 
@@ -112,7 +160,7 @@ class Judged:
 
     fleets: int = 0
     found: int = 0
-    wrong_beside: int = 0
+    wrong_with_it: int = 0
     false_alarms: int = 0
     outliers: int = 0
 
@@ -121,13 +169,13 @@ def judge_seed(seed: int, judged: Judged) -> None:
     """Judge one fleet with a change, and one without, of another seed."""
     for falls in (True, False):
         with tempfile.TemporaryDirectory() as folder:
-            write_fleet(Path(folder), draw_fleet(2 * seed + falls, falls=falls))
+            write_fleet(Path(folder), draw_fleet(2 * seed + falls, Plan(falls=falls)))
             told, _ = trend(Path(folder))
         names = {(each.vehicle, each.quantity) for each in told.followed if each.change}
         wrong = names - ({(FALLS, "zeta")} if falls else set())
         if falls:
             judged.found += (FALLS, "zeta") in names
-            judged.wrong_beside += bool(wrong)
+            judged.wrong_with_it += bool(wrong)
             judged.outliers += sum(len(each.outliers) for each in told.followed)
         else:
             judged.false_alarms += bool(wrong)
@@ -139,17 +187,63 @@ def print_seeds(first: int, seeds: int) -> None:
     judged = Judged()
     for seed in range(first, first + seeds):
         judge_seed(seed, judged)
-    print("| `judge_trend.py seeds` | fall found | another found beside it | false alarms |")
+    print("| `judge_trend.py seeds` | fall found | another found with it | false alarms |")
     print("|---|---|---|---|")
     of = f"of {judged.fleets}"
     print(
         f"| seeds {first} to {first + seeds - 1} | {judged.found} {of} | "
-        f"{judged.wrong_beside} {of} | {judged.false_alarms} {of} |"
+        f"{judged.wrong_with_it} {of} | {judged.false_alarms} {of} |"
     )
 
 
+def _until(track: Track, days: int) -> Track:
+    """Return a history as it is after so many days."""
+    n = int(np.searchsorted(track.day, days))
+    return Track(track.value[:n], track.sigma[:n], track.dates[:n])
+
+
+def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tuple[int, int]:
+    """Return in how many of the drawn data sets the fall was called changed, and anything else.
+
+    every: of the nightly looks, each so many days; the last one is always there.
+    """
+    rng = np.random.default_rng(seed)
+    looks = range(plan.days, LEAST_DAYS - 1, -every) if plan.nightly else [plan.days]
+    tested = len(LEVELS) * plan.vehicles
+    found = wrong = 0
+    for begin in range(0, draws, _AT_ONCE):
+        fleets = [list(draw_vehicles(rng, plan)) for _ in range(min(_AT_ONCE, draws - begin))]
+        numbers = [[each[name] for each in fleet] for fleet in fleets for name in LEVELS]
+        is_changed = np.zeros((len(numbers), plan.vehicles), bool)
+        for days in looks:
+            fits = fit_fleets([[_until(track, days) for track in tracks] for tracks in numbers])
+            is_changed |= [[_changed(each, tested) for each in some] for some in fits]
+        by_fleet = is_changed.reshape(len(fleets), len(LEVELS), plan.vehicles)
+        falls = by_fleet[:, list(LEVELS).index("zeta"), min(plan.vehicles, 7) - 1]
+        if plan.falls:
+            found += int(falls.sum())
+            falls[:] = False
+        wrong += int(by_fleet.any(axis=(1, 2)).sum())
+    return found, wrong
+
+
+def _changed(fitted: Fitted, tested: int) -> bool:
+    return fitted.change is not None and fitted.change.p * tested <= FALSE_ALARMS
+
+
+def print_rates(draws: int, only: str | None) -> None:
+    """Print a row for each plan."""
+    print("| `judge_trend.py rates` | draws | fall found | anything else called changed |")
+    print("|---|---|---|---|")
+    for name, plan in PLANS.items():
+        if only in (None, name):
+            found, wrong = judge_plan(plan, draws)
+            hits = f"{100.0 * found / draws:.1f} %" if plan.falls else ""
+            print(f"| {name} | {draws} | {hits} | {100.0 * wrong / draws:.2f} % |", flush=True)
+
+
 def print_looks(histories: int) -> None:
-    """Print by what factor a history without a change has a p more often than p says."""
+    """Print by what factor a history without a change has a p more often than p says, once."""
     for vehicles in (VEHICLES, 3):
         for n in (12, 20, 40, 100, 300):
             rng = np.random.default_rng(n)
@@ -160,7 +254,7 @@ def print_looks(histories: int) -> None:
                     value, sigma = draw_history(rng, 1.0, 0.08, n, draw_off(rng, n))
                     tracks.append(Track(value, sigma))
                 changes = [fit.change for fit in fit_tracks(tracks)]
-                found += [each.p for each in changes if each is not None]
+                found += [each.p_if_no_season / nights(n) for each in changes if each is not None]
             p = np.array(found)
             shown = ", ".join(
                 f"{np.mean(p <= each) / each:.2f} at {each:g}"
@@ -173,16 +267,21 @@ def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     commands = parser.add_subparsers(dest="what", required=True)
+    rates = commands.add_parser("rates")
+    rates.add_argument("--draws", type=int, default=2000)
+    rates.add_argument("--only", choices=PLANS)
     seeds = commands.add_parser("seeds")
     seeds.add_argument("--seeds", type=int, default=100)
     seeds.add_argument("--first", type=int, default=0)
     drawn = commands.add_parser("looks")
     drawn.add_argument("--histories", type=int, default=30_000)
     arguments = parser.parse_args()
-    if arguments.what == "seeds":
-        print_seeds(arguments.first, arguments.seeds)
-    else:
-        print_looks(arguments.histories)
+    run: dict[str, Callable[[], None]] = {
+        "rates": lambda: print_rates(arguments.draws, arguments.only),
+        "seeds": lambda: print_seeds(arguments.first, arguments.seeds),
+        "looks": lambda: print_looks(arguments.histories),
+    }
+    run[arguments.what]()
 
 
 if __name__ == "__main__":

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from judge_trend import draw_history, draw_off
+from judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
 
-from yawid.trend.changes import LEAST_FLIGHTS, Fitted, Track, fit_tracks, profile, solve_tau2
+from yawid.trend.best_profile import LEAST_DAYS
+from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights, profile
+from yawid.trend.days import Track
 from yawid.trend.levels import compare, level_of, slope_of
 
 N, VEHICLES = 40, 20
@@ -81,22 +83,13 @@ def test_neither_unit_nor_sign_of_a_number_matters() -> None:
 
 
 def test_too_few_flights_are_not_tested_and_one_is_enough_for_a_level() -> None:
-    tracks = [Track(np.full(n, 0.15), np.full(n, 0.01)) for n in (1, 2, LEAST_FLIGHTS - 1)]
+    tracks = [Track(np.full(n, 0.15), np.full(n, 0.01)) for n in (1, 2, LEAST_DAYS - 1)]
 
     for track, fit in zip(tracks, fit_tracks(tracks), strict=True):
         assert fit.change is None
         level = level_of(track, fit, None)
         assert level.value == pytest.approx(0.15)
         assert np.isfinite(level.std)
-
-
-def test_tau_is_the_scatter_that_sigmas_do_not_explain_and_zero_where_they_do() -> None:
-    rng = np.random.default_rng(0)
-    sigma = rng.uniform(0.5, 2.0, 4000)
-    noise = rng.standard_normal(4000)
-
-    assert solve_tau2((noise**2) * (sigma**2 + 9.0), sigma**2) == pytest.approx(9.0, rel=0.1)
-    assert solve_tau2((noise**2) * 0.8 * sigma**2, sigma**2) == 0.0
 
 
 def test_level_and_slope_are_weighted_least_squares() -> None:
@@ -106,13 +99,13 @@ def test_level_and_slope_are_weighted_least_squares() -> None:
     fit = fit_tracks([track])[0]
     ones = np.ones(10, bool)
 
-    slope = slope_of(x, track, std, ones)
+    slope = slope_of(x, fit, ones)
     assert slope is not None
     assert slope[0] == pytest.approx(0.5)
-    w = 1.0 / std**2
+    w = fit.day_std**-2.0
     mean = np.sum(w * x) / np.sum(w)
     assert slope[1] == pytest.approx(np.sum(w * (x - mean) ** 2) ** -0.5)
-    assert slope_of(x, track, std, x < 2) is None
+    assert slope_of(x, fit, x < 2) is None
     level = level_of(track, fit, None)
     assert level.value == pytest.approx(np.average(track.value, weights=fit.std**-2.0))
 
@@ -136,3 +129,44 @@ def test_a_vehicle_far_from_the_others_stands_out_and_few_are_not_compared() -> 
     beside = compare(value, np.full(20, 0.01))
     assert [i for i, each in enumerate(beside) if each and each.p < 1e-4] == [4]
     assert compare(value[:4], np.full(4, 0.01)) == [None] * 4
+
+
+def test_flights_of_one_day_that_share_an_offset_are_no_change() -> None:
+    plan = Plan(vehicles=2, days=40, most=3, share=1.0)
+    assert judge_plan(plan, 60) == (0, 0)  # each flight by itself: 16
+
+
+def test_who_looks_every_third_night_is_not_alarmed_more_often() -> None:
+    plan = Plan(vehicles=1, days=48, nightly=True)
+    assert judge_plan(plan, 50, every=4)[1] <= 1  # each look by itself: 4
+
+
+def test_all_nights_to_come_spend_no_more_than_one_look_may() -> None:
+    n = range(LEAST_DAYS, 100_000)
+    # A look at n days sees what the one before saw, but for one part in n.
+    spent = sum(1.0 / each / nights(each) for each in n)
+    assert 0.2 < spent < 0.27
+
+
+def test_fleets_fitted_together_are_as_each_by_itself() -> None:
+    both = [fleet(1, n=40, vehicles=4), fleet(2, n=25, vehicles=3)]
+    together = fit_fleets(both)
+    for tracks, fits in zip(both, together, strict=True):
+        for one, other in zip(fits, fit_tracks(tracks), strict=True):
+            assert one.change is not None
+            assert other.change is not None
+            assert one.change.t == pytest.approx(other.change.t, rel=1e-9)
+            assert one.dof == pytest.approx(other.dof)
+
+
+def test_no_scatter_is_known_better_than_that_of_all_vehicles_together() -> None:
+    fits = fit_tracks(fleet(5, n=16, vehicles=3))
+    assert max(fit.dof for fit in fits) <= 3 * (16 - 4)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", PLANS)
+def test_of_two_thousand_data_sets_one_in_fifty_at_most_is_called_changed(name: str) -> None:
+    found, wrong = judge_plan(PLANS[name], 2000)
+    assert wrong <= 40
+    assert not PLANS[name].falls or found >= 1600

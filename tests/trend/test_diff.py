@@ -10,11 +10,12 @@ import pytest
 from finished_runs import replayed
 from forged_runs import forge
 from hand_flights import four_of_a_flight
-from judge_trend import START_US, WEEK_US, flight, write_fleet
+from judge_trend import START_US, flight, write_fleet
 from places import C172P
 from printed import printed
 
 from yawid.cli.main import main
+from yawid.trend.days import DAY_US
 
 Made = Callable[..., Path]
 
@@ -56,7 +57,7 @@ def numbers(said: Any) -> dict[str, Any]:
 def fleet(folder: Path, zeta: float = 0.15, sysids: range = range(1, 2)) -> Path:
     rows = [
         flight(
-            sysid, i, START_US + i * WEEK_US, zeta=zeta + 0.005 * (-1) ** i, zeta_std=0.006,
+            sysid, i, START_US + i * DAY_US, zeta=zeta + 0.005 * (-1) ** i, zeta_std=0.006,
             kappa_rad_m=0.12 + 0.001 * (-1) ** i, kappa_std=0.002,
         )
         for sysid in sysids

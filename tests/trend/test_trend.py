@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from judge_trend import (
     FALLS,
     START_US,
-    WEEK_US,
     Judged,
+    Plan,
     draw_fleet,
     flight,
     judge_seed,
@@ -19,6 +20,7 @@ from judge_trend import (
 from printed import printed
 
 from yawid.cli.main import main
+from yawid.trend.days import DAY_US, HOUR_US, YEAR_US
 from yawid.trend.trend import trend
 
 
@@ -26,9 +28,9 @@ from yawid.trend.trend import trend
 def fallen(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A fleet of 20 aircraft with 40 flights, one of whose zeta falls by 20 %."""
     folder = tmp_path_factory.mktemp("fallen")
-    rows = draw_fleet(3, falls=True)
+    rows = draw_fleet(3, Plan(falls=True))
     for row in rows:
-        if row["vehicle"] == FALLS and row["date"] > START_US + 25 * WEEK_US:
+        if row["vehicle"] == FALLS and row["date"] > START_US + 25 * DAY_US:
             row["config_hash"] = "d"
     write_fleet(folder, rows)
     return folder
@@ -43,7 +45,7 @@ def steady(vehicle: int, count: int, **more: Any) -> list[dict[str, Any]]:
     numbers = {"zeta": 0.15, "zeta_std": 0.01, "kappa_rad_m": 0.12, "kappa_std": 0.002,
                "K_per_V": 0.04, "K_per_V_std": 0.002}  # fmt: skip
     return [
-        flight(vehicle, i, START_US + i * WEEK_US, **(numbers | more | {
+        flight(vehicle, i, START_US + i * 7 * DAY_US, **(numbers | more | {
             "zeta": 0.15 + 0.01 * (-1) ** i}))
         for i in range(count)
     ]  # fmt: skip
@@ -58,7 +60,7 @@ def test_the_fall_is_found_nothing_else_is_and_the_exit_code_is_7(
     assert said["changed"] is True
     assert said["false_alarm_rate"] == 0.01
     assert said["histories_tested"] == 60
-    assert said["numbers_tested"] == 2400
+    assert said["numbers_tested"] == 3600
     changed = [each for each in said["followed"] if "change" in each]
     assert [(each["vehicle"], each["quantity"]) for each in changed] == [(FALLS, "zeta")]
     change = changed[0]["change"]
@@ -162,10 +164,10 @@ def test_a_vehicle_with_two_flights_has_a_level_and_neither_slope_nor_test(
         assert each["tested"] is False
         assert not {"slope_per_year", "between_std", "change"} & set(each)
     assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
-    assert "too few flights" in capsys.readouterr().out
+    assert "too few days" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("span_us", [3_000_000, 156 * WEEK_US])  # 3 s, 3 years
+@pytest.mark.parametrize("span_us", [3_000_000, 1092 * DAY_US])  # 3 s, 3 years
 def test_a_page_has_dates_whatever_they_span_and_says_what_an_id_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], span_us: int
 ) -> None:
@@ -184,7 +186,7 @@ def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_th
     rows = steady(1, 16)
     for i, row in enumerate(rows):
         row |= {"zeta": 0.15 + (0.006 if i == 9 else 0.0001 * (-1) ** i)}
-        row["date"] = START_US + i * 3_600_000_000
+        row["date"] = START_US + i * DAY_US
     write_fleet(tmp_path, rows)
 
     said, _ = trend(tmp_path)
@@ -194,7 +196,7 @@ def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_th
     assert zeta.now.std == pytest.approx(0.01 / 16**0.5, rel=0.1)
     assert zeta.tested
     assert zeta.slope_per_flight is not None
-    assert zeta.slope_per_year is None, "they were flown within a day"
+    assert zeta.slope_per_year is None, "they were flown within a month"
 
 
 def test_the_airframe_and_the_same_aircraft_with_its_roll_loop_are_two_histories(
@@ -242,4 +244,84 @@ def test_three_drawn_fleets_are_judged_rightly() -> None:
     for seed in range(3):
         judge_seed(seed, judged)
 
-    assert (judged.found, judged.wrong_beside, judged.false_alarms) == (3, 0, 0)
+    assert (judged.found, judged.wrong_with_it, judged.false_alarms) == (3, 0, 0)
+
+
+def test_flights_of_one_day_are_one_number_and_no_history(tmp_path: Path) -> None:
+    rows = steady(1, 16)
+    for i, row in enumerate(rows):
+        row |= {"date": START_US + i * HOUR_US, "zeta": 0.15 if i < 8 else 0.25}
+    write_fleet(tmp_path, rows)
+
+    said, _ = trend(tmp_path)
+
+    assert [(each.flights, each.days, each.tested) for each in said.followed] == [
+        (16, 1, False)
+    ] * 3
+    assert not said.changed
+
+
+def yearly(days: int, apart: int, swing: float, fall: float = 0.0) -> list[dict[str, Any]]:
+    """A history whose zeta swings with the year, highest at its end, and falls from the half on."""
+    noise = np.random.default_rng(1).standard_normal(days)
+    rows = []
+    for i in range(days):
+        date = START_US + i * apart * DAY_US
+        turn = np.cos(2.0 * np.pi * date / YEAR_US)
+        level = 0.15 * (1.0 + swing * turn) * (1.0 - fall * (i >= days // 2))
+        rows.append(flight(1, i, date, zeta=level + 0.0015 * noise[i], zeta_std=0.0015))
+    return rows
+
+
+def test_what_a_season_may_do_is_no_alarm_before_two_years_are_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_fleet(tmp_path, yearly(24, 7, swing=0.03))  # half a year
+    code, said = told(capsys, "trend", tmp_path)
+
+    zeta = said["followed"][0]
+    assert (code, said["changed"], "change" in zeta, "season" in zeta) == (0, False, False, False)
+    assert zeta["may_be_season"]["p"] < 0.01
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    for words in (capsys.readouterr().out, (tmp_path / "r.html").read_text()):
+        assert "a season may do as much: two years of" in " ".join(words.split())
+
+
+def test_a_fall_larger_than_a_season_is_an_alarm_and_a_quick_one_needs_not_be(
+    tmp_path: Path,
+) -> None:
+    for name, rows in (
+        ("large", yearly(24, 7, swing=0.0, fall=0.25)),
+        ("quick", yearly(24, 1, swing=0.0, fall=0.06)),
+    ):
+        write_fleet(tmp_path / name, rows)
+        assert trend(tmp_path / name)[0].changed, name
+
+
+def test_two_years_show_the_season_and_what_changes_next_to_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_fleet(tmp_path / "steady", yearly(110, 7, swing=0.1))
+    code, said = told(capsys, "trend", tmp_path / "steady")
+    zeta = said["followed"][0]
+    assert code == 0
+    assert not {"change", "may_be_season"} & set(zeta)
+    assert zeta["season"]["amplitude"]["value"] == pytest.approx(0.015, abs=0.0006)
+    assert zeta["season"]["amplitude"]["std"] == pytest.approx(0.0015 * (2 / 110) ** 0.5, rel=0.3)
+    assert zeta["season"]["peak"] in ("12-30", "12-31", "01-01", "01-02", "01-03")
+    assert zeta["now"]["value"] == pytest.approx(0.15, abs=0.001)
+
+    write_fleet(tmp_path / "fallen", yearly(110, 7, swing=0.1, fall=0.05))
+    change = trend(tmp_path / "fallen")[0].followed[0].change
+    assert change is not None
+    assert change.percent == pytest.approx(-5.0, abs=1.0)
+    assert abs(change.from_flight - 55) <= 3
+
+
+def test_the_page_says_what_trend_cannot_do(fallen: Path, tmp_path: Path) -> None:
+    main(["trend", str(fallen), "--vehicle", "sysid:2", "-o", str(tmp_path / "r.html")])
+    page = (tmp_path / "r.html").read_text()
+
+    assert "What this cannot do" in page
+    for words in ("12 days flown", "count as one", "4 % either way", "a campaign, a pilot"):
+        assert words in page, words

@@ -18,7 +18,7 @@ from yawid.dataset.summary_rows import flight_row
 from yawid.dataset.values import serial_of
 from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.trend.changes import solve_tau2
+from yawid.trend.days import solve_tau2
 from yawid.trend.history import NO_LOOP, QUANTITIES, read_flights
 from yawid.trend.trend import FALSE_ALARMS, Studied, study
 

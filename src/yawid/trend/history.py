@@ -13,7 +13,7 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_table
-from yawid.trend.changes import Track
+from yawid.trend.days import Track
 
 QUANTITIES: Final = {
     "kappa_rad_m": ("kappa_std", "ωn/V", "rad/m"),
@@ -39,7 +39,6 @@ class History:
     quantity: str
     vehicle_type: int | None
     sysid: int | None
-    date_us: Ints
     track: Track
     flights: Ints
 
@@ -114,14 +113,14 @@ def _history(
     def column(name: str) -> Floats:
         return np.array([rows[i][name] for i in known], dtype=float)
 
+    dates = np.array([rows[i]["date"] for i in known], dtype=np.int64)
     return History(
         vehicle,
         loop,
         quantity,
         rows[known[-1]]["vehicle_type"],
         rows[known[-1]]["sysid"],
-        np.array([rows[i]["date"] for i in known], dtype=np.int64),
-        Track(column(quantity), column(QUANTITIES[quantity][0])),
+        Track(column(quantity), column(QUANTITIES[quantity][0]), dates),
         np.array(known, dtype=np.int64),
     )
 

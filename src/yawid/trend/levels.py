@@ -6,22 +6,37 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Bools, Floats
-from yawid.trend.changes import FAR, Fitted, Track, solve_tau2, two_sided
+from yawid.trend.changes import Fitted
+from yawid.trend.days import FAR, Track, solve_tau2
+from yawid.trend.moderated import two_sided
 
 LEAST_COMPARED: Final = 5
 """Vehicles, below which none is compared with the others."""
 LEAST_SLOPE: Final = 3
-"""Flights that a straight line needs, one more than it has numbers."""
+"""Days that a straight line needs, one more than it has numbers."""
 _ROUNDS: Final = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Season:
+    """What returns every year: how far it goes either way, its sigma, and when it is highest.
+
+    peak: the part of the year.
+    """
+
+    amplitude: float
+    std: float
+    peak: float
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
     """A number as it stands at the end of a history.
 
-    value, std: after the last change; z (n,): every flight's distance from the level or profile,
-    in its own std (sigma and tau); kept (n,): those that have weight; tau: scatter of this
-    vehicle's flights beyond their sigmas, None of fewer than five; fitted (n,).
+    value, std: after the last change; z (n,): every flight's distance from the level or
+    profile, in its own std (sigma and tau); kept (n,): those that have weight; tau: scatter of this
+    vehicle's flights beyond their sigmas, None of fewer than five; fitted (n,); season: None where
+    fewer than two years show it.
     """
 
     value: float
@@ -30,35 +45,50 @@ class Level:
     kept: Bools
     tau: float | None
     fitted: Floats
+    season: Season | None
 
 
 def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
-    """Return the level of a history, about a profile (n,) of 0 to 1 where it has changed."""
-    n = len(track.value)
-    columns = [np.ones(n)] if profile is None else [1.0 - profile, profile]
-    design = np.column_stack(columns)
-    start = np.median(track.value) if profile is None else None
-    kept = fitted.kept if start is None else np.abs(track.value - start) <= FAR * fitted.std
+    """Return the level of a history, about a profile (d,) of 0 to 1 where it has changed."""
+    days, std = fitted.days, fitted.day_std
+    n, steady = len(track.value), days.steady
+    about = np.zeros((len(std), 0)) if profile is None else profile[:, None] - 1.0
+    design = np.column_stack([steady, about])
+    kept = np.abs(days.value - np.median(days.value)) <= FAR * std
     for _ in range(_ROUNDS):
-        if 2 * kept.sum() <= n:
-            kept = np.ones(n, bool)
-        theta, cov = weighted_fit(design, track.value, fitted.std, kept)
-        z = (track.value - design @ theta) / fitted.std
-        kept = np.abs(z) <= FAR
-    dof = n - design.shape[1]
-    r2 = (z * fitted.std) ** 2 * n / max(dof, 1)
+        if 2 * kept.sum() <= len(std):
+            kept = np.ones(len(std), bool)
+        theta, cov = weighted_fit(design, days.value, std, kept)
+        kept = np.abs(days.value - design @ theta) <= FAR * std
+    line = (design @ theta)[days.day]
+    z = (track.value - line) / fitted.std
+    dof = max(n - design.shape[1], 1)
+    r2 = (track.value - line) ** 2 * n / dof
     tau = float(np.sqrt(solve_tau2(r2, track.sigma**2))) if n >= 5 else None
-    return Level(float(theta[-1]), float(np.sqrt(cov[-1, -1])), z, kept, tau, design @ theta)
+    season = _season(theta[1:3], cov[1:3, 1:3]) if days.shows_season else None
+    return Level(float(theta[0]), float(np.sqrt(cov[0, 0])), z, np.abs(z) <= FAR, tau, line, season)
 
 
-def slope_of(x: Floats, track: Track, std: Floats, kept: Bools) -> tuple[float, float] | None:
-    """Return the slope of a straight line over x (n,) and its sigma; None of too few flights."""
+def _season(theta: Floats, cov: Floats) -> Season:
+    """Return the season of the parameters of cosine and sine, and their covariance."""
+    amplitude = float(np.hypot(*theta))
+    std = float(np.sqrt(np.trace(cov) / 2.0))
+    return Season(amplitude, std, float(np.arctan2(theta[1], theta[0]) / (2.0 * np.pi)) % 1.0)
+
+
+def slope_of(x: Floats, fitted: Fitted, kept: Bools) -> tuple[float, float] | None:
+    """Return the slope of a straight line over x (n,) and its sigma; None of too few days.
+
+    kept (n,): the flights that have weight; a day has weight where most of its flights have.
+    """
+    days = fitted.days
+    kept = days.mean(kept.astype(float)) > 0.5
+    x = days.mean(x)
     if kept.sum() < LEAST_SLOPE or not np.ptp(x[kept]) > 0.0:
         return None
-    about: Floats = x - x[kept].mean()
-    design = np.column_stack([np.ones(len(x)), about])
-    theta, cov = weighted_fit(design, track.value, std, kept)
-    return float(theta[1]), float(np.sqrt(cov[1, 1]))
+    design = np.column_stack([days.steady, x - x[kept].mean()])
+    theta, cov = weighted_fit(design, days.value, fitted.day_std, kept)
+    return float(theta[-1]), float(np.sqrt(cov[-1, -1]))
 
 
 def weighted_fit(design: Floats, value: Floats, std: Floats, kept: Bools) -> tuple[Floats, Floats]:

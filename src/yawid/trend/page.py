@@ -13,16 +13,18 @@ from yawid.report.html import Cell, note, page, pictures, safe, sheet
 from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, DATA, NEUTRAL
 from yawid.sinks.part_file import check_free, write_whole
-from yawid.trend.changes import FAR
+from yawid.trend.days import FAR
 from yawid.trend.history import QUANTITIES
 from yawid.trend.trend import Followed, Studied, Trend
 from yawid.trend.words import (
+    LIMITS,
     came_of_it,
     change_line,
     flights_line,
     name_of,
     outlier_line,
     rate_line,
+    season_line,
     spread,
 )
 
@@ -54,7 +56,7 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         f'<header class="{"unusable" if changed else "usable"}">\n'
         f"<h1>{safe(Path(told.dataset).name)}</h1>\n"
         f'<p class="origin">{safe(told.dataset)} · {safe(flights_line(told))}</p>\n'
-        f'<p class="headline">{safe(sentence)}</p>\n{_changes(changed)}</header>'
+        f'<p class="headline">{safe(sentence)}</p>\n{_changes(changed)}{_seasons(told)}</header>'
     )
     if studied:
         by_vehicle: dict[tuple[str, str], list[Studied]] = {}
@@ -75,7 +77,7 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         if len(by_vehicle) > 1:
             yield pictures("The vehicles beside each other", list(_beside(studied)))
     heading = (
-        "vehicle", "", "flights", "now", "a year", "a flight", "between flights", "beside others",
+        "vehicle", "", "flights", "now", "a year", "season", "a flight", "between flights", "beside others",
         "what came of it",
     )  # fmt: skip
     yield sheet("Every history", heading, [(_row(each), not each.tested) for each in told.followed])
@@ -85,6 +87,7 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         "straight line. Between flights: their scatter beyond their own sigmas. Beside others: "
         f"sigmas off the median of the vehicles of its type. {rate_line(told)}.",
     )
+    yield note("What this cannot do", " ".join(LIMITS))
 
 
 def _changes(changed: Sequence[Followed]) -> str:
@@ -102,12 +105,29 @@ def _changes(changed: Sequence[Followed]) -> str:
     return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
 
 
+def _season_cell(each: Followed) -> Cell:
+    if each.season is None:
+        return "–", ""
+    return spread(each.season.amplitude), f"highest on {each.season.peak}"
+
+
+def _seasons(told: Trend) -> str:
+    items = [
+        f"<li><b>{safe(each.vehicle)} {safe(name_of(each.quantity))}</b>"
+        f"{safe(season_line(each.may_be_season))}.</li>\n"
+        for each in told.followed
+        if each.may_be_season is not None
+    ]
+    return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
+
+
 def _row(each: Followed) -> Iterator[Cell]:
     yield each.vehicle, each.loop.replace("_", " ")
     yield name_of(each.quantity), each.unit
     yield str(each.flights), f"{each.first_date[:10]} to {each.last_date[:10]}"
     yield spread(each.now), ""
     yield spread(each.slope_per_year), ""
+    yield _season_cell(each)
     yield spread(each.slope_per_flight), ""
     yield "–" if each.between_std is None else f"{each.between_std:.2g}", ""
     yield "–" if each.beside is None else f"{each.beside.sigmas:+.1f}", ""
@@ -137,7 +157,7 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
 
 def _draw_history(ax: Axes, each: Studied) -> None:
     track, level = each.history.track, each.level
-    when: Any = each.history.date_us.astype("datetime64[us]")
+    when: Any = track.dates.astype("datetime64[us]")
     far = ~level.kept
     for rows, shade in ((~far, DATA), (far, NEUTRAL)):
         if rows.any():

@@ -18,6 +18,7 @@ from yawid.trend.words import (
     name_of,
     outlier_line,
     rate_line,
+    season_line,
     spread,
 )
 
@@ -39,6 +40,10 @@ def print_trend(told: Trend, stream: TextIO) -> None:
              f"{change_line(each.change)}", "red")  # fmt: skip
         for line in each.change.measured_otherwise:
             _say(console, f"measured otherwise there too: {line}", "yellow")
+    for each in told.followed:
+        if each.may_be_season is not None:
+            _say(console, f"{each.vehicle} ({each.loop}) {name_of(each.quantity)} "
+                 f"{season_line(each.may_be_season)}", "yellow")  # fmt: skip
     _say(console, flights_line(told))
     steady = {id(each) for each in [e for e in told.followed if e.change is None][:MOST_ROWS]}
     rows = [each for each in told.followed if each.change is not None or id(each) in steady]

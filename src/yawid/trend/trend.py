@@ -1,8 +1,10 @@
 """``yawid trend``: every vehicle's wn/V, zeta and K/V over its flights, and what has changed.
 
-The false-alarm rate is that of the whole data set: of FALSE_ALARMS of all data sets in which
-nothing changed, any history is called changed (Bonferroni over the histories tested). Outliers
-and vehicles that stand out are told at the same rate; they are no change.
+The false-alarm rate is that of the whole data set and of all looks at it, one after every day
+flown: in FALSE_ALARMS of all data sets in which nothing changed, any history is ever called changed
+(Bonferroni over the histories tested). What may as well be a season is no change before two years
+are there. Outliers and vehicles that stand out are reported at the same rate, of one look; they are
+no change.
 """
 
 from collections.abc import Sequence
@@ -15,20 +17,24 @@ import numpy as np
 
 from yawid.errors import ConfigError
 from yawid.results.run_summary import Part, Value
-from yawid.trend.changes import Change, Fitted, fit_tracks, profile, two_sided
+from yawid.trend.changes import Change, Fitted, fit_fleets, profile
+from yawid.trend.days import YEAR_US
 from yawid.trend.history import QUANTITIES, Flights, History, measured_otherwise, read_flights
 from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
+from yawid.trend.moderated import two_sided
 
 FALSE_ALARMS: Final = 0.01
-YEAR_US: Final = 365.25 * 86_400e6
-LEAST_YEARS: Final = 1.0 / 12.0
+A_YEAR: Final = 40.0
+"""Since 1970, whose days stand for those of any."""
+LEAST_SPAN_YEARS: Final = 1.0 / 12.0
 """Between the first flight and the last: of days nobody tells what a year will bring."""
 
 
 class Changed(Part, frozen=True, kw_only=True):
-    """A change: ``step`` between two flights or ``slope`` over several, numbered from 1.
+    """A change: ``step`` between two days or ``slope`` over several; flights numbered from 1.
 
-    ``p`` is the probability of one as clear in any history of the data set, where none changed.
+    ``p`` is the probability of one as clear in any history of the data set, at any look, where none
+    changed; of what may be a season, as if there were none.
     """
 
     kind: str
@@ -58,6 +64,13 @@ class Outlier(Part, frozen=True, kw_only=True):
     p: float
 
 
+class Yearly(Part, frozen=True, kw_only=True):
+    """A season: by how much it swings a number either way, and the day of the year of its peak."""
+
+    amplitude: Value
+    peak: str
+
+
 class Beside(Part, frozen=True, kw_only=True):
     """A vehicle beside the others of its type and loop: their median, sigmas off it."""
 
@@ -72,7 +85,8 @@ class Followed(Part, frozen=True, kw_only=True):
     """One number of one vehicle over its flights; ``now`` is its level after the last change.
 
     ``between_std`` is by how much flights scatter beyond their own sigmas. ``tested``: whether
-    there were flights enough to look for a change.
+    there were days enough to look for a change. ``may_be_season``: what is clear, but is no more
+    than a season may make of it, where fewer than two years are there to show one.
     """
 
     vehicle: str
@@ -80,6 +94,7 @@ class Followed(Part, frozen=True, kw_only=True):
     quantity: str
     unit: str
     flights: int
+    days: int
     first_date: str
     last_date: str
     now: Value
@@ -88,6 +103,8 @@ class Followed(Part, frozen=True, kw_only=True):
     slope_per_flight: Value | None = None
     tested: bool
     change: Changed | None = None
+    may_be_season: Changed | None = None
+    season: Yearly | None = None
     outliers: list[Outlier]
     beside: Beside | None = None
 
@@ -156,7 +173,7 @@ def study(flights: Flights) -> list[Studied]:
     for history, fit in zip(histories, fits, strict=True):
         is_change = fit.change is not None and fit.change.p * among.histories <= FALSE_ALARMS
         change = fit.change if is_change else None
-        shape = None if change is None else profile(len(history.flights), change)
+        shape = None if change is None else profile(len(fit.days.value), change)
         changes.append(change)
         levels.append(level_of(history.track, fit, shape))
     besides = _besides(histories, levels)
@@ -183,9 +200,9 @@ def _fits(histories: Sequence[History]) -> list[Fitted]:
     for i, history in enumerate(histories):
         alike.setdefault((history.loop, history.quantity), []).append(i)
     found: dict[int, Fitted] = {}
-    for rows in alike.values():
-        fits = fit_tracks([histories[i].track for i in rows])
-        found |= dict(zip(rows, fits, strict=True))
+    numbers = [[histories[i].track for i in rows] for rows in alike.values()]
+    for rows, fits in zip(alike.values(), fit_fleets(numbers), strict=True):
+        found |= zip(rows, fits, strict=True)
     return [found[i] for i in range(len(histories))]
 
 
@@ -219,19 +236,20 @@ def _told(
     beside: Beside | None,
     among: _Among,
 ) -> Followed:
-    dates, n = history.date_us, len(history.flights)
-    kept = level.kept
+    dates, n = history.track.dates, len(history.flights)
+    clear = fit.change if fit.change is not None and _is_clear(fit.change, among) else None
     years = (dates - dates[0]) / YEAR_US
     by_year = None
-    if years[-1] >= LEAST_YEARS:
-        by_year = slope_of(years, history.track, fit.std, kept)
-    by_flight = slope_of(np.arange(n, dtype=float), history.track, fit.std, kept)
+    if years[-1] >= LEAST_SPAN_YEARS:
+        by_year = slope_of(years, fit, level.kept)
+    by_flight = slope_of(np.arange(n, dtype=float), fit, level.kept)
     return Followed(
         vehicle=history.vehicle,
         loop=history.loop,
         quantity=history.quantity,
         unit=QUANTITIES[history.quantity][2],
         flights=n,
+        days=len(fit.days.value),
         first_date=date(dates[0]),
         last_date=date(dates[-1]),
         now=Value(value=level.value, std=level.std),
@@ -239,7 +257,11 @@ def _told(
         slope_per_year=_value(by_year),
         slope_per_flight=_value(by_flight),
         tested=fit.change is not None,
-        change=None if change is None else _changed(flights, history, change, among.histories),
+        change=None if change is None else _changed(flights, history, fit, change, change.p, among),
+        may_be_season=None
+        if change is not None or clear is None
+        else _changed(flights, history, fit, clear, clear.p_if_no_season, among),
+        season=_yearly(level),
         outliers=_outliers(flights, history, fit, level, among.numbers),
         beside=beside,
     )
@@ -249,22 +271,39 @@ def _value(found: tuple[float, float] | None) -> Value | None:
     return None if found is None else Value(value=found[0], std=found[1])
 
 
-def _changed(flights: Flights, history: History, change: Change, tested: int) -> Changed:
+def _is_clear(change: Change, among: _Among) -> bool:
+    """Return whether something changed, be it by a season."""
+    return change.p_if_no_season * among.histories <= FALSE_ALARMS
+
+
+def _yearly(level: Level) -> Yearly | None:
+    season = level.season
+    if season is None:
+        return None
+    day = date(round((A_YEAR + season.peak) * YEAR_US))[5:10]
+    return Yearly(amplitude=Value(value=season.amplitude, std=season.std), peak=day)
+
+
+def _changed(
+    flights: Flights, history: History, fit: Fitted, change: Change, p: float, among: _Among
+) -> Changed:
     difference = change.after - change.before
+    dates = history.track.dates
+    first, last = int(fit.days.last[change.first]), int(fit.days.first[change.last])
     return Changed(
         kind="step" if change.is_step else "slope",
-        from_flight=change.first + 1,
-        to_flight=change.last + 1,
-        from_date=date(history.date_us[change.first]),
-        to_date=date(history.date_us[change.last]),
+        from_flight=first + 1,
+        to_flight=last + 1,
+        from_date=date(dates[first]),
+        to_date=date(dates[last]),
         before=change.before,
         after=change.after,
         difference=difference,
         std=change.std,
         sigmas=change.t,
         percent=100.0 * difference / abs(change.before) if change.before else None,
-        p=min(1.0, change.p * tested),
-        measured_otherwise=measured_otherwise(flights, history, change.first, change.last),
+        p=min(1.0, p * among.histories),
+        measured_otherwise=measured_otherwise(flights, history, first, last),
     )
 
 
@@ -277,7 +316,7 @@ def _outliers(
         if p <= FALSE_ALARMS:
             row = flights.rows[history.flights[i]]
             outlier = Outlier(
-                flight=i + 1, date=date(history.date_us[i]), log_sha256=row["log_sha256"],
+                flight=i + 1, date=date(history.track.dates[i]), log_sha256=row["log_sha256"],
                 boot=row["boot"], value=float(history.track.value[i]), sigmas=float(z), p=p,
             )  # fmt: skip
             found.append(outlier)

@@ -1,7 +1,11 @@
 """Trends and differences in words, as the terminal and the page have them."""
 
+from typing import Final
+
 from yawid.results.run_summary import Value
 from yawid.sinks.answers import with_sigma
+from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
+from yawid.trend.changes import SEASON
 from yawid.trend.history import QUANTITIES
 from yawid.trend.trend import Changed, Followed, Outlier, Trend
 
@@ -24,12 +28,17 @@ def change_line(change: Changed) -> str:
     verb = "fell" if change.difference < 0.0 else "rose"
     size = "" if change.percent is None else f" by {abs(change.percent):.0f} %"
     when = f"{change.from_date[:10]} and {change.to_date[:10]}"
-    how = "from one flight to the next" if change.kind == "step" else "slowly"
+    how = "from one day to the next" if change.kind == "step" else "slowly"
     numbers = f"{change.from_flight} and {change.to_flight}"
     return (
         f"{verb}{size}, {how}, between {when} (flights {numbers}): {change.before:.4g} to "
         f"{change.after:.4g}, {abs(change.sigmas):.1f} sigma, p {change.p:.1g}"
     )
+
+
+def season_line(change: Changed) -> str:
+    """Say what may be a change or a season."""
+    return f"{change_line(change)}; a season may do as much: two years of flights show which"
 
 
 def outlier_line(outlier: Outlier) -> str:
@@ -43,8 +52,11 @@ def came_of_it(each: Followed) -> str:
     if each.change is not None:
         size = each.change.percent
         said.append("CHANGED" if size is None else f"CHANGED {size:+.0f} %")
+    elif each.may_be_season is not None:
+        size = each.may_be_season.percent
+        said.append("a season?" if size is None else f"a season? {size:+.0f} %")
     elif not each.tested:
-        said.append("too few flights")
+        said.append("too few days")
     if each.outliers:
         said.append(f"{len(each.outliers)} outlier{'s' if len(each.outliers) > 1 else ''}")
     if each.beside is not None and each.beside.stands_out:
@@ -66,6 +78,20 @@ def rate_line(told: Trend) -> str:
     rate = 100.0 * told.false_alarm_rate
     return (
         f"false alarms: {rate:g} % of data sets in which nothing changed, over all "
-        f"{told.histories_tested} histories tested; outliers likewise, over "
-        f"{told.numbers_tested} numbers"
+        f"{told.histories_tested} histories tested and all looks, one after each day flown; "
+        f"outliers likewise, over {told.numbers_tested} numbers in one look"
     )
+
+
+LIMITS: Final = (
+    f"A change needs {LEAST_DAYS} days flown, {LEAST_SIDE} of them on each side of its middle: "
+    "flights of one day count as one.",
+    f"A season may swing a number by {100.0 * SEASON:g} % either way: with less than two years, a "
+    "change that is no clearer than that is called a season, and is no alarm. With two years the "
+    "season is estimated. A larger one in the first two years is taken for a change.",
+    "What all flights of several days have in common (a campaign, a pilot, a load, an airspeed "
+    "sensor's calibration) is not told from a change: it is one, of something.",
+    "Vehicles that change together are each judged by themselves.",
+    "The rate holds for up to 5 % of outliers; with 10 % it is about twice as high.",
+)
+"""What trend cannot do, as its page says it."""

@@ -1,0 +1,188 @@
+"""The profile that fits a number's days best: many histories of one length at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats
+from yawid.trend.days import FAR, Days, local_median
+
+LEAST_DAYS: Final = 12
+LEAST_SIDE: Final = 4
+"""Days before the middle of a change, and after it: fewer may be outliers."""
+_WITHIN_FAR: Final = 0.9497
+"""Variance of a normal deviate that is not FAR off."""
+_ROUNDS: Final = 4
+_AT_ONCE: Final = 256
+"""Histories, for which all profiles need some 100 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A history's best profile, weighted: what it makes of each day (d,), and how days scatter.
+
+    best: which profile, None where there are too few days; g2: by how much the sum of squares is
+    less with it; s2, dof: variance about it, in sigmas. slope: after less before; level: before;
+    den: its inverse variance, in sigmas; swing: of the slope by a season of an amplitude of 1.
+    """
+
+    best: int | None
+    fitted: Floats
+    s2: float
+    dof: float
+    g2: float
+    slope: float
+    level: float
+    den: float
+    swing: float
+
+
+@lru_cache(maxsize=128)
+def profiles(n: int) -> tuple[Floats, Floats, Bools]:
+    """Return profiles (m, n) of changes over n flights, their first and last flight (m, 2).
+
+    And whether each is slow (m,): it takes half of the history or more.
+    """
+    ends: set[tuple[int, int]] = set()
+    length, finest = 1.0, max(1, n // 100)
+    while length <= n - 1:
+        span = round(length)
+        is_slow = 2 * span >= n
+        for first in range(0, n - span, max(finest, span // (12 if is_slow else 6))):
+            middle = first + span / 2.0
+            if LEAST_SIDE - 0.5 <= middle <= n - LEAST_SIDE - 0.5:
+                ends.add((first, first + span))
+        length = max(length + 1.0, (1.12 if is_slow else 1.3) * length)
+    found: Floats = np.array([*sorted(ends), (0, n - 1)], dtype=float)
+    shapes = np.clip((np.arange(n) - found[:, :1]) / (found[:, 1:] - found[:, :1]), 0.0, 1.0)
+    return shapes, found, 2.0 * (found[:, 1] - found[:, 0]) >= n
+
+
+def variance(sigma: Floats, tau2: Floats | float) -> Floats:
+    """Return what a number of a sigma scatters by, in all."""
+    found: Floats = np.maximum(sigma**2 + tau2, 1e-12)
+    return found
+
+
+def fit_best(
+    days: Sequence[Days], tau2: Floats, scale: Floats, *, slow: bool | None = None
+) -> list[Fit]:
+    """Fit each history's best profile, of those that are slow, of the others, or (None) of all.
+
+    tau2, scale: of each history; scale is by how much it scatters more than its sigmas and tau.
+    """
+    alike: dict[tuple[int, int], list[int]] = {}
+    for i, each in enumerate(days):
+        alike.setdefault(each.steady.shape, []).append(i)
+    found: dict[int, Fit] = {}
+    for rows in alike.values():
+        for begin in range(0, len(rows), _AT_ONCE):
+            some = rows[begin : begin + _AT_ONCE]
+            stack = _Stack([days[i] for i in some], tau2[some], scale[some])
+            found |= zip(some, stack.fit(slow), strict=True)
+    return [found[i] for i in range(len(days))]
+
+
+class _Stack:
+    """Histories (r) of d days each, with q steady columns."""
+
+    def __init__(self, days: Sequence[Days], tau2: Floats, scale: Floats) -> None:
+        self.value = np.array([each.value for each in days])
+        self.steady = np.array([each.steady for each in days])
+        self.has_season = days[0].shows_season
+        self.turn = np.exp(2j * np.pi * np.array([each.year for each in days]))
+        self.weight = 1.0 / variance(np.array([each.sigma for each in days]), tau2[:, None])
+        self.far = FAR * np.maximum(scale, 1e-6)[:, None]
+        self.n = self.value.shape[1]
+
+    def fit(self, slow: bool | None) -> list[Fit]:
+        """Return the fit of each history, by weights that leave out what is far off it."""
+        median = np.median(self.value, axis=1, keepdims=True)
+        steady = np.broadcast_to(median, self.value.shape)
+        for _ in range(_ROUNDS):
+            steady = self._steadily(self.value, self.weight * self._near(steady))
+        fitted = local_median(self.value) if self.n >= LEAST_DAYS else median
+        kept = self._near(fitted)
+        for _ in range(_ROUNDS):
+            found = self._best(kept, slow)
+            kept = self._near(found["fitted"])
+        found["g2"] = np.maximum(0.0, self._loss(steady) - self._loss(found["fitted"]))
+        if "best" not in found:
+            return [self._without(found, i) for i in range(len(self.value))]
+        return [
+            Fit(
+                int(found["best"][i]), found["fitted"][i],
+                *(float(found[name][i]) for name in ("s2", "dof", "g2", "slope", "level")),
+                float(found["den"][i]), float(found["swing"][i]),
+            )
+            for i in range(len(self.value))
+        ]  # fmt: skip
+
+    def _without(self, found: dict[str, Floats], i: int) -> Fit:
+        s2, dof = float(found["s2"][i]), float(found["dof"][i])
+        return Fit(None, found["fitted"][i], s2, dof, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+    def _near(self, fitted: Floats) -> Bools:
+        """Return the days (r, d) that have weight: all, where half of them were far off."""
+        near: Bools = np.abs(self.value - fitted) * np.sqrt(self.weight) <= self.far
+        return near | (2 * near.sum(axis=1, keepdims=True) <= self.n)
+
+    def _loss(self, fitted: Floats) -> Floats:
+        """Return the sum (r,) of squares in sigmas, of a day at most what one far off has."""
+        squares = self.weight * (self.value - fitted) ** 2
+        loss: Floats = np.minimum(squares, self.far**2).sum(axis=1)
+        return loss
+
+    def _steadily(self, y: Floats, w: Floats) -> Floats:
+        """Return what weighted least squares make of y (r, d) by the steady columns."""
+        if self.steady.shape[2] == 1:
+            mean = (w * y).sum(axis=1, keepdims=True) / w.sum(axis=1, keepdims=True)
+            return np.broadcast_to(mean, y.shape)
+        across = np.swapaxes(self.steady, 1, 2)
+        normal = np.linalg.pinv(across @ (w[:, :, None] * self.steady))
+        made: Floats = (self.steady @ (normal @ (across @ (w * y)[:, :, None])))[:, :, 0]
+        return made
+
+    def _best(self, kept: Bools, slow: bool | None) -> dict[str, Floats]:
+        y, w = self.value, self.weight * kept
+        root = np.sqrt(w)
+        basis = np.linalg.qr(root[:, :, None] * self.steady)[0]
+        rest = root * y - _along(basis, root * y)
+        rss, count = (rest**2).sum(axis=1), kept.sum(axis=1)
+        if self.n < LEAST_DAYS:
+            dof = count - 1.0
+            s2 = rss / np.maximum(dof, 1e-9) / _WITHIN_FAR
+            s2 = np.where(dof > 0, s2, np.nan)
+            return {"fitted": self._steadily(y, w), "s2": s2, "dof": dof}
+        a, _, is_slow = profiles(self.n)
+        shares = a @ (root[:, :, None] * basis)  # (r, m, q): of the profiles, what is steady
+        den = w @ (a**2).T - (shares**2).sum(axis=2)
+        num = (root * rest) @ a.T
+        is_some = den > 1e-9 * w.sum(axis=1, keepdims=True)
+        g2 = np.where(is_some, num**2 / np.maximum(den, 1e-30), 0.0)
+        if slow is not None:
+            g2 = np.where(is_slow == slow, g2, -1.0)
+        k = np.argmax(g2, axis=1)
+        rows = np.arange(len(k))
+        den, best = den[rows, k], np.maximum(g2[rows, k], 0.0)
+        slope = num[rows, k] / np.maximum(den, 1e-30)
+        steady = self._steadily(y - slope[:, None] * a[k], w)
+        # Two levels, where the change begins and ends, and a season's two numbers.
+        dof = count - 3.0 - self.steady.shape[2]
+        s2 = np.where(dof > 0, (rss - best) / np.maximum(dof, 1e-9) / _WITHIN_FAR, np.nan)
+        apart = a[k] * root - _along(basis, a[k] * root)
+        swing = np.abs((apart * root * self.turn).sum(axis=1)) / np.maximum(den, 1e-30)
+        return {
+            "best": k, "fitted": steady + slope[:, None] * a[k], "s2": s2, "dof": dof,
+            "slope": slope, "level": steady.mean(axis=1), "den": den,
+            "swing": 0.0 * swing if self.has_season else swing,
+        }  # fmt: skip
+
+
+def _along(basis: Floats, x: Floats) -> Floats:
+    """Return the part of x (r, d) that lies along a basis (r, d, q)."""
+    part: Floats = (basis @ (np.swapaxes(basis, 1, 2) @ x[:, :, None]))[:, :, 0]
+    return part
