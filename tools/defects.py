@@ -390,8 +390,7 @@ DEFECTS = (
         "estimation/machine/kept.py",
         "for each in (folder, *folder.parents):\n        try:",
         "for each in (folder,):\n        try:",
-        KEPT + "test_from_a_folder_that_another_can_write_to_nothing_is_loaded_"
-        "and_the_users_stands_for_it",
+        KEPT + "test_nothing_is_loaded_from_a_folder_that_another_can_write_to",
     ),
     Defect(
         "the nose turned left by PX4's V-tail",
