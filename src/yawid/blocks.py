@@ -164,11 +164,12 @@ class RecordBlock(Columns):
     of them, or is -1 where the record does not say.
 
     Common to all rows: what each channel is called there, and by whom its flight modes are named
-    (autopilot and vehicle type).
+    (autopilot and vehicle type), and of which columns the unit was ``assumed``.
     """
 
     called: Mapping[str, str]
     modes_of: tuple[int, int]
+    assumed: tuple[str, ...]
     order: Ints
     received_us: Ints
     t_us: Ints

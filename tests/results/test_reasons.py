@@ -21,8 +21,9 @@ CONTRACT = {
     "manoeuvres_disagree": 5,
 }  # fmt: skip
 WARNINGS = {
-    "rudder_assumed", "channel_stand_in", "disarmed", "els_rml_disagree", "coloured_residuals",
-    "saturated", "airspeed_changed", "airspeed_implausible", "wrong_sign", "closed_loop",
+    "rudder_assumed", "unit_assumed", "channel_stand_in", "disarmed", "els_rml_disagree",
+    "coloured_residuals", "saturated", "airspeed_changed", "airspeed_implausible",
+    "wrong_sign", "closed_loop",
     "rate_changed", "rate_low",
 }  # fmt: skip
 

@@ -191,3 +191,49 @@ def test_options_of_records_and_of_logs_are_not_mixed(
     assert main(["replay", str(flight), "--rudder", "servo:4", *out]) == 2
     assert "--columns rudder=COLUMN" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("header", "assumed"),
+    [("r", "r"), ("r [rad/s]", ""), ("r,roll", "r, roll"), ("r [rad/s],roll", "roll")],
+)
+def test_a_unit_that_nothing_says_is_rad_and_a_warning_that_stays(
+    header: str, assumed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(0.0, 30.0, 0.05)
+    rows = np.column_stack([t, np.sin(3.0 * t), *[0.2 * np.cos(3.0 * t)] * len(header.split(","))])
+    names = f"t,rudder [half-travel],{header}"
+    np.savetxt(tmp_path / "a.csv", rows, "%.4f", ",", header=names, comments="")
+
+    for log in ("a.csv", "a.mcap"):  # the run's own file says it too
+        out = tmp_path if log == "a.csv" else tmp_path / "again"
+        assert main(["replay", str(tmp_path / log), "--out", str(out), "--json"]) in (0, 5)
+        reasons = json.loads(capsys.readouterr().out)["verdict"]["reasons"]
+        texts = [each["text"] for each in reasons if each["id"] == "unit_assumed"]
+        expected = f"nothing says the unit of {assumed}: rad and rad/s are assumed"
+        assert texts == ([expected] if assumed else [])
+
+
+def test_who_names_the_unit_of_a_yaw_rate_that_could_be_either_is_answered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same numbers by both readings: K differs by 180/pi, as arithmetic says."""
+    t = np.arange(0.0, 30.0, 0.05)
+    u = np.sign(np.sin(2.5 * t)) * ((t > 8) & (t < 20))
+    r = np.convolve(u, 0.02 * np.exp(-t) * np.sin(2.4 * t))[: len(t)]
+    r *= 2.0 / np.abs(r).max()
+    table = np.column_stack([t, u, r])
+    np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header="t,rudder,r", comments="")
+    replay = ["replay", str(tmp_path / "a.csv"), "--rudder-unit", "half-travel", "--json"]
+
+    assert main([*replay, "--out", str(tmp_path / "none")]) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert "'r=r[deg/s]'" in said.err
+    gains = []
+    for unit in ("rad/s", "deg/s"):
+        main([*replay, "--out", str(tmp_path / unit[:3]), "--columns", f"r=r[{unit}]"])
+        told = json.loads(capsys.readouterr().out)
+        assert "unit_assumed" not in [each["id"] for each in told["verdict"]["reasons"]]
+        gains.append(told["estimates"]["els"]["theta"]["b1"])
+    assert gains[0] / gains[1] == pytest.approx(180.0 / np.pi, rel=1e-4)

@@ -67,6 +67,8 @@ class Channels:
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
         self.is_record = False
+        self.units_assumed: tuple[str, ...] = ()
+        """Columns of a record of which nothing says the unit."""
         self._modes_of: tuple[int, int] | None = None
 
     @property
@@ -95,6 +97,7 @@ class Channels:
     def feed_record(self, block: RecordBlock) -> list[SampleBlock]:
         """Take rows of a record in; return the samples that they complete, in order."""
         self.is_record, self._modes_of = True, block.modes_of
+        self.units_assumed = block.assumed
         self.command.armed = self.command.moved = True  # a record has no commands to doubt
         self.surfaces = record_surfaces(block, self.config)
         changes = np.flatnonzero(~(block.has_yaw | block.has_surfaces))

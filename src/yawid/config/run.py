@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig, forgetting_factor
 from yawid.errors import ConfigError
 
@@ -326,9 +328,6 @@ def _typed(name: str, value: Any, where: str) -> Any:
 
 
 def _toml(value: Any) -> str:
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f'"{escaped}"'
-    if isinstance(value, tuple):
+    if isinstance(value, tuple):  # tomli_w gives each entry a line of its own
         return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    return repr(value)
+    return tomli_w.dumps({"_": value}).removeprefix("_ = ").removesuffix("\n")

@@ -134,6 +134,11 @@ _TABLE: Final = (
         PARAMETERS, PARAMETERS_ON,
     ),
     ReasonKind(
+        "unit_assumed", 0, "log",
+        "Name the units: in the header, by --units, or by --columns 'r=r[rad/s]'.",
+        "write the units of the columns into the record: r [rad/s]",
+    ),
+    ReasonKind(
         "channel_stand_in", 0, "log", "Record the channel itself: see what stands in for it.",
         _RATES_ANY, _RATES_ON,
     ),

@@ -265,6 +265,9 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
     if channels.yaw.source in COARSE:
         text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
         texts["channel_stand_in"] = [text]
+    if channels.units_assumed:
+        names = ", ".join(channels.units_assumed)
+        texts["unit_assumed"] = [f"nothing says the unit of {names}: rad and rad/s are assumed"]
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
         for id_, text in _surface_texts(name, surface, channels.twins):
             texts.setdefault(id_, []).append(text)

@@ -51,7 +51,7 @@ SAMPLES_PER_PERIOD = 16.0
 NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
 UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
 """Reasons that no other option of a replay can mend."""
-WORTH_SAYING = frozenset({"rudder_assumed", "rate_low"})
+WORTH_SAYING = frozenset({"rudder_assumed", "unit_assumed", "rate_low"})
 """Warnings that the next recording can do away with."""
 LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 """Messages per period of the Dutch roll: fewer than the first are no answer, the second is well."""

@@ -158,7 +158,19 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         "t,rudder_deg,r\n" + BODY,
         RIGHT,
         ConfigError,
-        "column r: it goes up to 30,.*--units deg",
+        r"column r: it goes up to 30, which may be rad/s or deg/s.*--columns 'r=r\[deg/s\]'",
+    ),
+    "a yaw rate of 300 without a unit": (
+        "t,rudder_deg,r\n" + BODY.replace("-30", "-300"),
+        RIGHT,
+        ConfigError,
+        "column r: it goes up to 300, which is too much in rad/s,.*--units deg",
+    ),
+    "a yaw rate of .5, a fast one in rad/s and a slow one in deg/s": (
+        "t,rudder_deg,r\n0,1,.1\n.02,-2,.5\n.04,3,-.3\n.06,4,0\n",
+        RIGHT,
+        ConfigError,
+        r"up to 0.5, which may be rad/s or deg/s.*'r=r\[deg/s\]' or 'r=r\[rad/s\]'",
     ),
     "another name without a unit": (
         "t,rudder_deg,gyro\n" + BODY,

@@ -33,7 +33,7 @@ LIKELY: Final = {
 """How others' names for the columns begin: said in a refusal, never taken for granted."""
 WITHOUT_UNIT: Final = frozenset(TEXTS | {"on_ground", "p", "ay"})
 """Columns of which no unit matters: p may well be a pressure."""
-_WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]")
+_WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)

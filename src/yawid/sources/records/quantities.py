@@ -14,10 +14,13 @@ from yawid.sources.records.times import NO_DATE, dates_ns_of, is_unix
 from yawid.sources.records.units import ANGLES, UNITS, is_column, unit_of
 
 MOST: Final = {
-    **dict.fromkeys(("r", "q", "turn_rate"), 3.0),
-    **{"roll": 3.2, "pitch": 1.6, "yaw": 6.3, "aileron": 2.0},
+    **dict.fromkeys(("q", "turn_rate"), 3.0),
+    **{"r": 30.0, "roll": 3.2, "pitch": 1.6, "yaw": 6.3, "aileron": 2.0},
 }
 """More is none of the table's own unit where nobody says that it is."""
+EITHER: Final = 0.3
+"""A yaw rate that goes up to this and no further is rad/s: in deg/s nobody would have flown. From
+here to its ``MOST`` it could be either."""
 IMPOSSIBLE: Final = {
     **dict.fromkeys(("r", "q", "turn_rate"), 1e3),
     **dict.fromkeys(("roll", "pitch", "yaw", "aileron"), 1e3),
@@ -80,7 +83,18 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
             f"{place_of(table, found)}: it goes up to {most:.4g}, which is too much in {own}, and "
             f"nothing says another unit: say it by {option}"
         )
+    if name == "r" and most >= EITHER:
+        raise ConfigError(
+            f"{place_of(table, found)}: it goes up to {most:.4g}, which may be rad/s or deg/s, and "
+            f"nothing says which: say it by --columns 'r={header.name}[deg/s]' or "
+            f"'r={header.name}[rad/s]'"
+        )
     return possible(name, values)
+
+
+def is_assumed(name: str, found: Found) -> bool:
+    """Tell whether a column is taken for an angle in rad, or its rate, though nothing says so."""
+    return found.unit is None and COLUMNS[name].unit in ANGLES
 
 
 def possible(name: str, values: Floats) -> Floats:

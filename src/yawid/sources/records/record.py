@@ -17,6 +17,7 @@ from yawid.errors import ChannelError, SourceError
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.records.airspeeds import airspeed_of
+from yawid.sources.records.columns import COLUMNS
 from yawid.sources.records.csv_table import CsvTable, looks_like_csv
 from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
 from yawid.sources.records.modes import modes_of
@@ -26,6 +27,7 @@ from yawid.sources.records.quantities import (
     aileron_of,
     held_of,
     in_its_unit,
+    is_assumed,
     place_of,
     possible,
     rudder_of,
@@ -98,6 +100,11 @@ class Record:
                 called={name: each.label for name, each in found.items()}
                 | {"rudder": f"{found['rudder'].header.name} [{settled.rudder_unit}]"},
                 modes_of=whose,
+                assumed=tuple(
+                    found[name].header.name
+                    for name in COLUMNS
+                    if name in have and is_assumed(name, found[name])
+                ),
                 order=np.arange(table.rows),
                 received_us=t_us + (0 if unix_ns is None else offsets_us(t_us, unix_ns)),
                 t_us=t_us,
