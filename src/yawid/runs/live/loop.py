@@ -267,7 +267,7 @@ class _Loop:
             self._watch()
             if self._publish is not None:
                 publish = partial(self._publish.tick, self._sessions.running(), time.monotonic())
-                for line in self._publishing.attempt(publish, []):
+                for line in self._publishing.attempt(publish, list[str]()):
                     self._tell(line)
             stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
@@ -281,14 +281,13 @@ class _Loop:
         line = self._sessions.line(self._dropped()) or "no vehicle yet"
         if self._console.failure is not None:
             self._drawing.give_up(self._console.failure)
-        if self._console.draws and self._drawing.failure is None:
-            self._drawing.attempt(lambda: self._draw(line, begun_s), None)
-            if self._drawing.failure is not None:
-                self._console.close()
-        else:
+        if not self._console.draws or self._drawing.failure is not None:
             self._console.show(line)
+        elif not self._drawing.attempt(lambda: self._draw(line, begun_s), False):
+            self._console.close()
 
-    def _draw(self, line: str, begun_s: float) -> None:
+    def _draw(self, line: str, begun_s: float) -> bool:
+        """Draw the screen; return that it was drawn."""
         now_us, last_us = self._tap.stamps.now(), self._tap.inbox.last_us
         facts = ScreenFacts(
             endpoint=str(self._tap.endpoint),
@@ -299,6 +298,7 @@ class _Loop:
             line=line,
         )
         self._console.draw(facts, time.monotonic() - begun_s)
+        return True
 
     def finish(self) -> list[Ended]:
         """Take what came last, then finish every session; the tap is closed.
@@ -385,7 +385,7 @@ class _Loop:
             self._tell(line)
         if self._rates is not None:
             ask = partial(self._rates.tick, time.monotonic(), self._vehicle())
-            for line in self._asking.attempt(ask, []):
+            for line in self._asking.attempt(ask, list[str]()):
                 self._tell(line)
 
     def _tell(self, text: str) -> None:

@@ -106,9 +106,8 @@ class Inbox:
         sizes = list(map(len, datagrams))
         if max(sizes) > LONGEST:
             fits = [size <= LONGEST for size in sizes]
-            stamps, datagrams, senders, sizes = (
-                list(compress(each, fits)) for each in (stamps, datagrams, senders, sizes)
-            )
+            stamps, sizes = list(compress(stamps, fits)), list(compress(sizes, fits))
+            datagrams, senders = list(compress(datagrams, fits)), list(compress(senders, fits))
             self.too_long += count - len(sizes)
         room, room_bytes = self._size - len(self), self._most_bytes - self._waiting_bytes
         if len(sizes) > room or sum(sizes) > room_bytes:
