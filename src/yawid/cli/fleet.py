@@ -56,7 +56,6 @@ def add_fleet(commands: Any) -> None:
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
-    from yawid.dataset.values import FAILED
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
 
@@ -87,7 +86,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
     tell(f"{run.out.absolute()}: {rows}")
     tell(f"outcomes: {outcomes}")
-    if count := progress.outcomes[FAILED]:
+    if count := progress.failed:
         console.say(
             f"{count} logs failed for a reason that may pass, the same command tries them again; "
             f"{progress.why_failed}"

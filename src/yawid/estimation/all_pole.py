@@ -1,10 +1,13 @@
-"""1/A(q) over a whole record, for every method that needs it."""
+"""1/A(q) over a whole record, for every method that needs it: SciPy's ``lfilter``."""
+
+from functools import cache
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, module_from_spec
+from typing import Any
 
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.machine.object_code import ONE_OVER_A
-from yawid.estimation.machine.runner import RUNNER
 
 
 def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
@@ -13,18 +16,32 @@ def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
     ``a`` (na,) without its leading 1, ``drive`` (n,) or (n, m), ``past`` (na,) or (na, m) the x
     before, newest first. A filter that is not stable overflows to values that are not finite.
     """
-    x = np.array(drive, dtype=np.float64, order="C", ndmin=1)
+    x = np.asarray(drive, dtype=np.float64)
     if not (len(a) and x.size):
-        return x
-    wide, before = (x, past) if x.ndim == 2 else (x[:, None], past[:, None])
-    delays = np.zeros((len(a), wide.shape[1]))
+        return x.copy()
+    delays = np.zeros(past.shape)
     for i in range(len(a)):
         for j in range(i, len(a)):
-            delays[i] -= a[j] * before[j - i]
-    if (loop := RUNNER.loop(ONE_OVER_A)) is not None:
-        loop(np.ascontiguousarray(a), delays, wide)
-        return x
-    from scipy.signal import lfilter  # its import takes as long as a short replay
+            delays[i] -= a[j] * past[j - i]
+    found: Floats = _lfilter()(np.ones(1), np.concatenate([[1.0], a]), x, 0, delays)[0]
+    return found
 
-    found: Floats = lfilter([1.0], [1.0, *a], wide, axis=0, zi=delays)[0]
-    return found.reshape(x.shape)
+
+@cache
+def _lfilter() -> Any:
+    """Return SciPy's filter: its part in C alone.
+
+    The import of all of scipy.signal takes as long as a short replay; it is made
+    only where a version of SciPy keeps the part elsewhere.
+    """
+    scipy = find_spec("scipy")
+    places = (scipy and scipy.submodule_search_locations) or []
+    found = PathFinder.find_spec("_sigtools", [f"{each}/signal" for each in places])
+    if found is not None and found.loader is not None:
+        part = module_from_spec(found)
+        found.loader.exec_module(part)
+        if hasattr(part, "_linear_filter"):
+            return part._linear_filter
+    from scipy.signal import lfilter
+
+    return lfilter

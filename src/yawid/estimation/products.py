@@ -7,7 +7,6 @@ for each other many times longer than one alone would need.
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.machine.object_code import ADD_PRODUCTS
 from yawid.estimation.machine.runner import RUNNER
 
 
@@ -15,7 +14,7 @@ def cross(a: Floats, b: Floats) -> Floats:
     """Return a' b of a (n, m) and b (n, l) or (n,): (m, l) or (m,)."""
     wide = b[:, None] if b.ndim == 1 else b
     found = np.zeros((a.shape[1], wide.shape[1]))
-    if (loop := RUNNER.loop(ADD_PRODUCTS)) is not None:
+    if (loop := RUNNER.add_products()) is not None:
         loop(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
     else:
         # Of a single column einsum would sum every fourth row by itself.

@@ -211,8 +211,8 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
     missing = list(_missing(pipeline, link))
     if missing:
         return Basis(missing)
-    said = channels.command.texts(channels.lock.vehicle, partial(_why_believed, pipeline))
-    found = [Reason(*each) for each in said]
+    why = partial(_why_believed, pipeline)
+    found = [Reason(*each) for each in channels.command.texts(channels.lock.vehicle, why)]
     found += _surface_reasons(channels)
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
@@ -263,8 +263,7 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
     """Return what is said of the channels, all texts of one id in one reason."""
     texts: dict[str, list[str]] = {}
     if channels.yaw.source in COARSE:
-        text = f"the yaw rate is made from {channels.yaw.label}: coarse and slow"
-        texts["channel_stand_in"] = [text]
+        texts["channel_stand_in"] = [f"the yaw rate is made from {channels.yaw.label}: coarse, slow"]
     if channels.units_assumed:
         names = ", ".join(channels.units_assumed)
         texts["unit_assumed"] = [f"nothing says the unit of {names}: rad and rad/s are assumed"]

@@ -3,8 +3,8 @@
 The kernel's functions are copied with other globals: what they call is compiled as well, and the
 state's header and parts are read in place. The result is an object that needs numba no more. Its
 recursion is called as a function of C that Python knows (METH_FASTCALL), for numba's own way from
-Python costs more than a sample; its two loops over a record are called with the addresses of three
-arrays, and run without Python's lock.
+Python costs more than a sample; the loop over a record is called with the addresses of three
+arrays, and runs without Python's lock.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -21,7 +21,7 @@ from numba.np.arrayobj import populate_array
 
 from yawid.estimation.kernel import entry_points, records, state
 from yawid.estimation.kernel.marks import MARKS
-from yawid.estimation.machine.object_code import ADD_PRODUCTS, ONE_OVER_A, RUN, module_of, object_of
+from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, module_of, object_of
 
 _WRAPPER = """
 declare i64 @PyLong_AsLongLong(ptr)
@@ -173,13 +173,13 @@ class _Copies:
 
 
 def compiled() -> bytes:
-    """Return the object code of ``entry_points.run`` as a function of Python's, and of the loops.
+    """Return the object code of ``entry_points.run`` as a function of Python's, and of the loop.
 
     Raises:
         RuntimeError: it would call what is not there without numba.
     """
     run = _Copies(header=_named, parts=_parts()).of(entry_points.run)
-    one_over_a, add_products = map(_Copies().of, (records.one_over_a, records.add_products))
+    add_products = _Copies().of(records.add_products)
     flat, rows = _array_at(1), _array_at(2)
 
     @numba.njit(types.int64(*[types.int64] * 5), **OPTIONS)
@@ -187,17 +187,12 @@ def compiled() -> bytes:
         return run(flat(packed), flat(u), flat(y), rows(out), first)
 
     @numba.njit(types.void(*[types.int64] * 3), **OPTIONS)
-    def one_over_a_at(a, delays, x):
-        one_over_a(flat(a), rows(delays), rows(x))
-
-    @numba.njit(types.void(*[types.int64] * 3), **OPTIONS)
     def add_products_at(a, b, out):
         add_products(rows(a), rows(b), rows(out))
 
-    texts = [*_text(run_at, _WRAPPER, "RUN_AT")]
-    for name, loop_at in ((ONE_OVER_A, one_over_a_at), (ADD_PRODUCTS, add_products_at)):
-        texts += _text(loop_at, _LOOP.replace("NAME", name), "LOOP_AT")
-    module = module_of(*texts, kept=(RUN, ONE_OVER_A, ADD_PRODUCTS))
+    texts = _text(run_at, _WRAPPER, "RUN_AT")
+    texts += _text(add_products_at, _LOOP.replace("NAME", ADD_PRODUCTS), "LOOP_AT")
+    module = module_of(*texts, kept=(RUN, ADD_PRODUCTS))
     missing = {f.name for f in module.functions if f.is_declaration and not _KNOWN.match(f.name)}
     if missing:
         raise RuntimeError(f"the compiled recursion needs {', '.join(sorted(missing))}")

@@ -12,8 +12,8 @@ import llvmlite.binding as llvm
 
 RUN = "yawid_run"
 """What the compiled recursion is called in its object."""
-ONE_OVER_A, ADD_PRODUCTS = "yawid_one_over_a", "yawid_add_products"
-"""The two loops of a fit over a whole record, in the same object."""
+ADD_PRODUCTS = "yawid_add_products"
+"""The loop of a fit over a whole record, in the same object."""
 _LOADING = Lock()
 
 

@@ -21,7 +21,7 @@ from yawid.errors import CompilerError
 from yawid.estimation.kernel import entry_points
 from yawid.estimation.kernel.state import Unpacked
 from yawid.estimation.machine import kept
-from yawid.estimation.machine.object_code import ADD_PRODUCTS, ONE_OVER_A, RUN, loaded
+from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, loaded
 
 PATIENCE_S = 6.0
 """A process that has interpreted for so long compiles: that takes about as long."""
@@ -66,7 +66,7 @@ class Runner:
         self._child: subprocess.Popen[str] | None = None
         self._is_compiled = False
         self._is_hopeless = False
-        self._loops: dict[str, Callable[..., None]] = {}
+        self._add_products: Callable[..., None] | None = None
 
     def run(self, packed: Floats, u: Floats, y: Floats, out: Floats, first: int) -> int:
         """Take samples as ``entry_points.run`` does: u (samples M,), y (samples,), out (rows, n).
@@ -90,12 +90,12 @@ class Runner:
         """Tell whether compiled code is there, from now or from an earlier process."""
         return self._is_compiled or self._found()
 
-    def loop(self, name: str) -> Callable[..., None] | None:
-        """Return a compiled loop of ``kernel.records``, which takes three arrays of float64.
+    def add_products(self) -> Callable[..., None] | None:
+        """Return the compiled ``records.add_products``; None where there is no compiled code.
 
-        All are contiguous; it does not look. None where there is no compiled code.
+        Its three arrays are contiguous float64; it does not look.
         """
-        return self._loops[name] if self.is_compiled() else None
+        return self._add_products if self.is_compiled() else None
 
     def compile(self) -> Path | None:
         """Compile, for this process and those to come; return the folder, None if it is not kept.
@@ -169,10 +169,8 @@ class Runner:
         logging.getLogger(__name__).warning("yawid: %s", why)
 
     def _take(self, code: bytes) -> None:
-        address, *loops = loaded(code, RUN, ONE_OVER_A, ADD_PRODUCTS)
-        three_arrays = ctypes.CFUNCTYPE(None, *[ctypes.py_object] * 3)
-        for name, each in zip((ONE_OVER_A, ADD_PRODUCTS), loops, strict=True):
-            self._loops[name] = three_arrays(each)
+        address, add_products = loaded(code, RUN, ADD_PRODUCTS)
+        self._add_products = ctypes.CFUNCTYPE(None, *[ctypes.py_object] * 3)(add_products)
         method = _Method(RUN.encode(), address, _FASTCALL, None)
         _METHODS.append(method)
         make = ctypes.pythonapi.PyCFunction_NewEx
