@@ -55,7 +55,6 @@ def add_fleet(commands: Any) -> None:
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
-    from yawid.dataset.values import FAILED
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
 
@@ -85,12 +84,14 @@ def _fleet(arguments: argparse.Namespace) -> int:
     rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
     print(f"{run.out.absolute()}: {rows}\noutcomes: {outcomes}", flush=True)
-    if count := progress.outcomes[FAILED]:
+    if progress.failed:
         console.say(
-            f"{count} logs failed for a reason that may pass, the same command tries them again; "
+            f"{progress.failed} logs failed for a reason that may pass, the same command tries them again; "
             f"{progress.why_failed}"
         )
-    return stop.exit_code if stop.is_set else SinkError.exit_code if count else 0
+    if stop.is_set:
+        return stop.exit_code
+    return SinkError.exit_code if progress.failed else 0
 
 
 def _asked(arguments: argparse.Namespace) -> "FleetRun":
