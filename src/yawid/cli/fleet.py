@@ -86,12 +86,14 @@ def _fleet(arguments: argparse.Namespace) -> int:
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
     tell(f"{run.out.absolute()}: {rows}")
     tell(f"outcomes: {outcomes}")
-    if count := progress.failed:
+    if progress.failed:
         console.say(
-            f"{count} logs failed for a reason that may pass, the same command tries them again; "
-            f"{progress.why_failed}"
+            f"{progress.failed} logs failed for a reason that may pass, the same command tries them "
+            f"again; {progress.why_failed}"
         )
-    return stop.exit_code if stop.is_set else SinkError.exit_code if count else 0
+    if stop.is_set:
+        return stop.exit_code
+    return SinkError.exit_code if progress.failed else 0
 
 
 def _asked(arguments: argparse.Namespace) -> "FleetRun":

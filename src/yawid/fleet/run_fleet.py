@@ -73,6 +73,11 @@ class Progress:
     start_s: float = field(default_factory=time.monotonic)
     why_failed: str = ""
 
+    @property
+    def failed(self) -> int:
+        """Logs that failed for a reason that may pass."""
+        return self.outcomes[FAILED]
+
     def add(self, outcome: str, size: int) -> None:
         """Count a log that has ended."""
         self.done, self.done_bytes = self.done + 1, self.done_bytes + size
