@@ -8,27 +8,27 @@ mark, quotes, a decimal comma beside another separator are understood.
 import codecs
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
+from yawid.sources.records.csv_column import MISSING, NUMBER, CsvColumn, NotUnderstoodError
 from yawid.sources.records.units import NOTHING, header_of, is_column, unit_of
 
 COMMENTS: Final = ("#", "%", "//")
 MOST_HEADER_LINES: Final = 200
+PIECE: Final = 8192
+"""Rows that are texts at a time: a cell as text takes eight times its number's memory."""
+BYTES, MOST_LINE = 1 << 20, 1 << 22
 _BOMS: Final = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-NUMBER: Final = re.compile(
-    r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?|nan|[-+]?inf(inity)?", re.I
-)
-MISSING: Final = frozenset({"", "nan", "na", "n/a", "null", "none", "-nan", "#n/a"})
 _EXCEL: Final = re.compile(r"sep=(.)\s*")
 _DATE: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:.*")
 Row = Sequence[str]
@@ -58,84 +58,106 @@ def looks_like_csv(head: bytes) -> bool:
 
 
 class CsvTable:
-    """The columns of a CSV file, texts until they are asked for as numbers.
+    """The columns of a CSV file, read in pieces; ``load`` reads those that are asked for later.
 
     ``names`` and ``units`` are those of its header, '' where there is none; ``facts`` is empty: a
-    CSV says nothing of itself.
+    CSV says nothing of itself. ``rows`` counts its lines until it is loaded, then its rows.
 
     Raises:
         SourceError: its header or one of its lines is not understood.
     """
 
-    def __init__(self, path: Path, data: bytes) -> None:
+    def __init__(self, path: Path) -> None:
         self.path, self.facts = path, dict[str, str]()
-        try:
-            self._read(_decoded(data))
-        except UnicodeError as error:
-            raise SourceError(f"{path}: no text in UTF-8 or UTF-16: {error}") from error
-        except csv.Error as error:
-            raise SourceError(f"{path}: no table of texts: {error}") from error
+        with self._understood():
+            self._encoding, self.rows = _surveyed(path)
+            self._read_header()
+        self._columns: dict[int, CsvColumn] = {}
 
-    def _read(self, text: str) -> None:
-        """Take the file's lines apart."""
-        lines = _lines_of(text)
-        used = [i for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
-        self._separator = _separator([lines[i] for i in used[:MOST_HEADER_LINES]])
-        first = self._read_header(lines, used)
-        self._lines = used[first:]
-        rows = self._split_all([lines[i] for i in self._lines])
-        self._columns = [list(column) for column in zip(*rows, strict=True)]
-        self.rows = len(rows)
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Yield every line and its number from 0."""
+        with self.path.open(encoding=self._encoding) as file:
+            for i, line in enumerate(file):
+                said = _EXCEL.fullmatch(line) if i == 0 else None
+                yield i, f"# the separator is {said.group(1)}" if said else line.rstrip("\n")
 
-    def _read_header(self, lines: list[str], used: list[int]) -> int:
-        """Find names and units; return which of the ``used`` lines is the first with data."""
-        rows = [_split(lines[i], self._separator) for i in used[:MOST_HEADER_LINES]]
+    def _used(self) -> Iterator[tuple[int, str]]:
+        return ((i, line) for i, line in self._lines() if line.strip() and not _is_comment(line))
+
+    def _read_header(self) -> None:
+        """Find names and units, and which of the used lines is the first with data."""
+        used = list(islice(self._used(), MOST_HEADER_LINES))
+        self._separator = _separator([line for _, line in used])
+        rows = [_split(line, self._separator) for _, line in used]
         found = _layout(rows)
         if found is None or found[1] >= len(rows):
             raise SourceError(
                 f"{self.path}: no line with numbers below a line with the names of columns"
             )
-        names, first = found
-        heads = rows[names:first]
+        names, self._first = found
+        heads, line = rows[names : self._first], used[self._first][0]
         if not heads:
             # numpy.savetxt and others write the header as a comment.
-            comments = (line for line in lines[: used[first]] if _is_comment(line))
-            split = (_split(line.lstrip("#%/ "), self._separator) for line in comments)
-            width = len(_trimmed(rows[first]))
+            comments = (text for _, text in islice(self._lines(), line) if _is_comment(text))
+            split = (_split(text.lstrip("#%/ "), self._separator) for text in comments)
+            width = len(_trimmed(rows[self._first]))
             heads = [row for row in split if len(_trimmed(row)) == width][-2:]
         if not 1 <= len(heads) <= 2:
             raise SourceError(
-                f"{self.path}, line {used[first] + 1}: numbers below {len(heads)} lines of a "
+                f"{self.path}, line {line + 1}: numbers below {len(heads)} lines of a "
                 "header: one is needed with the names of the columns (t, rudder, r), and perhaps "
                 "one with their units"
             )
         self.names = [cell.strip() for cell in _trimmed(heads[0])]
         below = [cell.strip() for cell in heads[1]] if len(heads) > 1 else []
         self.units = [*below, *[""] * len(self.names)][: len(self.names)]
-        return first
 
-    def _split_all(self, lines: list[str]) -> list[Row]:
-        """Return the cells of every line with data, as many each as there are names."""
-        width = len(self.names)
-        rows: list[Row] = []
-        for i, cells in enumerate(_reader(lines, self._separator)):
+    def load(self, columns: Iterable[int]) -> None:
+        """Read columns, by their places: their numbers, dates, or texts.
+
+        Raises:
+            SourceError: a line has not as many cells as the header, or a column is neither.
+        """
+        places = sorted(set(columns))
+        self._columns = {place: CsvColumn(self._separator) for place in places}
+        self.rows = 0
+        with self._understood():
+            for rows in self._pieces():
+                for place in places:
+                    try:
+                        self._columns[place].add([row[place] for row in rows])
+                    except NotUnderstoodError as error:
+                        where = self._place(place, error.row)
+                        also = "" if error.other is None else f" in {self.line(error.other)}"
+                        raise SourceError(f"{where}: {str(error).format(also)}") from error
+                self.rows += len(rows)
+
+    def _pieces(self) -> Iterator[list[Row]]:
+        """Yield the cells of every line with data, as many each as there are names."""
+        width, rows = len(self.names), list[Row]()
+        at = [0]
+        for cells in _reader(self._data(at), self._separator):
             row = cells if len(cells) <= width else _trimmed(cells, width)
             if len(row) != width:
                 raise SourceError(
-                    f"{self.path}, read as CSV, line {self._lines[i] + 1}: {len(row)} cells, the "
+                    f"{self.path}, read as CSV, line {at[0] + 1}: {len(row)} cells, the "
                     f"header has {width}: a line was cut short, or the separator "
                     f"{self._separator!r} stands in a number"
                 )
             rows.append(row)
-        return rows
+            if len(rows) == PIECE:
+                yield rows
+                rows = []
+        yield rows
+
+    def _data(self, at: list[int]) -> Iterator[str]:
+        """Yield the lines with data; ``at`` holds the number of the newest."""
+        for at[0], line in islice(self._used(), self._first, None):
+            yield line
 
     def texts(self, column: int) -> list[str] | None:
-        """Return the texts of a column, missing ones empty; None where all are numbers."""
-        kinds = {cell: cell.strip() for cell in set(self._columns[column])}
-        missing = {cell for cell, text in kinds.items() if text.lower() in MISSING}
-        if all(cell in missing or NUMBER.fullmatch(text) for cell, text in kinds.items()):
-            return None
-        return ["" if cell in missing else kinds[cell] for cell in self._columns[column]]
+        """Return the texts of a column, missing ones empty; None where all are numbers or dates."""
+        return self._loaded(column).texts()
 
     def numbers(self, column: int) -> Floats:
         """Return the numbers of a column, NaN where a cell is empty.
@@ -143,53 +165,64 @@ class CsvTable:
         Raises:
             SourceError: a cell is no number; the text says which.
         """
-        cells = self._columns[column]
-        if self._separator != ",":
-            cells = self._with_points(column, cells)
-        try:
-            return np.array([cell or "nan" for cell in cells]).astype(np.float64)
-        except ValueError:
-            pass
-        numbers = np.full(len(cells), np.nan)
-        for i, cell in enumerate(cells):
-            text = cell.strip().lower().replace("d", "e")
-            if text not in MISSING:
-                if NUMBER.fullmatch(cell.strip()) is None or "," in text:
-                    raise self._no_number(column, i)
-                numbers[i] = float(text)
-        return numbers
-
-    def _with_points(self, column: int, cells: list[str]) -> list[str]:
-        """Return cells with a decimal point in place of a comma."""
-        commas = [i for i, cell in enumerate(cells) if "," in cell]
-        if not commas:
-            return cells
-        pointed = next((i for i, cell in enumerate(cells) if "." in cell), None)
-        if pointed is not None:
-            i = min(pointed, commas[0])
-            other = max(pointed, commas[0])
-            raise SourceError(
-                f"{self._place(column, i)}: {cells[i]!r}, and {cells[other]!r} in line "
-                f"{self._lines[other] + 1}: one decimal sign is needed in all of it, and none that "
-                "parts thousands"
-            )
-        return [cell.replace(",", ".") for cell in cells]
+        found = self._loaded(column)
+        if found.wrong is not None:
+            row, cell = found.wrong
+            raise SourceError(f"{self._place(column, row)}: {cell!r} is no number")
+        return found.numbers()
 
     def dates_ns(self, column: int) -> Ints | None:
-        """Return None: a CSV has texts for dates."""
-        return None
+        """Return the Unix time in ns (n,), ``NO_DATE`` where a cell is empty; None if not dates."""
+        return self._loaded(column).dates_ns()
+
+    def _loaded(self, column: int) -> CsvColumn:
+        if column not in self._columns:
+            self.load([*self._columns, column])
+        return self._columns[column]
 
     def line(self, row: int) -> str:
         """Return the line at which a row of the data stands."""
-        return f"line {self._lines[row] + 1}"
-
-    def _no_number(self, column: int, row: int) -> SourceError:
-        cell = self._columns[column][row]
-        return SourceError(f"{self._place(column, row)}: {cell!r} is no number")
+        at, _ = next(islice(self._used(), self._first + row, None))
+        return f"line {at + 1}"
 
     def _place(self, column: int, row: int) -> str:
-        line = self._lines[row] + 1
-        return f"{self.path}, line {line}, column {column + 1} ({self.names[column]})"
+        return f"{self.path}, {self.line(row)}, column {column + 1} ({self.names[column]})"
+
+    @contextmanager
+    def _understood(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise SourceError(f"cannot read {self.path}: {error.strerror}") from error
+        except UnicodeError as error:
+            raise SourceError(f"{self.path}: no text in UTF-8 or UTF-16: {error}") from error
+        except csv.Error as error:
+            raise SourceError(f"{self.path}: no table of texts: {error}") from error
+
+
+def _surveyed(path: Path) -> tuple[str, int]:
+    """Return how a file's text is encoded, and how many lines it has at most.
+
+    Raises:
+        SourceError: a line is longer than any table's.
+    """
+    lines = since = 0
+    with path.open("rb") as file:
+        head = file.read(len(codecs.BOM_UTF8))
+        encoding = next((name for bom, name in _BOMS if head.startswith(bom)), "utf-8")
+        file.seek(0)
+        decoder = codecs.getincrementaldecoder(encoding)()
+        while data := file.read(BYTES):
+            if encoding == "utf-8":
+                try:
+                    decoder.decode(data)
+                except UnicodeDecodeError:
+                    encoding = "cp1252"  # a degree sign, as Excel writes it
+            ends = max(data.count(b"\n"), data.count(b"\r"))
+            lines, since = lines + ends, 0 if ends else since + len(data)
+            if since > MOST_LINE:
+                raise SourceError(f"{path}: a line of more than {MOST_LINE} bytes: this is no CSV")
+    return encoding, lines + 1
 
 
 def _decoded(data: bytes, *, partial: bool = False) -> str:

@@ -1,6 +1,7 @@
 """Which of a file's columns is which of the table's, and in what unit it is, if anybody says so."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
@@ -49,13 +50,19 @@ class Asked:
 
 
 class Table(Protocol):
-    """A file's columns; ``rows`` counts what each of them holds, ``facts`` are the file's own."""
+    """A file's columns; ``facts`` are the file's own.
+
+    ``rows`` counts what each column holds, before ``load`` perhaps too much.
+    """
 
     path: Path
     names: list[str]
     units: list[str]
     facts: dict[str, str]
     rows: int
+
+    def load(self, columns: Iterable[int]) -> None:
+        """Read columns by their places, for what follows."""
 
     def texts(self, column: int) -> list[str] | None:
         """Return a column's texts, those missing empty; None where it holds none."""

@@ -3,6 +3,7 @@
 pyarrow is loaded where such a file is read: it takes a fifth of a second.
 """
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -41,6 +42,9 @@ class ParquetTable:
         self.facts = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace")
                       for k, v in said.items()}  # fmt: skip
         self.rows = int(self._file.metadata.num_rows)
+
+    def load(self, columns: Iterable[int]) -> None:
+        """Do nothing: a column is read when it is asked for."""
 
     def texts(self, column: int) -> list[str] | None:
         """Return the texts of a column, missing ones empty; None where it does not hold texts."""

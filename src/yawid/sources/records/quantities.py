@@ -10,7 +10,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, held_bits
 from yawid.sources.records.find_columns import Asked, Found, Table
 from yawid.sources.records.rows import BACK_US, largest_stroke, usual_interval_us
-from yawid.sources.records.times import NO_DATE, dates_ns_of, is_unix
+from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of, is_unix
 from yawid.sources.records.units import ANGLES, UNITS, is_column, unit_of
 
 MOST: Final = {
@@ -203,10 +203,7 @@ def dates_of(table: Table, found: Found) -> Ints | None:
         return dates_ns_of(texts)
     except ValueError as error:
         line, text = table.line(texts.index(str(error))), repr(str(error))
-        raise SourceError(
-            f"{place_of(table, found)}, {line}: {text} is no time: seconds, Unix time or ISO "
-            "8601 with a date is needed"
-        ) from error
+        raise SourceError(f"{place_of(table, found)}, {line}: {text} {NO_TIME}") from error
 
 
 def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:

@@ -37,6 +37,9 @@ from yawid.sources.records.rows import laid_out
 from yawid.sources.records.times import offsets_us
 
 SHORTEST: Final = 3
+"""Rows; and columns: t, rudder, r."""
+MOST_NUMBERS: Final = 10**8
+"""A day of 20 columns at 57 rows a second; what is made of them stays within 4 GB."""
 MEASURED: Final = frozenset(
     {"r", "q", "roll", "pitch", "yaw", "turn_rate", "airspeed", "ground_speed", "altitude"}
     | {"on_ground", "air_density"}
@@ -61,13 +64,10 @@ class Record:
         try:
             with path.open("rb") as file:
                 is_parquet = file.read(len(MAGIC)) == MAGIC
-            data = b"" if is_parquet else path.read_bytes()
         except OSError as error:
             raise SourceError(f"cannot read {path}: {error.strerror}") from error
-        self._table: Table = ParquetTable(path) if is_parquet else CsvTable(path, data)
+        self._table: Table = ParquetTable(path) if is_parquet else CsvTable(path)
         self._rows: RecordBlock | None = None
-        if self._table.rows < SHORTEST:
-            raise SourceError(f"{path}: {self._table.rows} rows of data are too few for a record")
 
     @property
     def link(self) -> LinkStats:
@@ -86,7 +86,12 @@ class Record:
             SourceError: a cell is not understood.
         """
         table = self._table
+        self._check_size(SHORTEST)
         found = find_columns(table, asked)
+        self._check_size(len(found))
+        table.load(each.place for each in found.values())
+        if table.rows < SHORTEST:
+            raise SourceError(f"{table.path}: {table.rows} rows of data are too few for a record")
         t_us, unix_ns = times_of(table, found)
         own, nothing = _own_facts(table.facts), np.full(table.rows, np.nan)
         rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
@@ -125,6 +130,15 @@ class Record:
             if not has.any():
                 raise ChannelError(f"{place_of(table, found[name])}: it holds no value at all")
         return settled
+
+    def _check_size(self, columns: int) -> None:
+        rows = self._table.rows
+        if rows * columns > MOST_NUMBERS:
+            raise SourceError(
+                f"{self.path}: {rows} rows of {columns} columns are more than the "
+                f"{MOST_NUMBERS:.0e} numbers that are read at a time, {MOST_NUMBERS / 1.25e8:.1f} "
+                "GB of them: cut it into flights"
+            )
 
     def read(self, digest: Digest) -> Iterator[tuple[int, RecordBlock | None]]:
         """Yield (bytes, rows) from the start, continuing ``digest`` by the file's bytes."""

@@ -15,6 +15,8 @@ LATEST_S: Final = 4.2e9
 """... and in 2103."""
 NO_DATE: Final = np.iinfo(np.int64).min
 FIRST_YEAR, LAST_YEAR = 1970, 2199
+NO_TIME: Final = "is no time: seconds, Unix time or ISO 8601 with a date is needed"
+"""What is said of a text that is none."""
 _ISO_UTC: Final = re.compile(
     r"((?:19[789]|20\d|21\d)\d-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)"
     r"(?:[Zz]|\+00:?00| UTC)?",
