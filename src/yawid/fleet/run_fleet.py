@@ -83,11 +83,6 @@ class Progress:
         self.done, self.done_bytes = self.done + 1, self.done_bytes + size
         self.outcomes[outcome] += 1
 
-    @property
-    def failed(self) -> int:
-        """How many logs failed for a reason that may pass."""
-        return self.outcomes[FAILED]
-
     def line(self) -> str:
         """Return it in words, with the rate and the time that remains."""
         if not self.threads:

@@ -144,7 +144,6 @@ def _together(
     """
     speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
     sources = {each.found.airspeed_source for each in alike}
-    kinds = {each.found.airspeed_kind for each in alike}
     scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
     by = speeds if scaled else np.ones(len(alike))
     rolls = np.array([each.dutch_roll for each in told])
@@ -156,7 +155,7 @@ def _together(
     unit = speed if scaled and speed is not None else 1.0
     has_kappa = scaled and untrue is None
     if untrue is not None:
-        speed, sources, kinds = None, set(), set()
+        speed = None
     beyond = np.array([each.beyond for each in told])
     floor = TAU_WN_SHARE * float(np.median(x[agree]))
     wn = pooled(x[agree], std[agree], floor, (beyond[:, 0] / by)[agree])
@@ -177,8 +176,8 @@ def _together(
         method=verdict.method,
         orders=Orders(*orders),
         airspeed_m_s=speed,
-        airspeed_source=sources.pop() if len(sources) == 1 else None,
-        airspeed_kind=kinds.pop() if len(kinds) == 1 else None,
+        airspeed_source=_common(sources) if untrue is None else None,
+        airspeed_kind=_common({m.found.airspeed_kind for m in alike}) if untrue is None else None,
         altitude_m=float(np.median(heights)) if heights else None,
         date=used[0].found.date,
         loop=loop,
@@ -197,6 +196,11 @@ def _together(
         verdict=as_summary(verdict),
     )
     return flight, verdict
+
+
+def _common(values: set[str | None]) -> str | None:
+    """Return the one value there is, None where there are several."""
+    return next(iter(values)) if len(values) == 1 else None
 
 
 def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
