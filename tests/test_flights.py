@@ -207,7 +207,7 @@ def test_skywalker_with_its_turns_removed_has_an_estimate_that_nobody_would_act_
     estimate = summary["estimates"]["els"]
     assert code == 5
     assert 5.0 < estimate["dutch_roll"]["wn_rad_s"] < 7.0
-    assert 0.1 < estimate["dutch_roll"]["wn_std"] < 2.0
+    assert estimate["dutch_roll"]["wn_std"] > 0.1  # a richer structure finds another mode
     assert 5.0 < estimate["fit"]["simulation_held_back_pct"] < 20.0
     assert {"airspeed_changed", "disarmed", "poor_fit"} <= reasons(summary).keys()
     assert "turn_dominated" not in reasons(summary)
