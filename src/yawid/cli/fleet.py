@@ -88,8 +88,8 @@ def _fleet(arguments: argparse.Namespace) -> int:
     tell(f"outcomes: {outcomes}")
     if progress.failed:
         console.say(
-            f"{progress.failed} logs failed for a reason that may pass, the same command tries them "
-            f"again; {progress.why_failed}"
+            f"{progress.failed} logs failed for a reason that may pass, the same command tries "
+            f"them again; {progress.why_failed}"
         )
     if stop.is_set:
         return stop.exit_code
