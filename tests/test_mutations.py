@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from defects import DEFECTS, Defect
+from defect import Defect
+from defects import DEFECTS
 from mutate import Copy, misplaced
 
 

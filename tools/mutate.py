@@ -22,7 +22,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from defects import DEFECTS, Defect
+from defect import Defect
+from defects import DEFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = ("src", "tests", "tools", "replay_logs")

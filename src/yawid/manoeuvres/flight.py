@@ -156,15 +156,10 @@ def _together(
     has_kappa = scaled and untrue is None
     if untrue is not None:
         speed = None
-    beyond = np.array([each.beyond for each in told])
-    floor = TAU_WN_SHARE * float(np.median(x[agree]))
-    wn = pooled(x[agree], std[agree], floor, (beyond[:, 0] / by)[agree])
-    zeta = pooled(rolls[agree, 2], rolls[agree, 3], TAU_ZETA, beyond[agree, 1])
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
     warned = list(_warnings(used))
     moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
-    wn = replace(wn, least=float(moves[0]) * wn.mean)
-    zeta = replace(zeta, least=float(moves[1]))
+    wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in told], by, agree, moves)
     reasons = [*of_the_log, *warned]
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
@@ -196,6 +191,21 @@ def _together(
         verdict=as_summary(verdict),
     )
     return flight, verdict
+
+
+def _averages(
+    told: Sequence[tuple[float, ...]], by: Floats, agree: Bools, moves: Floats
+) -> tuple[Pooled, Pooled]:
+    """Return wn / ``by`` and zeta of the manoeuvres that agree.
+
+    ``told`` has wn, its sigma, zeta, its sigma, and the sigmas of both that noise does not explain,
+    of each. ``moves`` (2,): what is warned of moves wn (relative) and zeta by.
+    """
+    wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = np.array(told)[agree, :6].T
+    wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
+    x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
+    rest = pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
+    return replace(x, least=float(moves[0]) * x.mean), replace(rest, least=float(moves[1]))
 
 
 def _common(values: set[str | None]) -> str | None:

@@ -211,8 +211,8 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
     missing = list(_missing(pipeline, link))
     if missing:
         return Basis(missing)
-    why = partial(_why_believed, pipeline)
-    found = [Reason(*each) for each in channels.command.texts(channels.lock.vehicle, why)]
+    why, vehicle = partial(_why_believed, pipeline), channels.lock.vehicle
+    found = [Reason(*each) for each in channels.command.texts(vehicle, why)]
     found += _surface_reasons(channels)
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
@@ -263,10 +263,12 @@ def _surface_reasons(channels: Channels) -> list[Reason]:
     """Return what is said of the channels, all texts of one id in one reason."""
     texts: dict[str, list[str]] = {}
     if channels.yaw.source in COARSE:
-        texts["channel_stand_in"] = [f"the yaw rate is made from {channels.yaw.label}: coarse, slow"]
+        texts["channel_stand_in"] = [
+            f"the yaw rate is made from {channels.yaw.label}: coarse, slow"
+        ]
     if channels.units_assumed:
-        names = ", ".join(channels.units_assumed)
-        texts["unit_assumed"] = [f"nothing says the unit of {names}: rad and rad/s are assumed"]
+        text = f"nothing says the unit of {', '.join(channels.units_assumed)}: rad and rad/s are"
+        texts["unit_assumed"] = [f"{text} assumed"]
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
         for id_, text in _surface_texts(name, surface, channels.twins):
             texts.setdefault(id_, []).append(text)
