@@ -9,6 +9,7 @@ from yawid.cli.options import add_command
 from yawid.cli.standard_streams import show
 
 CHANGED = 7
+NOTHING_COMPARED = 5
 
 
 def add_trend(commands: Any) -> None:
@@ -59,4 +60,6 @@ def _diff(arguments: argparse.Namespace) -> int:
         print(json.dumps(told.to_json()), flush=True)
     else:
         show(print_diff, told)
-    return CHANGED if told.changed else 0
+    if told.changed:
+        return CHANGED
+    return 0 if told.judged else NOTHING_COMPARED
