@@ -173,7 +173,7 @@ ABOVE = (
         "test_kappa_and_k_over_v_and_all_their_sigmas_are_divided_by_the_airspeed",
     ),
     Defect(
-        "old files of a data set stay where the new ones come",
+        "old files stay where the new ones come",
         "dataset/places.py",
         "    for name in set(_own_files(folder)) - named:\n        (folder / name).unlink",
         "    for name in set():\n        (folder / name).unlink",

@@ -299,7 +299,7 @@ BELOW = (
         "test_what_was_sent_counts_for_ten_seconds_both_ends_of_them_included",
     ),
     Defect(
-        "what is sent to a vehicle goes to who spoke last in its name",
+        "a vehicle's address is the newest",
         "sources/link/inbox.py",
         "if now_us - self._first_us.get(sysid, -SILENT_US) >= SILENT_US:",
         "if now_us >= self._first_us.get(sysid, -SILENT_US):",

@@ -266,7 +266,7 @@ SAYS: Final[dict[str, str]] = {
     "change": "the change found, absent where there is none",
     "may_be_season": "a clear change that a season may be, before two years show it: no alarm",
     "season": "what returns every year; absent where fewer than two years show it",
-    "amplitude": "by how much it swings the number either way",
+    "Yearly.amplitude": "by how much it swings the number either way",
     "peak": "month and day at which the number is highest",
     "from_flight": "the last flight before it, from 1",
     "to_flight": "the first flight after it",

@@ -3,6 +3,7 @@
     python tools/judge_trend.py rates [--draws 2000] [--only nightly]
     python tools/judge_trend.py seeds [--seeds 100] [--first 0]
     python tools/judge_trend.py looks [--histories 30000]
+    python tools/judge_trend.py diff [--draws 4000]
 
 A number scatters by 8 % in zeta, 1.5 % in wn/V, 5 % in K/V (the flight's own total sigma, 3/8 to
 7/8 of it, is given; the rest is tau), and 5 % of the flights are off by 25 to 60 % in all three.
@@ -12,7 +13,8 @@ vehicles, with one to three flights on a day, which share an offset, looked at o
 day. seeds: fleets of 20 aircraft with 60 flights each, one a day; in each fleet with a change zeta
 of one aircraft falls by 20 % over 30 days, from a day drawn among the first 31.
 Every fleet is written and read back as a data set. looks: whether the p of one look is right, by
-histories without a change (changes.looks is from it).
+histories without a change (changes.looks is from it). diff: in how many draws one flight more of a
+vehicle is called changed against its data set of so many flights.
 """
 
 from __future__ import annotations
@@ -27,10 +29,14 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.dataset.files import merge
+from yawid.results.run_summary import Value
 from yawid.trend.best_profile import LEAST_DAYS
 from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
-from yawid.trend.trend import FALSE_ALARMS, trend
+from yawid.trend.diff import one_more
+from yawid.trend.history import MADE, Flights, History
+from yawid.trend.moderated import two_sided
+from yawid.trend.trend import FALSE_ALARMS, Studied, study, trend
 
 VEHICLES: Final = 20
 DAYS: Final = 60
@@ -242,6 +248,43 @@ def print_rates(draws: int, only: str | None) -> None:
             print(f"| {name} | {draws} | {hits} | {100.0 * wrong / draws:.2f} % |", flush=True)
 
 
+def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
+    """Return how often one more flight of a vehicle with so many is called changed."""
+    rng = np.random.default_rng(seed)
+    wrong = 0
+    for _ in range(draws):
+        histories, values = [], {}
+        for name, level in LEVELS.items():
+            value, sigma = draw_history(rng, level, SCATTER[name], flights + 1, 1.0)
+            track = Track(value[:-1], sigma[:-1], START_US + np.arange(flights) * DAY_US)
+            history = History("sysid:1", "airframe", name, 1, 1, track, np.arange(flights))
+            histories.append(history)
+            values[name] = Value(value=float(value[-1]), std=float(sigma[-1]))
+        rows = [dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)]
+        studied = study(Flights(rows, {}, histories))
+        wrong += any(
+            two_sided(_off(each, values[each.history.quantity]), each.fitted.dof) * len(studied)
+            <= FALSE_ALARMS
+            for each in studied
+        )
+    return wrong
+
+
+def _off(each: Studied, value: Value) -> float:
+    expected = one_more(each, value.std or 0.0)
+    apart = (value.value or 0.0) - (expected.value or 0.0)
+    return apart / float(np.hypot(value.std or 0.0, expected.std or 0.0))
+
+
+def print_diff(draws: int) -> None:
+    """Print a row for each count of flights."""
+    print("| `judge_trend.py diff` | draws | called changed |")
+    print("|---|---|---|")
+    for flights in (3, 5, 8, 12, 30):
+        wrong = judge_diff(flights, draws)
+        print(f"| {flights} flights | {draws} | {100.0 * wrong / draws:.2f} % |", flush=True)
+
+
 def print_looks(histories: int) -> None:
     """Print by what factor a history without a change has a p more often than p says, once."""
     for vehicles in (VEHICLES, 3):
@@ -275,10 +318,13 @@ def main() -> None:
     seeds.add_argument("--first", type=int, default=0)
     drawn = commands.add_parser("looks")
     drawn.add_argument("--histories", type=int, default=30_000)
+    differ = commands.add_parser("diff")
+    differ.add_argument("--draws", type=int, default=4000)
     arguments = parser.parse_args()
     run: dict[str, Callable[[], None]] = {
         "rates": lambda: print_rates(arguments.draws, arguments.only),
         "seeds": lambda: print_seeds(arguments.first, arguments.seeds),
+        "diff": lambda: print_diff(arguments.draws),
         "looks": lambda: print_looks(arguments.histories),
     }
     run[arguments.what]()

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import scipy.stats
 from finished_runs import replayed
 from forged_runs import forge
 from hand_flights import four_of_a_flight
-from judge_trend import START_US, flight, write_fleet
+from judge_trend import START_US, flight, judge_diff, write_fleet
 from places import C172P
 from printed import printed
 
@@ -96,12 +98,15 @@ def test_wn_goes_with_the_airspeed_and_another_loop_is_not_judged(
     _, said = told(capsys, made("a.mcap"), made("b.mcap"))
     assert numbers(said)["wn_rad_s"]["not_judged"] == "goes with the airspeed: see ωn/V"
 
-    code, said = told(capsys, made("c.mcap"), made("d.mcap", zeta=0.5, loop="with_roll_loop"))
+    c, d = made("c.mcap"), made("d.mcap", zeta=0.5, loop="with_roll_loop")
+    code, said = told(capsys, c, d)
     assert {each["not_judged"] for each in said["numbers"]} == {"another loop"}
+    assert main(["diff", str(c), str(d)]) == 5
+    assert "nothing could be compared" in capsys.readouterr().out
     assert said["facts"][0] == {
         "what": "loop", "a": "airframe", "b": "with_roll_loop", "changed": False,
     }  # fmt: skip
-    assert code == 0
+    assert code == 5
 
 
 def test_channels_and_verdict_are_changes_and_the_configuration_is_told(
@@ -168,3 +173,89 @@ def test_two_data_sets_are_compared_vehicle_by_vehicle(
     assert said["notes"] == ["only in A: sysid:1 (airframe)"]
     assert main(["diff", str(before), str(before)]) == 0
     assert main(["diff", str(before), str(tmp_path)]) == 6
+
+
+@pytest.mark.parametrize("unlike", [{"airspeed_m_s": None}, {"airspeed_source": "ground speed"},
+                                    {"airspeed_m_s": 31.0}])  # fmt: skip
+def test_wn_without_kappa_is_judged_at_one_known_airspeed_alone(
+    made: Made, capsys: pytest.CaptureFixture[str], unlike: dict[str, Any]
+) -> None:
+    bare = {"kappa_rad_m": None, "K_per_V": None, "airspeed_m_s": 30.0,
+            "airspeed_source": "airspeed"}  # fmt: skip
+    a = made("a.mcap", **bare)
+    _, said = told(capsys, a, made("b.mcap", kappa=0.15, **bare))
+    assert numbers(said)["wn_rad_s"]["changed"]
+
+    code, said = told(capsys, a, made("c.mcap", kappa=0.15, **(bare | unlike)))
+    assert "airspeed" in numbers(said)["wn_rad_s"]["not_judged"]
+    assert code == 0, "zeta is judged, and agrees"
+
+
+def test_a_run_that_is_not_usable_is_not_judged_and_its_verdict_is_said(
+    made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verdict = {"usable": False, "method": "rml", "reasons": [
+        {"id": "not_excited", "weight": "fatal", "text": "the rudder is at rest"}]}  # fmt: skip
+    bad = made("a.mcap", zeta=0.05, verdict=verdict)
+
+    code, said = told(capsys, fleet(tmp_path / "fleet"), bad)
+
+    assert code == 5
+    assert {each["not_judged"] for each in said["numbers"]} == {"B is not usable: not_excited"}
+    assert not any(each["changed"] for each in said["numbers"])
+
+
+@pytest.mark.parametrize(
+    ("days", "loop", "words"),
+    [
+        (2, "airframe", "has 2 flights of sysid:1 on 2 days, and 1 vehicles: to compare a run, 3"),
+        (3, "unknown", "has flights of the loop unknown;"),
+        (0, "airframe", "has no usable flight with a date"),
+    ],
+)
+def test_where_nothing_can_be_compared_it_says_why_and_exits_5(
+    made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str], days: int, loop: str, words: str
+) -> None:
+    rows = [flight(1, i, START_US + i * DAY_US, loop=loop, zeta=0.15, zeta_std=0.01)
+            for i in range(days)]  # fmt: skip
+    write_fleet(tmp_path, rows)
+
+    code, said = told(capsys, made("a.mcap"), tmp_path)
+
+    assert (code, said["judged"], said["changed"]) == (5, 0, False)
+    assert words in " ".join(said["notes"])
+
+
+def test_a_run_next_to_its_data_set_is_judged_by_students_t_with_the_scatter_between_flights(
+    made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    zeta = np.array([0.150, 0.162, 0.141, 0.155])
+    rows = [flight(1, i, START_US + i * DAY_US, zeta=z, zeta_std=0.001) for i, z in enumerate(zeta)]
+    write_fleet(tmp_path / "four", rows)
+
+    _, said = told(capsys, tmp_path / "four", made("a.mcap", zeta=0.100))
+
+    # Alike in all, with sigmas far below the scatter: the t of one more of a normal sample.
+    number = numbers(said)["zeta"]
+    t = (0.100 - zeta.mean()) / (zeta.std(ddof=1) * (1.0 + 1.0 / 4.0) ** 0.5)
+    assert number["sigmas"] == pytest.approx(t, rel=0.12)
+    assert number["p"] == pytest.approx(2.0 * scipy.stats.t.sf(abs(number["sigmas"]), 3), rel=1e-6)
+
+
+def test_p_is_of_all_numbers_judged(made: Made, capsys: pytest.CaptureFixture[str]) -> None:
+    _, said = told(capsys, made("a.mcap"), made("b.mcap", zeta=0.165))
+
+    zeta = numbers(said)["zeta"]
+    assert said["judged"] >= 2
+    one = 2.0 * scipy.stats.norm.sf(abs(zeta["sigmas"]))
+    assert zeta["p"] == pytest.approx(said["judged"] * one, rel=1e-4)
+
+
+def test_one_more_of_few_flights_is_seldom_called_changed() -> None:
+    assert judge_diff(5, 60) <= 2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("flights", [3, 5, 8, 12, 30])
+def test_of_four_thousand_one_in_fifty_at_most_is_called_changed(flights: int) -> None:
+    assert judge_diff(flights, 4000) <= 80

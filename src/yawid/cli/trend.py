@@ -8,6 +8,7 @@ from yawid.cli.options import add_command
 from yawid.sinks.door import tell_json, tell_page
 
 CHANGED = 7
+NOTHING_COMPARED = 5
 
 
 def add_trend(commands: Any) -> None:
@@ -58,4 +59,6 @@ def _diff(arguments: argparse.Namespace) -> int:
         tell_json(told.to_json())
     else:
         tell_page(print_diff, told)
-    return CHANGED if told.changed else 0
+    if told.changed:
+        return CHANGED
+    return 0 if told.judged else NOTHING_COMPARED

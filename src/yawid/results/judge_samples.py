@@ -12,7 +12,8 @@ import numpy as np
 from yawid.blocks import Floats, shifted
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
-from yawid.estimation.bank import History
+from yawid.config.run import RunConfig
+from yawid.estimation.bank import Bank, History
 from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Excitation
 from yawid.results.reasons import Reason
 
@@ -203,6 +204,13 @@ def reaction_shares(history: History) -> list[float]:
     before = np.concatenate([[np.nan], history.roll[:-1]])
     causes = np.column_stack([history.y, history.roll, before])
     return [_explained(u, causes) for u in history.u.T]
+
+
+def why_believed(config: RunConfig, bank: Bank | None) -> str:
+    """Say why the rudder moves the aircraft though its autopilot is not in command, if it does."""
+    if config.binds("rudder"):
+        return f"--rudder {config.rudder} says that this channel moves the rudder"
+    return "" if bank is None else why_rudder_moves_yaw(bank.history(), bank.sample_time_s)
 
 
 def why_rudder_moves_yaw(history: History, sample_time_s: float) -> str:

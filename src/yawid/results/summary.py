@@ -30,7 +30,7 @@ from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
-from yawid.results.judge_samples import changed_rates, why_rudder_moves_yaw
+from yawid.results.judge_samples import changed_rates, why_believed
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import (
     BootSpan,
@@ -211,7 +211,7 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
     missing = list(_missing(pipeline, link))
     if missing:
         return Basis(missing)
-    why, vehicle = partial(_why_believed, pipeline), channels.lock.vehicle
+    why, vehicle = partial(why_believed, pipeline.config, bank), channels.lock.vehicle
     found = [Reason(*each) for each in channels.command.texts(vehicle, why)]
     found += _surface_reasons(channels)
     if bank is None or channels.intervals_us is None:
@@ -223,14 +223,6 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
     yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
     found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
     return Basis(found, (yaw_hz, rudder_hz))
-
-
-def _why_believed(pipeline: Finished) -> str:
-    """Say why the rudder moves the aircraft though its autopilot is not in command, if it does."""
-    if pipeline.config.binds("rudder"):
-        return f"--rudder {pipeline.config.rudder} says that this channel moves the rudder"
-    bank = pipeline.bank
-    return "" if bank is None else why_rudder_moves_yaw(bank.history(), bank.sample_time_s)
 
 
 def _missing(pipeline: Finished, link: LinkStats) -> Iterator[Reason]:

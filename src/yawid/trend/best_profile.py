@@ -112,14 +112,11 @@ class _Stack:
         found["g2"] = np.maximum(0.0, self._loss(steady) - self._loss(found["fitted"]))
         if "best" not in found:
             return [self._without(found, i) for i in range(len(self.value))]
+        names = ("s2", "dof", "g2", "slope", "level", "den", "swing")
         return [
-            Fit(
-                int(found["best"][i]), found["fitted"][i],
-                *(float(found[name][i]) for name in ("s2", "dof", "g2", "slope", "level")),
-                float(found["den"][i]), float(found["swing"][i]),
-            )
-            for i in range(len(self.value))
-        ]  # fmt: skip
+            Fit(int(k), found["fitted"][i], **{name: float(found[name][i]) for name in names})
+            for i, k in enumerate(found["best"])
+        ]
 
     def _without(self, found: dict[str, Floats], i: int) -> Fit:
         s2, dof = float(found["s2"][i]), float(found["dof"][i])
@@ -128,7 +125,8 @@ class _Stack:
     def _near(self, fitted: Floats) -> Bools:
         """Return the days (r, d) that have weight: all, where half of them were far off."""
         near: Bools = np.abs(self.value - fitted) * np.sqrt(self.weight) <= self.far
-        return near | (2 * near.sum(axis=1, keepdims=True) <= self.n)
+        near |= 2 * near.sum(axis=1, keepdims=True) <= self.n
+        return near
 
     def _loss(self, fitted: Floats) -> Floats:
         """Return the sum (r,) of squares in sigmas, of a day at most what one far off has."""

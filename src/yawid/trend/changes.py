@@ -1,4 +1,4 @@
-"""Changes in a vehicle's numbers over the days it flew: steps and slopes, found among many vehicles.
+"""Changes in a vehicle's numbers over the days it flew, found among many vehicles.
 
 Pure statistics, on arrays. What a vehicle says on one day is one number (trend/days.py). It
 scatters by its own sigma and by tau, what days of one vehicle differ by beyond it. A change is a
@@ -21,6 +21,7 @@ season of SEASON has made as much of it as it can.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -79,7 +80,8 @@ class Fitted:
     """What a history says: its best change (None: too few days) and how it scatters.
 
     days, and of each (d,) the std of its number, tau in it; std (n,): of a flight, sigma and what
-    flights scatter by beyond it, this vehicle's; tau: that scatter; dof of std.
+    flights scatter by beyond it, this vehicle's; tau: that scatter; s2: by how much the variances
+    exceed that of sigma and tau; its dof.
     """
 
     change: Change | None
@@ -87,6 +89,7 @@ class Fitted:
     day_std: Floats
     std: Floats
     tau: float
+    s2: float
     dof: float
 
 
@@ -138,7 +141,7 @@ def _fits(parts: Sequence["_Fleet"], *, slow: bool | None = None) -> list[list[F
         slow=slow,
     )
     ends = np.cumsum([0, *counts])
-    return [found[i:j] for i, j in zip(ends[:-1], ends[1:], strict=True)]
+    return [found[i:j] for i, j in pairwise(ends)]
 
 
 class _Fleet:
@@ -177,17 +180,24 @@ class _Fleet:
 
     def _judged(self, i: int, pair: Sequence[Fit], s2: float, dof: float) -> Fitted:
         unit, days = self.units[i], self.days[i]
-        # Sigmas have parts in common: flights may agree better, but no level is known better so.
-        scale = unit * np.sqrt(max(s2, 1.0))
-        day_std = scale * np.sqrt(variance(days.sigma, self.tau2))
+        day_std = unit * np.sqrt(scatter(days.sigma, self.tau2, s2))
         tau2 = self.within2 + self.tau2
-        std = scale * np.sqrt(variance(self.tracks[i].sigma, tau2))
-        s2 = max(s2, _LEAST_S2)
-        known = [_change(len(day_std), unit, fit, s2, dof) for fit in pair]
+        std = unit * np.sqrt(scatter(self.tracks[i].sigma, tau2, s2))
+        change_s2 = max(s2, _LEAST_S2)
+        known = [_change(len(day_std), unit, fit, change_s2, dof) for fit in pair]
         changes = [change for change in known if change is not None]
         change = min(changes, key=lambda each: (each.p, -abs(each.t))) if changes else None
         in_units = replace(days, value=unit * days.value, sigma=unit * days.sigma)
-        return Fitted(change, in_units, day_std, std, unit * float(np.sqrt(tau2)), dof)
+        return Fitted(change, in_units, day_std, std, unit * float(np.sqrt(tau2)), s2, dof)
+
+
+def scatter(sigma: Floats, tau2: float, s2: float) -> Floats:
+    """Return the variance of numbers of a sigma, tau and s2.
+
+    Sigmas have parts in common: flights may agree better, but none is known better than that.
+    """
+    found: Floats = np.maximum(s2 * variance(sigma, tau2), sigma**2)
+    return found
 
 
 def _unit(track: Track) -> float:

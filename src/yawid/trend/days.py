@@ -138,7 +138,7 @@ def by_day(track: Track, within2: float) -> Days:
     total = np.bincount(day, w)
     value = np.bincount(day, w * track.value) / total
     year = np.bincount(day, track.dates / YEAR_US) / np.bincount(day)
-    return Days(value, total**-0.5, day, year)
+    return Days(value, 1.0 / np.sqrt(total), day, year)
 
 
 def _near(track: Track) -> Bools:

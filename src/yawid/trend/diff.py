@@ -1,9 +1,10 @@
 """``yawid diff``: two finished runs, two data sets, or a run against its fleet.
 
 A number has changed where its difference is beyond what the total sigmas of both sides explain, at
-FALSE_ALARMS over all the numbers judged. A data set's side is where each vehicle stands at its end.
-A run beside a data set is one flight more: tau, by which flights scatter, is added to its sigma,
-and the run's own log is left out of the data set.
+FALSE_ALARMS over all the numbers judged. A data set's side is where each vehicle stands at its end;
+how it scatters is known by its days flown, so the difference is judged by Student's t with the
+degrees of freedom that the days and the fleet give (trend/moderated.py). A run next to a data set
+is one flight more: it scatters by tau too, and its own log is left out of the data set.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,18 +13,21 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.special import ndtr
 
 from yawid.dataset.summary_rows import flight_row
 from yawid.dataset.values import serial_of
 from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2
 from yawid.trend.history import NO_LOOP, QUANTITIES, read_flights
+from yawid.trend.moderated import two_sided
 from yawid.trend.trend import FALSE_ALARMS, Studied, study
 
 LEAST_OWN: Final = 3
-"""Flights of a vehicle, below which a run of it is compared with all vehicles."""
+"""Days flown by a vehicle, below which a run of it is compared with all vehicles."""
+ALL: Final = 1e9
+"""Degrees of freedom of a sigma that is taken as it is."""
 SAME_SPEED: Final = 0.02
 _RUN_QUANTITIES: Final = {"wn_rad_s": "wn_std"} | {q: std for q, (std, *_) in QUANTITIES.items()}
 
@@ -67,10 +71,11 @@ class Diff(Part, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class _Side:
-    """Numbers by (vehicle, loop, quantity); of a run its row and file too."""
+    """Numbers by (vehicle, loop, quantity) and the dof of their sigmas; a run's row and file."""
 
     path: Path
     numbers: dict[tuple[str, str, str], Value] = field(default_factory=dict)
+    dof: dict[tuple[str, str, str], float] = field(default_factory=dict)
     row: Mapping[str, Any] | None = None
     run: McapRun | None = None
     sha256: str | None = None
@@ -89,7 +94,9 @@ def diff(a: Path, b: Path) -> Diff:
     for run, fleet in ((one, other), (other, one)):
         if fleet.run is None:
             studied = study(read_flights(fleet.path, run.sha256))
-            fleet.numbers = _as_they_stand(studied)
+            for each in studied:
+                key = (each.history.vehicle, each.history.loop, each.history.quantity)
+                fleet.numbers[key], fleet.dof[key] = each.told.now, each.fitted.dof
             if run.run is not None:
                 _pick(run, fleet, studied, notes)
     for side, beside, name in ((one, other, "A"), (other, one, "B")):
@@ -112,19 +119,13 @@ def _side(path: Path) -> _Side:
         for quantity, std in _RUN_QUANTITIES.items()
         if row.get(quantity) is not None and row.get(std) is not None
     }
-    return _Side(path, numbers, row, run, run.summary.own_source.sha256)
+    sha256 = run.summary.own_source.sha256
+    return _Side(path, numbers, row=row, run=run, sha256=sha256)
 
 
 def _vehicle(run: McapRun) -> str:
     seen = run.summary.vehicle
     return "unknown" if seen is None else f"sysid:{seen.sysid}"
-
-
-def _as_they_stand(studied: list[Studied]) -> dict[tuple[str, str, str], Value]:
-    return {
-        (each.history.vehicle, each.history.loop, each.history.quantity): each.told.now
-        for each in studied
-    }
 
 
 def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) -> None:
@@ -135,33 +136,65 @@ def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) ->
     (old, loop) = next((key[:2] for key in run.numbers), (_vehicle_of(run), NO_LOOP))
     own = [each for each in studied if each.history.loop == loop]
     vehicle = _own_vehicle(run, own)
-    fleet.numbers = {}
-    for quantity in QUANTITIES:
-        alike = [each for each in own if each.history.quantity == quantity]
-        mine = [each for each in alike if each.history.vehicle == vehicle]
-        if mine and mine[0].told.flights >= LEAST_OWN:
-            value, std = mine[0].level.value, mine[0].level.std
-            tau = mine[0].told.between_std
-            tau = mine[0].fitted.tau if tau is None else tau
-        elif len(alike) >= LEAST_OWN:
-            values = np.array([each.level.value for each in alike])
-            value, std = float(np.median(values)), 0.0
-            stds = np.array([each.level.std for each in alike])
-            # 1.57: a median scatters by that much more than a mean.
-            spread = solve_tau2((values - value) ** 2, stds**2) * (1.0 + 1.57 / len(values))
-            tau = float(np.sqrt(spread + np.median([each.fitted.tau for each in alike]) ** 2))
-            notes.append(f"{quantity}: compared with all {len(alike)} vehicles")
-        else:
-            continue
-        key = (vehicle or old, loop, quantity)
-        fleet.numbers[key] = Value(value=value, std=float(np.hypot(std, tau)))
     run.numbers = {
         (vehicle or old, loop, key[2]): value
         for key, value in run.numbers.items()
         if key[2] in QUANTITIES
     }
+    fleet.numbers, fleet.dof = {}, {}
+    for key, value in run.numbers.items():
+        alike = [each for each in own if each.history.quantity == key[2]]
+        mine = [each for each in alike if each.history.vehicle == vehicle]
+        sigma = value.std or 0.0
+        if mine and mine[0].told.days >= LEAST_OWN:
+            fleet.numbers[key], fleet.dof[key] = one_more(mine[0], sigma), mine[0].fitted.dof
+        elif len(alike) >= LEAST_OWN:
+            fleet.numbers[key], fleet.dof[key] = _among(alike, sigma), len(alike) - 1.0
+            notes.append(f"{key[2]}: compared with all {len(alike)} vehicles")
     if not fleet.numbers:
-        notes.append(f"{fleet.path} has no flights ({loop}) to compare {run.path} with")
+        notes.append(_nothing(run, fleet, studied, own, loop, vehicle))
+
+
+def one_more(each: Studied, sigma: float) -> Value:
+    """Return what a vehicle's next flight will say, its own sigma aside."""
+    fitted, level = each.fitted, each.level
+    # The scatter found is of sigma and tau together.
+    whole = float(scatter(np.array(sigma), fitted.tau**2, fitted.s2))
+    return Value(value=level.value, std=float(np.sqrt(level.std**2 + whole - sigma**2)))
+
+
+def _among(alike: list[Studied], sigma: float) -> Value:
+    """Return what a flight of one more vehicle will say, its own sigma aside."""
+    values = np.array([each.level.value for each in alike])
+    value, count = float(np.median(values)), len(values)
+    stds = np.array([each.level.std for each in alike])
+    # 1.57: a median scatters by that much more than a mean.
+    apart = solve_tau2((values - value) ** 2 * count / (count - 1), stds**2) * (1.0 + 1.57 / count)
+    beyond = np.median([one_more(each, sigma).std or 0.0 for each in alike])
+    return Value(value=value, std=float(np.hypot(np.sqrt(apart), beyond)))
+
+
+def _nothing(
+    run: _Side, fleet: _Side, studied: list[Studied], own: list[Studied], loop: str,
+    vehicle: str | None,
+) -> str:  # fmt: skip
+    """Say why a data set has nothing to compare a run with."""
+    if not studied:
+        return f"{fleet.path} has no usable flight with a date, a number and its sigma"
+    if not run.numbers:
+        return f"{run.path} has none of {', '.join(QUANTITIES)} with its sigma"
+    if not own:
+        loops = ", ".join(sorted({each.history.loop for each in studied}))
+        return f"{fleet.path} has flights of the loop {loops}; {run.path} is of {loop}"
+    mine = [each.told for each in own if each.history.vehicle == vehicle]
+    has = "no flight of this vehicle" if not mine else (
+        f"{mine[0].flights} flights of {vehicle} on {mine[0].days} days"
+    )  # fmt: skip
+    vehicles = len({each.history.vehicle for each in own})
+    return (
+        f"{fleet.path} has {has}, and {vehicles} vehicles: to compare a run, {LEAST_OWN} days of "
+        f"its own vehicle are needed, or {LEAST_OWN} vehicles"
+    )
 
 
 def _vehicle_of(run: _Side) -> str:
@@ -187,13 +220,16 @@ def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
         (a_numbers, b_numbers) = (_by_quantity(side.numbers) for side in (a, b))
     else:
         a_numbers, b_numbers = a.numbers, b.numbers
-    pairs = [(key, a_numbers[key], b_numbers[key]) for key in a_numbers if key in b_numbers]
-    why = [_not_judged(a, b, key[2], {k[2] for k in a_numbers if k in b_numbers}) for key, *_ in
-           pairs]  # fmt: skip
+    both = {key for key in a_numbers if key in b_numbers}
+    pairs = [(key, a_numbers[key], b_numbers[key]) for key in a_numbers if key in both]
+    why = [_not_judged(a, b, key[2], {each[2] for each in both}) for key, *_ in pairs]
+    dofs = [min(side.dof.get(key, ALL) for side in (a, b)) for key, *_ in pairs]
+    why = [reason or (None if dof > 0 else "too few days flown")
+           for reason, dof in zip(why, dofs, strict=True)]  # fmt: skip
     judged = sum(each is None for each in why)
-    numbers = [_difference(*pair, reason, judged) for pair, reason in zip(pairs, why, strict=True)]
+    numbers = [_difference(*each, judged) for each in zip(pairs, why, dofs, strict=True)]
     if not numbers:
-        notes.append("no number of A has one of B beside it")
+        notes.append("no number is in both A and B")
     return Diff(
         a=str(a.path.absolute()),
         b=str(b.path.absolute()),
@@ -213,7 +249,10 @@ def _by_quantity(
 
 
 def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None:
-    """Say why a difference of two runs says nothing of the vehicle, None where it does."""
+    """Say why a difference says nothing of the vehicle, None where it does."""
+    for side, name in ((a, "A"), (b, "B")):
+        if side.row is not None and not side.row["usable"]:
+            return f"{name} is not usable: {', '.join(side.row['reasons'])}"
     if a.row is None or b.row is None:
         return None
     if a.row.get("loop") != b.row.get("loop"):
@@ -221,23 +260,29 @@ def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None
     if quantity == "wn_rad_s":
         if "kappa_rad_m" in both:
             return "goes with the airspeed: see ωn/V"
-        speeds = a.row.get("airspeed_m_s"), b.row.get("airspeed_m_s")
-        known = [speed for speed in speeds if speed is not None]
-        if len(known) == 2 and abs(known[1] / known[0] - 1.0) > SAME_SPEED:
+        one, other = _airspeed(a.row), _airspeed(b.row)
+        if one is None or other is None:
+            return "goes with the airspeed, which is unknown"
+        if abs(other / one - 1.0) > SAME_SPEED:
             return "another airspeed"
     return None
 
 
+def _airspeed(row: Mapping[str, Any]) -> float | None:
+    """Return the airspeed of a run; a ground speed is none."""
+    return row.get("airspeed_m_s") if row.get("airspeed_source") == "airspeed" else None
+
+
 def _difference(
-    key: tuple[str, str, str], a: Value, b: Value, not_judged: str | None, judged: int
+    pair: tuple[tuple[str, str, str], Value, Value], not_judged: str | None, dof: float, judged: int
 ) -> Difference:
-    vehicle, loop, quantity = key
+    (vehicle, loop, quantity), a, b = pair
     assert a.value is not None
     assert b.value is not None
     difference = b.value - a.value
     std = float(np.hypot(a.std or 0.0, b.std or 0.0))
     z = difference / std if std > 0.0 else None
-    p = None if z is None or not_judged else min(1.0, judged * 2.0 * float(ndtr(-abs(z))))
+    p = None if z is None or not_judged else min(1.0, judged * two_sided(z, dof))
     return Difference(
         vehicle=vehicle, loop=loop, quantity=quantity, a=a, b=b, difference=difference, sigmas=z,
         p=p, changed=p is not None and p <= FALSE_ALARMS, not_judged=not_judged,

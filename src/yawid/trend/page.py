@@ -77,14 +77,14 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         if len(by_vehicle) > 1:
             yield pictures("The vehicles beside each other", list(_beside(studied)))
     heading = (
-        "vehicle", "", "flights", "now", "a year", "season", "a flight", "between flights", "beside others",
-        "what came of it",
+        "vehicle", "", "flights", "now", "a year", "season", "a flight",
+        "between flights", "next to others", "result",
     )  # fmt: skip
     yield sheet("Every history", heading, [(_row(each), not each.tested) for each in told.followed])
     yield note(
         "",
         "± is one sigma. Now: the level after the last change. A year, a flight: slope of a "
-        "straight line. Between flights: their scatter beyond their own sigmas. Beside others: "
+        "straight line. Between flights: their scatter beyond their own sigmas. Next to others: "
         f"sigmas off the median of the vehicles of its type. {rate_line(told)}.",
     )
     yield note("What this cannot do", " ".join(LIMITS))

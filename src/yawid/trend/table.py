@@ -88,11 +88,17 @@ def print_diff(told: Diff, stream: TextIO) -> None:
     """Print what changed between two sides: numbers, verdict, channels, configuration."""
     console = page_console(stream)
     console.print(Text(f"A {told.a}\nB {told.b}", "bold"), soft_wrap=True)
-    word = Text("CHANGED", "bold red") if told.changed else Text("no change", "bold green")
+    if told.changed:
+        word = Text("CHANGED", "bold red")
+    elif told.judged:
+        word = Text("no change", "bold green")
+    else:
+        word = Text("nothing could be compared", "bold yellow")
     console.print(Text("verdict  ") + word)
     table = _table("A", "B", "B - A", "sigmas")
     for each in told.numbers:
-        came = "CHANGED" if each.changed else each.not_judged or "agrees"
+        came = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
+        came = "CHANGED" if each.changed else came
         table.add_row(
             each.vehicle, name_of(each.quantity), spread(each.a), spread(each.b),
             f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",
@@ -120,7 +126,7 @@ def _table(*numbers: str) -> Table:
     table.add_column("", no_wrap=True)
     for name in numbers:
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("came of it", overflow="fold")
+    table.add_column("result", overflow="fold")
     return table
 
 
