@@ -190,7 +190,7 @@ def compiled() -> bytes:
     def add_products_at(a, b, out):
         add_products(rows(a), rows(b), rows(out))
 
-    texts = _text(run_at, _WRAPPER, "RUN_AT")
+    texts = [*_text(run_at, _WRAPPER, "RUN_AT")]
     texts += _text(add_products_at, _LOOP.replace("NAME", ADD_PRODUCTS), "LOOP_AT")
     module = module_of(*texts, kept=(RUN, ADD_PRODUCTS))
     missing = {f.name for f in module.functions if f.is_declaration and not _KNOWN.match(f.name)}
