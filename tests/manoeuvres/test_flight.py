@@ -13,7 +13,7 @@ from msgspec import structs
 
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
-from yawid.manoeuvres.flight import TAU_WN_SHARE, TAU_ZETA, flight_of, pooled
+from yawid.manoeuvres.flight import TAU_WN_SHARE, TAU_ZETA, flight_of
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import (
     DutchRoll,
@@ -99,6 +99,18 @@ def at_one_speed(*wn: float, **options: Any) -> list[Answered]:
     return [answered(n, each, **options) for n, each in enumerate(wn, start=1)]
 
 
+def dersimonian_laird(x, std) -> tuple[float, float]:
+    """The random-effects mean and the sigma of one more, as the paper of 1986 writes it, in sums"""
+    w = [1.0 / s**2 for s in std]
+    fixed = sum(a * b for a, b in zip(w, x, strict=True)) / sum(w)
+    q = sum(a * (b - fixed) ** 2 for a, b in zip(w, x, strict=True))
+    tau2 = max(0.0, (q - (len(w) - 1)) / (sum(w) - sum(a * a for a in w) / sum(w)))
+    assert tau2 > 0.0, "the example must scatter"
+    w = [1.0 / (s**2 + tau2) for s in std]
+    mean = sum(a * b for a, b in zip(w, x, strict=True)) / sum(w)
+    return mean, math.sqrt(tau2 + 1.0 / sum(w))
+
+
 def ids(flight: Flight) -> set[str]:
     return {reason.id for reason in flight.verdict.reasons}
 
@@ -141,10 +153,10 @@ def test_manoeuvres_at_one_speed_are_told_by_their_pooled_mean():
     manoeuvres = [
         answered(n, wn, wn_std=each) for n, (wn, each) in enumerate(zip(x, std, strict=True), 1)
     ]
-    flight, expected = together(*manoeuvres), pooled(np.array(x), np.array(std), 0.0, np.zeros(5))
+    flight, (mean, predictive) = together(*manoeuvres), dersimonian_laird(x, std)
 
-    assert flight.dutch_roll.wn_rad_s == pytest.approx(expected.mean)
-    assert flight.dutch_roll.wn_std == pytest.approx(expected.std)
+    assert flight.dutch_roll.wn_rad_s == pytest.approx(mean)
+    assert flight.dutch_roll.wn_std == pytest.approx(predictive)
     assert flight.used == [1, 2, 3, 4, 5]
     assert flight.disagree == []
     assert flight.verdict.usable
@@ -179,9 +191,9 @@ def test_sigma_of_kappa_is_the_scatter_of_wn_over_speed():
     ]
     flight = together(*manoeuvres)
 
-    expected = pooled(wn / speeds, 0.01 / speeds, 0.0, np.zeros(8))
-    assert flight.kappa_rad_m.value == pytest.approx(expected.mean)
-    assert flight.kappa_rad_m.std == pytest.approx(expected.std)
+    mean, predictive = dersimonian_laird(wn / speeds, 0.01 / speeds)
+    assert flight.kappa_rad_m.value == pytest.approx(mean)
+    assert flight.kappa_rad_m.std == pytest.approx(predictive)
 
 
 @pytest.mark.parametrize("source", ["ground speed", None])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.stats
 from judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
 
 from yawid.trend.best_profile import LEAST_DAYS
@@ -133,12 +134,24 @@ def test_a_vehicle_far_from_the_others_stands_out_and_few_are_not_compared() -> 
 
 def test_flights_of_one_day_that_share_an_offset_are_no_change() -> None:
     plan = Plan(vehicles=2, days=40, most=3, share=1.0)
-    assert judge_plan(plan, 60) == (0, 0)  # each flight by itself: 16
+    assert judge_plan(plan, 60) == (0, 0)
 
 
-def test_who_looks_every_third_night_is_not_alarmed_more_often() -> None:
-    plan = Plan(vehicles=1, days=48, nightly=True)
-    assert judge_plan(plan, 50, every=4)[1] <= 1  # each look by itself: 4
+def test_p_is_of_all_nights_and_all_profiles_by_students_t() -> None:
+    for fit in fit_tracks(fleet(6)):
+        change = fit.change
+        assert change is not None
+        looked = (
+            2.5 / 0.75 if change.last - change.first >= N / 2 else 25.0 * np.log(N / 8.0) / 0.25
+        )
+        every_night = 4.0 * (1.0 + np.log(N / 12.0)) ** 2
+        one = 2.0 * scipy.stats.t.sf(abs(change.t), fit.dof)
+        assert change.p_if_no_season == pytest.approx(min(1.0, every_night * looked * one))
+        assert change.p >= change.p_if_no_season
+
+
+def test_who_looks_every_week_is_not_alarmed_more_often() -> None:
+    assert judge_plan(Plan(vehicles=1, days=47, nightly=True), 30, every=7) == (0, 0)
 
 
 def test_all_nights_to_come_spend_no_more_than_one_look_may() -> None:

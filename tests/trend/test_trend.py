@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.stats
 from judge_trend import (
     FALLS,
     START_US,
@@ -325,3 +326,28 @@ def test_the_page_says_what_trend_cannot_do(fallen: Path, tmp_path: Path) -> Non
     assert "What this cannot do" in page
     for words in ("12 days flown", "count as one", "4 % either way", "a campaign, a pilot"):
         assert words in page, words
+
+
+def test_outliers_and_who_stands_out_are_judged_over_all_numbers(tmp_path: Path) -> None:
+    """Own arithmetic: of p over one number, n-fold for n numbers, or histories"""
+    rng = np.random.default_rng(4)
+    rows = []
+    for sysid in range(1, 7):
+        own = 0.15 * (1.0 + 0.02 * rng.standard_normal() + (0.2 if sysid == 3 else 0.0))
+        for i in range(11):
+            zeta = own + 0.002 * rng.standard_normal() + (0.0085 if sysid == i == 5 else 0.0)
+            date = START_US + i * DAY_US
+            rows.append(flight(sysid, i, date, zeta=zeta, zeta_std=0.002))
+    write_fleet(tmp_path, rows)
+
+    said, studied = trend(tmp_path)
+
+    one = studied[4]
+    p = 66 * 2.0 * scipy.stats.t.sf(np.abs(one.level.z), one.fitted.dof)
+    assert 1e-4 < p[5] < 0.01
+    assert [(each.flight, each.p) for each in one.told.outliers] == [(6, pytest.approx(p[5]))]
+    for each in studied:
+        assert each.told.beside is not None
+        p_one = 2.0 * scipy.stats.t.sf(abs(each.told.beside.sigmas), 5)
+        assert each.told.beside.p == pytest.approx(min(1.0, 6 * p_one))
+    assert said.numbers_tested == 66
