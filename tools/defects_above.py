@@ -10,6 +10,7 @@ FLIGHT = "tests/manoeuvres/test_flight.py::"
 STRUCTURES = RESULTS + "test_structures.py::"
 OTHERS = "tests/dataset/test_read_by_others.py::"
 KNOWN = "tests/fleet/test_known_logs.py::"
+TREND = "tests/trend/"
 
 ABOVE = (
     Defect(
@@ -211,5 +212,55 @@ ABOVE = (
         "rows = list(rows)",
         "tests/trend/test_own_log.py::"
         "test_a_run_is_compared_with_the_other_flights_and_not_with_its_own_log",
+    ),
+    Defect(
+        "DerSimonian and Laird without the second term of what weights leave over",
+        "manoeuvres/flight.py",
+        "surplus = total - (weights**2).sum() / total",
+        "surplus = total",
+        FLIGHT + "test_manoeuvres_at_one_speed_are_told_by_their_pooled_mean",
+    ),
+    Defect(
+        "a trend's outliers judged over one number",
+        "trend/trend.py",
+        "numbers * two_sided(z, fit.dof)",
+        "two_sided(z, fit.dof)",
+        TREND + "test_trend.py::test_outliers_and_who_stands_out_are_judged_over_all_numbers",
+    ),
+    Defect(
+        "a vehicle among others judged over one number",
+        "trend/trend.py",
+        "p = min(1.0, found.p * tested)",
+        "p = min(1.0, found.p)",
+        TREND + "test_trend.py::test_outliers_and_who_stands_out_are_judged_over_all_numbers",
+    ),
+    Defect(
+        "each of many nights' looks judged as the only one",
+        "trend/changes.py",
+        "times = nights(n) * looks",
+        "times = looks",
+        TREND + "test_changes.py::test_p_is_of_all_nights_and_all_profiles_by_students_t",
+    ),
+    Defect(
+        "flights of one day taken for days",
+        "trend/days.py",
+        "date_us[i] - date_us[i - 1] > NIGHT_US",
+        "date_us[i] > date_us[i - 1]",
+        TREND + "test_days.py::test_a_day_ends_with_a_night_whatever_the_clock_says",
+    ),
+    Defect(
+        "a run next to its data set without the scatter between flights",
+        "trend/diff.py",
+        "scatter(np.array(sigma), fitted.tau**2, fitted.s2)",
+        "scatter(np.array(sigma), 0.0, fitted.s2)",
+        TREND + "test_diff.py::"
+        "test_a_run_next_to_its_data_set_is_judged_by_students_t_with_the_scatter_between_flights",
+    ),
+    Defect(
+        "a difference judged as the only one of many",
+        "trend/diff.py",
+        "min(1.0, judged * two_sided(z, dof))",
+        "min(1.0, two_sided(z, dof))",
+        TREND + "test_diff.py::test_p_is_of_all_numbers_judged",
     ),
 )

@@ -105,8 +105,8 @@ def test_no_sample_depends_on_how_a_record_was_cut(
     path.write_text("\n".join(lines) + "\n")
     record = Record(path)
     record.settle(Asked())
-    whole = record._rows
-    assert whole is not None
+    assert record._rows is not None
+    whole = RecordBlock.joined(list(record._rows.pieces()))
 
     expected = channels_fed([whole])
     edges = sorted({0, len(whole), *(cut for cut in cuts if cut < len(whole))})

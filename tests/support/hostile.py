@@ -34,7 +34,9 @@ def flight() -> FlightLog:
 FLIGHT = flight().data
 
 
-def run_limited(code: str, megabytes: int, *arguments: object) -> subprocess.CompletedProcess[str]:
+def run_limited(
+    code: str, megabytes: int, *arguments: object, within_s: float = 120.0
+) -> subprocess.CompletedProcess[str]:
     """Run Python code in a process that may take so much memory at its peak.
 
     Linux counts into ru_maxrss what the parent took before the process began; VmHWM is its own.
@@ -49,7 +51,7 @@ def run_limited(code: str, megabytes: int, *arguments: object) -> subprocess.Com
         "print((own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] // 1024)\n"
     )
     command = [sys.executable, "-c", limited, str(ROOT / "src"), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=within_s)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout.split()[-1]) < megabytes
     return done

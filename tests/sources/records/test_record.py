@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from yawid.blocks import RecordBlock
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, ConfigError, SourceError, YawidError
@@ -70,10 +71,11 @@ def settled(path: Path, text: str | bytes, asked: Asked = RIGHT) -> Record:
 
 def check(record: Record) -> None:
     assert record._rows is not None
-    rows = record._rows.select(record._rows.has_yaw)
+    whole = RecordBlock.joined(list(record._rows.pieces()))
+    rows = whole.select(whole.has_yaw)
     np.testing.assert_array_equal(rows.t_us, [0, 20_000, 40_000, 60_000])
     np.testing.assert_allclose(np.rad2deg(rows.r), R_DEG_S, rtol=1e-12)
-    surfaces = record._rows.select(record._rows.has_surfaces)
+    surfaces = whole.select(whole.has_surfaces)
     # The last row holds for one interval.
     np.testing.assert_array_equal(surfaces.t_us, [0, 20_000, 40_000, 60_000, 80_000])
     np.testing.assert_allclose(np.rad2deg(surfaces.rudder), [*RUDDER_DEG, 4.0], rtol=1e-12)
@@ -307,5 +309,6 @@ def test_damaged_bytes_are_understood_or_refused_and_nothing_else(
         record.settle(RIGHT)
         assert record._rows is not None
         channels = Channels(RunConfig())
-        channels.feed_record(record._rows)
+        for rows in record._rows.pieces():
+            channels.feed_record(rows)
         channels.finish()

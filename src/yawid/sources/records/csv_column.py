@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.sources.records.times import NO_TIME, dates_ns_of
+from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of
 
 NUMBER: Final = re.compile(
     r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?|nan|[-+]?inf(inity)?", re.I
@@ -105,7 +105,9 @@ class CsvColumn:
                     row = self._rows + texts.index(str(error))
                     raise NotUnderstoodError(f"{str(error)!r} {NO_TIME}", row) from None
             else:
-                if not self._numbers:
+                if all(np.isnan(piece).all() for piece in self._numbers):
+                    missing = [np.full(len(piece), NO_DATE) for piece in self._numbers]
+                    self._dates[:0], self._numbers = missing, []
                     return
                 self._dates.clear()
             for piece in self._numbers:  # these were texts, too
@@ -145,7 +147,8 @@ def _known(cell: str) -> str:
 
 def _joined(pieces: list[Any], kind: type) -> Any:
     """Return pieces as one array, each given up once it is copied."""
-    whole, at = np.empty(sum(map(len, pieces)), kind), 0
+    whole: Any = np.empty(sum(map(len, pieces)), kind)
+    at = 0
     pieces.reverse()
     while pieces:
         piece = pieces.pop()

@@ -113,13 +113,15 @@ class CsvTable:
         self.units = [*below, *[""] * len(self.names)][: len(self.names)]
 
     def load(self, columns: Iterable[int]) -> None:
-        """Read columns, by their places: their numbers, dates, or texts.
+        """Read columns by their places, numbers, dates or texts; what was read before is dropped.
 
         Raises:
             SourceError: a line has not as many cells as the header, or a column is neither.
         """
         places = sorted(set(columns))
         self._columns = {place: CsvColumn(self._separator) for place in places}
+        if not places:
+            return
         self.rows = 0
         with self._understood():
             for rows in self._pieces():
@@ -169,6 +171,7 @@ class CsvTable:
         if found.wrong is not None:
             row, cell = found.wrong
             raise SourceError(f"{self._place(column, row)}: {cell!r} is no number")
+        del self._columns[column]  # they are handed over
         return found.numbers()
 
     def dates_ns(self, column: int) -> Ints | None:
@@ -258,7 +261,7 @@ def _split(line: str, separator: str) -> Row:
     return next(_reader([line], separator), [])
 
 
-def _reader(lines: Sequence[str], separator: str) -> Iterator[list[str]]:
+def _reader(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
     if separator == " ":
         return map(str.split, (re.sub(r"\s+([\[(])", r"\1", line) for line in lines))
     return csv.reader(lines, delimiter=separator, skipinitialspace=True)

@@ -9,7 +9,7 @@ from yawid.blocks import Floats, Ints
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, held_bits
 from yawid.sources.records.find_columns import Asked, Found, Table
-from yawid.sources.records.rows import BACK_US, largest_stroke, usual_interval_us
+from yawid.sources.records.rows import BACK_US, largest, largest_stroke, usual_interval_us
 from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of, is_unix
 from yawid.sources.records.units import ANGLES, UNITS, is_column, unit_of
 
@@ -77,7 +77,7 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
         raise ConfigError(
             f"{place_of(table, found)}: nothing says the unit of this {name}: say it by {option}"
         )
-    most = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    most = largest(values)
     if most > MOST.get(name, np.inf):
         raise ConfigError(
             f"{place_of(table, found)}: it goes up to {most:.4g}, which is too much in {own}, and "
@@ -125,7 +125,7 @@ def rudder_of(
     unit = found.unit or UNITS[option or HALF_TRAVEL]
     name = next(each for each in MOST_RUDDER if UNITS[each] == unit)
     values = table.numbers(found.place)
-    most = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    most = largest(values)
     if most > MOST_RUDDER[name]:
         other = f"--columns 'rudder={found.header.name}[UNIT]'" if found.unit else "--rudder-unit"
         raise ConfigError(
@@ -216,10 +216,11 @@ def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
     t = found["t"]
     where, unix_ns = place_of(table, t), dates_of(table, t)
     if unix_ns is None:
-        t_s = table.numbers(t.place) * (1.0 if t.unit is None else t.unit.factor)
+        t_s = table.numbers(t.place)
+        t_s = t_s if t.unit is None else t_s * t.unit.factor
         _must_have_all(table, t, np.isfinite(t_s))
-        if np.abs(t_s).max() > LATEST_S:
-            raise ConfigError(f"{where}: it goes up to {np.abs(t_s).max():.4g} s{_say_unit(t)}")
+        if (most := largest(t_s)) > LATEST_S:
+            raise ConfigError(f"{where}: it goes up to {most:.4g} s{_say_unit(t)}")
         t_us = np.rint(t_s * 1e6).astype(np.int64)
         unix_ns = t_us * 1000 if is_unix(t_s) else None
     if unix_ns is not None:

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from yawid.sources.records.quantities import (
     rudder_of,
     times_of,
 )
-from yawid.sources.records.rows import laid_out
+from yawid.sources.records.rows import Rows
 from yawid.sources.records.times import offsets_us
 
 SHORTEST: Final = 3
@@ -67,15 +67,14 @@ class Record:
         except OSError as error:
             raise SourceError(f"cannot read {path}: {error.strerror}") from error
         self._table: Table = ParquetTable(path) if is_parquet else CsvTable(path)
-        self._rows: RecordBlock | None = None
+        self._rows: Rows | None = None
 
     @property
     def link(self) -> LinkStats:
         """There was no link: the times of the first and last row alone."""
         if self._rows is None:
             return LinkStats()
-        times = self._rows.received_us
-        return LinkStats(first_us=int(times.min()), last_us=int(times.max()))
+        return self._link
 
     def settle(self, asked: Asked) -> Settled:
         """Say what the columns mean, by the file and by what was asked.
@@ -86,35 +85,26 @@ class Record:
             SourceError: a cell is not understood.
         """
         table = self._table
-        self._check_size(SHORTEST)
-        found = find_columns(table, asked)
-        self._check_size(len(found))
-        table.load(each.place for each in found.values())
-        if table.rows < SHORTEST:
-            raise SourceError(f"{table.path}: {table.rows} rows of data are too few for a record")
+        found = self._find_columns(asked)
         t_us, unix_ns = times_of(table, found)
-        own, nothing = _own_facts(table.facts), np.full(table.rows, np.nan)
+        own, nothing = _own_facts(table.facts), _same(np.nan, table.rows)
         rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
-        held = held_of(table, found["held"]) if "held" in found else np.full(table.rows, -1)
+        held = held_of(table, found["held"]) if "held" in found else _same(-1, table.rows)
         have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
         airspeed = airspeed_of(table, found, have, told="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
         measured = ("r", "q", "roll", "pitch", "yaw", "altitude", "on_ground")
-        self._rows = laid_out(
+        self._rows = Rows(
             RecordBlock(
                 called={name: each.label for name, each in found.items()}
                 | {"rudder": f"{found['rudder'].header.name} [{settled.rudder_unit}]"},
                 modes_of=whose,
-                assumed=tuple(
-                    found[name].header.name
-                    for name in COLUMNS
-                    if name in have and is_assumed(name, found[name])
-                ),
-                order=np.arange(table.rows),
-                received_us=t_us + (0 if unix_ns is None else offsets_us(t_us, unix_ns)),
+                assumed=_assumed(found),
+                order=_same(0, table.rows),  # laid out, each has its own
+                received_us=t_us if unix_ns is None else t_us + offsets_us(t_us, unix_ns),
                 t_us=t_us,
-                has_yaw=np.ones(table.rows, bool),
-                has_surfaces=np.ones(table.rows, bool),
+                has_yaw=_same(True, table.rows),
+                has_surfaces=_same(True, table.rows),
                 held=held,
                 rudder=rudder,
                 aileron=aileron_of(table, found["aileron"], t_us)
@@ -126,10 +116,25 @@ class Record:
                 **{name: have.get(name, nothing) for name in measured},
             )
         )
-        for name, has in (("rudder", self._rows.has_surfaces), ("r", self._rows.has_yaw)):
+        table.load(())  # what it held is ours now
+        rows = self._rows.block
+        for name, has in (("rudder", rows.has_surfaces), ("r", rows.has_yaw)):
             if not has.any():
                 raise ChannelError(f"{place_of(table, found[name])}: it holds no value at all")
+        times = [each.received_us for each in self._rows.pieces()]
+        first_us, last_us = min(each.min() for each in times), max(each.max() for each in times)
+        self._link = LinkStats(first_us=int(first_us), last_us=int(last_us))
         return settled
+
+    def _find_columns(self, asked: Asked) -> dict[str, Found]:
+        """Return the columns, read."""
+        self._check_size(SHORTEST)
+        found = find_columns(self._table, asked)
+        self._check_size(len(found))
+        self._table.load(each.place for each in found.values())
+        if (rows := self._table.rows) < SHORTEST:
+            raise SourceError(f"{self.path}: {rows} rows of data are too few for a record")
+        return found
 
     def _check_size(self, columns: int) -> None:
         rows = self._table.rows
@@ -149,7 +154,18 @@ class Record:
             for low, high in pairwise(edges):
                 chunk = file.read(CHUNK)
                 digest.update(chunk)
-                yield len(chunk), self._rows.select(slice(low, high)) if high > low else None
+                yield len(chunk), self._rows.piece(low, high) if high > low else None
+
+
+def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
+    """Return which of the columns that are used are taken for rad or rad/s, by their names."""
+    used = (name for name in COLUMNS if name in MEASURED & found.keys())
+    return tuple(found[name].header.name for name in used if is_assumed(name, found[name]))
+
+
+def _same(value: float, count: int) -> Any:
+    """Return an array of one value that takes no memory."""
+    return np.broadcast_to(value, count)
 
 
 def _modes(
@@ -157,7 +173,7 @@ def _modes(
 ) -> tuple[Floats, tuple[int, int]]:
     """Return the flight modes (n,) as numbers, and autopilot and vehicle type whose they are."""
     if "mode" not in found:
-        return np.full(table.rows, np.nan), (0, 0)
+        return _same(np.nan, table.rows), (0, 0)
     texts = table.texts(found["mode"].place)
     if texts is None:
         return possible("mode", table.numbers(found["mode"].place)), modes_of([], autopilot)[1]

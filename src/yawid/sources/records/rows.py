@@ -1,5 +1,6 @@
 """A record's columns made rows of the channels: which row has what, and how long it holds."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
@@ -16,30 +17,61 @@ BRIDGED, JITTER_US = 3.0, 5_000
 """A row holds to the next one, unless that is later than two lost rows explain."""
 MARKS: Final = int(Held.GAP | Held.REBOOT)
 """Reasons that a run's export gives for what is missing beside the row: no sample stood there."""
+PIECE: Final = 1 << 16
+"""Rows that are laid out at a time."""
 STRETCH_S: Final = 1.0
 STROKE_S: Final = 5.0
 
 
-def laid_out(block: RecordBlock) -> RecordBlock:
-    """Return the rows (m,) that the channels see, from those (n,) that the file has.
+class Rows:
+    """The rows that the channels see, laid out a piece at a time from those (n,) of the file.
 
     Where the file does not say what is ``held``, each channel has rows of its own: the yaw's are
     those with a rate, the surfaces' those with a rudder; beside them angles are interpolated, and
     all else is as it was last. A run's own export says it, and its rows are complete.
     """
-    told = bool((block.held >= 0).any())
-    block = block if told else _filled(block)
-    changed = (block.held > 0) & (block.held & int(Held.RUDDER_CHANGED) != 0)
-    marks = (block.held > 0) & (block.held & MARKS != 0)
-    # What is missing later on shows by its time.
-    changed[0] |= marks[0]
-    marks[0] = False
-    is_held = (block.held > 0) & ~marks & ~changed
-    has_yaw = np.isfinite(block.r) & ~changed | is_held
-    has_surfaces = np.isfinite(block.rudder) & ~changed | is_held
-    kept = ~marks & (has_yaw | has_surfaces | changed)
-    rows = replace(block, has_yaw=has_yaw, has_surfaces=has_surfaces)
-    return _ended(_dated(rows.select(np.flatnonzero(kept))))
+
+    def __init__(self, block: RecordBlock) -> None:
+        block = block if (block.held >= 0).any() else _filled(block)
+        changed = (block.held > 0) & (block.held & int(Held.RUDDER_CHANGED) != 0)
+        marks = (block.held > 0) & (block.held & MARKS != 0)
+        # What is missing later on shows by its time.
+        changed[0] |= marks[0]
+        marks[0] = False
+        is_held = (block.held > 0) & ~marks & ~changed
+        has_yaw = np.isfinite(block.r) & ~changed | is_held
+        has_surfaces = np.isfinite(block.rudder) & ~changed | is_held
+        kept = ~marks & (has_yaw | has_surfaces | changed)
+        block = replace(block, has_yaw=has_yaw, has_surfaces=has_surfaces)
+        self.block = block.select(kept)
+        self._ended, self._interval_us = _ended(self.block)
+
+    def __len__(self) -> int:
+        """Count those of the file; where a row's rudder ends another one follows."""
+        return len(self.block)
+
+    def piece(self, low: int, high: int) -> RecordBlock:
+        """Return the rows from ``low`` on, up to ``high``, and those that end one of them."""
+        first = max(low - 1, 0)
+        block = _dated(self.block.select(slice(first, high))).select(slice(low - first, None))
+        before, after = np.searchsorted(self._ended, [low, high])
+        rows = np.arange(high - low)
+        where = np.sort(np.concatenate([rows, self._ended[before:after] - low]), kind="stable")
+        is_added = np.concatenate([[False], np.diff(where) == 0])
+        block = block.select(where)
+        later = np.where(is_added, self._interval_us, 0)
+        return replace(
+            block,
+            order=low + int(before) + np.arange(len(block)),
+            t_us=block.t_us + later,
+            received_us=block.received_us + later,
+            has_yaw=block.has_yaw & ~is_added,
+        )
+
+    def pieces(self) -> Iterator[RecordBlock]:
+        """Yield all of them."""
+        for low in range(0, len(self), PIECE):
+            yield self.piece(low, min(low + PIECE, len(self)))
 
 
 def _dated(block: RecordBlock) -> RecordBlock:
@@ -53,36 +85,24 @@ def _dated(block: RecordBlock) -> RecordBlock:
     return replace(block, received_us=block.t_us + before)
 
 
-def _ended(block: RecordBlock) -> RecordBlock:
-    """Add a row of the surfaces one interval after each that nothing follows in time.
+def _ended(block: RecordBlock) -> tuple[Ints, int]:
+    """Return after which rows one of the surfaces is to be added, so many us later.
 
     A row's rudder is known to hold until the next; before a gap, and at the end, for an interval.
     """
     rows = np.flatnonzero(block.has_surfaces | ~block.has_yaw)
     t_us, ends = block.t_us[rows], ~block.has_surfaces[rows]
     interval_us = usual_interval_us(t_us[~ends])
-    after = np.append(t_us[1:], np.iinfo(np.int64).max)
-    last = (after - t_us > BRIDGED * interval_us + JITTER_US) | (after <= t_us - BACK_US)
-    last |= np.append(ends[1:], True)
-    closing = rows[last & ~ends]
-    where = np.sort(np.concatenate([np.arange(len(block)), closing]), kind="stable")
-    is_added = np.concatenate([[False], np.diff(where) == 0])
-    block = block.select(where)
-    later = np.where(is_added, interval_us, 0)
-    return replace(
-        block,
-        order=np.arange(len(block)),
-        t_us=block.t_us + later,
-        received_us=block.received_us + later,
-        has_yaw=block.has_yaw & ~is_added,
-    )
+    steps = np.diff(t_us)
+    last = (steps > BRIDGED * interval_us + JITTER_US) | (steps <= -BACK_US) | ends[1:]
+    return rows[np.append(last, True) & ~ends], interval_us
 
 
 def usual_interval_us(t_us: Ints) -> int:
     """Return the median of the steps forward of times (n,), 0 where there is none."""
     steps = np.diff(t_us)
     steps = steps[steps > 0]
-    return int(np.median(steps)) if len(steps) else 0
+    return int(np.median(steps, overwrite_input=True)) if len(steps) else 0
 
 
 def _filled(block: RecordBlock) -> RecordBlock:
@@ -103,7 +123,10 @@ def _filled(block: RecordBlock) -> RecordBlock:
 
 def newest(values: Floats) -> Floats:
     """Return values (n,), each that is NaN being the last one known before."""
-    at = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return values
+    at = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.where(at >= 0, values[np.maximum(at, 0)], np.nan)
 
 
@@ -131,13 +154,11 @@ def forward(t_us: Ints) -> Bools:
 
 def largest_stroke(t_us: Ints, values: Floats) -> float:
     """Return how far values (n,) moved within 5 s at most, 0 where they never did."""
-    known = np.isfinite(values)
-    if not known.any():
+    if not len(found := list(_seconds(t_us, values))):
         return 0.0
-    second = (t_us[known] // int(1e6 * STRETCH_S)) - int(t_us[known].min() // int(1e6 * STRETCH_S))
+    second, high, low = (np.concatenate(each) for each in zip(*found, strict=True))
     starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
-    high = np.maximum.reduceat(values[known], starts)
-    low = np.minimum.reduceat(values[known], starts)
+    high, low = np.maximum.reduceat(high, starts), np.minimum.reduceat(low, starts)
     when, most = second[starts], 0.0
     for count in range(min(round(STROKE_S / STRETCH_S), len(starts))):  # so many stretches on
         n = len(starts) - count
@@ -145,3 +166,21 @@ def largest_stroke(t_us: Ints, values: Floats) -> float:
         reach = np.maximum(high[count:] - low[:n], high[:n] - low[count:])[near]
         most = max(most, float(reach.max(initial=0.0)))
     return most
+
+
+def _seconds(t_us: Ints, values: Floats) -> Iterator[tuple[Ints, Floats, Floats]]:
+    """Yield stretches of a second, and highest and lowest of the values known in each."""
+    for at in range(0, len(values), PIECE):
+        part = values[at : at + PIECE]
+        known = np.isfinite(part)
+        second = t_us[at : at + PIECE][known] // int(1e6 * STRETCH_S)
+        starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
+        if len(starts):
+            high = np.maximum.reduceat(part[known], starts)
+            yield second[starts], high, np.minimum.reduceat(part[known], starts)
+
+
+def largest(values: Floats) -> float:
+    """Return the largest amount of those (n,) that are finite, 0 where none is."""
+    parts = (values[at : at + PIECE] for at in range(0, len(values), PIECE))
+    return max((float(np.abs(p[np.isfinite(p)]).max(initial=0.0)) for p in parts), default=0.0)
