@@ -249,12 +249,12 @@ ABOVE = (
         TREND + "test_days.py::test_a_day_ends_with_a_night_whatever_the_clock_says",
     ),
     Defect(
-        "a run next to its data set without the scatter between flights",
+        "a run judged without the scatter between flights",
         "trend/diff.py",
         "scatter(np.array(sigma), fitted.tau**2, fitted.s2)",
         "scatter(np.array(sigma), 0.0, fitted.s2)",
         TREND + "test_diff.py::"
-        "test_a_run_next_to_its_data_set_is_judged_by_students_t_with_the_scatter_between_flights",
+        "test_a_run_is_judged_by_students_t_with_the_scatter_between_flights",
     ),
     Defect(
         "a difference judged as the only one of many",

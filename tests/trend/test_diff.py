@@ -226,7 +226,7 @@ def test_where_nothing_can_be_compared_it_says_why_and_exits_5(
     assert words in " ".join(said["notes"])
 
 
-def test_a_run_next_to_its_data_set_is_judged_by_students_t_with_the_scatter_between_flights(
+def test_a_run_is_judged_by_students_t_with_the_scatter_between_flights(
     made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     zeta = np.array([0.150, 0.162, 0.141, 0.155])

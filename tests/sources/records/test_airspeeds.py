@@ -36,7 +36,7 @@ def rows_of(path: Path, head: str, cells: str, asked: Asked | None = None) -> Re
     assert record is not None
     record.settle(asked or Asked())
     assert record._rows is not None
-    return record._rows
+    return RecordBlock.joined(list(record._rows.pieces()))
 
 
 EXACT = {

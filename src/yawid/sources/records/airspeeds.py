@@ -19,7 +19,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.sources.records.columns import BY_GROUND
 from yawid.sources.records.find_columns import Found, Table
 from yawid.sources.records.quantities import place_of
-from yawid.sources.records.rows import newest
+from yawid.sources.records.rows import newest, same
 from yawid.sources.records.units import KIND_WORDS
 
 _WORD: Final = re.compile(r"[a-z]+")
@@ -49,7 +49,7 @@ def airspeed_of(
         ConfigError: how dense the air was must be known, and is not.
         SourceError: a cell is not understood.
     """
-    nothing = np.full(table.rows, np.nan)
+    nothing = same(np.nan, table.rows)
     air, ground = have.get("airspeed", nothing), have.get("ground_speed", nothing)
     if not np.isfinite(known(air)).any():
         air = nothing
@@ -57,7 +57,9 @@ def airspeed_of(
     if has_airspeed:
         given = _kind(found["airspeed"])
         air = _equivalent(table, found["airspeed"], given, air, have)
-        kind = np.full(table.rows, float(given))
+        kind = same(float(given), table.rows)
+    if air is nothing and ground is nothing and "airspeed_kind" not in found:
+        return Airspeed(nothing, same(0.0, table.rows), nothing, nothing)
     stands_in = np.isnan(air) & np.isfinite(ground) & (told or not has_airspeed)
     if "airspeed_kind" in found:
         kind, by_ground = _named(table, found["airspeed_kind"])
@@ -78,7 +80,7 @@ def _equivalent(
     table: Table, found: Found, kind: Kind, air: Floats, have: Mapping[str, Floats]
 ) -> Floats:
     """Return an airspeed (n,) of some kind as the equivalent one."""
-    nothing = np.full(len(air), np.nan)
+    nothing = same(np.nan, len(air))
     height = newest(have.get("altitude", nothing))
     if kind is Kind.TRUE:
         ratio = density_ratio(height, newest(have.get("air_density", nothing)))

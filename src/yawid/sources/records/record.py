@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from yawid.sources.records.quantities import (
     rudder_of,
     times_of,
 )
-from yawid.sources.records.rows import Rows
+from yawid.sources.records.rows import Rows, same
 from yawid.sources.records.times import offsets_us
 
 SHORTEST: Final = 3
@@ -87,9 +87,9 @@ class Record:
         table = self._table
         found = self._find_columns(asked)
         t_us, unix_ns = times_of(table, found)
-        own, nothing = _own_facts(table.facts), _same(np.nan, table.rows)
+        own, nothing = _own_facts(table.facts), same(np.nan, table.rows)
         rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
-        held = held_of(table, found["held"]) if "held" in found else _same(-1, table.rows)
+        held = held_of(table, found["held"]) if "held" in found else same(-1, table.rows)
         have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
         airspeed = airspeed_of(table, found, have, told="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
@@ -100,11 +100,11 @@ class Record:
                 | {"rudder": f"{found['rudder'].header.name} [{settled.rudder_unit}]"},
                 modes_of=whose,
                 assumed=_assumed(found),
-                order=_same(0, table.rows),  # laid out, each has its own
+                order=same(0, table.rows),  # laid out, each has its own
                 received_us=t_us if unix_ns is None else t_us + offsets_us(t_us, unix_ns),
                 t_us=t_us,
-                has_yaw=_same(True, table.rows),
-                has_surfaces=_same(True, table.rows),
+                has_yaw=same(True, table.rows),
+                has_surfaces=same(True, table.rows),
                 held=held,
                 rudder=rudder,
                 aileron=aileron_of(table, found["aileron"], t_us)
@@ -163,17 +163,12 @@ def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
     return tuple(found[name].header.name for name in used if is_assumed(name, found[name]))
 
 
-def _same(value: float, count: int) -> Any:
-    """Return an array of one value that takes no memory."""
-    return np.broadcast_to(value, count)
-
-
 def _modes(
     table: Table, found: dict[str, Found], autopilot: str | None
 ) -> tuple[Floats, tuple[int, int]]:
     """Return the flight modes (n,) as numbers, and autopilot and vehicle type whose they are."""
     if "mode" not in found:
-        return _same(np.nan, table.rows), (0, 0)
+        return same(np.nan, table.rows), (0, 0)
     texts = table.texts(found["mode"].place)
     if texts is None:
         return possible("mode", table.numbers(found["mode"].place)), modes_of([], autopilot)[1]

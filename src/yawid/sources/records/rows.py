@@ -23,6 +23,11 @@ STRETCH_S: Final = 1.0
 STROKE_S: Final = 5.0
 
 
+def same(value: float, count: int) -> Any:
+    """Return an array of one value that takes no memory."""
+    return np.broadcast_to(value, count)
+
+
 class Rows:
     """The rows that the channels see, laid out a piece at a time from those (n,) of the file.
 
