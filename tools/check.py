@@ -2,7 +2,7 @@
 
     python tools/check.py [--fast | --long]
 
-``--fast`` leaves out what is marked slow or mutation; ``--long`` adds what is marked long and
+``--fast`` leaves out what is marked slow; ``--long`` adds what is marked long and
 check_install.py, which are to be run before an issue is called resolved. All of them run; the exit
 code is that of the first that fails.
 """
@@ -27,7 +27,7 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     tests = [python, "-m", "pytest", "-n", "2"]
     long_tests = [python, "-m", "pytest", "-m", "long", "-o", f"faulthandler_timeout={LONG_S}"]
     return [
-        [*tests, "-m", "not slow and not mutation and not long"] if fast else tests,
+        [*tests, "-m", "not slow and not long"] if fast else tests,
         *([long_tests] if long else []),
         *([[python, "tools/check_install.py"]] if long else []),
         [python, "-m", "ruff", "format", "--check", "."],

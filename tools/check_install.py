@@ -134,7 +134,7 @@ def newest(wheel: Path, scratch: Path) -> str:
 def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
     """Run tests of the clone with the libraries of an environment; return pytest's last line."""
     run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
-    options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long and not mutation"]
+    options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long"]
     options += ["-o", "filterwarnings="]  # old libraries with new ones below them do warn
     return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
 
