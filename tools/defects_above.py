@@ -253,8 +253,7 @@ ABOVE = (
         "trend/diff.py",
         "scatter(np.array(sigma), fitted.tau**2, fitted.s2)",
         "scatter(np.array(sigma), 0.0, fitted.s2)",
-        TREND + "test_diff.py::"
-        "test_a_run_is_judged_by_students_t_with_the_scatter_between_flights",
+        TREND + "test_diff.py::test_a_run_is_judged_by_students_t_with_the_scatter_between_flights",
     ),
     Defect(
         "a difference judged as the only one of many",

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -260,7 +260,9 @@ def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
             history = History("sysid:1", "airframe", name, 1, 1, track, np.arange(flights))
             histories.append(history)
             values[name] = Value(value=float(value[-1]), std=float(sigma[-1]))
-        rows = [dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)]
+        rows: list[Mapping[str, Any]] = [
+            dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)
+        ]
         studied = study(Flights(rows, {}, histories))
         wrong += any(
             two_sided(_off(each, values[each.history.quantity]), each.fitted.dof) * len(studied)

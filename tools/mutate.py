@@ -3,7 +3,7 @@
     python tools/mutate.py                # all of tools/defects.py, a Markdown table at the end
     python tools/mutate.py --only jury    # those whose description holds a word
 
-tests/test_mutations.py, marked ``long``, does the same for ``tools/check.py --long``. Each defect names one test
+tests/test_mutations.py, marked ``long``, does the same. Each defect names one test
 that must fail; a run of it that ends otherwise than by failing has not caught it. Where the defect
 is in the kernel, or in what compiles it, that runs as plain Python, which gives the same bits and
 need not be compiled for each; elsewhere it is compiled once for all of them, without which the fits

@@ -211,8 +211,8 @@ def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
     missing = list(_missing(pipeline, link))
     if missing:
         return Basis(missing)
-    why, vehicle = partial(why_believed, pipeline.config, bank), channels.lock.vehicle
-    found = [Reason(*each) for each in channels.command.texts(vehicle, why)]
+    believed, vehicle = partial(why_believed, pipeline.config, bank), channels.lock.vehicle
+    found = [Reason(*each) for each in channels.command.texts(vehicle, believed)]
     found += _surface_reasons(channels)
     if bank is None or channels.intervals_us is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"

@@ -13,7 +13,7 @@ from yawid.trend.days import FAR, Days, local_median
 LEAST_DAYS: Final = 12
 LEAST_SIDE: Final = 4
 """Days before the middle of a change, and after it: fewer may be outliers."""
-_WITHIN_FAR: Final = 0.9497
+WITHIN_FAR: Final = 0.9497
 """Variance of a normal deviate that is not FAR off."""
 _ROUNDS: Final = 4
 _AT_ONCE: Final = 256
@@ -152,7 +152,7 @@ class _Stack:
         rss, count = (rest**2).sum(axis=1), kept.sum(axis=1)
         if self.n < LEAST_DAYS:
             dof = count - 1.0
-            s2 = rss / np.maximum(dof, 1e-9) / _WITHIN_FAR
+            s2 = rss / np.maximum(dof, 1e-9) / WITHIN_FAR
             s2 = np.where(dof > 0, s2, np.nan)
             return {"fitted": self._steadily(y, w), "s2": s2, "dof": dof}
         a, _, is_slow = profiles(self.n)
@@ -170,7 +170,7 @@ class _Stack:
         steady = self._steadily(y - slope[:, None] * a[k], w)
         # Two levels, where the change begins and ends, and a season's two numbers.
         dof = count - 3.0 - self.steady.shape[2]
-        s2 = np.where(dof > 0, (rss - best) / np.maximum(dof, 1e-9) / _WITHIN_FAR, np.nan)
+        s2 = np.where(dof > 0, (rss - best) / np.maximum(dof, 1e-9) / WITHIN_FAR, np.nan)
         apart = a[k] * root - _along(basis, a[k] * root)
         swing = np.abs((apart * root * self.turn).sum(axis=1)) / np.maximum(den, 1e-30)
         return {

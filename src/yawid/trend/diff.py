@@ -159,8 +159,8 @@ def one_more(each: Studied, sigma: float) -> Value:
     """Return what a vehicle's next flight will say, its own sigma aside."""
     fitted, level = each.fitted, each.level
     # The scatter found is of sigma and tau together.
-    whole = float(scatter(np.array(sigma), fitted.tau**2, fitted.s2))
-    return Value(value=level.value, std=float(np.sqrt(level.std**2 + whole - sigma**2)))
+    whole = scatter(np.array(sigma), fitted.tau**2, fitted.s2) + level.std**2
+    return Value(value=level.value, std=float(np.sqrt(level.excess * whole - sigma**2)))
 
 
 def _among(alike: list[Studied], sigma: float) -> Value:

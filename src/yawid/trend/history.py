@@ -4,7 +4,7 @@ A vehicle with its roll loop answers otherwise than its airframe: each loop is a
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -47,7 +47,7 @@ class History:
 class Flights:
     """The rows of ``flights`` with what trends need, and how many were left out and why."""
 
-    rows: list[Mapping[str, Any]]
+    rows: Sequence[Mapping[str, Any]]
     left_out: dict[str, int]
     histories: list[History]
 

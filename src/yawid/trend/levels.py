@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Bools, Floats
+from yawid.trend.best_profile import WITHIN_FAR
 from yawid.trend.changes import Fitted
 from yawid.trend.days import FAR, Track, solve_tau2
 from yawid.trend.moderated import two_sided
@@ -36,7 +37,8 @@ class Level:
     value, std: after the last change; z (n,): every flight's distance from the level or
     profile, in its own std (sigma and tau); kept (n,): those that have weight; tau: scatter of this
     vehicle's flights beyond their sigmas, None of fewer than five; fitted (n,); season: None where
-    fewer than two years show it.
+    fewer than two years show it; excess: by how much the variance of days about it is larger than
+    they were taken to have, at least 1: the best of many profiles leaves too little about it.
     """
 
     value: float
@@ -46,6 +48,7 @@ class Level:
     tau: float | None
     fitted: Floats
     season: Season | None
+    excess: float
 
 
 def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
@@ -66,7 +69,10 @@ def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
     r2 = (track.value - line) ** 2 * n / dof
     tau = float(np.sqrt(solve_tau2(r2, track.sigma**2))) if n >= 5 else None
     season = _season(theta[1:3], cov[1:3, 1:3]) if days.shows_season else None
-    return Level(float(theta[0]), float(np.sqrt(cov[0, 0])), z, np.abs(z) <= FAR, tau, line, season)
+    apart = ((days.value - design @ theta) / std)[kept]
+    excess = float(apart @ apart) / max(len(apart) - design.shape[1], 1) / WITHIN_FAR
+    value, error = float(theta[0]), float(np.sqrt(cov[0, 0]))
+    return Level(value, error, z, np.abs(z) <= FAR, tau, line, season, max(1.0, excess))
 
 
 def _season(theta: Floats, cov: Floats) -> Season:
