@@ -160,7 +160,7 @@ def other_instructions(scratch: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_references_of_this_machine_hold_on_instructions_of_another(tmp_path: Path):
     folder = tmp_path / "cases"
     for path in CASES.glob("*/case.toml"):

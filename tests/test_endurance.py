@@ -94,13 +94,14 @@ def error(armax: RecursiveArmax, gain: float = 1.0) -> float:
     return float(np.abs(armax.theta - truth)[:4].max())
 
 
+LONG_DAYS = [pytest.param(day, marks=pytest.mark.long) for day in (silence, quiet_rudder, sine)]
 FORGETTING = [0.98, math.exp(-TS / 60.0)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("forgetting", FORGETTING)
 @pytest.mark.parametrize("method", ["els", "rml"])
-@pytest.mark.parametrize("day", [silence, quiet_rudder, trim, sine])
+@pytest.mark.parametrize("day", [trim, *LONG_DAYS])
 def test_a_day_of_nothing_new_leaves_it_bounded_and_ready(day: Day, method: str, forgetting: float):
     rng = np.random.default_rng(1)
     armax = estimator(method, forgetting)
@@ -120,7 +121,7 @@ def test_a_day_of_nothing_new_leaves_it_bounded_and_ready(day: Day, method: str,
     assert error(armax) < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["els", "rml"])
 def test_ten_million_updates_of_a_plant_that_changes_between_long_poor_stretches(method: str):
     """2 000 excited and 48 000 poor samples in turn; the gain changes while nobody looks."""
@@ -142,7 +143,7 @@ def test_ten_million_updates_of_a_plant_that_changes_between_long_poor_stretches
     assert np.mean(gains) < 0.02  # what the best remedies against wind-up leave
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ten_million_held_samples_change_nothing_but_their_count():
     rng = np.random.default_rng(3)
     armax = estimator("rml", 0.98)
@@ -216,7 +217,7 @@ def test_the_long_logs_frames_are_what_pymavlink_packs():
     assert (told[-1].servo4_raw, told[-1].time_usec) == (1612, 10_100_000)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["silence", "trim", "sine"])
 def test_a_day_through_the_whole_pipeline_between_two_manoeuvres(kind: str):
     u = np.concatenate([doublets(1200, 1), a_day(kind), doublets(300, 2)])

@@ -40,7 +40,7 @@ def test_no_log_and_no_command_line_ends_in_a_traceback(
     fuzz.run(flight, arguments, folder)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @seed(1)
 @settings(FEW, max_examples=600, derandomize=False)
 @given(flight=flights(), arguments=command_lines())

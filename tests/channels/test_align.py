@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -153,10 +154,11 @@ def plant_log(switches: list[float], levels: list[int], seconds: float) -> tuple
         [(t, 1, v) for t, v in zip(switches, levels, strict=True)]
         + [(i * 0.02, 0, 0) for i in range(round(seconds / 0.02))]
     )
+    transition = functools.cache(lambda dt: expm(full * dt))  # most of the steps are alike
     pulses = {round(t, 6): v for t, v in zip(switches, levels, strict=True)}
     moments = sorted({round(t, 6) for t, _, _ in events})
     for t in moments:
-        step = expm(full * (t - now))
+        step = transition(round(t - now, 9))
         state = (step @ np.append(state, (level - 1500) / 400))[:2]
         now, level = t, pulses.get(t, level)
         log.servos(START_S + t, [1500, 1500, 1500, level])

@@ -254,7 +254,7 @@ def replayed(folder: Path, cache: Path) -> str:
     return said.decode()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_first_run_answers_at_once_and_is_followed_by_compiled_ones(tmp_path):
     cache = tmp_path / "cache"
     assert "the first run" in replayed(tmp_path / "first", cache)

@@ -24,8 +24,15 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "two inputs": {"orders": TWO},
     "no input": {"orders": NONE},
 }
+IN_THE_GATE = {"plain", "start fit", "two inputs"}
+"""Variants of the reference estimator, which is slow, that are not in the long list alone."""
 KINDS = [
-    pytest.param(engine, {"method": method, **options}, id=f"{engine} {method}, {name}")
+    pytest.param(
+        engine,
+        {"method": method, **options},
+        id=f"{engine} {method}, {name}",
+        marks=() if engine == "numba" or name in IN_THE_GATE else pytest.mark.long,
+    )
     for engine in ("numba", "filterpy")
     for method in ("els", "rml")
     for name, options in VARIANTS.items()

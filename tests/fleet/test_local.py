@@ -50,12 +50,8 @@ def hanging_fleet(place: Path) -> Iterator[subprocess.Popen[str]]:
     for i in range(3):
         shutil.copy(place / "made" / "00.tlog", place / "logs" / f"hangs{i}.tlog")
     env = environment(place / "hook")
-    run = yawid_fleet(env, place / "logs", "--out", place / "out", "--workers", "2")
-    try:
+    with yawid_fleet(env, place / "logs", "--out", place / "out", "--workers", "2") as run:
         yield run
-    finally:
-        run.kill()
-        run.communicate(timeout=20)
 
 
 def children_of(run: subprocess.Popen[str]) -> list[psutil.Process]:

@@ -37,7 +37,7 @@ def ulog(flight: Flight, airspeed_m_s: float) -> bytes:
 
 
 def record(flight: Flight, airspeed_m_s: float) -> bytes:
-    lines = ["t,rudder [half-travel],r,roll,airspeed"]
+    lines = ["t,rudder [half-travel],r [rad/s],roll [rad],airspeed"]
     for k, t in enumerate(flight.t):
         rudder = (flight.pwm[k] - 1500) / 400
         lines.append(f"{t:.2f},{rudder},{flight.rates[k, 2]},{flight.roll[k]},{airspeed_m_s}")

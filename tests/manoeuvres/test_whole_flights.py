@@ -11,7 +11,7 @@ from flight_legs import PLANS
 
 from yawid.results.run_summary import RunSummary
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 UPSETS = (1,)
 """Seeds; tools/judge_manoeuvres.py flies a hundred."""
 

@@ -147,7 +147,7 @@ def test_the_servo_time_of_the_wrap_case_does_wrap():
     assert sum(step < -(2**31) for step in steps) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tool_makes_every_log_again_byte_for_byte(tmp_path: Path):
     """Flown with the very JSBSim that flew the case; another version may fly otherwise."""
     jsbsim = pytest.importorskip("jsbsim")
