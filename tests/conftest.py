@@ -7,7 +7,6 @@ from hypothesis import settings
 
 from yawid.estimation.machine.runner import RUNNER, is_plain
 
-
 # Times are measured by tools/bench.py: a busy machine fails no example.
 settings.register_profile("without a deadline", deadline=None)
 settings.load_profile("without a deadline")
