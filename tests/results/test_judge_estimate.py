@@ -7,6 +7,7 @@ from pathlib import Path
 import corpus_quiet
 import pytest
 from flightlog import summarised
+from gate import one_in
 
 from yawid.config.run import RunConfig
 from yawid.results.reasons import Verdict
@@ -64,16 +65,13 @@ def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: P
     assert answer.wn_rad_s == pytest.approx(TRUE_WN, rel=0.03)
 
 
-KINDS = [
-    pytest.param(i, id=name, marks=() if i % 4 == 0 else pytest.mark.long)
-    for i, name in enumerate(corpus_quiet.KINDS)
-]
-"""A quarter of them in the gate, all in the long list."""
 REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", one_in(4, range(len(corpus_quiet.KINDS))), ids=list(corpus_quiet.KINDS)
+)
 def test_what_nobody_excited_is_not_usable(kind: int, tmp_path: Path):
     """One of each kind; tools/corpus.py judges fifteen of each."""
     log = tmp_path / "quiet.tlog"

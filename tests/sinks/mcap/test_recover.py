@@ -211,7 +211,7 @@ def test_one_flipped_byte_anywhere_never_makes_a_false_message(
     assert not false_messages(folder, bytes(data[: len(data) - torn]), rows)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
