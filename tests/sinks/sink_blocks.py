@@ -171,6 +171,7 @@ def make_manoeuvre(
         airspeed_m_s=21.5,
         airspeed_std_m_s=0.5,
         airspeed_source="airspeed",
+        airspeed_kind="equivalent",
         altitude_m=120.0,
         inputs=["rudder", "aileron"],
         orders=Orders(3, 3, 2, 1),
@@ -183,7 +184,8 @@ def make_manoeuvre(
 def unanswered(found: Manoeuvre) -> Manoeuvre:
     """The same where nothing could be estimated, in a log that knows of no airspeed."""
     verdict = VerdictSummary(usable=False, reasons=VERDICT.reasons)
-    nothing = {"mode": None, "airspeed_m_s": None, "airspeed_source": None, "altitude_m": None}
+    nothing = {"mode": None, "airspeed_m_s": None, "altitude_m": None}
+    nothing |= {"airspeed_source": None, "airspeed_kind": None}
     nothing |= {"airspeed_std_m_s": None}
     return msgspec.structs.replace(found, estimates={}, verdict=verdict, **nothing)
 

@@ -175,7 +175,7 @@ def test_every_field_of_a_manoeuvre_reads_back_by_the_schema_in_the_file(tmp_pat
     assert len(UnknownFieldSet(told)) == 0
     plain = [f.name for f in told.DESCRIPTOR.fields if not f.is_repeated]
     direct = [name for name in plain if hasattr(found, name)]
-    assert len(direct) == 12
+    assert len(direct) == 13
     assert [getattr(told, name) for name in direct] == [getattr(found, name) for name in direct]
     assert list(told.inputs) == ["rudder", "aileron"]
     assert (told.na, told.nb, told.nc, told.nk) == (3, 3, 2, 1)
