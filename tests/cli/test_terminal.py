@@ -13,7 +13,6 @@ import pty
 import re
 import select
 import shutil
-import subprocess
 import sys
 import threading
 import time
@@ -25,16 +24,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from children import child
 from finished_runs import replayed
 from forged_runs import forge
 from hostile import hostile_log, parameter
-from judge_trend import START_US, WEEK_US, flight, write_fleet
+from judge_trend import START_US, flight, write_fleet
 from live_link import frames, free_port, send
 from places import REPLAY_LOGS, SRC
 from sources.logs import dataflash_flight, ulog_flight
 
 from yawid.cli.main import main
 from yawid.sinks.door import plain
+from yawid.trend.days import DAY_US
 
 BAD = "\x1b[2J\x1b]0;own\x07\x9b31m\x7f\x85\u2028\u202e\u2066\u200f[red]x:boom:\r\nFORGED usable"
 NAME = f"a{BAD}{os.fsdecode(bytes([0x9B, 0x41]))}"
@@ -97,7 +98,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = replayed(folder / f"{NAME}.tlog", folder, "--rate", 10)
     run.rename(folder / f"{NAME}.mcap")
     forge(folder / f"{NAME}.mcap", folder / "forged.mcap", summary=poisoned)
-    vehicle = [flight(1, i, START_US + i * WEEK_US, zeta=0.15, zeta_std=0.01) for i in range(9)]
+    vehicle = [flight(1, i, START_US + i * 7 * DAY_US, zeta=0.15, zeta_std=0.01) for i in range(9)]
     (folder / f"set{BAD}").mkdir()
     write_fleet(folder / f"set{BAD}", [each | {"vehicle": f"sn:{BAD}"} for each in vehicle])
     case = folder / "cases" / f"case{BAD}"
@@ -208,17 +209,15 @@ def test_on_a_real_terminal_there_are_yawid_s_own_colours_and_nothing_else(folde
     master, slave = pty.openpty()
     command = [sys.executable, "-m", "yawid", "inspect", "a.parquet", *NAMED]
     environment = os.environ | {"TERM": "xterm-256color", "PYTHONPATH": os.pathsep.join(sys.path)}
-    child = subprocess.Popen(command, cwd=folder, stdout=slave, stderr=slave, env=environment)
-    os.close(slave)
-    written, late_s = b"", time.monotonic() + 60.0
-    while time.monotonic() < late_s:
-        if select.select([master], [], [], 0.1)[0]:
-            try:
-                written += os.read(master, 65536)
-            except OSError:  # the other side is closed
-                break
-    child.kill()
-    child.wait(10.0)
+    with child(command, 60.0, cwd=folder, stdout=slave, stderr=slave, env=environment):
+        os.close(slave)
+        written, late_s = b"", time.monotonic() + 60.0
+        while time.monotonic() < late_s:
+            if select.select([master], [], [], 0.1)[0]:
+                try:
+                    written += os.read(master, 65536)
+                except OSError:  # the other side is closed
+                    break
     os.close(master)
 
     own = re.sub(rb"\x1b\[[0-9;]*m", b"", written.replace(b"\r\n", b"\n"))

@@ -10,11 +10,12 @@ import pytest
 from finished_runs import replayed
 from forged_runs import forge
 from hand_flights import four_of_a_flight
-from judge_trend import START_US, WEEK_US, flight, write_fleet
+from judge_trend import START_US, flight, write_fleet
 from places import C172P
 from printed import printed
 
 from yawid.cli.main import main
+from yawid.trend.days import DAY_US
 
 OTHERS, OWN = (0.12, 0.16, 0.10, 0.14), 0.20
 """wn / V of four flights of the vehicle, and of the fifth, the run's."""
@@ -34,7 +35,7 @@ def test_a_run_is_compared_with_the_other_flights_and_not_with_its_own_log(
     short = replayed(C172P, tmp_path / "run", "--rate", 10, "--also", "none", "--manoeuvres", "off")
     run = forge(short, tmp_path / "run.mcap", summary=given)
     rows = [
-        flight(1, i, START_US + i * WEEK_US, kappa_rad_m=kappa, kappa_std=0.002)
+        flight(1, i, START_US + i * 7 * DAY_US, kappa_rad_m=kappa, kappa_std=0.002)
         for i, kappa in enumerate((*OTHERS, OWN))
     ]
     rows[-1]["log_sha256"] = hashlib.sha256(C172P.read_bytes()).hexdigest()

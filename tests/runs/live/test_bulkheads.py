@@ -177,7 +177,7 @@ def test_a_screen_that_fails_is_left_for_lines(tmp_path: Path, monkeypatch: pyte
     def listen() -> None:
         ended.extend(live(options, CONFIG, Outputs(tmp_path, "live"), stop, console))
 
-    session = threading.Thread(target=listen)
+    session = threading.Thread(target=listen, daemon=True)
     session.start()
     patience_s = time.monotonic() + 20.0
     while stream.getvalue().count("samples") < 2 and time.monotonic() < patience_s:
