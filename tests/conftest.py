@@ -7,7 +7,7 @@ from hypothesis import settings
 
 from yawid.estimation.machine.runner import RUNNER, is_plain
 
-# Examples are the same on each run. Times are measured by tools/bench.py: a busy machine fails none.
+# Examples are the same on each run. A busy machine fails none: tools/bench.py measures times.
 settings.register_profile("gate", derandomize=True, database=None, deadline=None)
 settings.load_profile("gate")
 
