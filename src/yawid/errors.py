@@ -2,6 +2,7 @@
 
 from typing import Final
 
+UNFORESEEN: Final = 70
 EXIT_CODES: Final = {
     0: "good: the answer may be used, warnings may stand beside it",
     1: "regress: a case differs from its references",
@@ -12,7 +13,7 @@ EXIT_CODES: Final = {
     "could be compared",
     6: "input or output failed",
     7: "something changed: trend, diff",
-    70: "unforeseen: a fault of yawid; YAWID_DEBUG=1 shows where",
+    UNFORESEEN: "unforeseen: a fault of yawid; YAWID_DEBUG=1 shows where",
     130: "interrupted by SIGINT",
     143: "interrupted by SIGTERM",
 }

@@ -8,9 +8,7 @@ Results go to stdout, everything else to stderr. Heavy imports wait until a comm
 
 import argparse
 import gc
-import os
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -43,16 +41,15 @@ from yawid.cli.schema import add_schema
 from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
 from yawid.cli.warm import add_warm
-from yawid.errors import SinkError, YawidError
+from yawid.errors import UNFORESEEN, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.door import mute, say, tell_json, tell_page
+from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell_json, tell_page
 
 if TYPE_CHECKING:
     from yawid.results.run_summary import Origin, RunSummary
 
 _Page = TypeVar("_Page", bound="Origin")
-INTERRUPTED, UNFORESEEN = 130, 70
-DEBUG = "YAWID_DEBUG"
+INTERRUPTED = 130
 MOST_SAID = 300
 """Characters of an unforeseen error's own text: it may hold a whole array."""
 OVERVIEW = {
@@ -261,9 +258,7 @@ def _explained(error: YawidError) -> int:
 
 def _unforeseen(error: Exception) -> int:
     """Say in one line that yawid itself failed; the traceback is for who asks for it."""
-    if os.environ.get(DEBUG, "0") not in ("", "0"):
-        for line in "".join(traceback.format_exception(error)).splitlines():
-            say(line)
+    show_traceback(error)
     what = " ".join(f"{type(error).__name__}: {error}".split())[:MOST_SAID]
     say(f"unforeseen, a fault of yawid: {what}; {DEBUG}=1 shows where: please report it")
     return UNFORESEEN

@@ -13,10 +13,13 @@ import json
 import os
 import re
 import sys
+import traceback
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TextIO, TypeVar
 
 _T = TypeVar("_T")
+DEBUG: Final = "YAWID_DEBUG"
+"""Set to anything but 0 in the environment: where an unforeseen error was raised is shown."""
 _CONTROL: Final = re.compile(
     "[\x00-\x1f\x7f-\x9f"  # C0, DEL, C1
     "\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff"  # direction, ends of lines
@@ -60,6 +63,13 @@ def cleaned(content: _T) -> _T:
         }
         found = dataclasses.replace(found, **texts)  # type: ignore[type-var] # an instance, no class
     return found  # type: ignore[no-any-return] # of the type that came in
+
+
+def show_traceback(error: Exception) -> None:
+    """Write to stderr where an error was raised, for who asks for it by ``DEBUG``."""
+    if os.environ.get(DEBUG, "0") not in ("", "0"):
+        for line in "".join(traceback.format_exception(error)).splitlines():
+            say(line)
 
 
 def say(text: str) -> None:

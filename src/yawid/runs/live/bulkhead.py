@@ -1,12 +1,12 @@
 """What keeps a failure where it happened: one part of a session fails, and the others go on."""
 
-import os
 import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
 from yawid.errors import YawidError
+from yawid.sinks.door import show_traceback
 
 _T = TypeVar("_T")
 _LONGEST = 200
@@ -59,8 +59,7 @@ def cause_of(error: Exception) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, YawidError):
         return text
-    if os.environ.get("YAWID_DEBUG") == "1":
-        traceback.print_exception(error)
+    show_traceback(error)
     if len(text) > _LONGEST:
         text = f"{text[:_LONGEST]}..."
     raised_at = traceback.extract_tb(error.__traceback__)

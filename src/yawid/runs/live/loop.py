@@ -10,13 +10,13 @@ from functools import partial
 from pathlib import Path
 
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError, SourceError
+from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.estimation.machine.runner import RUNNER
 from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
-from yawid.runs.live.vehicle_session import INPUT_OR_OUTPUT_FAILED, MOST_EVENTS, Ended, Setting
+from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
 from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs
@@ -337,7 +337,7 @@ class _Loop:
         )
         ended = self._sessions.finish(live)
         if self._has_failed or failed:
-            least = INPUT_OR_OUTPUT_FAILED
+            least = SinkError.exit_code
             ended = [e._replace(exit_code=max(e.exit_code, least)) for e in ended]
         if failed:
             names, code = ", ".join(part.what for part in failed), max(e.exit_code for e in ended)

@@ -11,7 +11,7 @@ import msgspec
 from yawid.channels.stage import WANTED
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError
+from yawid.errors import UNFORESEEN, ConfigError, SinkError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
@@ -37,9 +37,7 @@ from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.open_log import ReadOptions
 
-INPUT_OR_OUTPUT_FAILED, UNFORESEEN = 6, 70
 MOST_EVENTS = 100
-
 
 FAILED = "estimation or status failed"
 _T = TypeVar("_T")
@@ -236,7 +234,7 @@ class LiveSession:
         failed = {n for n, guard in self._guards.items() if guard.failure is not None}
         files = {name: path for name, path in files.items() if name not in failed}
         summary = msgspec.structs.replace(summary, files=files, live=self._own(live))
-        code = INPUT_OR_OUTPUT_FAILED if self._failed() else verdict.exit_code
+        code = SinkError.exit_code if self._failed() else verdict.exit_code
         code = code if self.is_estimated else UNFORESEEN
         if self._failed():
             names = ", ".join(self._failed())
