@@ -81,7 +81,7 @@ def flight_of(
 ) -> tuple[Flight, Verdict] | None:
     """Return what manoeuvres say together, and the verdict, in which ``of_the_log`` counts too.
 
-    ``untrue`` is why the airspeed cannot be true: then nothing is told of it. None where there is
+    ``untrue`` is why the airspeed cannot be true: then it is not reported. None where there is
     no manoeuvre. Of several roll loops the one with the most manoeuvres is told: the others are of
     another aircraft.
     """
@@ -138,7 +138,7 @@ def _together(
     of_the_log: list[Reason],
     untrue: Finding | None,
 ) -> tuple[Flight, Verdict]:
-    """Return the answer of manoeuvres of one aircraft, (n,) of them told by one structure.
+    """Return the answer of manoeuvres (n,) of one aircraft, each estimated with one structure.
 
     An airspeed that is true but for a factor still says how manoeuvres compare.
     """

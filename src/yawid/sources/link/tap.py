@@ -173,7 +173,7 @@ class Tap(ABC):
     def _run(self) -> None:
         try:
             self._receive()
-        except Exception as error:  # whoever reads is told; a thread's own would be a traceback
+        except Exception as error:  # raised to whoever reads; a thread's own would be a traceback
             self._failure = error
             self.inbox.wake()
 
