@@ -3,8 +3,8 @@
 A blocked pitot, a wrong ARSPD_RATIO or a sensor that drifts gives a steady number that no sigma
 knows of, and a confident kappa. Over several headings the wind is what a circle leaves over: the
 ground speed is |f V h + w|, h the heading, w the wind, f the factor by which the airspeed is too
-low, so that f is found together with the wind. Without such turns g tan(bank) / turn rate is an airspeed
-too, a coarse one; and on one heading no wind may be much faster than the aircraft.
+low, so that f is found together with the wind. Without such turns g tan(bank) / turn rate is an
+airspeed too, a coarse one; and on one heading no wind may be much faster than the aircraft.
 
 One sample a second is looked at, in order, so that the cut of the stream changes nothing.
 """

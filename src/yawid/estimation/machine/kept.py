@@ -1,7 +1,7 @@
 """Where machine code is kept between processes, whose is trusted, and that only one makes it.
 
 Whoever can write the file can run what he likes as whoever loads it. So, as OpenSSH does with its
-keys, only a file of the user's or of root's counts that no other user can change, in a folder of the
+keys, only a file of the user's or of root's counts that no other can change, in a folder of the
 same kind.
 """
 
