@@ -3,6 +3,8 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from yawid.version import __version__ as __version__
+
 if TYPE_CHECKING:  # orders and configuration take more than the types of their fields say
     from yawid.blocks import EstimateBlock as EstimateBlock
     from yawid.blocks import Status as Status
@@ -17,8 +19,6 @@ if TYPE_CHECKING:  # orders and configuration take more than the types of their 
     from yawid.tables.run import load as load
     from yawid.tables.run import replay as replay
     from yawid.tables.table import Table as Table
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "ArmaxOrders": "yawid.config.estimator",

@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
-from yawid import __version__
 from yawid.cli.completion import add_completion
 from yawid.cli.config_file import parsed
 from yawid.cli.finished_run import add_finished_run
@@ -44,6 +43,7 @@ from yawid.cli.warm import add_warm
 from yawid.errors import UNFORESEEN, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell_json, tell_page
+from yawid.version import __version__
 
 if TYPE_CHECKING:
     from yawid.results.run_summary import Origin, RunSummary

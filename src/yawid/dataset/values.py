@@ -5,8 +5,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from yawid import __version__
 from yawid.blocks import FIRST_DATE_NS
+from yawid.version import __version__
 
 _SERIAL = re.compile(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", re.MULTILINE)
 Row = Mapping[str, Any]

@@ -13,10 +13,10 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, Final
 
-from yawid import __version__
 from yawid.errors import ConfigError, SinkError
 from yawid.fleet.worker import POLL_S, QUEUED, Task, about, warm, work
 from yawid.runs.stop import StopFlag
+from yawid.version import __version__
 
 RESULT_S: Final = 10.0
 LOOK_S: Final = 1.0

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from yawid import __version__
 from yawid.config.run import RunConfig
 from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
 from yawid.dataset.values import FAILED, failed, known_date, plain, serial_of
@@ -27,6 +26,7 @@ from yawid.runs.run_log import open_log, run_log, settled
 from yawid.sinks.mcap.chunks import is_mcap
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.open_log import Log, ReadOptions, log_suffix
+from yawid.version import __version__
 
 Rows = dict[str, list[dict[str, Any]]]
 _LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps")

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from yawid import __version__
 from yawid.dataset.values import failed
 from yawid.errors import YawidError
+from yawid.version import __version__
 
 MOST_DEATHS = 3
 """A log whose process was killed so often is to blame; fewer may be another's doing."""

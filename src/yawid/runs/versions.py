@@ -4,7 +4,7 @@ import re
 import sys
 from pathlib import Path
 
-from yawid import __version__
+from yawid.version import __version__
 
 LIBRARIES = ("numpy", "numba", "scipy", "pymavlink", "mcap", "protobuf", "rerun-sdk", "filterpy")
 

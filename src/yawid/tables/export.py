@@ -16,7 +16,6 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from yawid import __version__
 from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.errors import ConfigError, SourceError
 from yawid.sinks.mcap.messages import RunRows, joined
@@ -24,6 +23,7 @@ from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import written_whole
 from yawid.tables.columns import Units, record_columns
 from yawid.tables.table import Column, filled
+from yawid.version import __version__
 
 FORMATS: Final = (".parquet", ".csv", ".npz")
 Tables = Iterator[list[Column]]

@@ -24,10 +24,10 @@ from sinks.sink_blocks import (
     unanswered,
 )
 
-from yawid import __version__
 from yawid.blocks import Held, Status
 from yawid.sinks.mcap.messages import modes_rows
 from yawid.sinks.mcap.sink import McapSink
+from yawid.version import __version__
 
 
 def assert_held(messages: list[Any], held: Any) -> None:

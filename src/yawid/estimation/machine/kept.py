@@ -15,12 +15,12 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from yawid import blocks
+from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
 from yawid.estimation import kernel
 from yawid.estimation.machine.object_code import processor
 
 _DIGEST = hashlib.sha256().digest_size
-_SETTLED = (blocks.Y_HAT, blocks.INNOVATION, blocks.RESIDUAL, blocks.NOISE_STD, blocks.STATUS)
+_SETTLED = (Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS)
 _FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _NOT_FOLLOWED = os.O_NOFOLLOW | os.O_CLOEXEC
 _FOLDER, _OF_USER, _FILE, _LOCK = 0o755, 0o700, 0o644, 0o600
@@ -109,7 +109,7 @@ def _version() -> str:
         for source in sorted(folder.glob("*.py")):
             digest.update(source.read_bytes())
     python = (sys.implementation.cache_tag, object.__basicsize__, sys.platform)
-    digest.update(repr((python, processor(), _SETTLED, blocks.SCALARS)).encode())
+    digest.update(repr((python, processor(), _SETTLED, SCALARS)).encode())
     return digest.hexdigest()[:16]
 
 

@@ -19,13 +19,13 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
-from yawid import __version__
 from yawid.errors import SinkError
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.reader import DAMAGE, is_bomb
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
 from yawid.sinks.mcap.schemas import LOG, TOPICS, is_ours
 from yawid.sinks.part_file import written_whole
+from yawid.version import __version__
 
 LIBRARY: Final = f"yawid {__version__} (recovered)"
 CHUNK: Final = "damaged chunk"

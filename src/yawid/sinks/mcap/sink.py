@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from yawid import __version__
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import Manoeuvre, RunSummary
@@ -40,6 +39,7 @@ from yawid.sinks.mcap.schemas import (
     units,
 )
 from yawid.sinks.part_file import Disk, open_part, os_errors_as_sink_error, take_name
+from yawid.version import __version__
 
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000

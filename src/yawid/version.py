@@ -1,0 +1,5 @@
+"""Version of yawid: written into every file that it makes."""
+
+from typing import Final
+
+__version__: Final = "0.1.0"
