@@ -7,11 +7,10 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.dataset.values import known_date
-from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.base import Grid, Sink
 
 
-class FlightSink:
+class FlightSink(Sink):
     """Keeps ``first_us`` (us since 1970, None where unknown), ``duration_s`` and ``seconds``.
 
     ``seconds`` are rows of the table ``modes``, the first sample of each, where they are wanted.
@@ -52,18 +51,3 @@ class FlightSink:
                     **dict(zip(names, modes.dutch_roll[row].tolist(), strict=True)),
                 }
             )
-
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """Manoeuvres stand in the summary."""
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """Lines for people are no row."""
-
-    def flush(self) -> None:
-        """Nothing is buffered."""
-
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Nothing is open."""
-
-    def abort(self) -> None:
-        """Nothing is open."""

@@ -86,10 +86,7 @@ def whole_or_none(sinks: Sequence[Sink]) -> Iterator[None]:
         yield
     except BaseException:
         for sink in sinks:
-            if isinstance(sink, McapSink | RerunSink):
-                sink.discard()
-            else:
-                sink.abort()
+            sink.discard()
         raise
 
 
@@ -101,7 +98,7 @@ def keep_as_interrupted(sinks: Sequence[Sink], outputs: Outputs) -> dict[str, st
     """
     kept = replace(outputs, name=f"{outputs.name}.interrupted")
     for sink in sinks:
-        if isinstance(sink, McapSink | RerunSink) and sink.path is not None:
+        if sink.path is not None:
             sink.path = kept.path(sink.path.suffix)
             check_free(sink.path, force=outputs.force)
     return kept.files()

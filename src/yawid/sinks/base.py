@@ -2,9 +2,10 @@
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from pathlib import Path
+from typing import Final, Literal
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.results.run_summary import Manoeuvre, RunSummary
@@ -49,14 +50,17 @@ def rudder_unit(*, in_rad: bool) -> str:
     return "rad" if in_rad else HALF_TRAVEL
 
 
-class Sink(Protocol):
+class Sink:
     """Where results go: ``start`` once the grid is known, ``write`` per block, then ``finish``.
 
     ``log`` and ``flush`` may be called at any time before the end, also before ``start``; a run
     that never came to a grid is finished without it. Every method may raise
-    :class:`yawid.errors.SinkError` except ``abort``, which takes the place of ``finish`` after an
-    error and leaves what there is as readable as it can be.
+    :class:`yawid.errors.SinkError` except ``abort`` and ``discard``, which take the place of
+    ``finish`` after an error. By default each does nothing: a sink has those that concern it.
     """
+
+    path: Path | None = None
+    """The name that its file gets when finished; it may be changed until then. None: no file."""
 
     def start(self, grid: Grid) -> None:
         """Say what the rows will mean."""
@@ -86,7 +90,51 @@ class Sink(Protocol):
         """Add the verdict of ``summary``, close, and give the file its final name."""
 
     def abort(self) -> None:
-        """Close without the final name; never raises."""
+        """Close without the final name, as readable as it can be; never raises."""
+
+    def discard(self) -> None:
+        """Abort and remove what was written, which is this sink's own; never raises."""
+        self.abort()
+
+
+Call = Callable[[Sink], None]
+
+
+class Relay(Sink):
+    """A sink that hands every call to another one, by ``_hand``: where, when, and if at all."""
+
+    def _hand(self, call: Call) -> object:
+        raise NotImplementedError
+
+    def start(self, grid: Grid) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.start(grid))
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.write(samples, estimates, modes))
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.manoeuvre(found, span_ns))
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.log(unix_ns, level, text))
+
+    def flush(self) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.flush())
+
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.finish(summary, attachments))
+
+    def abort(self) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.abort())
 
 
 class Pace:

@@ -12,8 +12,8 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import Grid, LogLevel, rudder_unit
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.base import Grid, Sink, rudder_unit
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.tables.columns import (
     Units,
@@ -176,7 +176,7 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
 
 
 @dataclass(slots=True)
-class Kept:
+class Kept(Sink):
     """A sink that keeps a run in memory, as its file would have it."""
 
     grid: Grid | None = None
@@ -207,21 +207,9 @@ class Kept:
         }
         self.parts.append(RunRows(samples, kept, modes))
 
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :class:`yawid.sinks.base.Sink`: the summary has it too."""
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """See :class:`yawid.sinks.base.Sink`."""
-
-    def flush(self) -> None:
-        """See :class:`yawid.sinks.base.Sink`."""
-
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :class:`yawid.sinks.base.Sink`."""
         self.summary, self.configuration = summary, attachments["configuration.toml"]
-
-    def abort(self) -> None:
-        """See :class:`yawid.sinks.base.Sink`."""
 
 
 def no_rows() -> RunRows:

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 from live_link import SENT, attend, interrupt, left, tlog_size
 
-from yawid.blocks import ModesBlock, SampleBlock
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import Worker
-from yawid.sinks.base import LogLevel
+from yawid.sinks.base import LogLevel, Sink
 
 
 def test_an_interrupted_session_ends_at_once_and_keeps_what_was_recorded(tmp_path: Path):
@@ -22,27 +21,15 @@ def test_an_interrupted_session_ends_at_once_and_keeps_what_was_recorded(tmp_pat
     assert not [t for t in threading.enumerate() if t.name == "yawid-tap"]
 
 
-class Stuck:
+class Stuck(Sink):
     """A viewer that takes nothing, as one behind a dead network."""
 
     def __init__(self) -> None:
         self.asked, self.freed = threading.Event(), threading.Event()
 
-    def start(self, *_: object) -> None: ...
-
-    def write(self, samples: SampleBlock, estimates: object, modes: ModesBlock) -> None: ...
-
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         self.asked.set()
         self.freed.wait(60.0)
-
-    def manoeuvre(self, found: object, span_ns: object) -> None: ...
-
-    def flush(self) -> None: ...
-
-    def finish(self, summary: object, attachments: object) -> None: ...
-
-    def abort(self) -> None: ...
 
 
 def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):

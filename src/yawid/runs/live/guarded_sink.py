@@ -1,14 +1,12 @@
 """A tlog or sink that fails is one line, and the session goes on without it."""
 
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.runs.live.bulkhead import cause_of
-from yawid.sinks.base import Grid, LogLevel, Pace, Sink
+from yawid.sinks.base import Call, Pace, Relay, Sink
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync, take_name
 
 LOOK_S = 1.0
@@ -57,38 +55,19 @@ class Guard:
                     self._close()
 
 
-class Guarded(Guard):
+class Guarded(Guard, Relay):
     """Stands in front of a sink that writes ``part``."""
 
     def __init__(self, sink: Sink, part: Path, tell: Callable[[str], None]) -> None:
         super().__init__(part, tell)
         self._sink = sink
 
-    def start(self, grid: Grid) -> None:
-        """See :meth:`yawid.sinks.base.Sink.start`."""
-        self._attempt(lambda: self._sink.start(grid))
-
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :meth:`yawid.sinks.base.Sink.write`."""
-        self._attempt(lambda: self._sink.write(samples, estimates, modes))
-
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
-        self._attempt(lambda: self._sink.manoeuvre(found, span_ns))
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """See :meth:`yawid.sinks.base.Sink.log`."""
-        self._attempt(lambda: self._sink.log(unix_ns, level, text))
-
     def flush(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.flush`."""
+        """See :class:`yawid.sinks.base.Sink`; looks, too, whether the file is still there."""
         self._attempt(self._flush)
 
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.finish`."""
-        self._attempt(lambda: self._sink.finish(summary, attachments))
+    def _hand(self, call: Call) -> None:
+        self._attempt(lambda: call(self._sink))
 
     def _close(self) -> None:
         self._sink.abort()

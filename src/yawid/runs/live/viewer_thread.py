@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, wait
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.results.run_summary import Manoeuvre, RunSummary
+from yawid.results.run_summary import RunSummary
 from yawid.runs.live.bulkhead import Bulkhead
-from yawid.sinks.base import Grid, LogLevel, Pace, Sink
+from yawid.sinks.base import Call, Grid, Pace, Relay, Sink
 
 WAITING = 512
 """Calls of a session that may wait for the viewer; what comes on top is skipped and counted."""
@@ -14,10 +14,8 @@ AGAIN_S = 10.0
 """How often a viewer that has gone is looked for."""
 CLOSE_S = 5.0
 
-Call = Callable[[Sink], None]
 
-
-class Viewer:
+class Viewer(Relay):
     """A sink that hands everything to the worker of all viewers: no session waits for a viewer.
 
     ``connect`` returns a new sink and calls its argument with one line when the viewer is lost,
@@ -67,26 +65,14 @@ class Viewer:
         if self._lost or self.working.failure or not self._hand(show):
             self._not_taken += len(samples)
 
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
-        self._hand(lambda sink: sink.manoeuvre(found, span_ns))
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """See :meth:`yawid.sinks.base.Sink.log`."""
-        self._hand(lambda sink: sink.log(unix_ns, level, text))
-
     def flush(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.flush`."""
         if self._handed == self._done:
-            self._hand(lambda sink: sink.flush())
+            super().flush()
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :meth:`yawid.sinks.base.Sink.finish`; a viewer that does not take it is left."""
         wait([self._submit(lambda sink: sink.finish(summary, attachments))], CLOSE_S)
-
-    def abort(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.abort`; what ends at once waits for no viewer."""
-        self._hand(lambda sink: sink.abort())
 
     def _hand(self, call: Call) -> bool:
         has_room = self._handed - self._done < WAITING

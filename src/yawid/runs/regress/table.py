@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
-from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import Grid, LogLevel
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.base import Grid, Sink
 
 
 @dataclass(slots=True)
-class TableSink:
+class TableSink(Sink):
     """A sink that keeps one row a second and the last."""
 
     columns: list[str] = field(default_factory=list)
@@ -47,22 +47,10 @@ class TableSink:
         self.rows += table[first].tolist()
         self._second, self.newest = int(seconds[-1]), table[-1].tolist()
 
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """Manoeuvres stand in the summary."""
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """Lines for people are no result."""
-
-    def flush(self) -> None:
-        """Nothing is buffered."""
-
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """Add the last row."""
         if self.newest and self.rows[-1][0] != self.newest[0]:
             self.rows.append(self.newest)
-
-    def abort(self) -> None:
-        """Nothing is open."""
 
 
 def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:

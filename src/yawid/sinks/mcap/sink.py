@@ -13,7 +13,7 @@ import numpy as np
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import Grid, LogLevel, Pace
+from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
     RunRows,
@@ -68,7 +68,7 @@ def _as_record(value: str | Mapping[str, object]) -> dict[str, str]:
     return record
 
 
-class McapSink:
+class McapSink(Sink):
     """Writes ``<path>.part`` at once and gives it the name ``path`` when finished.
 
     ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text is held
@@ -89,7 +89,7 @@ class McapSink:
         force: bool = False,
         disk: Disk | None = None,
     ) -> None:
-        self.path = path
+        self.path: Path = path
         self._force = force
         self._disk = disk or Disk()
         self._part, self._stream = open_part(path, force=force)
@@ -253,7 +253,7 @@ class McapSink:
                 closed.close()
 
     def discard(self) -> None:
-        """Abort and remove what was written; it is this sink's own, nobody else may."""
+        """See :meth:`yawid.sinks.base.Sink.discard`."""
         self.abort()
         with contextlib.suppress(OSError):
             self._part.unlink(missing_ok=True)

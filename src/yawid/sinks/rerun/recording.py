@@ -20,7 +20,7 @@ import rerun as rr
 from rerun.encodings import TensorDataBatch
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
 from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import HALF_TRAVEL, Grid, LogLevel
+from yawid.sinks.base import HALF_TRAVEL, Grid, LogLevel, Sink
 from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
@@ -46,7 +46,7 @@ SHADE: Final = rgba(NEUTRAL, 70)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
 
 
-class RerunView:
+class RerunView(Sink):
     """A recording that goes to ``target``: a file (Path), ``spawn``, or the address of a viewer."""
 
     def __init__(self, target: str | Path, name: str) -> None:
@@ -145,8 +145,8 @@ class RerunView:
             self._send()
             self._recording.flush(timeout_sec=REACH_S)
 
-    def finish(self, summary: RunSummary) -> None:
-        """Send the rest and the verdict, and close.
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """Send the rest and the verdict, and close; attachments are for files that keep them.
 
         Raises:
             RuntimeError: not all of it could be written.
@@ -154,9 +154,9 @@ class RerunView:
         self._show("verdict", verdict_markdown(summary, self._rudder_unit))
         found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
         self._show("manoeuvres", manoeuvres_markdown(found, summary.flight))
-        self.close()
+        self.abort()
 
-    def close(self) -> None:
+    def abort(self) -> None:
         """Send the rest and close."""
         self._send()
         self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import Grid, LogLevel, Pace
+from yawid.results.run_summary import RunSummary
+from yawid.sinks.base import Call, Pace, Relay
 from yawid.sinks.part_file import open_part, take_name
 
 if TYPE_CHECKING:
@@ -18,10 +17,11 @@ if TYPE_CHECKING:
 FLUSH_S: Final = 0.5  # of wall time between two batches to a viewer
 
 
-class RerunSink:
+class RerunSink(Relay):
     """Shows a run in Rerun; ``target`` is ``save``, ``spawn`` or the address of a viewer.
 
-    ``path`` is the .rrd of ``save``: ``<path>.part`` until finished, and may be changed until then.
+    Of methods after the first only the Dutch roll is drawn. ``path`` is the .rrd of ``save``:
+    ``<path>.part`` until finished.
     A viewer that cannot be had or goes away costs one call of ``warn`` and nothing else, unless it
     is ``needed``.
 
@@ -60,32 +60,14 @@ class RerunSink:
                 raise
             self._failed(error)
 
-    def start(self, grid: Grid) -> None:
-        """See the protocol; of methods after the first only the Dutch roll is drawn."""
-        self._attempt(lambda view: view.start(grid))
-
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :meth:`yawid.sinks.base.Sink.write`."""
-        self._attempt(lambda view: view.write(samples, estimates, modes))
-
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.manoeuvre`."""
-        self._attempt(lambda view: view.manoeuvre(found, span_ns))
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """See :meth:`yawid.sinks.base.Sink.log`."""
-        self._attempt(lambda view: view.log(unix_ns, level, text))
-
     def flush(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.flush`; only a viewer is flushed, not a file."""
         if self._pace.due():
-            self._attempt(lambda view: view.flush())
+            super().flush()
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.finish`; attachments are for files that keep them."""
-        self._attempt(lambda view: view.finish(summary))
+        """See :meth:`yawid.sinks.base.Sink.finish`."""
+        super().finish(summary, attachments)
         self._view = None
         if self._part is not None and self.path is not None:
             take_name(self._part, self.path, force=self._force)
@@ -93,21 +75,21 @@ class RerunSink:
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
         with contextlib.suppress(SinkError):
-            self._attempt(lambda view: view.close())
+            super().abort()
         self._view = None
 
     def discard(self) -> None:
-        """Abort and remove what was written; it is this sink's own, nobody else may."""
+        """See :meth:`yawid.sinks.base.Sink.discard`."""
         self.abort()
         if self._part is not None:
             with contextlib.suppress(OSError):
                 self._part.unlink(missing_ok=True)
 
-    def _attempt(self, act: "Callable[[RerunView], None]") -> None:
+    def _hand(self, call: Call) -> None:
         if self._view is None:
             return
         try:
-            act(self._view)
+            call(self._view)
         except Exception as error:
             self._failed(error)
 
