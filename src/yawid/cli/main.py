@@ -43,6 +43,7 @@ from yawid.cli.warm import add_warm
 from yawid.errors import UNFORESEEN, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell_json, tell_page
+from yawid.sources.formats import RUN, recorded
 from yawid.version import __version__
 
 if TYPE_CHECKING:
@@ -60,7 +61,6 @@ OVERVIEW = {
     "the program itself": ("schema", "warm", "completion"),
 }
 """The commands by what a person comes with, as ``yawid --help`` lists them."""
-RECORDED = "tlog, dataflash .BIN, PX4 .ulg (extra ulog), CSV or Parquet"
 TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
 TRIED |= {"--manoeuvres"}
 """Options of an estimator that are nothing to the comparison of orders."""
@@ -126,7 +126,7 @@ def _add_replay(commands: Any) -> None:
 yawid replay flight.tlog --rerun save
 yawid replay day/*.BIN --out answers --json > answers.jsonl"""
     replay = add_command(commands, "replay", "LOG...", "estimate from recorded flights", examples)
-    kinds = f"{RECORDED}, or a run's MCAP"
+    kinds = f"{recorded()}, or {RUN.said}"
     replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
     add_format(replay)
     add_outputs(replay)
@@ -149,7 +149,7 @@ def _add_looks(commands: Any) -> None:
         "yawid orders flight.tlog\nyawid orders flight.tlog --from 300 --to 420",
     )  # fmt: skip
     for command, run, without in ((inspect, _inspect, {"--engine"}), (orders, _orders, TRIED)):
-        command.add_argument("log", metavar="LOG", type=Path, help=RECORDED)
+        command.add_argument("log", metavar="LOG", type=Path, help=recorded())
         command.add_argument("--json", action="store_true", help="print one JSON object")
         add_format(command)
         add_signing(command)

@@ -155,7 +155,7 @@ LOGS: Final = Table(
         ("reasons", IDS, "ids of what forbids an answer, or the outcome where that is none"),
         ("warnings", IDS, "ids of what the answers are warned of"),
         ("text", TEXT, "both in words, or the error"),
-        ("kind", ID, "tlog, bin, ulg or mcap"),
+        ("kind", ID, "tlog, bin, ulg, csv, parquet or mcap"),
         ("date", TIME, "first record; NULL where the log does not know"),
         ("duration_s", NUMBER, "last record less first"),
         *(

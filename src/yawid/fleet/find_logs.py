@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from yawid.errors import ConfigError, SourceError
+from yawid.sources.formats import IN_FOLDERS
 
-SUFFIXES: Final = (".tlog", ".bin", ".ulg", ".mcap")
-"""Of what is taken from a folder; a file that is named is taken whatever it is called."""
 NOT_FINISHED: Final = ".interrupted.mcap"
 _WILD: Final = frozenset("*?[")
 _CHUNK: Final = 1 << 20
@@ -37,7 +36,7 @@ def find_logs(paths: Iterable[str]) -> list[FoundLog]:
     for path in paths:
         below = {each.path: each for each in (_below_url(path) if "://" in path else _below(path))}
         if not below:
-            raise SourceError(f"{path}: no log there; logs end in {', '.join(SUFFIXES)}")
+            raise SourceError(f"{path}: no log there; logs end in {', '.join(IN_FOLDERS)}")
         found |= below
     return sorted(found.values(), key=lambda log: (-log.size, log.path))
 
@@ -79,9 +78,9 @@ def _searched(path: str) -> str | None:
 
 
 def is_log(name: str) -> bool:
-    """Tell by its name whether a file of a folder is a log."""
+    """Tell by its name whether a file of a folder is a log; one that is named always is."""
     lower = name.lower()
-    return lower.endswith(SUFFIXES) and not lower.endswith(NOT_FINISHED)
+    return lower.endswith(IN_FOLDERS) and not lower.endswith(NOT_FINISHED)
 
 
 def sha256_of(log: FoundLog) -> str:

@@ -25,7 +25,7 @@ from yawid.runs.replay_mcap import RunSource, changed, conclude
 from yawid.runs.run_log import open_log, run_log, settled
 from yawid.sinks.mcap.chunks import is_mcap
 from yawid.sinks.mcap.reader import open_run
-from yawid.sources.open_log import Log, ReadOptions, log_suffix
+from yawid.sources.open_log import Log, ReadOptions
 from yawid.version import __version__
 
 Rows = dict[str, list[dict[str, Any]]]
@@ -121,7 +121,7 @@ def _log_rows(path: Path, spec: Spec) -> Rows:
         flights = list(_each(first, config, another))
     log = {
         "log_sha256": first.summary.sha256,
-        "kind": log_suffix(path)[1:],
+        "kind": source.format.name,
         "date": known_date(link.first_us),
     }
     return _rows(first.summary, flights, log, spec)

@@ -23,6 +23,7 @@ from yawid.fleet.local import local_workers
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
+from yawid.sources.formats import FORMATS
 
 TIMEOUT_S: Final = 600.0
 TRIED_AGAIN: Final = ("crashed", "timeout")
@@ -106,8 +107,7 @@ def plan_of(
     """
     config_hash = run.spec.config_hash
     todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
-    if any(log.path.lower().endswith(".ulg") for log in todo):
-        _need_pyulog()
+    _need_libraries(todo)
     answered = frozenset(path for path, row in known.items() if row["outcome"] != FAILED)
     return Plan(todo, len(found) - len(todo), answered)
 
@@ -129,9 +129,16 @@ def _is_known(
     return bool(row["modified"] == log.modified)
 
 
-def _need_pyulog() -> None:
-    if importlib.util.find_spec("pyulog") is None:
-        raise SourceError("PX4 ULogs are among the logs: reading them needs pyulog (yawid[ulog])")
+def _need_libraries(logs: Sequence[FoundLog]) -> None:
+    """Find out before the first log is run whether the readers of all can be."""
+    for each in FORMATS:
+        if each.needs is None or not any(log.path.lower().endswith(each.suffix) for log in logs):
+            continue
+        module, extra = each.needs
+        if importlib.util.find_spec(module) is None:
+            raise SourceError(
+                f"{each.said} is among the logs: reading it needs {module} (yawid[{extra}])"
+            )
 
 
 def dry_run(run: FleetRun) -> Plan:

@@ -1,7 +1,6 @@
 """One way to read every kind of log: open it, then take blocks of messages from it.
 
-A log is known by its first bytes, never by its name: dataflash, ULog, Parquet, a table of texts,
-and a telemetry log else. What is called .csv or .parquet is told why it is none.
+``formats.py`` says which kinds there are and how each is known.
 """
 
 import hashlib
@@ -13,12 +12,9 @@ from tempfile import SpooledTemporaryFile
 from typing import TYPE_CHECKING, Protocol
 
 from yawid.blocks import FrameBlock, RecordBlock, SampleBlock
-from yawid.errors import ConfigError
-from yawid.sources.logs.dataflash import DataflashReader
-from yawid.sources.logs.dataflash_index import MAGIC as DATAFLASH
-from yawid.sources.logs.tlog import FORMS, Digest, Form, check_readable, read_tlog
-from yawid.sources.logs.ulog import MAGIC as ULOG
-from yawid.sources.logs.ulog import UlogReader
+from yawid.errors import ConfigError, SourceError
+from yawid.sources.formats import TLOG, format_of
+from yawid.sources.logs.tlog import FORMS, Form
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.mavlink.signing import Signing, SigningKey
@@ -26,11 +22,6 @@ from yawid.sources.mavlink.signing import Signing, SigningKey
 if TYPE_CHECKING:
     from yawid.sources.records.record import Record
 
-SUFFIXES = (".tlog", ".bin", ".ulg")
-"""What logs are called, by their kind: telemetry, dataflash, ULog."""
-RECORDS = (".csv", ".parquet")
-HEAD = 1 << 14
-"""Bytes by which a file's kind is known."""
 IN_MEMORY = 64 << 20
 """Bytes of decoded messages kept in memory; what is more goes to a file of its own."""
 
@@ -82,35 +73,8 @@ class Source(Protocol):
         """Yield (bytes read, what they hold) from the start, what was held back at the end too."""
 
 
-class TlogReader:
-    """A telemetry log, read through a decoder.
-
-    Raises:
-        SourceError: as :func:`yawid.sources.logs.tlog.check_readable`.
-    """
-
-    def __init__(self, path: Path, decoder: Decoder, form: Form = "auto") -> None:
-        check_readable(path, form)
-        self._path = path
-        self._decoder = decoder
-        self._form = form
-
-    @property
-    def link(self) -> LinkStats:
-        """Counts of all that has been decided so far."""
-        return self._decoder.link
-
-    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they completed), continuing ``digest`` by the bytes."""
-        for chunk in read_tlog(self._path, digest=digest, form=self._form):
-            yield len(chunk), self._decoder.feed(chunk)
-        yield 0, self._decoder.finish()
-
-
 class Log:
     """A log opened for reading: the ``wanted`` messages, their counts and the file's hash.
-
-    ``record`` is what never was MAVLink, to be settled before it is read; None of all else.
 
     It is decoded once. With ``again`` its messages are kept for whoever reads it again, those
     beyond ``IN_MEMORY`` in a temporary file, until ``close``.
@@ -128,28 +92,18 @@ class Log:
         again: bool = False,
     ) -> None:
         self.options = options or ReadOptions()
-        self.record: Record | None = None
-        self._reader = self._open(path, wanted)
+        is_told, kind = self.options.form != "auto", format_of(path)
+        self.format = kind = TLOG if is_told and not kind.magic else kind
+        opener = kind.opener
+        if opener is None or (is_told and kind is not TLOG):
+            raise SourceError(
+                f"{path} is {kind.called}, not a telemetry log: give the .tlog of the flight"
+            )
+        self._reader = opener(path, wanted, self.options)
         self.path, self.size = path, path.stat().st_size
         self._digest = hashlib.sha256()
         self._kept = SpooledTemporaryFile(IN_MEMORY) if again else None  # noqa: SIM115 until the end
         self._is_decoded = False
-
-    def _open(
-        self, path: Path, wanted: Iterable[str]
-    ) -> "TlogReader | DataflashReader | UlogReader | Record":
-        head = _head(path) if self.options.form == "auto" else b""
-        if head.startswith(DATAFLASH):
-            return DataflashReader(path)
-        if head.startswith(ULOG):
-            return UlogReader(path)
-        if self.options.form == "auto" and _may_be_record(path, head):
-            from yawid.sources.records.record import Record, is_record  # a log needs nothing of it
-
-            if path.suffix.lower() in RECORDS or is_record(head):
-                self.record = Record(path)
-                return self.record
-        return TlogReader(path, self.options.decoder(wanted), self.options.form)
 
     def close(self) -> None:
         """Remove what was kept, if anything was."""
@@ -164,7 +118,17 @@ class Log:
     @property
     def vehicle_id(self) -> str | None:
         """What the log itself calls its vehicle, None where it does not."""
-        return self._reader.vehicle_id if isinstance(self._reader, UlogReader) else None
+        return self._reader.vehicle_id
+
+    @property
+    def record(self) -> "Record | None":
+        """What never was MAVLink, to be settled before it is read; None of all else."""
+        if not self.format.has_columns:
+            return None
+        from yawid.sources.records.record import Record  # a log needs nothing of it
+
+        assert isinstance(self._reader, Record)
+        return self._reader
 
     @property
     def sha256(self) -> str:
@@ -208,25 +172,3 @@ class TlogBytes:
         for piece in self._pieces:
             yield len(piece), self._decoder.feed(piece)
         yield 0, self._decoder.finish()
-
-
-def log_suffix(path: Path) -> str:
-    """Return the one of ``SUFFIXES`` that names the kind of a log."""
-    head = _head(path)
-    return SUFFIXES[1 if head.startswith(DATAFLASH) else 2 if head.startswith(ULOG) else 0]
-
-
-def _may_be_record(path: Path, head: bytes) -> bool:
-    """Tell if a file may be a record: a stamp begins with 0, a frame of MAVLink 2 with 0xFD."""
-    return path.is_file() and head[:1] not in (b"\0", b"\xfd")
-
-
-def _head(path: Path) -> bytes:
-    """Return the first bytes, none where the telemetry log's reader is to say what is wrong."""
-    if not path.is_file():
-        return b""
-    try:
-        with path.open("rb") as file:
-            return file.read(HEAD)
-    except OSError:
-        return b""

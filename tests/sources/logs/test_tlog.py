@@ -13,6 +13,7 @@ from sources.tlog_records import BY_NAME, START_US, message, pack, random_record
 
 from yawid.errors import SourceError
 from yawid.sources.logs.tlog import check_readable, read_tlog
+from yawid.sources.open_log import Log, ReadOptions
 
 
 @pytest.fixture
@@ -75,7 +76,7 @@ def test_what_is_no_telemetry_log_is_refused_in_one_line(tmp_path: Path, name: s
     path = tmp_path / "stranger.tlog"
     path.write_bytes(content)
     with pytest.raises(SourceError, match=verdict) as caught:
-        next(read_tlog(path))
+        Log(path, (), ReadOptions("tlog"))
     assert_one_line(caught.value, path)
 
 

@@ -14,7 +14,7 @@ from yawid.results.summary import summarise
 from yawid.runs.regress.compare import NOT_COMPARED
 from yawid.runs.regress.table import TableSink
 from yawid.runs.run_log import open_log, run_log, settled
-from yawid.sources.open_log import SUFFIXES
+from yawid.sources.formats import FORMATS
 
 _KEYS = {
     "origin": str,
@@ -44,8 +44,8 @@ class Case:
 
     @property
     def log(self) -> Path:
-        """The log replayed: log.tlog, log.bin or log.ulg."""
-        found = (self.folder / f"log{suffix}" for suffix in SUFFIXES)
+        """The log replayed, the first there is: log.tlog, log.bin, ..."""
+        found = (self.folder / f"log{each.suffix}" for each in FORMATS)
         return next((log for log in found if log.is_file()), self.folder / "log.tlog")
 
     @staticmethod

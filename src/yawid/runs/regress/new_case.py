@@ -19,10 +19,10 @@ from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
 from yawid.sinks.part_file import os_errors_as_sink_error
+from yawid.sources.formats import TLOG, format_of
 from yawid.sources.logs.tlog import read_tlog
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size
-from yawid.sources.open_log import SUFFIXES, log_suffix
 
 MOST_BYTES = 1_000_000
 LEAD_S = 10.0
@@ -51,11 +51,13 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
     if place.exists():
         raise ConfigError(f"{place} exists: choose another --name")
     config = RunConfig(**check_settings(dict(options), "the command line"))
-    suffix = log_suffix(log)
-    data = b"".join(read_tlog(log)) if suffix == SUFFIXES[0] else _on_board(log)
+    kind = format_of(log)
+    if kind.opener is None or kind.has_columns:
+        raise SourceError(f"{log} is {kind.called}: a case is made of a log")
+    data = b"".join(read_tlog(log)) if kind is TLOG else _on_board(log)
     kept = data
     whole = len(data) < MOST_BYTES and config.from_s is None and config.to_s is None
-    if suffix == SUFFIXES[0] and not whole:
+    if kind is TLOG and not whole:
         kept = _trimmed(data, config)
     if len(kept) >= MOST_BYTES:
         raise ConfigError(
@@ -66,7 +68,7 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
     called = log.name.encode("utf-8", "backslashreplace").decode()
     origin = f"{called}, sha256 {hashlib.sha256(data).hexdigest()}"
     origin += "" if kept is data else ", trimmed by yawid regress --new"
-    return _written(place, f"log{suffix}", kept, origin, options)
+    return _written(place, f"log{kind.suffix}", kept, origin, options)
 
 
 def _on_board(log: Path) -> bytes:

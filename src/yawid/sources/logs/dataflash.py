@@ -64,6 +64,8 @@ class DataflashReader:
         SourceError: the file cannot be read, or holds no message.
     """
 
+    vehicle_id = None
+
     def __init__(self, path: Path) -> None:
         self._index = index = DataflashIndex(path, (*_TIMED, *_UNTIMED))
         index.keep_timed(_TIMED)

@@ -9,11 +9,13 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from yawid.blocks import FrameBlock
 from yawid.errors import SourceError
 from yawid.sources.logs.bare_frames import Stamper
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
 from yawid.sources.mavlink.framing import SLACK, find_frames
+from yawid.sources.mavlink.link_stats import LinkStats
 
 Form = Literal["auto", "tlog", "raw"]
 FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")
@@ -24,9 +26,6 @@ _BARE_SUFFIXES = (".rlog", ".raw")
 _OTHER_FORMATS = (
     (b"\x1f\x8b", "is compressed by gzip: unpack it first (gunzip)"),
     (b"PK\x03\x04", "is a zip archive: unpack it first (unzip)"),
-    (b"\xa3\x95", "is a dataflash log (.bin), not a telemetry log: give the .tlog of the flight"),
-    (b"ULog\x01\x12\x35", "is a PX4 ULog, not a telemetry log: give the .tlog of the flight"),
-    (b"\x89MCAP0\r\n", "is an MCAP file, not a telemetry log: give the .tlog of the flight"),
 )
 
 
@@ -35,6 +34,33 @@ class Digest(Protocol):
 
     def update(self, data: bytes, /) -> None:
         """Continue the hash by ``data``."""
+
+
+class TlogReader:
+    """A telemetry log, read through a decoder.
+
+    Raises:
+        SourceError: as :func:`check_readable`.
+    """
+
+    vehicle_id = None
+
+    def __init__(self, path: Path, decoder: Decoder, form: Form = "auto") -> None:
+        check_readable(path, form)
+        self._path = path
+        self._decoder = decoder
+        self._form = form
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of all that has been decided so far."""
+        return self._decoder.link
+
+    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
+        """Yield (bytes read, the messages they completed), continuing ``digest`` by the bytes."""
+        for chunk in read_tlog(self._path, digest=digest, form=self._form):
+            yield len(chunk), self._decoder.feed(chunk)
+        yield 0, self._decoder.finish()
 
 
 def check_readable(path: Path, form: Form = "auto") -> None:

@@ -53,7 +53,6 @@ from yawid.sources.mavlink.enums import (
 )
 from yawid.sources.mavlink.link_stats import LinkStats
 
-MAGIC = b"ULog\x01\x12\x35"
 _AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
 _TRUE = "true_airspeed_m_s"
 """Converted by the air's density, and only where none of the others is known."""

@@ -18,7 +18,7 @@ from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.records.airspeeds import airspeed_of
 from yawid.sources.records.columns import COLUMNS
-from yawid.sources.records.csv_table import CsvTable, looks_like_csv
+from yawid.sources.records.csv_table import CsvTable
 from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
 from yawid.sources.records.modes import modes_of
 from yawid.sources.records.parquet_table import MAGIC, ParquetTable
@@ -47,17 +47,14 @@ MEASURED: Final = frozenset(
 """Columns that are numbers in units, and used as they are."""
 
 
-def is_record(head: bytes) -> bool:
-    """Tell by its first bytes whether a file is Parquet, or a table of texts."""
-    return head.startswith(MAGIC) or looks_like_csv(head)
-
-
 class Record:
     """A record: ``settle`` says what its columns mean, then ``read`` yields its rows.
 
     Raises:
         SourceError: it cannot be read, or is not understood.
     """
+
+    vehicle_id = None
 
     def __init__(self, path: Path) -> None:
         self.path = path
