@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +158,19 @@ def test_its_pictures_can_be_had_one_by_one_and_never_over_a_file(
     assert main(order) == 6
     assert not (tmp_path / "a.html").exists()
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
+
+
+@pytest.mark.long  # matplotlib lists all fonts anew where it has no cache
+def test_without_a_folder_for_the_cache_of_matplotlib_stderr_has_no_line(
+    good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    environment = os.environ | {"MPLCONFIGDIR": str(tmp_path / "file" / "below")}
+    order = [sys.executable, "-m", "yawid", "report", str(good), "-o", str(tmp_path / "a.html")]
+    told = subprocess.run(
+        order, env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert told.stderr == ""
 
 
 def test_the_file_replays_from_itself(good: Path) -> None:

@@ -156,11 +156,15 @@ SENT = frames(10.0)
 
 
 def interrupt() -> None:
+    """Raise KeyboardInterrupt in the main thread, wherever it is."""
     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
-def attend(folder: Path, then: object) -> Screen:
-    """Attend a link on which the flight is sent, after which ``then(stop, screen)`` is called."""
+def attend(folder: Path, then: object, ended: threading.Event | None = None) -> Screen:
+    """Attend a link on which the flight is sent, after which ``then(stop, screen)`` is called.
+
+    ``ended`` is set when the session is over.
+    """
     port, stop, screen = free_port(), StopFlag(), Screen()
 
     def vehicle() -> None:
@@ -175,6 +179,8 @@ def attend(folder: Path, then: object) -> Screen:
     try:
         live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
     finally:
+        if ended is not None:
+            ended.set()
         sender.join(60.0)
     return screen
 

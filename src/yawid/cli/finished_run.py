@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from yawid.cli.options import add_command
+from yawid.cli.standard_streams import hush
 from yawid.sinks.door import say, tell
 
 _RUN = "the file of a finished run"
@@ -92,6 +93,7 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
+    hush("matplotlib")  # without a folder for its cache it makes one and says so
     from yawid.report.write import write_report
     from yawid.sinks.terminal.progress import progress
 

@@ -29,6 +29,13 @@ def make_ready() -> None:
         raise SinkError("stdout is closed, so nobody would get the answer; > /dev/null drops it")
 
 
+def hush(library: str) -> None:
+    """Drop what a library logs that is no error: it goes to stderr, where every line is ours."""
+    import logging  # takes 17 ms, and few commands need it
+
+    logging.getLogger(library).setLevel(logging.ERROR)
+
+
 def bring_out() -> None:
     """Bring out what both streams still hold; Python itself would do so where nobody can answer.
 

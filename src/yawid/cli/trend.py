@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from yawid.cli.options import add_command
+from yawid.cli.standard_streams import hush
 from yawid.sinks.door import tell_json, tell_page
 
 CHANGED = 7
@@ -40,6 +41,7 @@ def _trend(arguments: argparse.Namespace) -> int:
 
     told, studied = trend(arguments.dataset, arguments.vehicle)
     if arguments.out is not None:
+        hush("matplotlib")  # without a folder for its cache it makes one and says so
         from yawid.trend.page import write_page
 
         write_page(told, studied, arguments.out, force=arguments.force)
