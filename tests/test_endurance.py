@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from daylog import long_log
 from flightlog import finished, fly, samples_of
-from log_surgery import join, split
+from flights.surgery import join, split
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 

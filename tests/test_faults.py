@@ -20,7 +20,7 @@ from fault_injection import (
     shifted,
     with_others,
 )
-from log_surgery import Encoder, Record, join, nonsense, rewrite, sender, without, wrong_crc
+from flights.surgery import Encoder, Record, join, nonsense, rewrite, sender, without, wrong_crc
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 

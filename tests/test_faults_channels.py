@@ -21,7 +21,7 @@ from fault_injection import (
     run,
     with_others,
 )
-from log_surgery import Encoder, Record, after, join, message_id, sender
+from flights.surgery import Encoder, Record, after, join, message_id, sender
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 

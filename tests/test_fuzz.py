@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import fuzz
 import pytest
-from fuzz_inputs import FuzzFlight, command_lines, flights
+from checks import fuzz
+from checks.fuzz_inputs import FuzzFlight, command_lines, flights
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 

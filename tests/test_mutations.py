@@ -1,11 +1,11 @@
-"""The seeded defects (tools/defects.py), and the test that must notice each."""
+"""The seeded defects (tools/checks/defects.py), and the test that must notice each."""
 
 from __future__ import annotations
 
 import pytest
-from defect import Defect
-from defects import DEFECTS
-from mutate import Copy, misplaced
+from checks.defect import Defect
+from checks.defects import DEFECTS
+from checks.mutate import Copy, misplaced
 
 
 @pytest.fixture(scope="module")

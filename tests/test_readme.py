@@ -9,8 +9,8 @@ from pathlib import Path
 
 import check
 import pytest
-import readme_tables
-from bench import BENCHES
+from bench.run import BENCHES
+from checks import readme_tables
 from places import ROOT, SRC, TOOLS
 
 from yawid.cli import main as command_line
@@ -95,7 +95,7 @@ def test_every_room_of_the_house_is_named_and_no_other():
 
 @pytest.mark.parametrize("name", readme_tables.TABLES)
 def test_a_table_that_the_tree_gives_is_as_it_gives_it(name: str):
-    """If not: python tools/readme_tables.py."""
+    """If not: python -m checks.readme_tables."""
     assert readme_tables.written(name) == readme_tables.TABLES[name]()
 
 

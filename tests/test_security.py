@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 from daylog import long_log
 from flightlog import FlightLog, finished
+from flights.surgery import Encoder, join, rewrite, split
 from hostile import FLIGHT, run_limited
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from log_surgery import Encoder, join, rewrite, split
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.channels.grid_rate import MOST_SEGMENTS

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from children import child
+from checks.children import child
 from places import ROOT, TESTS, TOOLS
 
 FOR_EVER = {"wait", "communicate", "join", "result", "acquire"}
@@ -22,7 +22,7 @@ READS = {"recv", "recvfrom", "accept"}
 HAS_A_LIMIT = {
     # It is the wait that is tested: its socket has a timeout.
     ("tests/sources/link/test_recvmmsg.py", "receiver.wait()"),
-    ("tools/children.py", "subprocess.Popen(command, **options)"),
+    ("tools/checks/children.py", "subprocess.Popen(command, **options)"),
 }
 
 
@@ -117,7 +117,7 @@ def test_a_test_that_stands_is_ended_and_named_and_the_others_run(tmp_path: Path
 
 
 def test_a_child_that_heeds_no_sigterm_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("children.LEAVE_S", 0.2)
+    monkeypatch.setattr("checks.children.LEAVE_S", 0.2)
     command = ["bash", "-c", "trap '' TERM; echo ready; exec sleep 60"]
     with child(command, stdout=subprocess.PIPE) as process:
         process.stdout.readline()

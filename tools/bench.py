@@ -1,75 +1,8 @@
-"""Benches, each printing a Markdown table: python tools/bench.py NAME [options] [--readme].
+"""Run a bench: python tools/bench.py NAME [options] [--readme]; see bench/run.py."""
 
-With ``--readme`` the table is also written to tools/README.md, below its marker. A bench may print
-more tables, with a blank line between: see ``PLACES``.
-"""
-
-from __future__ import annotations
-
-import datetime
-import importlib
-import os
-import shlex
 import sys
 
-from readme_tables import put
-
-BENCHES = (
-    "estimator",
-    "efficiency",
-    "windup",
-    "confidence",
-    "link",
-    "live",
-    "vehicles",
-    "replay",
-    "aliasing",
-    "manoeuvres",
-    "truth",
-    "start",
-)
-PLACES = {"truth": ("truth", "truth_by", "truth_short")}
-"""The markers of a bench's first tables; of all others the first table goes below the own name."""
-
-
-def run(name: str, options: list[str]) -> tuple[str, str | None]:
-    """Run one bench, print the lines of its tables as they come; return them and what it misses.
-
-    The first cell of the header, which the bench leaves empty, is what was run (paths without their
-    names) and when. What is missed is what the bench's generator returns.
-    """
-    options_told = []
-    for option in options:
-        told_option = "LOG" if os.sep in option else option
-        if told_option != "LOG" or "LOG" not in options_told:
-            options_told.append(told_option)
-    today = datetime.datetime.now(tz=datetime.UTC).date()
-    made = f"| `{shlex.join([name, *options_told])}`, {today} |"
-    told = importlib.import_module(f"bench_{name}").main(options)
-    lines: list[str] = []
-    while True:
-        try:
-            line = next(told)
-        except StopIteration as end:
-            return "\n".join(lines), end.value
-        lines.append(line if lines else line.replace("| |", made, 1))
-        print(lines[-1], flush=True)
-
-
-def main(arguments: list[str]) -> int:
-    """Run the bench that is named first; the rest are its options. Return 1 where it misses."""
-    if not arguments or arguments[0] not in BENCHES:
-        print(f"usage: bench.py {'|'.join(BENCHES)} [options] [--readme]", file=sys.stderr)
-        return 2
-    name, *options = arguments
-    tables, missed = run(name, [option for option in options if option != "--readme"])
-    if "--readme" in options:
-        for place, table in zip(PLACES.get(name, (name,)), tables.split("\n\n"), strict=False):
-            put(place, table)
-    if missed is not None:
-        print(missed, file=sys.stderr)
-    return 0 if missed is None else 1
-
+from bench.run import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

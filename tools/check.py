@@ -29,7 +29,7 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     return [
         [*tests, "-m", "not slow and not long"] if fast else tests,
         *([long_tests] if long else []),
-        *([[python, "tools/check_install.py"]] if long else []),
+        *([[python, "tools/checks/check_install.py"]] if long else []),
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],
         [python, "-m", "mypy", "--strict", *TYPED],

@@ -24,11 +24,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from children import child
+from checks.children import child
+from checks.judge_trend import START_US, flight, write_fleet
 from finished_runs import replayed
 from forged_runs import forge
 from hostile import hostile_log, parameter
-from judge_trend import START_US, flight, write_fleet
 from live_link import frames, free_port, send
 from places import REPLAY_LOGS, SRC
 from sources.logs import dataflash_flight, ulog_flight

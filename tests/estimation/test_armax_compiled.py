@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from children import LEAVE_S, child
+from checks.children import LEAVE_S, child
 from finished_runs import messages
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -5,15 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import judge_manoeuvres as judge
 import pytest
-from flight_legs import PLANS
+from checks import judge_manoeuvres as judge
+from flights.legs import PLANS
 
 from yawid.results.run_summary import RunSummary
 
 pytestmark = pytest.mark.long
 UPSETS = (1,)
-"""Seeds; tools/judge_manoeuvres.py flies a hundred."""
+"""Seeds; tools/checks/judge_manoeuvres.py flies a hundred."""
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def flight(folder: Path) -> tuple[RunSummary, dict[str, Any]]:
     """Some minutes at three airspeeds with turns between, and their truth.
 
-    tools/judge_manoeuvres.py flies the whole quarter of an hour.
+    tools/checks/judge_manoeuvres.py flies the whole quarter of an hour.
     """
     legs = PLANS["three_speeds"].legs
     some = [leg for at in (0, 11, 22) for leg in legs[at : at + 5]]

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import Browser, find_chromium
 from finished_runs import replayed
 from hand_flights import (
     EVERY,
@@ -30,6 +29,7 @@ from hand_flights import (
 )
 from matplotlib.figure import Figure
 from msgspec.structs import replace
+from pictures.browser import Browser, find_chromium
 from places import C172P, REPLAY_LOGS
 from report_page import Page, first_screen
 

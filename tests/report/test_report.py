@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import Browser, find_chromium
 from finished_runs import replayed
 from flightlog import FlightLog, fly
+from pictures.browser import Browser, find_chromium
 from places import C172P, REPLAY_LOGS
 from report_page import Page, first_screen
 

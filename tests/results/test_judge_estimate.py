@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import corpus_quiet
 import pytest
 from flightlog import summarised
+from flights import quiet as corpus_quiet
 from gate import one_in
 
 from yawid.config.run import RunConfig
@@ -73,7 +73,7 @@ REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))
     "kind", one_in(4, range(len(corpus_quiet.KINDS))), ids=list(corpus_quiet.KINDS)
 )
 def test_what_nobody_excited_is_not_usable(kind: int, tmp_path: Path):
-    """One of each kind; tools/corpus.py judges fifteen of each."""
+    """One of each kind; tools/checks/corpus.py judges fifteen of each."""
     log = tmp_path / "quiet.tlog"
     log.write_bytes(corpus_quiet.unexcited(kind).log)
 

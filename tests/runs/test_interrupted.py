@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from children import child
+from checks.children import child
 from finished_runs import replayed
 from interrupting import repeated, yawid_with
 from places import C172P, REPLAY_LOGS

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from flightlog import finished
-from log_surgery import Encoder, Record, join, rewrite, split
+from flights.surgery import Encoder, Record, join, rewrite, split
 from places import REPLAY_LOGS
 
 from yawid.config.run import RunConfig

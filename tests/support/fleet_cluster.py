@@ -12,8 +12,8 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from children import child
-from long_log import START_US, write_log
+from checks.children import child
+from flights.long_log import START_US, write_log
 
 from yawid.dataset.files import merge, read_table
 from yawid.dataset.schema import ANALYSIS_VERSION, TABLES

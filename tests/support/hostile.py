@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import zstandard
 from flightlog import FlightLog, fly
-from log_surgery import split
+from flights.surgery import split
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex, Footer

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import bench
 import pytest
-import readme_tables
+from bench import run as bench
+from checks import readme_tables
 
 
 @pytest.fixture
@@ -22,9 +22,9 @@ def readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "tools" / "README.md"
     path.write_text("<!-- fake -->\n\nwhat follows\n", encoding="utf-8")
     monkeypatch.setattr(readme_tables, "ROOT", tmp_path)
-    fake = ModuleType("bench_fake")
+    fake = ModuleType("bench.fake")
     fake.main = lambda options: iter(["| | s |", "|---|---|", f"| {len(options)} | 2 |"])
-    monkeypatch.setitem(sys.modules, "bench_fake", fake)
+    monkeypatch.setitem(sys.modules, "bench.fake", fake)
     monkeypatch.setattr(bench, "BENCHES", ("fake",))
     return path
 
@@ -47,7 +47,7 @@ def test_a_bench_that_misses_its_aim_exits_with_1_and_its_first_table_is_written
         yield from ("| | s |", "|---|---|", "", "| more |")
         return "s is too large"
 
-    monkeypatch.setattr(sys.modules["bench_fake"], "main", tables)
+    monkeypatch.setattr(sys.modules["bench.fake"], "main", tables)
 
     assert bench.main(["fake", "--readme"]) == 1
 
@@ -67,4 +67,4 @@ def test_without_being_asked_nothing_is_written(readme: Path):
 
 @pytest.mark.parametrize("name", bench.BENCHES)
 def test_every_bench_gives_its_table_line_by_line(name: str):
-    assert inspect.isgeneratorfunction(importlib.import_module(f"bench_{name}").main)
+    assert inspect.isgeneratorfunction(importlib.import_module(f"bench.{name}").main)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from bench_aliasing import errors
+from bench.aliasing import errors
 
 
 @pytest.mark.parametrize("raw_hz", [50.0, 200.0])

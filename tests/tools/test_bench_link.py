@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import bench_link
 import numpy as np
 import pytest
+from bench import link as bench_link
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from yawid.sources.mavlink.decoder import Decoder

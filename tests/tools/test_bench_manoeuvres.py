@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from types import SimpleNamespace
 
-import bench_manoeuvres as bench
 import numpy as np
 import pytest
+from bench import manoeuvres as bench
 from flightlog import run_through
 
 from yawid.blocks import Floats

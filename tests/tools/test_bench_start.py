@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import bench_start as bench
+from bench import start as bench
 
 
 def test_a_round_of_the_short_processes_fills_its_cells_in_ratios_and_the_rest_stay_empty(

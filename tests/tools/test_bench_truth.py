@@ -6,9 +6,9 @@ import csv
 from pathlib import Path
 from typing import Any
 
-import bench_truth as bench
 import pytest
-import truth_rows
+from bench import truth as bench
+from bench import truth_rows
 from places import ROOT
 
 from yawid.results.run_summary import (

@@ -1,11 +1,11 @@
-"""What tools/check_install.py goes by, without installing: that is for tools/check.py --long."""
+"""What check_install.py goes by, without installing: that is for tools/check.py --long."""
 
 from __future__ import annotations
 
 import re
 from importlib.metadata import version
 
-from check_install import DATA, newest_allowed, oldest_allowed
+from checks.check_install import DATA, newest_allowed, oldest_allowed
 from places import SRC
 
 

@@ -1,33 +1,28 @@
 """The corpora: true, repeatable, and a quiet log's rudder has nothing of its own."""
 
 import csv
-import importlib
 import json
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from places import TOOLS
+from checks import corpus
+from checks import corpus_judge as judge
+from flights import flight as jsbsim_flight
+from flights import free as flights
+from flights import quiet
+from flights import truth as jsbsim_truth
+from flights.flight import FlightPlan
+from flights.surgery import split
+from flights.telemetry import Link
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import welch
 
 from yawid.config.run import RunConfig
 
-if str(TOOLS) not in sys.path:
-    sys.path.insert(0, str(TOOLS))
-corpus = importlib.import_module("corpus")
-flights = importlib.import_module("corpus_flights")
-judge = importlib.import_module("corpus_judge")
-quiet = importlib.import_module("corpus_quiet")
-jsbsim_flight = importlib.import_module("jsbsim_flight")
-jsbsim_truth = importlib.import_module("jsbsim_truth")
-split = importlib.import_module("log_surgery").split
-
-FlightPlan, Link = jsbsim_flight.FlightPlan, importlib.import_module("telemetry").Link
 SHORT = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
 STILL = ("turns", "gusts", "drift")
 COPIES = ("mixed", "coordinated", "damper")

@@ -1,10 +1,8 @@
 """The flown test aircraft: true to its truth file, its frames genuine, its bytes repeatable."""
 
-import importlib
 import json
 import socket
 import struct
-import sys
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
@@ -13,19 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flights import command as fly_jsbsim
+from flights import flight as jsbsim_flight
+from flights.flight import FlightPlan, Servo
+from flights.telemetry import Link
 from hypothesis import given
 from hypothesis import strategies as st
-from places import REPLAY_LOGS, TOOLS
+from places import REPLAY_LOGS
 from pymavlink.dialects.v10 import ardupilotmega as v1
 from pymavlink.dialects.v20 import ardupilotmega as v2
 
-if str(TOOLS) not in sys.path:
-    sys.path.insert(0, str(TOOLS))
-fly_jsbsim = importlib.import_module("fly_jsbsim")
-jsbsim_flight = importlib.import_module("jsbsim_flight")
-telemetry = importlib.import_module("telemetry")
-
-Servo, FlightPlan, Link = jsbsim_flight.Servo, jsbsim_flight.FlightPlan, telemetry.Link
 Frames = list[tuple[int, bytes]]
 SHORT = FlightPlan(seconds=12.0)
 

@@ -1,24 +1,19 @@
 """Whole flights by plan: each manoeuvre's truth is found at the airspeed that was flown in it."""
 
-import importlib
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from places import TOOLS
+from flights import command as fly_jsbsim
+from flights import guided as leg_flight
+from flights import legs as flight_legs
+from flights import truth
+from flights.legs import PLANS, Leg, LegPlan
 from pymavlink.dialects.v20 import ardupilotmega as v2
 
 from yawid.cli.main import main
-
-if str(TOOLS) not in sys.path:
-    sys.path.insert(0, str(TOOLS))
-fly_jsbsim = importlib.import_module("fly_jsbsim")
-flight_legs = importlib.import_module("flight_legs")
-leg_flight = importlib.import_module("leg_flight")
-Leg, LegPlan, PLANS = flight_legs.Leg, flight_legs.LegPlan, flight_legs.PLANS
 
 TOML = """
 aircraft = "c172p"
@@ -147,7 +142,6 @@ def test_bare_and_closed_differ_and_the_mode_says_which_was_flown(
 
 
 def test_K_and_T_are_those_of_eq_23_where_nothing_rolls(monkeypatch: pytest.MonkeyPatch) -> None:
-    truth = importlib.import_module("jsbsim_truth")
     monkeypatch.setattr(truth, "LATERAL", ("Beta", "R"))
     A = np.array([[-0.2, -1.0], [5.0, -0.5]])  # beta, r: no roll, so that eq. 23 is exact
     b = np.array([0.0, -3.0])

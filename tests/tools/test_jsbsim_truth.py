@@ -1,18 +1,12 @@
 """What a flight's truth file says is what the simulated aircraft does."""
 
-import importlib
-import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from places import TOOLS
-
-if str(TOOLS) not in sys.path:
-    sys.path.insert(0, str(TOOLS))
-jsbsim_truth = importlib.import_module("jsbsim_truth")
-FlightPlan = importlib.import_module("jsbsim_flight").FlightPlan
+from flights import truth as jsbsim_truth
+from flights.flight import FlightPlan
 
 
 def steady(plan: Any) -> Any:

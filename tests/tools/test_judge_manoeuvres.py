@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-import judge_manoeuvres as judge
 import pytest
-from flight_legs import PLANS, Leg, LegPlan
+from checks import judge_manoeuvres as judge
+from flights.legs import PLANS, Leg, LegPlan
 
 from yawid.results.run_summary import (
     DutchRoll,

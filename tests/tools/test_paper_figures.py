@@ -11,7 +11,7 @@ from places import ROOT
 
 
 def test_every_transient_of_the_paper_is_drawn(tmp_path: Path):
-    tool = [sys.executable, str(ROOT / "tools" / "paper_figures.py"), str(tmp_path)]
+    tool = [sys.executable, str(ROOT / "tools" / "pictures" / "paper_figures.py"), str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     done = subprocess.run(
         tool, env=environment, capture_output=True, text=True, check=False, timeout=120

@@ -1,20 +1,15 @@
 """A trimmed tlog is whole records of the stretch asked for, bytes untouched."""
 
-import importlib
 import struct
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from places import REPLAY_LOGS, TOOLS
+from flights import trim_tlog
+from places import REPLAY_LOGS
 from places import SHARED_FLIGHTS as SHARED
 from pymavlink.dialects.v20 import ardupilotmega
-
-if str(TOOLS) not in sys.path:
-    sys.path.insert(0, str(TOOLS))
-trim_tlog = importlib.import_module("trim_tlog")
 
 
 @pytest.fixture(scope="module")

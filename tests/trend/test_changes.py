@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.stats
-from judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
+from checks.judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
 
 from yawid.trend.best_profile import LEAST_DAYS
 from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights, profile

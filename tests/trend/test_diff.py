@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
+from checks.judge_trend import START_US, flight, judge_diff, write_fleet
 from finished_runs import replayed
 from forged_runs import forge
 from hand_flights import four_of_a_flight
-from judge_trend import START_US, flight, judge_diff, write_fleet
 from places import C172P
 from printed import printed
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checks.judge_trend import START_US, flight, write_fleet
 from finished_runs import replayed
 from forged_runs import forge
 from hand_flights import four_of_a_flight
-from judge_trend import START_US, flight, write_fleet
 from places import C172P
 from printed import printed
 

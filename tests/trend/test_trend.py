@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from judge_trend import (
+from checks.judge_trend import (
     FALLS,
     START_US,
     Judged,

@@ -9,7 +9,7 @@ with the scatter of this vehicle and of the fleet together (Smyth 2004, moderate
 vehicles scatter alike, each has the degrees of freedom of all).
 
 P(the best of all profiles has |t| > c) is some ``looks(n)`` times that of a single one: looks is
-from drawn histories without a change (tools/judge_trend.py looks). Of 60 000 more, drawn as the
+from drawn histories without a change (tools/checks/judge_trend.py). Of 60 000 more, drawn as the
 tool draws them, p was below 1/6000, the limit of 60 histories, .8 times as often as it says; of
 histories of 12 to 20 days 1.5 times, and with 10 % of outliers instead of 5 twice as often.
 
@@ -42,7 +42,7 @@ SEASON: Final = 0.04
 """Of a number, by which a year may swing it either way: cold air is some 8 % denser than the mean,
 and zeta goes with the root of it."""
 NIGHTS: Final = 4.0
-"""A look's part of all looks, by draws (tools/judge_trend.py nights)."""
+"""A look's part of all looks, by draws (tools/checks/judge_trend.py nights)."""
 _SHARE: Final = {True: 0.75, False: 0.25}
 """Of the false alarms, of slow changes, which wear makes and which are cheap to test, and quick."""
 _LEAST_S2: Final = 1e-4

@@ -13,8 +13,8 @@ from pkgutil import resolve_name
 from typing import Any
 
 import pytest
+from flights.send_tlog import stamped_frames
 from live_link import CONFIG, Session, frames, free_port, listening, send, tlog_size, wait_for_size
-from send_tlog import stamped_frames
 
 from yawid.errors import ConfigError
 from yawid.runs.live import LiveOptions, live

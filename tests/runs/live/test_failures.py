@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from children import LEAVE_S, child
+from checks.children import LEAVE_S, child
+from flights.send_tlog import stamped_frames
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
-from send_tlog import stamped_frames
 from sinks.rerun.rerun_reading import VIEWER
 from sinks.rerun.test_viewer import viewer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from live_kill import kill_once
+from bench.live_kill import kill_once
 from live_link import frames
 
 

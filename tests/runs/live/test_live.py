@@ -12,11 +12,12 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-import fly_jsbsim
 import pytest
-from children import child
+from checks.children import child
 from finished_runs import messages
-from jsbsim_flight import FlightPlan
+from flights import command as fly_jsbsim
+from flights.flight import FlightPlan
+from flights.telemetry import Link
 from live_link import (
     CONFIG,
     Screen,
@@ -29,7 +30,6 @@ from live_link import (
 )
 from printed import printed
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from telemetry import Link
 
 from yawid.cli.main import main
 from yawid.config.run import RunConfig

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from finished_runs import messages
+from flights.send_tlog import stamped_frames
 from live_link import (
     CONFIG,
     attend,
@@ -24,7 +25,6 @@ from live_link import (
     wait_for_size,
 )
 from places import REPLAY_LOGS
-from send_tlog import stamped_frames
 
 from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import Answered, answer

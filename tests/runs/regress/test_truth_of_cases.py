@@ -94,7 +94,7 @@ def test_the_flight_in_fbwa_lies_as_near_its_truth_as_stated():
 def test_the_recipes_make_the_cases_as_they_stand():
     """What tools/make_cases.py would write into case.toml"""
     pytest.importorskip("jsbsim")
-    from case_recipes import RECIPES
+    from cases.recipes import RECIPES
 
     told = {name: tomllib.loads((CASES / name / "case.toml").read_text()) for name in RECIPES}
     assert told.keys() == {path.parent.name for path in CASES.glob("*/case.toml")}
@@ -135,7 +135,7 @@ def test_disguises_are_seen_through():
 
 
 def test_the_servo_time_of_the_wrap_case_does_wrap():
-    from log_surgery import message_id, split
+    from flights.surgery import message_id, split
 
     times = [
         int.from_bytes(frame[10:14].ljust(4, b"\0"), "little")
@@ -154,7 +154,7 @@ def test_the_tool_makes_every_log_again_byte_for_byte(tmp_path: Path):
     truth = json.loads((CASES / "c172p_reversed" / "truth.json").read_text())
     if jsbsim.__version__ != truth["jsbsim"]:
         pytest.skip(f"the cases were flown with JSBSim {truth['jsbsim']}")
-    import make_cases
+    from cases import make as make_cases
 
     assert sys.modules["make_cases"].ROOT == ROOT
     flights = ROOT / ".." / "shared" / "flights"

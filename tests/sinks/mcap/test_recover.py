@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from children import child
+from checks.children import child
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader

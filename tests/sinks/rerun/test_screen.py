@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from children import child
+from checks.children import child
 from finished_runs import replayed
 from places import C172P
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from children import LEAVE_S, child
+from checks.children import LEAVE_S, child
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, run, values
 from sinks.sink_blocks import (
     GRID,

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from children import child
+from checks.children import child
 from flightlog import START_US, fly
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 

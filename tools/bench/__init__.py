@@ -1,0 +1,1 @@
+"""What is measured: each bench is a module here, started by tools/bench.py NAME."""

@@ -1,0 +1,119 @@
+"""Speed side by side in one run: ns per update and how many times faster than a plain NumPy loop.
+
+Every figure is the best of many short measurements taken in turns: on a shared machine the best is
+what the code costs, the mean what the neighbours do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from bench.peers import FORGETTING, PEERS, installed
+from bench.plants import PLANTS, Floats
+from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
+
+SAMPLES = 4_000
+CHUNK = 50
+
+
+def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
+    """Return what to run of ours, and how many updates that is."""
+    runs: dict[str, tuple[Callable[[], object], int]] = {}
+    u2, ul, yl = u.reshape(-1, 1), u.tolist(), y.tolist()
+    for method in ("els", "rml"):
+        for name, forgetting, lags in (
+            ("no floor", 1.0, 0),
+            ("floor", FORGETTING, 0),
+            ("floor and diagnostics", FORGETTING, 20),
+        ):
+            armax = RecursiveArmax(_config(method, order, forgetting, lags))
+            armax.run(u, y)
+            runs[f"{method} bulk, {name}"] = (
+                partial(armax.run, u2, y, keep="last"),
+                SAMPLES,
+            )
+        armax = RecursiveArmax(_config(method, order, FORGETTING, 0))
+        armax.run(u, y)
+        runs[f"{method} chunks of {CHUNK}, floor"] = (
+            partial(_chunks, armax, u2, y),
+            1_000,
+        )
+        runs[f"{method} update, floor"] = (partial(_updates, armax, ul, yl), 500)
+    return runs
+
+
+def peers(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
+    """Return what to run of the others, where they are installed and run through once."""
+    runs: dict[str, tuple[Callable[[], object], int]] = {}
+    for name, (module, call, samples) in PEERS.items():
+        if not installed(module):
+            continue
+        run = partial(call, u, y, order, samples)
+        try:
+            run()
+        except (ImportError, TypeError, ValueError) as error:  # older than the NumPy it runs on
+            print(f"{name} fails: {error}", file=sys.stderr)
+        else:
+            runs[name] = run, samples
+    return runs
+
+
+def _config(method: str, order: int, forgetting: float, lags: int) -> EstimatorConfig:
+    return EstimatorConfig(
+        orders=ArmaxOrders(order, order, order, 1), sample_time_s=0.05, method=method, bias=False,
+        forgetting_factor=forgetting, residual_lags=lags,
+    )  # fmt: skip
+
+
+def _chunks(armax: RecursiveArmax, u: Floats, y: Floats) -> None:
+    for k in range(0, 1_000, CHUNK):
+        armax.run(u[k : k + CHUNK], y[k : k + CHUNK], keep="last")
+
+
+def _updates(armax: RecursiveArmax, u: list[float], y: list[float]) -> None:
+    for k in range(500):
+        armax.update(u[k], y[k])
+
+
+def measure(runs: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
+    """Return the best ns per update of each, taken in turns."""
+    best = dict.fromkeys(runs, np.inf)
+    for _ in range(rounds):
+        for name, (call, updates) in runs.items():
+            start = time.perf_counter()
+            call()
+            best[name] = min(best[name], (time.perf_counter() - start) / updates * 1e9)
+    return best
+
+
+def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
+    """Return a row: ns per update and how many times faster than NumPy, by number of parameters."""
+    cells = []
+    for each in best:
+        ns = [each[part] for part in of if part in each]
+        times = [each["plain NumPy loop"] / value for value in ns]
+        cells.append(" / ".join(f"{value:.0f}" for value in ns))
+        cells.append(" / ".join(f"{value:.3g}" for value in times))
+    return f"| {name} | " + " | ".join(cells) + " |"
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table, for 6 and for 9 parameters."""
+    parser = argparse.ArgumentParser(prog="bench.py estimator", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=60)
+    rounds = parser.parse_args(arguments).rounds
+    u, y = PLANTS[0].simulate(SAMPLES, 0)
+    best = [measure(ours(u, y, order) | peers(u, y, order), rounds) for order in (2, 3)]
+    yield "| | ns per update, 6 parameters | x NumPy | 9 parameters | x NumPy |"
+    yield "|---|---|---|---|---|"
+    paths = [name.removeprefix("els ") for name in best[0] if name.startswith("els ")]
+    for path in paths:
+        yield row(f"els / rml {path}", [f"els {path}", f"rml {path}"], best)
+    names = [name for name in PEERS if all(name in each for each in best)]
+    yield row(" / ".join(names), names, best)

@@ -1,0 +1,265 @@
+"""Reading a telemetry log: MB/s, wanted messages/s and peak memory against others; damage survived.
+
+Each reader runs in a process of its own; its own start and imports are not timed. What others read
+is counted, what yawid reads is compared with the truth record by record.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import importlib.util
+import io
+import json
+import resource
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+TOOLS = Path(__file__).resolve().parents[1]
+WANTED = ("ATTITUDE", "SERVO_OUTPUT_RAW")
+SHARE_WANTED = 0.43
+MESSAGE_HZ = 234.0
+START_US = 1_700_000_000_000_000
+FLIP_RATE, GARBAGE_BLOCKS, LONGEST_GARBAGE = 1e-4, 60, 3000
+_OTHERS = (
+    "HEARTBEAT", "SYS_STATUS", "SYSTEM_TIME", "PARAM_VALUE", "GPS_RAW_INT", "SCALED_PRESSURE",
+    "RAW_IMU", "SCALED_IMU2", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "RC_CHANNELS",
+    "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT", "VFR_HUD", "POSITION_TARGET_GLOBAL_INT",
+    "POWER_STATUS", "TERRAIN_REPORT", "BATTERY_STATUS", "MEMINFO", "AHRS", "AHRS2", "HWSTATUS",
+    "WIND", "EKF_STATUS_REPORT", "VIBRATION", "STATUSTEXT", "SIMSTATE", "RADIO_STATUS",
+    "PID_TUNING", "AOA_SSA",
+)  # fmt: skip
+_PAYLOADS = 40  # per message type; the sequence number makes every frame its own
+
+Result = dict[str, float]
+
+
+def write_log(path: Path, megabytes: int) -> tuple[int, int]:
+    """Write a log of 32 message types; return how many records it has, and how many wanted."""
+    rng = np.random.default_rng(1)
+    records, wanted = _records(rng, 256 * 400)
+    block = np.frombuffer(b"".join(records), np.uint8).copy()
+    starts = np.cumsum([0, *map(len, records[:-1])])
+    stamps = START_US + (np.arange(len(records)) * 1e6 / MESSAGE_HZ).astype(np.int64)
+    repeats = max(round(megabytes * 1e6 / len(block)), 1)
+    with path.open("wb") as file:
+        for i in range(repeats):
+            now = stamps + i * int(len(records) * 1e6 / MESSAGE_HZ)
+            block[starts[:, None] + np.arange(8)] = now.astype(">i8")[:, None].view(np.uint8)
+            file.write(block.tobytes())
+    return len(records) * repeats, wanted * repeats
+
+
+def _records(rng: np.random.Generator, count: int) -> tuple[list[bytes], int]:
+    classes = {cls.msgname: cls for cls in dialect.mavlink_map.values()}
+    payloads = {
+        name: [rng.bytes(classes[name].unpacker.size) for _ in range(_PAYLOADS)]
+        for name in (*WANTED, *_OTHERS)
+    }
+    messages = {name: [_message(classes[name], p) for p in payloads[name]] for name in payloads}
+    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    records, wanted = [], 0
+    for i in range(count):
+        is_wanted = rng.random() < SHARE_WANTED
+        names = WANTED if is_wanted else _OTHERS
+        wanted += is_wanted
+        link.seq = i % 256
+        message = messages[names[int(rng.integers(len(names)))]][int(rng.integers(_PAYLOADS))]
+        records.append(bytes(8) + message.pack(link))
+    return records, wanted
+
+
+def _message(cls: Any, payload: bytes) -> Any:
+    """Return pymavlink's own decoding of a frame with this payload."""
+    size = cls.unpacker.size
+    body = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16) + payload
+    crc = dialect.x25crc(body + bytes([cls.crc_extra])).crc
+    return dialect.MAVLink(None).decode(bytearray(b"\xfd" + body + struct.pack("<H", crc)))
+
+
+def damage(source: Path, target: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Write a damaged copy; return where its intact records begin, and where all begin."""
+    rng = np.random.default_rng(2)
+    data = np.fromfile(source, np.uint8)
+    starts = _starts(data)
+    ends = np.append(starts[1:], len(data))
+    hit = np.flatnonzero(rng.random(len(data)) < FLIP_RATE)
+    data[hit] ^= rng.integers(1, 256, len(hit), dtype=np.uint8)
+    is_hit = np.zeros(len(starts), np.bool_)
+    is_hit[np.searchsorted(starts, hit, side="right") - 1] = True
+    places = np.sort(rng.integers(0, len(data), GARBAGE_BLOCKS))
+    places[0] = 0
+    blocks = [rng.bytes(int(n)) for n in rng.integers(1, LONGEST_GARBAGE, GARBAGE_BLOCKS)]
+    moves = np.cumsum([0, *map(len, blocks)])
+    before, inside = (np.searchsorted(places, at, side="right") for at in (starts, ends - 1))
+    pieces = np.split(data, places)
+    parts = [pieces[0].tobytes()]
+    for block, piece in zip(blocks, pieces[1:], strict=True):
+        parts += [block, piece.tobytes()]
+    target.write_bytes(b"".join(parts))
+    is_whole = ~is_hit & (before == inside)
+    moved = np.asarray(starts + moves[before], np.int64)
+    return moved[is_whole], moved
+
+
+def _starts(data: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return where the records of an intact log of MAVLink 2 begin."""
+    starts, at, lengths = [], 0, data.tobytes()
+    while at < len(lengths):
+        starts.append(at)
+        at += 8 + 12 + lengths[at + 9]
+    return np.array(starts)
+
+
+def read_yawid(path: Path) -> Iterator[int]:
+    """Yield the number of wanted messages in each piece."""
+    from yawid.sources.logs.tlog import read_tlog
+    from yawid.sources.mavlink.decoder import Decoder
+
+    decoder = Decoder(WANTED)
+    for chunk in read_tlog(path):
+        block = decoder.feed(chunk)
+        yield 0 if block is None else sum(map(len, block.messages.values()))
+    block = decoder.finish()
+    yield 0 if block is None else sum(map(len, block.messages.values()))
+
+
+def read_pymavlink(path: Path) -> Iterator[int]:
+    """Yield 1 for each wanted message."""
+    from pymavlink import mavutil
+
+    log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+    while log.recv_match(type=list(WANTED)) is not None:
+        yield 1
+
+
+def read_fasttlogparser(path: Path) -> Iterator[int]:
+    """Yield the number of wanted messages."""
+    # Not written as an import: the package is not there to be checked against.
+    parser = importlib.import_module("fasttlogparser")
+    messages, _ = parser.parseTLog(str(path), whitelist=list(WANTED))
+    yield sum(len(next(iter(columns.values()))) for columns in messages.values())
+
+
+def read_plain(path: Path) -> Iterator[int]:
+    """Read the bytes and look at none."""
+    with path.open("rb") as file:
+        while file.read(1 << 21):
+            yield 0
+
+
+READERS: dict[str, Callable[[Path], Iterator[int]]] = {
+    "yawid": read_yawid,
+    "pymavlink recv_match": read_pymavlink,
+    "fasttlogparser": read_fasttlogparser,
+    "plain read": read_plain,
+}
+_MODULES = {
+    "yawid": "yawid.sources.logs.tlog",
+    "pymavlink recv_match": "pymavlink.mavutil",
+    "fasttlogparser": "fasttlogparser",
+}
+
+
+def measure(reader: str, path: Path, repeats: int) -> Result:
+    """Return the best time of some readings in this process, and the most memory it held."""
+    if reader in _MODULES:
+        importlib.import_module(_MODULES[reader])
+    best, found = float("inf"), 0
+    for _ in range(repeats):
+        began = time.perf_counter()
+        found = sum(READERS[reader](path))
+        best = min(best, time.perf_counter() - began)
+    return {"seconds": best, "found": found, "peak_mb": own_peak_mb()}
+
+
+def own_peak_mb() -> float:
+    """Return the most memory this process held; ru_maxrss counts in what its parent held before."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM"):
+                return int(line.split()[1]) / 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def measured(reader: str, path: Path, repeats: int) -> Result | None:
+    """Return what :func:`measure` gives in a fresh process; None where it cannot be run."""
+    if reader == "fasttlogparser" and importlib.util.find_spec(reader) is None:
+        return None
+    command = [sys.executable, "-m", "bench.link", reader, str(path), str(repeats)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=TOOLS)
+    if done.returncode:
+        print(f"{reader} failed: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
+        return None
+    result: Result = json.loads(done.stdout)
+    return result
+
+
+def speeds(paths: list[Path], repeats: int) -> Iterator[str]:
+    """Yield a row for each reader: a figure for each log."""
+    slow = "pymavlink recv_match"
+    bases = [measured(slow, path, 1) for path in paths]
+    for reader in READERS:
+        found = bases if reader == slow else [measured(reader, path, repeats) for path in paths]
+        rates, peaks, times = [], [], []
+        for path, result, base in zip(paths, found, bases, strict=True):
+            if result is not None:
+                rates.append(f"{path.stat().st_size / 1e6 / result['seconds']:.3g}")
+                peaks.append(f"{result['peak_mb']:.0f}")
+                times.append(f"{base['seconds'] / result['seconds']:.2g}" if base else "-")
+        if rates:
+            yield "| " + " | ".join([reader, *map(" / ".join, (rates, peaks, times))]) + " |"
+
+
+def recovered(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -> str:
+    """Return a row: how many of the intact records come out of a damaged log.
+
+    A damaged stamp that stays within 3 days of its neighbours cannot be told from a good one.
+    """
+    from yawid.sources.mavlink.decoder import Decoder
+
+    decoder = Decoder(cls.msgname for cls in dialect.mavlink_map.values())
+    block, rest = decoder.feed(path.read_bytes()), decoder.finish()
+    orders = [m.order for b in (block, rest) if b is not None for m in b.messages.values()]
+    found = np.concatenate(orders)
+    hits, known = int(np.isin(found, truth).sum()), int(np.isin(found, starts).sum())
+    return (
+        f"| yawid, {FLIP_RATE:g} of the bytes flipped, {GARBAGE_BLOCKS} blocks of garbage | "
+        f"{hits} of {len(truth)} intact records, {len(found) - known} invented, "
+        f"{known - hits} with a damaged stamp | | |"
+    )
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
+    parser = argparse.ArgumentParser(prog="bench.py link", description=__doc__)
+    parser.add_argument("--megabytes", type=int, nargs="+", default=[20, 200])
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args(arguments)
+    yield "| | MB/s | peak MB | x pymavlink |"
+    yield "|---|---|---|---|"
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{megabytes}mb.tlog" for megabytes in options.megabytes]
+        for path, megabytes in zip(paths, options.megabytes, strict=True):
+            write_log(path, megabytes)
+        yield from speeds(paths, options.repeats)
+        damaged = Path(folder) / "damaged.tlog"
+        yield recovered(damaged, *damage(paths[0], damaged))
+
+
+if __name__ == "__main__":
+    # A reader may print; only the result belongs on stdout.
+    with contextlib.redirect_stdout(io.StringIO()):
+        outcome = measure(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))
+    print(json.dumps(outcome))

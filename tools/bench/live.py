@@ -1,0 +1,257 @@
+"""The live tap: loss, CPU per message against pymavlink, latency, kill -9, a soak at 50x speed.
+
+Each part runs for itself: --only loss stall cpu latency fits kill soak. The sender is another
+process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from checks.children import LONG_S, child
+from flights.send_tlog import stamped_frames
+
+from bench.live_kill import kill_once
+from yawid.channels.stage import WANTED
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.udp import UdpTap
+from yawid.sources.mavlink.decoder import Decoder
+
+TOOLS = Path(__file__).resolve().parents[1]
+LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
+PARTS = ("loss", "stall", "cpu", "latency", "fits", "kill", "soak")
+QUIET_S = 0.5
+CPU_TURNS = 4
+STALL_HZ, STALL_S = 1872.0, 5.0
+FITS_SPEED = 4.0
+ENDING_S = 300.0
+"""A session of many vehicles answers for each as it ends."""
+
+
+def sender(port: int, log: Path, *options: object) -> AbstractContextManager[subprocess.Popen[str]]:
+    """Start the sender."""
+    command = [
+        sys.executable,
+        "-m",
+        "flights.send_tlog",
+        log.resolve(),
+        f"127.0.0.1:{port}",
+        *options,
+    ]
+    return child([*map(str, command)], LONG_S, stdout=subprocess.PIPE, text=True, cwd=TOOLS)
+
+
+def hear(
+    log: Path, rate: float, count: int, before: Callable[[UdpTap], None] = lambda tap: None
+) -> dict[str, Any]:
+    """Tap and decode a flood; return what was sent, heard and dropped, and the CPU it took."""
+    with UdpTap(Endpoint("127.0.0.1", 0)) as tap:
+        decoder, cpu_s = Decoder(WANTED), time.process_time()
+        with sender(tap.address[1], log, "--rate", rate, "--count", count) as process:
+            before(tap)
+            heard_s = time.monotonic()
+            while process.poll() is None or time.monotonic() - heard_s < QUIET_S:
+                if data := tap.read(0.2):
+                    heard_s = time.monotonic()
+                    decoder.feed(data)
+            assert process.stdout is not None
+            sent: dict[str, Any] = json.loads(process.stdout.read())
+        cpu_s = time.process_time() - cpu_s
+        decoder.finish()
+        return sent | {
+            "heard": tap.inbox.received, "frames": decoder.link.frames, "queue": tap.inbox.dropped,
+            "socket": tap.socket_dropped, "buffer": tap.receive_buffer,
+            "cpu_us": 1e6 * cpu_s / max(tap.inbox.received, 1),
+        }  # fmt: skip
+
+
+def bench_loss(options: argparse.Namespace) -> Iterator[str]:
+    """20 000 a second for a minute, then 80 000."""
+    for rate, seconds in ((20_000, options.seconds), (80_000, options.seconds / 3)):
+        got = hear(options.log, rate, int(rate * seconds))
+        lost = got["sent"] - got["heard"]
+        achieved = got["sent"] / got["seconds"]
+        yield (
+            f"{rate} msg/s asked, {achieved:.0f} sent for {got['seconds']:.1f} s: {lost} of "
+            f"{got['sent']} lost, the operating system counted {got['socket']}, the queue "
+            f"{got['queue']}"
+        )
+
+
+def bench_stall(options: argparse.Namespace) -> Iterator[str]:
+    """Nobody reads for five seconds."""
+
+    def stall(tap: UdpTap) -> None:
+        while not tap.inbox.received:
+            time.sleep(0.01)
+        time.sleep(STALL_S)
+
+    got = hear(options.log, STALL_HZ, int(10 * STALL_HZ), stall)
+    lost = got["sent"] - got["frames"]
+    yield f"{STALL_S:g} s at {STALL_HZ:g} msg/s: {lost} of {got['sent']} lost"
+
+
+def bench_cpu(options: argparse.Namespace) -> Iterator[str]:
+    """Our tap and decoder and pymavlink's loop on the same flood, in turn; the best of each."""
+    for rate in (STALL_HZ, 20_000.0):
+        count = int(4 * rate)
+        turns = [
+            (hear(options.log, rate, count)["cpu_us"], pymavlink_loop(options.log, rate, count))
+            for _ in range(CPU_TURNS)
+        ]
+        ours, theirs = (min(column) for column in zip(*turns, strict=True))
+        yield (
+            f"{rate:g} msg/s: tap and decoder {ours:.1f} us a message, {ours / theirs:.2f} of "
+            f"pymavlink's udpin loop"
+        )
+
+
+def pymavlink_loop(log: Path, rate: float, count: int) -> float:
+    """Return the CPU in us that pymavlink's udpin takes for each message."""
+    from pymavlink import mavutil
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
+    link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+    heard, cpu_s = 0, time.process_time()
+    with sender(port, log, "--rate", rate, "--count", count) as process:
+        while True:
+            if link.recv_match(blocking=True, timeout=QUIET_S) is not None:
+                heard += 1
+            elif process.poll() is not None:
+                break
+    cpu_s = time.process_time() - cpu_s
+    link.close()
+    return 1e6 * cpu_s / max(heard, 1)
+
+
+@contextmanager
+def session(
+    folder: Path, *options: object, program: tuple[object, ...] = ("-m", "yawid", "live")
+) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Start ``yawid live`` on a free port; yield it and the port once it listens."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    command = [*program, f"udpin:127.0.0.1:{port}", "--out", folder, "--json", *options]
+    with child(
+        [sys.executable, *map(str, command)], LONG_S,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        assert "listening" in process.stderr.readline()
+        yield process, port
+
+
+def bench_latency(options: argparse.Namespace) -> Iterator[str]:
+    """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
+    from yawid.config.run import RunConfig
+    from yawid.runs.outputs import Outputs
+    from yawid.runs.replay import StopFlag, replay
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        with session(folder) as (process, port):
+            with sender(port, options.log, "--speed", options.speed) as vehicle:
+                vehicle.wait(LONG_S)
+            process.terminate()
+            out, _ = process.communicate(timeout=ENDING_S)
+        summary = json.loads(out)
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
+        log = Path(summary["files"]["tlog"])
+        again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
+    told = again.to_json()
+    same = all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
+    frames = summary["link"]["frames"]
+    dropped = sum(summary["live"]["dropped"].values())
+    yield (
+        f"last frame of a sample to its estimate {_latency(summary)} ms; "
+        f"{1e6 * cpu_s / frames:.0f} us CPU a message in all; {dropped} dropped; "
+        f"as its replay to the bit: {same}"
+    )
+
+
+def bench_fits(options: argparse.Namespace) -> Iterator[str]:
+    """Run the program without and with manoeuvres, and in a process that fits all the time."""
+    plain: tuple[object, ...] = ("-m", "yawid", "live")
+    beside = (TOOLS / "bench" / "live_beside_fits.py",)
+    for what, program, manoeuvres in (
+        ("without manoeuvres", plain, "off"),
+        ("with manoeuvres", plain, "auto"),
+        ("with a fit beside it all the time", beside, "auto"),
+    ):
+        with tempfile.TemporaryDirectory() as name:
+            asked = (Path(name), "--manoeuvres", manoeuvres)
+            with session(*asked, program=program) as (process, port):
+                with sender(port, options.log, "--speed", FITS_SPEED) as vehicle:
+                    vehicle.wait(LONG_S)
+                process.terminate()
+                summary = json.loads(process.communicate(timeout=ENDING_S)[0])
+        rate = summary["link"]["frames"] / summary["duration_s"]
+        found = len(summary.get("manoeuvres") or [])
+        yield f"{what}, {rate:.0f} msg/s, {found} found: latency {_latency(summary)} ms"
+
+
+def _latency(summary: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {ms:g}" for name, ms in summary["live"]["latency_ms"].items())
+
+
+def bench_kill(options: argparse.Namespace) -> Iterator[str]:
+    """kill -9 at random moments."""
+    frames = list(stamped_frames(options.log.read_bytes()))
+    rng = np.random.default_rng(0)
+    losses = []
+    for moment_s in rng.uniform(7.0, 15.0, options.kills):
+        with tempfile.TemporaryDirectory() as folder:
+            losses.append(kill_once(frames, float(moment_s), Path(folder)))
+    same = all(x.is_same for x in losses)
+    yield (
+        f"kill -9, {len(losses)} times: at most {max(x.tlog_s for x in losses):.2f} s of the tlog "
+        f"and {max(x.mcap_s for x in losses):.2f} s of the MCAP missing; the rows recovered are "
+        f"{'' if same else 'not '}a replay's"
+    )
+
+
+def bench_soak(options: argparse.Namespace) -> Iterator[str]:
+    """Fly at 50 times the speed, with silences, reboots and gaps; watch the memory."""
+    from bench.live_soak import soak
+
+    lines: list[str] = []
+    with tempfile.TemporaryDirectory() as name, session(Path(name)) as (process, port):
+        soak(process, port, options.soak, lines.append)
+    for line in lines[1:]:
+        print(line, file=sys.stderr)
+    yield lines[0].removeprefix("soak").strip()
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the rows of the parts asked for."""
+    parser = argparse.ArgumentParser(prog="bench.py live", description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS[:-1])
+    parser.add_argument("--log", type=Path, default=LOG)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the loss at 20 000 msg/s")
+    parser.add_argument("--speed", type=float, default=1.0, help="of the latency")
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--soak", type=float, default=300.0, help="seconds of the soak")
+    options = parser.parse_args(arguments)
+    yield "| | measured on loopback |"
+    yield "|---|---|"
+    for part in options.only:
+        for line in globals()[f"bench_{part}"](options):
+            yield f"| {part} | {line} |"

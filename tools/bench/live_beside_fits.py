@@ -1,0 +1,38 @@
+"""``yawid live`` in a process that also fits a manoeuvre, over and over, on a thread of its own.
+
+    python -m bench.live_beside_fits udpin:127.0.0.1:14560 [options of yawid live]
+
+A session fits a manoeuvre for some 0.1 s when it ends: here a fit runs beside the stream always.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+
+import numpy as np
+from scipy.signal import lfilter
+
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
+from yawid.estimation.record_fit import fit_record
+
+SAMPLES, SAMPLE_TIME_S = 2400, 0.05
+A, B, NOISE = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01), 0.002
+"""A made-up yaw axis, and a manoeuvre of 120 s: the longest there is."""
+
+
+def fit_for_ever() -> None:
+    """Fit both methods over one record until the process ends."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.choice([-0.5, 0.5], SAMPLES // 20), 20)
+    y = lfilter(B, A, u) + lfilter((1.0,), A, NOISE * rng.standard_normal(SAMPLES))
+    config = RunConfig()
+    while True:
+        for method in ("rml", "els"):
+            fit_record(config.estimator(method, SAMPLE_TIME_S), u[:, None], y)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=fit_for_ever, daemon=True).start()
+    sys.exit(main(["live", *sys.argv[1:]]))

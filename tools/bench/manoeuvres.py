@@ -1,0 +1,183 @@
+"""What looking for manoeuvres costs: whole replays with it against without, and memory over hours.
+
+``made`` is telemetry as a plane sends it (long_log.py), ``jsbsim`` a flight of the c172p; a tenth
+of each is manoeuvres, or the rudder never rests and every 120 s make one. Each replay is a process
+of its own, auto and off in turn; the seconds are the medians of user CPU, the ratio the median of
+the pairs'. Memory is what Python's allocators hold while a stream runs through a pipeline.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import tracemalloc
+from collections.abc import Callable, Iterator
+from itertools import cycle
+from pathlib import Path
+from statistics import median
+
+from checks.judge_manoeuvres import replayed
+from flights.flight import Flight, FlightPlan, excitation
+from flights.guided import LegFlight
+from flights.legs import Leg, LegPlan
+from flights.long_log import write_log
+from flights.surgery import join
+from flights.telemetry import Link, telemetry
+
+from yawid.config.run import RunConfig
+from yawid.pipeline import Pipeline
+from yawid.runs.run_log import open_log
+
+SETTINGS = ("off", "auto")
+MOVED_S, EVERY_S = 30.0, 360.0
+"""Of the made telemetry; with the second before and the 5 s of rest after, a tenth."""
+BETWEEN = (
+    Leg("idle", 90.0),
+    Leg("turn", 40.0, bank_deg=20.0),
+    Leg("climb", 30.0, climb_ft_min=300.0),
+    Leg("idle", 60.0),
+    Leg("turn", 40.0, bank_deg=-20.0),
+    Leg("climb", 30.0, climb_ft_min=-300.0),
+    Leg("idle", 82.0),
+)
+
+
+def made_tenth(path: Path, minutes: float) -> None:
+    """Write made telemetry whose rudder moves now and then."""
+    write_log(path, minutes / 60.0, "raised", moved_s=MOVED_S, every_s=EVERY_S)
+
+
+def made_throughout(path: Path, minutes: float) -> None:
+    """Write made telemetry whose rudder never rests."""
+    write_log(path, minutes / 60.0, "raised")
+
+
+def flown_tenth(path: Path, minutes: float) -> None:
+    """Fly 3-2-1-1s, doublets and a PRBS with turns, climbs and idle between them."""
+    legs: list[Leg] = []
+    for shape in cycle(("3211", "doublets", "prbs")):
+        if sum(leg.seconds for leg in legs) >= 60.0 * minutes:
+            break
+        legs += [Leg("manoeuvre", 48.0, shape=shape, amplitude=0.1), *BETWEEN]
+    plan = LegPlan("c172p", 95.0, tuple(legs))
+    path.write_bytes(join(telemetry(plan.trim_plan(), Link(), LegFlight(plan, 1))))
+
+
+def flown_throughout(path: Path, minutes: float) -> None:
+    """Fly one long PRBS."""
+    plan = FlightPlan(speed_kt=95.0, seconds=60.0 * minutes, manoeuvre="prbs", amplitude=0.1)
+    path.write_bytes(join(telemetry(plan, Link(), Flight(plan, excitation(plan)))))
+
+
+Log = tuple[str, Callable[[Path, float], None], float]
+LOGS: tuple[Log, ...] = (
+    ("made", made_tenth, 60.0),
+    ("made", made_throughout, 20.0),
+    ("jsbsim", flown_tenth, 28.0),
+    ("jsbsim", flown_throughout, 20.0),
+)
+"""What is in it, who writes it, and how many minutes."""
+
+
+def user_s(log: Path, out: Path, setting: str) -> float:
+    """Return the user CPU of a replay in its own process.
+
+    Raises:
+        SystemExit: the replay failed.
+    """
+    command = [sys.executable, "-m", "yawid", "replay", str(log), "--out", str(out), "--force"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    done = subprocess.run([*command, "--json", "--manoeuvres", setting], capture_output=True)
+    if not done.stdout:
+        raise SystemExit(f"replay ended with {done.returncode}: {done.stderr.decode().strip()}")
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+
+def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
+    """Return of a log how much of it is manoeuvres, and what it costs to look for them."""
+    found = replayed(log)
+    spans = [each.duration_s for each in found.manoeuvres or []]
+    out = log.with_suffix("")
+    for setting in SETTINGS:
+        user_s(log, out, setting)  # the compiler's time is nobody's
+    turns = [[user_s(log, out, setting) for setting in SETTINGS] for _ in range(pairs)]
+    off, auto = (median(column) for column in zip(*turns, strict=True))
+    ratio = median(b / a for a, b in turns)
+    minutes, share = found.duration_s / 60.0, sum(spans) / found.duration_s
+    told = f"{name}, {minutes:.0f} min ({share:.0%})"
+    return told, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
+
+
+_IN_A_PROCESS = """
+import json, sys
+from pathlib import Path
+from bench.manoeuvres import held_mb
+print(json.dumps(held_mb(Path(sys.argv[1]), sys.argv[2])))
+"""
+
+
+def held_mb(log: Path, setting: str) -> list[float]:
+    """Return what Python holds in MB after a tenth of a log, at its end, and at most after it."""
+    source, pipeline = open_log(log), Pipeline(RunConfig(manoeuvres=setting))
+    tracemalloc.start()
+    read = 0
+    held: list[float] = []
+    for size, block in source.read():
+        pipeline.feed(block)
+        read += size
+        if not held and read >= source.size / 10:
+            del block
+            gc.collect()
+            held.append(tracemalloc.get_traced_memory()[0] / 1e6)
+            tracemalloc.reset_peak()
+    peak = tracemalloc.get_traced_memory()[1] / 1e6
+    pipeline.finish()
+    gc.collect()
+    return [*held, tracemalloc.get_traced_memory()[0] / 1e6, peak]
+
+
+def grown(folder: Path, hours: float) -> tuple[str, str]:
+    """Return what manoeuvres leave in memory of a long stream; without and with in processes."""
+    log = folder / "long.tlog"
+    write_log(log, hours, "raised", moved_s=MOVED_S, every_s=EVERY_S)
+    growths, peaks = [], []
+    for setting in SETTINGS:
+        command = [sys.executable, "-c", _IN_A_PROCESS, str(log), setting]
+        done = subprocess.run(
+            command, capture_output=True, text=True, cwd=Path(__file__).resolve().parents[1]
+        )
+        if done.returncode:
+            raise SystemExit(done.stderr.strip())
+        first, last, peak = json.loads(done.stdout)
+        growths.append(last - first)
+        peaks.append(peak)
+    more = [auto - off for off, auto in (growths, peaks)]
+    told = f"memory over {hours:g} h"
+    return told, f"{more[0]:+.2f} MB, peak {more[1]:+.2f}"
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
+    parser = argparse.ArgumentParser(prog="bench.py manoeuvres", description=__doc__)
+    parser.add_argument("--pairs", type=int, default=5)
+    parser.add_argument("--share", type=float, default=1.0, help="of the logs' lengths")
+    parser.add_argument("--hours", type=float, default=10.0, help="of the stream for memory")
+    parser.add_argument("--only", choices=("time", "memory"))
+    options = parser.parse_args(arguments)
+    columns = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number, (what, write, minutes) in enumerate(LOGS if options.only != "memory" else ()):
+            log = folder / f"{number}.tlog"
+            write(log, options.share * minutes)
+            columns.append(compared(log, what, options.pairs))
+        if options.only != "time":
+            columns.append(grown(folder, options.hours))
+    yield "| | " + " | ".join(told for told, _ in columns) + " |"
+    yield "|---" * (1 + len(columns)) + "|"
+    yield "| user CPU s, off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"

@@ -1,0 +1,92 @@
+"""Other people's recursive least squares on the same data, and a plain NumPy loop."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+
+from bench.plants import Floats
+
+FORGETTING = 0.998
+
+
+def numpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
+    """ELS as one would write it: a posteriori residual, P as a matrix."""
+    n = 3 * order
+    theta, P, phi = np.zeros(n), 100.0 * np.eye(n), np.zeros(n)
+    for k in range(samples):
+        e = y[k] - phi @ theta
+        P_phi = P @ phi
+        gain = P_phi / (FORGETTING + phi @ P_phi)
+        theta = theta + gain * e
+        P = (P - np.outer(gain, P_phi)) / FORGETTING
+        residual = y[k] - phi @ theta
+        for first, value in ((0, -y[k]), (order, u[k]), (2 * order, residual)):
+            phi[first + 1 : first + order] = phi[first : first + order - 1]
+            phi[first] = value
+
+
+def filterpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
+    """filterpy's KalmanFilter with fading memory, F = I, H = phi'."""
+    from filterpy.kalman import KalmanFilter
+
+    n = 3 * order
+    kalman = KalmanFilter(dim_x=n, dim_z=1)
+    kalman.P *= 100.0
+    kalman.Q[:] = 0.0
+    kalman.alpha = FORGETTING**-0.5
+    phi = np.zeros(n)
+    for k in range(samples):
+        kalman.predict()
+        kalman.update(y[k], H=phi.reshape(1, -1))
+        residual = y[k] - phi @ kalman.x[:, 0]
+        for first, value in ((0, -y[k]), (order, u[k]), (2 * order, residual)):
+            phi[first + 1 : first + order] = phi[first : first + order - 1]
+            phi[first] = value
+
+
+def padasip_rls(u: Floats, y: Floats, order: int, samples: int) -> None:
+    """Run padasip's FilterRLS on given regressors, without the residual's upkeep."""
+    import padasip
+
+    rows = np.random.default_rng(0).standard_normal((samples, 3 * order))
+    rls = padasip.filters.FilterRLS(n=3 * order, mu=FORGETTING, w="zeros")
+    for k in range(samples):
+        rls.adapt(y[k], rows[k])
+
+
+def statsmodels_rls(u: Floats, y: Floats, order: int, samples: int) -> None:
+    """Run statsmodels' RecursiveLS on given regressors, the whole block at once."""
+    from statsmodels.regression.recursive_ls import RecursiveLS
+
+    rows = np.random.default_rng(0).standard_normal((samples, 3 * order))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        RecursiveLS(y[:samples], rows).fit()
+
+
+def sippy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
+    """Run SIPPY's recursive ARMAX."""
+    from sippy_unipi import system_identification
+
+    system_identification(
+        y[:samples], u[:samples], "ARMAX", ARMAX_orders=[order, order, order, 1], ARMAX_mod="RLLS"
+    )
+
+
+PEERS: dict[str, tuple[str, Callable[[Floats, Floats, int, int], None], int]] = {
+    "plain NumPy loop": ("numpy", numpy_els, 300),
+    "filterpy KalmanFilter": ("filterpy", filterpy_els, 150),
+    "padasip FilterRLS": ("padasip", padasip_rls, 300),
+    "statsmodels RecursiveLS": ("statsmodels", statsmodels_rls, 500),
+    "SIPPY ARMAX RLLS": ("sippy_unipi", sippy_els, 500),
+}
+"""Name: module it needs, function of u, y, order and samples, samples in one measurement."""
+
+
+def installed(module: str) -> bool:
+    """Tell whether a module can be imported."""
+    return importlib.util.find_spec(module) is not None

@@ -1,0 +1,233 @@
+"""What a short run costs before and after its samples: start-up, compiling, one more hour of log.
+
+Each is a process of its own: the import of NumPy alone, ``yawid --help``, a replay of half a minute
+whose code is compiled, the same with an empty folder for compiled code, ``yawid warm`` into an
+empty folder. An hour is what it adds in a process that is warm (20 Hz, to MCAP, no .rrd). Seconds
+are CPU, children included, or wall where it says so: the least of all rounds. In brackets they
+stand as a ratio to NumPy's import, the cold replay's to the warm one's. All MCAP messages of the
+cold replay must equal the warm one's to the byte.
+
+With ``--against COMMIT`` that commit stands before what there is now, in rounds in turns; a command
+that it does not know has an empty cell.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from checks.children import LONG_S, child
+from flights.long_log import write_log
+from mcap.reader import make_reader
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
+NUMPY, HELP, SHORT = "`import numpy`", "`yawid --help`", "a replay"
+SHORT_WALL, COLD, WARM = "its wall", "cold, wall; messages", "`yawid warm`"
+HOURS = {"off": "an hour", "auto": "manoeuvres"}
+COLUMNS = (NUMPY, HELP, SHORT, SHORT_WALL, COLD, WARM, *HOURS.values())
+MOST_OF_NUMPY, MOST_OF_WARM = 8.0, 2.0
+"""A replay may cost so many processes that import NumPy; a cold one may take so many warm ones."""
+MOVED_S, EVERY_S = 30.0, 300.0
+"""Of the long logs: so long a manoeuvre in so much flight."""
+UNKNOWN_COMMAND = 2
+
+_HOURS = """
+import json, sys, time
+from pathlib import Path
+from yawid.config.run import RunConfig
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import replay
+from yawid.runs.stop import StopFlag
+out, config = Outputs(Path(sys.argv[1]), "hours", force=True), RunConfig(manoeuvres=sys.argv[2])
+spent = []
+for log in (sys.argv[3], *sys.argv[3:]):
+    start = time.process_time()
+    replay(Path(log), config, out, StopFlag())
+    spent.append(time.process_time() - start)
+print(json.dumps(spent[1:]))
+"""
+
+
+@contextmanager
+def sources(commit: str | None) -> Iterator[list[Path]]:
+    """Yield the source folders to compare: that of ``commit``, if there is one, and the own."""
+    with tempfile.TemporaryDirectory() as folder:
+        if commit is not None:
+            git = ["git", "-C", str(ROOT), "archive", commit, "src"]
+            packed = subprocess.run(git, check=True, capture_output=True).stdout
+            with tarfile.open(fileobj=io.BytesIO(packed)) as tree:
+                tree.extractall(folder, filter="data")
+        yield [*([Path(folder) / "src"] if commit else []), ROOT / "src"]
+
+
+def equal_messages(one: Path, other: Path) -> tuple[int, int]:
+    """Return how many messages of two MCAPs are equal to the byte, place by place, of how many."""
+    read = []
+    for path in (one, other):
+        with path.open("rb") as stream:
+            told = make_reader(stream).iter_messages(log_time_order=False)
+            read.append([(c.topic, m.log_time, m.publish_time, m.data) for _, c, m in told])
+    return sum(a == b for a, b in zip(*read, strict=False)), max(map(len, read))
+
+
+class Bench:
+    """Measures the code below ``source``; what it writes goes to ``folder``."""
+
+    def __init__(self, source: Path, folder: Path) -> None:
+        self.least: dict[str, float] = {}
+        self.equal: set[tuple[int, int]] = set()
+        self._environment = os.environ | {"PYTHONPATH": str(source)}
+        self._environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed yawid has it
+        self._folder = folder
+
+    def compile(self) -> None:
+        """Have everything compiled into a folder of its own."""
+        self._environment["NUMBA_CACHE_DIR"] = folder = str(self._folder / "compiled")
+        self._warm(folder)
+        self._replay()
+
+    def short(self) -> None:
+        """Measure one round of the short processes."""
+        self._keep(NUMPY, self._run("-c", "import numpy")[1])
+        self._keep(HELP, self._run("-m", "yawid", "--help")[1])
+        _, cpu_s, wall_s = self._replay()
+        self._keep(SHORT, cpu_s)
+        self._keep(SHORT_WALL, wall_s)
+
+    def cold(self) -> None:
+        """Measure what finds nothing compiled, and compare what it writes."""
+        with tempfile.TemporaryDirectory() as empty:
+            self._keep(COLD, self._replay("cold", empty)[2])
+        self.equal.add(equal_messages(*(self._folder / out / "log.mcap" for out in ("", "cold"))))
+        with tempfile.TemporaryDirectory() as empty:
+            code, cpu_s, _ = self._warm(empty)
+            if code == 0:
+                self._keep(WARM, cpu_s)
+
+    def hours(self, logs: list[Path]) -> None:
+        """Measure two logs, the second longer than the first, in a process that is warm."""
+        for manoeuvres in HOURS:
+            arguments = [str(self._folder), manoeuvres, *map(str, logs)]
+            done = subprocess.run(
+                [sys.executable, "-c", _HOURS, *arguments],
+                stdout=subprocess.PIPE,
+                check=True,
+                env=self._environment,
+            )
+            for i, cpu_s in enumerate(json.loads(done.stdout)):
+                self._keep(f"{HOURS[manoeuvres]} {i}", cpu_s)
+
+    def seconds(self, hours: float) -> dict[str, float]:
+        """Return what each column cost; the second long log is ``hours`` longer than the first."""
+        found = dict(self.least)
+        for name in HOURS.values():
+            if f"{name} 0" in found:
+                found[name] = (found.pop(f"{name} 1") - found.pop(f"{name} 0")) / hours
+        return found
+
+    def _replay(self, out: str = "", compiled: str | None = None) -> tuple[int, float, float]:
+        to = ["--out", str(self._folder / out), "--force", "--json", "--rerun", "off"]
+        return self._run("-m", "yawid", "replay", str(LOG), *to, compiled=compiled)
+
+    def _warm(self, compiled: str) -> tuple[int, float, float]:
+        return self._run("-m", "yawid", "warm", allowed=(0, UNKNOWN_COMMAND), compiled=compiled)
+
+    def _run(
+        self, *arguments: str, allowed: tuple[int, ...] = (0,), compiled: str | None = None
+    ) -> tuple[int, float, float]:
+        """Return the exit code, CPU and wall seconds of Python with these arguments."""
+        folder = {} if compiled is None else {"NUMBA_CACHE_DIR": compiled}
+        with tempfile.TemporaryFile() as errors:
+            start = time.perf_counter()
+            with child(
+                [sys.executable, *arguments], LONG_S, stdout=subprocess.DEVNULL, stderr=errors,
+                env=self._environment | folder,
+            ) as process:  # fmt: skip
+                _, status, used = os.wait4(process.pid, 0)
+                wall_s = time.perf_counter() - start
+                process.returncode = os.waitstatus_to_exitcode(status)
+            if process.returncode not in allowed:
+                errors.seek(0)
+                told = errors.read().decode().strip()
+                raise SystemExit(f"{' '.join(arguments)} ended with {process.returncode}: {told}")
+        return process.returncode, used.ru_utime + used.ru_stime, wall_s
+
+    def _keep(self, name: str, seconds: float) -> None:
+        self.least[name] = min(seconds, self.least.get(name, seconds))
+
+
+def measured(options: argparse.Namespace) -> list[Bench]:
+    """Return the benches when they have measured: before, if asked for, and now."""
+    with sources(options.against) as trees, tempfile.TemporaryDirectory() as name:
+        logs = [Path(name) / f"{i}.tlog" for i in (1, 2)]
+        for i, log in enumerate(logs):
+            write_log(log, options.hours * (i + 1), "raised", moved_s=MOVED_S, every_s=EVERY_S)
+        benches = [Bench(tree, Path(name) / str(i)) for i, tree in enumerate(trees)]
+        for bench in benches:
+            bench.compile()
+        for i in range(options.rounds):
+            for bench in benches:
+                bench.short()
+                if i < options.cold_rounds:
+                    bench.cold()
+                if i < options.hour_rounds:
+                    bench.hours(logs)
+        return benches
+
+
+def row(name: str, seconds: dict[str, float], equal: set[tuple[int, int]]) -> str:
+    """Return the row of one source: seconds, in brackets the ratio; empty what it does not know."""
+    cells = []
+    for column in COLUMNS:
+        if column not in seconds:
+            cells.append("")
+            continue
+        cell = f"{seconds[column]:.3g}"
+        if column == COLD:
+            told = ", ".join(f"{same} of {number} equal" for same, number in sorted(equal))
+            cell += f" ({seconds[COLD] / seconds[SHORT_WALL]:.2g} x warm), {told}"
+        elif column not in (NUMPY, SHORT_WALL):
+            cell += f" ({seconds[column] / seconds[NUMPY]:.2g})"
+        cells.append(cell)
+    return f"| {' | '.join([name, *cells])} |"
+
+
+def missed(seconds: dict[str, float], equal: set[tuple[int, int]]) -> str | None:
+    """Return what is more than allowed, if anything is."""
+    most = {(SHORT, NUMPY): MOST_OF_NUMPY, (COLD, SHORT_WALL): MOST_OF_WARM}
+    told = [
+        f"{what}: {seconds[what] / seconds[of]:.1f} x {of}; {allowed:g} is allowed"
+        for (what, of), allowed in most.items()
+        if what in seconds and seconds[what] > allowed * seconds[of]
+    ]
+    told += [f"{a} of {b} messages of a cold replay are equal" for a, b in equal if a != b]
+    return "; ".join(told) or None
+
+
+def main(arguments: list[str]) -> Generator[str, None, str | None]:
+    """Yield the table; what now costs too much, or writes something else when cold, is a miss."""
+    parser = argparse.ArgumentParser(prog="bench.py start", description=__doc__)
+    parser.add_argument("--against", metavar="COMMIT")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--hours", type=float, default=1.0)
+    parser.add_argument("--hour-rounds", type=int, default=2)
+    parser.add_argument("--cold-rounds", type=int, default=2)
+    options = parser.parse_args(arguments)
+    yield f"| | {' | '.join(COLUMNS)} |"
+    yield "|---" * (1 + len(COLUMNS)) + "|"
+    benches = measured(options)
+    found = [bench.seconds(options.hours) for bench in benches]
+    for name, seconds, bench in zip(("before", "now")[-len(found) :], found, benches, strict=True):
+        yield row(name, seconds, bench.equal)
+    return missed(found[-1], benches[-1].equal)

@@ -1,0 +1,370 @@
+"""Fly JSBSim's aircraft in every condition, estimate, and hold estimate and sigma to the truth.
+
+    python tools/bench.py truth [--seed 162] [--flights N] [--logs DIR] [--jobs 2]
+                                [--records DIR] [--csv FILE] [--readme]
+
+The flights are those of tools/flights/grid.py, replayed with the default options; with --logs they
+stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, kinds of
+answer, warnings, and what is said of the logs in replay_logs/ and of the recorded flights in DIR,
+where there are any.
+The exit code is 1 where a criterion fails. --csv has a row for each flight and estimate.
+
+z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). Figures of RML and ELS are of every
+manoeuvre that may be used, each against the truth at the airspeed it was flown at.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from checks.corpus import in_processes
+from flights.grid import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE
+
+from bench.truth_rows import METHODS, ROOT, Row, flight_rows, record_rows, records
+from yawid.results.reasons import KINDS
+
+STRIDE = 97
+"""Coprime to COUNT: a few flights are of all conditions, too."""
+RIGHT_PCT, WRONG_PCT, WRONG_Z = 1.0, 3.0, 4.0
+"""Errors of wn: below the first a warning is one too many, above the others one is needed."""
+Z_FROM, Z_TO = 0.7, 1.4
+COVERED_PCT = 90.0
+ANSWERED_PCT = {"calm": 90.0, "turbulence": 60.0}
+SIGMA_PCT = {"calm": 1.5, "turbulence": 4.0}
+SILENT_PCT, WARNED_PCT = 80.0, 90.0
+COLUMNS = ("flights", "answered %", "off %", "sigma %", "z wn", "z zeta", "in 2 sigma %")
+"""``off`` is wn's median error, ``sigma`` the median of wn's, z an RMS; the last of wn and zeta."""
+NEEDED = (
+    "",
+    f"calm {ANSWERED_PCT['calm']:g}, else {ANSWERED_PCT['turbulence']:g}",
+    "",
+    f"calm {SIGMA_PCT['calm']:g}, else {SIGMA_PCT['turbulence']:g}",
+    f"{Z_FROM:g} to {Z_TO:g}",
+    f"{Z_FROM:g} to {Z_TO:g}",
+    f"{COVERED_PCT:g}",
+)
+Criterion = tuple[str, str, str, bool]
+"""What is asked, what is needed, what was measured, and whether it is enough."""
+
+
+def _where(name: str, value: object) -> Callable[[Row], bool]:
+    return lambda row: row.get(name) == value
+
+
+GROUPS: dict[str, Callable[[Row], bool]] = {
+    "all": lambda row: True,
+    "calm": _where("severity", 0),
+    "turbulence": lambda row: row["severity"] > 0,
+    **{f"severity {severity}": _where("severity", severity) for severity in SEVERITIES[1:]},
+    **{f"{gyro} gyro": _where("gyro", gyro) for gyro in GYROS},
+    **{f"{hz} Hz": _where("rate_hz", hz) for hz in RATES_HZ},
+    **{shape: _where("manoeuvre", shape) for shape in SHAPES},
+    **{name: _where("aircraft", name) for name in dict.fromkeys(place[0] for place in PLACES)},
+}
+
+
+def of_kind(rows: Iterable[Row], *kinds: str) -> list[Row]:
+    """Return the rows of these kinds of estimate."""
+    return [row for row in rows if row["kind"] in kinds]
+
+
+def estimates(rows: Iterable[Row], kind: str) -> list[Row]:
+    """Return the rows of one kind that may be used and have an estimate whose truth is known."""
+    return [row for row in of_kind(rows, kind) if row["usable"] and row["wn_error_pct"] is not None]
+
+
+def rms(rows: Iterable[Row], name: str) -> float:
+    """Return the root of the mean square of a column where it is known; NaN without a row."""
+    known = [row[name] for row in rows if row[name] is not None]
+    return math.sqrt(sum(x * x for x in known) / len(known)) if known else math.nan
+
+
+def within(rows: Sequence[Row], name: str) -> float:
+    """Return how many % of z are within 2; one that is not known is not."""
+    hits = sum(row[name] is not None and abs(row[name]) <= 2.0 for row in rows)
+    return 100.0 * hits / len(rows) if rows else math.nan
+
+
+def sigma_pct(rows: Iterable[Row]) -> float:
+    """Return the median sigma of wn in % of wn."""
+    known = [100.0 * row["wn_sigma"] / row["wn"] for row in rows if row["wn_sigma"] is not None]
+    return float(np.median(known)) if known else math.nan
+
+
+def answered_pct(rows: Iterable[Row]) -> float:
+    """Return how many % of the flights are answered."""
+    flights = of_kind(rows, "flight")
+    usable = sum(row["usable"] for row in flights)
+    return 100.0 * usable / len(flights) if flights else math.nan
+
+
+def cells(rows: Sequence[Row], kinds: Sequence[str], z: str = "z") -> list[str]:
+    """Return the last five of COLUMNS for kinds of estimate, side by side."""
+    each = [estimates(rows, kind) for kind in kinds]
+    off = [[abs(row["wn_error_pct"]) for row in e] for e in each]
+    return [
+        _side_by_side("{:.2f}", (float(np.median(o)) if o else math.nan for o in off)),
+        _side_by_side("{:.2f}", map(sigma_pct, each)),
+        _side_by_side("{:.2f}", (rms(e, f"wn_{z}") for e in each)),
+        _side_by_side("{:.2f}", (rms(e, f"zeta_{z}") for e in each)),
+        _side_by_side("{}", (f"{within(e, f'wn_{z}'):.0f} {within(e, f'zeta_{z}'):.0f}"
+                             for e in each)),
+    ]  # fmt: skip
+
+
+def _side_by_side(form: str, values: Iterable[object]) -> str:
+    return " / ".join(form.format(value) for value in values).replace("nan", "-")
+
+
+def _line(first: str, others: Iterable[object]) -> str:
+    return f"| {first} | " + " | ".join(map(str, others)) + " |"
+
+
+def condition_line(name: str, rows: Sequence[Row]) -> str:
+    """Return the line of one condition."""
+    flights = len(of_kind(rows, "flight"))
+    counted = [str(flights), f"{answered_pct(rows):.0f}".replace("nan", "-")]
+    return _line(name, [*counted, *cells(rows, METHODS)])
+
+
+def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
+    """Yield a table by condition, RML / ELS."""
+    yield f"|{first}| " + " | ".join(COLUMNS) + " |"
+    yield "|---" * (1 + len(COLUMNS)) + "|"
+    for name in names:
+        if some := [row for row in rows if GROUPS[name](row)]:
+            yield condition_line(name, some)
+
+
+def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
+    """Yield a table of RML alone with a column for each condition."""
+    short = [name.replace("severity", "s").removesuffix(" gyro").replace(" ", "") for name in names]
+    yield "|RML|" + "|".join(short) + "|"
+    yield "|---" * (1 + len(names)) + "|"
+    columns = [cells([row for row in rows if GROUPS[name](row)], METHODS[:1]) for name in names]
+    for name, values in zip(COLUMNS[2:], zip(*columns, strict=True), strict=True):
+        yield (
+            f"|{name}|"
+            + "|".join(each.removeprefix("0").replace(" ", ",") for each in values)
+            + "|"
+        )
+
+
+def _wrong(row: Row) -> bool:
+    error, z = row["wn_error_pct"], row["wn_z"]
+    return error is not None and abs(error) > WRONG_PCT and (z is None or abs(z) > WRONG_Z)
+
+
+def _right(row: Row) -> bool:
+    return row["wn_error_pct"] is not None and abs(row["wn_error_pct"]) < RIGHT_PCT
+
+
+def _share(hits: Sequence[Row], of: Sequence[Row]) -> tuple[str, float]:
+    """Return a share as text and in %; of nothing it is all."""
+    share = 100.0 * len(hits) / len(of) if of else 100.0
+    return f"{share:.0f} % ({len(hits)} of {len(of)})", share
+
+
+def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
+    """Yield what warnings are held to, by flights; then by manoeuvres, for comparison.
+
+    A flight that is refused is one of the wrong ones where any of its manoeuvres, as its answering
+    method tells it, is.
+    """
+    manoeuvres = [row for row in of_kind(rows, *METHODS) if row["answers"]]
+    would = {row["number"] for row in manoeuvres if _wrong(row)}
+    flights = of_kind(rows, "flight")
+    for name, each in (("flights", flights), ("manoeuvres", manoeuvres)):
+        right = [row for row in each if row["usable"] and _right(row)]
+        wrong = [
+            row
+            for row in each
+            if _wrong(row) or (name == "flights" and not row["usable"] and row["number"] in would)
+        ]
+        silent, silent_pct = _share([row for row in right if not row["warnings"]], right)
+        seen = [row for row in wrong if row["warnings"] or not row["usable"]]
+        told, told_pct = _share(seen, wrong)
+        counts = name == "flights"
+        needed = f">= {SILENT_PCT:g} %", f">= {WARNED_PCT:g} %"
+        silent_met, told_met = silent_pct >= SILENT_PCT, told_pct >= WARNED_PCT
+        yield (f"{name} less than {RIGHT_PCT:g} % off: no warning",
+               needed[0] if counts else "", silent, silent_met or not counts)  # fmt: skip
+        yield (f"{name} off by {WRONG_PCT:g} % and {WRONG_Z:g} sigma: warned or refused",
+               needed[1] if counts else "", told, told_met or not counts)  # fmt: skip
+
+
+def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
+    """Yield what issue 16 asks for."""
+    air = {name: [row for row in rows if GROUPS[name](row)] for name in ANSWERED_PCT}
+    for name, least in ANSWERED_PCT.items():
+        share = answered_pct(air[name])
+        yield f"answered, {name}", f">= {least:g} %", f"{share:.1f} %", share >= least
+    for method in METHODS:
+        each = estimates(rows, method)
+        for what in ("wn", "zeta"):
+            z, noise = rms(each, f"{what}_z"), rms(each, f"{what}_z_noise")
+            said = f"{z:.2f} (noise alone {noise:.2f})"
+            met = Z_FROM <= z <= Z_TO
+            yield f"{method.upper()}, RMS z of {what}", f"{Z_FROM:g} to {Z_TO:g}", said, met
+        for what in ("wn", "zeta"):
+            share, noise = within(each, f"{what}_z"), within(each, f"{what}_z_noise")
+            said = f"{share:.1f} % (noise alone {noise:.1f} %)"
+            met = share >= COVERED_PCT
+            yield f"{method.upper()}, {what} within 2 sigma", f">= {COVERED_PCT:g} %", said, met
+        for name, most in SIGMA_PCT.items():
+            sigma = sigma_pct(estimates(air[name], method))
+            what = f"{method.upper()}, median sigma of wn, {name}"
+            # ELS is the check: its sigma tells honestly how far off it is.
+            needed = f"<= {most:g} %" if method == METHODS[0] else ""
+            yield what, needed, f"{sigma:.2f} %", sigma <= most or not needed
+    yield from warning_criteria(rows)
+
+
+def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
+    """Yield the table of criteria."""
+    yield "| criterion | needed | measured | met |"
+    yield "|---|---|---|---|"
+    for what, needed, said, met in found:
+        yield _line(what, (needed, said, ("yes" if met else "NO") if needed else ""))
+
+
+def answer_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table of the kinds of answer, each by its total sigma and by noise alone."""
+    yield _line("answer", ("usable", "with wn", *COLUMNS[2:]))
+    yield "|---" * (1 + len(COLUMNS)) + "|"
+    for kind in (*METHODS, "flight", "stream rml", "stream els"):
+        usable = [row for row in of_kind(rows, kind) if row["usable"]]
+        counted = [len(usable), sum(row["wn"] is not None for row in usable)]
+        for name, z in ((kind, "z"), (f"{kind}, noise alone", "z_noise")):
+            yield _line(name, [*counted, *cells(rows, [kind], z)])
+
+
+def warning_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table: on how many flights a warning stands, how right they are with and without."""
+    flights = estimates(rows, "flight")
+    right, wrong = f"< {RIGHT_PCT:g} % off", f"> {WRONG_PCT:g} % and {WRONG_Z:g} sigma off"
+    yield _line("warning on a flight", ("flights", right, wrong, "off %", "without it: off %"))
+    yield "|---" * 6 + "|"
+    for name in [None, *KINDS]:
+        said = [name in row["warnings"].split() if name else not row["warnings"] for row in flights]
+        on = [row for row, it_is in zip(flights, said, strict=True) if it_is]
+        rest = [row for row, it_is in zip(flights, said, strict=True) if not it_is]
+        if on:
+            counted = [len(on), sum(map(_right, on)), sum(map(_wrong, on))]
+            off = [cells(each, ["flight"])[0] for each in (on, rest)]
+            yield _line(name or "none", [*counted, *off])
+    refused = [row for row in of_kind(rows, "flight") if not row["usable"]]
+    for name in dict.fromkeys(name for row in refused for name in row["fatal"].split()[:1]):
+        count = sum(row["fatal"].split()[:1] == [name] for row in refused)
+        yield _line(f"refused: {name}", (count, "", "", "", ""))
+
+
+def record_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield what is said of each log of replay_logs and of the recorded flights, and the truth."""
+    yield "| log | wn and zeta, true | flight's answer | wn off, % | z of wn, zeta | verdict |"
+    yield "|---|---|---|---|---|---|"
+    for row in of_kind(rows, "flight"):
+        true = "unknown" if row.get("wn_true") is None else _pair(row, "_true")
+        answer, off, z = "", "", ""
+        if row.get("wn") is not None:
+            answer = _pair(row, "")
+        if row.get("wn_error_pct") is not None:
+            off = f"{row['wn_error_pct']:+.2f}"
+            z = ", ".join("-" if x is None else f"{x:+.1f}" for x in (row["wn_z"], row["zeta_z"]))
+        said = f"usable {row['warnings']}" if row["usable"] else f"refused: {row['fatal']}"
+        yield _line(f"{row['record']} ({row['from']})", (true, answer, off, z, said.strip()))
+
+
+def _pair(row: Row, what: str) -> str:
+    """Return wn and zeta with their sigmas: what is true or what is answered."""
+    said = []
+    for name in ("wn", "zeta"):
+        value, sigma = row[name + what], row[f"{name}{what}_sigma"]
+        said.append(f"{value:.3f}" + ("" if sigma is None else f" ± {sigma:.3f}"))
+    return ", ".join(said)
+
+
+def write(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows as CSV, the columns in the order in which they come."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, names, lineterminator="\n")
+        table.writeheader()
+        table.writerows({k: _short(v) for k, v in row.items()} for row in rows)
+
+
+def _short(value: object) -> object:
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+def measured(options: argparse.Namespace, folder: Path) -> tuple[list[Row], list[Row]]:
+    """Return the rows of the flights, and those of cases and recorded flights."""
+    numbers = sorted(i * STRIDE % COUNT for i in range(options.flights))
+    found: tuple[list[Row], list[Row]] = [], []
+    tasks: tuple[tuple[Callable[..., list[Row]], Sequence[object]], ...] = (
+        (partial(flight_rows, folder, options.seed), numbers),
+        (record_rows, records(options.records)),
+    )
+    for rows, (of_one, each) in zip(found, tasks, strict=True):
+        for done, some in enumerate(in_processes(of_one, each, options.jobs), 1):
+            rows += some
+            print(f"\r{done} of {len(each)} ", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return found
+
+
+def parse(arguments: list[str]) -> argparse.Namespace:
+    """Return the options."""
+    parser = argparse.ArgumentParser(
+        prog="bench.py truth",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--seed", type=int, default=TABLE)
+    parser.add_argument("--flights", type=int, default=COUNT, help=f"1 to {COUNT}: fewer, mixed")
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="where flights stay")
+    parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
+    parser.add_argument("--records", type=Path, metavar="DIR", help="recorded flights",
+                        default=ROOT.parent / "shared" / "flights")  # fmt: skip
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="every row")
+    options = parser.parse_args(arguments)
+    if not 1 <= options.flights <= COUNT or options.jobs < 1:
+        parser.error(f"--flights must be 1 to {COUNT}, --jobs 1 or 2")
+    return options
+
+
+def main(arguments: list[str]) -> Generator[str, None, str | None]:
+    """Yield the two tables of tools/README.md, that of README.md, and all others, a blank between.
+
+    Returns which criteria fail, None where all are met.
+    """
+    options = parse(arguments)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = options.logs or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        rows, recorded = measured(options, folder)
+    if options.csv:
+        write(options.csv, [*rows, *recorded])
+    found = list(criteria(rows))
+    air = ("all", *ANSWERED_PCT)
+    yield from condition_lines(" ", rows, air)
+    yield _line("needed", NEEDED)
+    yield ""
+    yield from across_lines(rows, [name for name in GROUPS if name not in air])
+    yield ""
+    yield from condition_lines(" JSBSim, RML / ELS ", rows, air)
+    for lines in (criteria_lines(found), answer_lines(rows), warning_lines(rows)):
+        yield ""
+        yield from lines
+    yield ""
+    yield from record_lines(recorded)
+    failed = [what for what, _, _, met in found if not met]
+    return f"not met: {'; '.join(failed)}" if failed else None

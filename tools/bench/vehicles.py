@@ -1,0 +1,210 @@
+"""Many vehicles on one port: what is lost, CPU per vehicle, latency, when manoeuvres are told.
+
+Each vehicle sends ATTITUDE and SERVO_OUTPUT_RAW at 50 Hz and all fly a doublet at once; sender and
+``yawid live --sysid all`` are processes of their own on loopback. Every vehicle's tlog is replayed
+too, up to ``--same`` vehicles: estimates, manoeuvres and flight are to be the session's to the bit.
+A manoeuvre is known to have ended up to 1.3 s later: what is told is told so long after its end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from heapq import merge
+from pathlib import Path
+from statistics import median
+from typing import IO, Any
+
+import numpy as np
+from flights.drawn import Drawn
+from flights.flight import STEP_S, FlightPlan
+from flights.free import count
+from flights.send_tlog import stamped_frames
+from flights.surgery import join
+from flights.telemetry import GCS, Link, telemetry
+
+from bench.live import ENDING_S, TOOLS, session
+from yawid.config.run import RunConfig
+from yawid.plant.yaw import YawPlant
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
+from yawid.sources.link.tap import sysid_of
+
+Stamped = tuple[int, bytes]
+SECONDS, STARTS_S, DOUBLET_S = 30.0, 5.0, 14.0
+BURST_S = 0.001
+WARM_S = 3.0
+"""Before the first frame: imports and the estimators' first use are no vehicle's."""
+SETTLED_S = 3.0
+"""After the last frame: time for fits and for what waits in queues."""
+LATE_S = 0.2
+TOLD = re.compile(r"system (\d+): manoeuvre 1 \(\d+ to (\d+) s")
+
+
+def vehicle(sysid: int) -> Iterator[Stamped]:
+    """Yield what one of the vehicles sends: a Dutch roll of its own, excited by a doublet.
+
+    They come up one after the other within some seconds, and fly their doublets at once.
+    """
+    rng = np.random.default_rng(sysid)
+    wn, zeta = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.3)
+    start_s = round(rng.uniform(0.0, STARTS_S), 3) * (sysid > 1)
+    seconds = SECONDS - start_s
+    n = count(seconds)
+    t = np.arange(n) * STEP_S - (DOUBLET_S - start_s)
+    half_s = 0.5 * math.pi / wn * 1.6
+    u = 0.3 * ((t >= 0.0) & (t < half_s)) - 0.3 * ((t >= half_s) & (t < 2.0 * half_s))
+    r = YawPlant(0.6, 0.8, wn, zeta).linear().simulate(u, STEP_S)[:, 0]
+    columns = {"r": r, "rudder": u, "airspeed": np.full(n, 20.0), "groundspeed": np.full(n, 20.0)}
+    plan = FlightPlan(seconds=seconds, manoeuvre="none")
+    link = Link(boot_s=Link().boot_s + start_s, seed=sysid, sysid=sysid)
+    for stamp_us, frame in telemetry(plan, link, Drawn(plan, columns)):
+        if sysid == 1 or sysid_of(frame) != GCS[0]:  # one ground station is enough
+            yield stamp_us + round(1e6 * start_s), frame
+
+
+def send_in_bursts(log: Path, port: int) -> None:
+    """Send a log's frames at the pace of their stamps, those of a millisecond at once."""
+    frames = list(stamped_frames(log.read_bytes()))
+    latest_s, first_us = 0.0, frames[0][0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.connect(("127.0.0.1", port))
+        start_s, unix_s = time.monotonic(), time.time()
+        for stamp_us, frame in frames:
+            ahead_s = (stamp_us - first_us) / 1e6 - (time.monotonic() - start_s)
+            if ahead_s > 0.0:
+                time.sleep(max(ahead_s, BURST_S))
+            latest_s = max(latest_s, -ahead_s)
+            sock.send(frame)
+    print(json.dumps({"sent": len(frames), "begun_s": unix_s, "latest_s": latest_s}))
+
+
+class Told(threading.Thread):
+    """Reads what a session says; knows when each vehicle's first manoeuvre was told."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        super().__init__(daemon=True)
+        self.at_s: dict[int, float] = {}
+        self.lines: list[str] = []
+        self._stream = stream
+
+    def run(self) -> None:
+        """Read until the session ends."""
+        for line in self._stream:
+            self.lines.append(line)
+            if found := TOLD.search(line):
+                self.at_s[int(found[1])] = time.time()
+
+
+def cpu_s(process: int) -> float:
+    """Return the CPU that a process has used so far."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def flown(log: Path, folder: Path) -> dict[str, Any]:
+    """Have a session listen to what is sent; return what came of it."""
+    with session(folder, "--sysid", "all") as (process, port):
+        assert process.stdout is not None
+        assert process.stderr is not None
+        told = Told(process.stderr)
+        told.start()
+        time.sleep(WARM_S)
+        before_s = cpu_s(process.pid)
+        command = [sys.executable, "-m", "bench.vehicles", "send", str(log), str(port)]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=TOOLS)
+        used_s = cpu_s(process.pid) - before_s
+        time.sleep(SETTLED_S)
+        process.terminate()
+        summaries = [json.loads(line) for line in process.stdout]
+        told.join(ENDING_S)
+    sent: dict[str, Any] = json.loads(done.stdout)
+    return sent | {"cpu_s": used_s, "told": told, "summaries": summaries}
+
+
+def lost(summaries: list[dict[str, Any]], log: Path) -> int:
+    """Return how many frames of the vehicles are in no tlog of theirs."""
+    sent = Counter(sysid_of(frame) for _, frame in stamped_frames(log.read_bytes()))
+    del sent[GCS[0]]
+    for each in summaries:
+        sysid, tlog = each["vehicle"]["sysid"], Path(each["files"]["tlog"])
+        sent[sysid] -= sum(sysid_of(f) == sysid for _, f in stamped_frames(tlog.read_bytes()))
+    return sum(sent.values())
+
+
+def delays_s(got: dict[str, Any]) -> list[float]:
+    """Return how long after the end of its doublet each vehicle's manoeuvre was told."""
+    ends = {e["vehicle"]["sysid"]: e["manoeuvres"][:1] for e in got["summaries"]}
+    at_start_s = got["begun_s"] - Link().boot_s
+    told = got["told"].at_s
+    return [told[n] - at_start_s - e["to_s"] for n, found in ends.items() for e in found]
+
+
+def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
+    """Whether the replay of a vehicle's tlog gives what its session gave, to the bit."""
+    log = Path(summary["files"]["tlog"])
+    config = RunConfig(sysid=summary["vehicle"]["sysid"])
+    again, _ = replay(log, config, Outputs(folder, f"{log.stem}-again"), StopFlag())
+    told = again.to_json()
+    return all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
+
+
+def row(vehicles: list[list[Stamped]], options: argparse.Namespace) -> str:
+    """Return the row of these vehicles."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = folder / "sent.tlog"
+        log.write_bytes(join(merge(*vehicles)))
+        got = flown(log, folder / "out")
+        summaries, waits = got["summaries"], delays_s(got)
+        missing, count = lost(summaries, log), len(vehicles)
+        same = [is_as_replayed(e, folder) for e in summaries] if count <= options.same else []
+    if options.lines:
+        sys.stderr.writelines(got["told"].lines)
+    if got["latest_s"] > LATE_S:
+        print(f"the sender was {got['latest_s']:.2f} s late", file=sys.stderr)
+    behind = any("behind the link" in line for line in got["told"].lines)
+    dropped = sum(summaries[0]["live"]["dropped"].values())
+    percent = 100.0 * got["cpu_s"] / SECONDS
+    worst = [max(e["live"]["latency_ms"][of] for e in summaries) for of in ("p50", "p99", "max")]
+    cells = [
+        f"{count}, {got['sent'] / SECONDS:.0f} msg/s",
+        f"{missing} of {got['sent']}, {dropped}" + (", behind" if behind else ""),
+        f"{percent:.0f}, {percent / count:.2f}",
+        " / ".join(f"{ms:.0f}" for ms in worst),
+        f"{len(waits)}: {median(waits):.1f}, {max(waits):.1f} s",
+        f"{sum(same)} of {len(same)}" if same else "",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
+    parser = argparse.ArgumentParser(prog="bench.py vehicles", description=__doc__)
+    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 10, 50, 100, 254])
+    parser.add_argument("--same", type=int, default=50, help="compare so many with replays")
+    parser.add_argument("--lines", action="store_true", help="show what the session says")
+    options = parser.parse_args(arguments)
+    logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
+    yield (
+        "| | frames lost, dropped | CPU %, each | worst latency, ms: p50 / p99 / max "
+        "| told: median, last | as replayed |"
+    )
+    yield "|---" * 6 + "|"
+    for vehicles in options.vehicles:
+        yield row(logs[:vehicles], options)
+
+
+if __name__ == "__main__":
+    send_in_bursts(Path(sys.argv[2]), int(sys.argv[3]))

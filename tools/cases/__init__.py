@@ -1,0 +1,1 @@
+"""The recipes of the cases in replay_logs/."""

@@ -1,0 +1,123 @@
+"""The same aircraft in disguise: what a case's log tells otherwise than the flight it is of.
+
+Each function takes the records of a flight (tools/flights/surgery.py) and returns others.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from flights.surgery import Record, rewrite, together, without
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+
+def vtail(records: list[Record]) -> list[Record]:
+    """Make it a V-tail on servos 2 and 4, whose elevator is moved all the while."""
+    rng = np.random.default_rng(21)
+    elevator_us = 0.0
+
+    def change(message: Any) -> list[Any]:
+        nonlocal elevator_us
+        kind = message.get_type()
+        if kind == "PARAM_VALUE":
+            values = {"SERVO2_FUNCTION": 79.0, "SERVO4_FUNCTION": 80.0}
+            message.param_value = values.get(message.param_id, message.param_value)
+        elif kind == "SERVO_OUTPUT_RAW":
+            # left = (elevator + rudder) / 2, right = (elevator - rudder) / 2: MIXING_GAIN 0.5
+            rudder_us = message.servo4_raw - 1500
+            elevator_us = 0.9 * elevator_us + rng.normal(0.0, 30.0)
+            message.servo2_raw = 1500 + round((elevator_us + rudder_us) / 2)
+            message.servo4_raw = 1500 + round((elevator_us - rudder_us) / 2)
+        return [message]
+
+    return rewrite(records, change)
+
+
+def _as_px4(message: Any) -> bool:
+    """Turn the vehicle's HEARTBEAT into PX4's; tell whether the message stays."""
+    if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
+        message.autopilot = mavlink.MAV_AUTOPILOT_PX4
+    return bool(message.get_type() != "PARAM_VALUE")
+
+
+def px4_controls(records: list[Record]) -> list[Record]:
+    """Make it a PX4 that tells normalised controls, beside those of another group."""
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() != "SERVO_OUTPUT_RAW":
+            return [message] if _as_px4(message) else []
+        yaw, roll = (message.servo4_raw - 1500) / 400, (message.servo1_raw - 1500) / 400
+        mine = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
+        return [
+            mavlink.MAVLink_actuator_control_target_message(message.time_usec, group, controls)
+            for group, controls in ((0, mine), (1, [0.3] * 8))
+        ]
+
+    return rewrite(records, change)
+
+
+PX4_PARAMETERS = (
+    ("PWM_MAIN_FUNC1", 201),
+    ("PWM_MAIN_FUNC2", 202),
+    ("PWM_MAIN_FUNC4", 101),
+    ("PWM_MAIN_FUNC5", 203),
+    ("PWM_MAIN_MIN5", 1100),
+    ("PWM_MAIN_MAX5", 1900),
+    ("PWM_MAIN_REV", 0b10000),
+    ("CA_SV_CS0_TYPE", 15),
+    ("CA_SV_CS1_TYPE", 3),
+    ("CA_SV_CS2_TYPE", 4),
+)
+"""Rudder: the third surface, hence the third servo (203), hence output 5, reversed."""
+
+
+def px4_outputs(records: list[Record]) -> list[Record]:
+    """Make it a PX4 that tells its outputs and which surface each of them moves.
+
+    PX4 sends an integer parameter as its four bytes in the place of the float.
+    """
+    told = [
+        mavlink.MAVLink_param_value_message(
+            name.encode(),
+            float(np.int32(value).view(np.float32)),
+            mavlink.MAV_PARAM_TYPE_INT32,
+            len(PX4_PARAMETERS),
+            index,
+        )
+        for index, (name, value) in enumerate(PX4_PARAMETERS)
+    ]
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() == "PARAM_VALUE":
+            return [told.pop(0)] if told else []
+        _as_px4(message)
+        if message.get_type() == "SERVO_OUTPUT_RAW":
+            message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000
+        return [message]
+
+    return rewrite(records, change)
+
+
+def no_rudder(records: list[Record]) -> list[Record]:
+    """Make it a flying wing: its parameters name elevons and no rudder."""
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() == "PARAM_VALUE":
+            values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
+            message.param_value = values.get(message.param_id, message.param_value)
+        return [message]
+
+    return rewrite(records, change)
+
+
+def with_gaps(records: list[Record]) -> list[Record]:
+    """Silence the link for 0.8 s, 4 s and 15 s."""
+    for low, high in ((30.0, 30.8), (45.0, 49.0), (65.0, 80.0)):
+        records = without(records, low, high)
+    return records
+
+
+def two_vehicles(other: list[Record], mine: list[Record]) -> list[Record]:
+    """Put a second vehicle, system 2, on the link of the first."""
+    return together(other, rewrite(mine, sysid=2))

@@ -1,0 +1,1 @@
+"""What the tree is held to besides its tests: installing it, defects, hostile logs, judges."""

@@ -1,0 +1,235 @@
+"""Install yawid as others do and replay a flight with it; tools/check.py --long runs this.
+
+    python -m checks.check_install [built oldest newest pythons aarch64]
+
+built: the sdist and the wheel hold what they must and nothing else, and what the wheel installs
+answers outside of the clone, where there is no git, no compiler and no display. oldest: with the
+oldest libraries that pyproject.toml allows, the cases of replay_logs/ and some tests. newest: with
+the newest numba and llvmlite that it allows, which compile, and the tests of what they compiled.
+pythons: each newer Python that is on the PATH. aarch64: every library has a wheel for it. All of
+them without names; needs the package registry and some minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SRC = ROOT / "src"
+LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
+DATA = {"yawid/py.typed", "yawid/report/report.css", "yawid/cli/schema.json"}
+DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
+BESIDE = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
+TESTS = (
+    "tests/test_pipeline.py",
+    "tests/estimation",
+    "tests/sinks/mcap",
+    "tests/cli/test_completion.py",
+    "tests/report/test_report.py",
+)
+COMPILED = ("numba", "llvmlite")
+"""The libraries with an upper bound, which must fit each other."""
+OF_COMPILED = ("tests/estimation",)
+OLDEST = (3, 11)
+NEWER = ("3.12", "3.13")
+WHEELS_ONLY = "--only-binary=:all:"
+AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64")
+
+
+def main() -> int:
+    """Do the steps that were named; return 1 if one of them failed."""
+    steps = {"built": built, "oldest": oldest, "newest": newest}
+    steps |= {"pythons": pythons, "aarch64": aarch64}
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("steps", nargs="*", metavar="STEP", help=f"{', '.join(steps)} (all)")
+    names = parser.parse_args().steps or list(steps)
+    if unknown := set(names) - steps.keys():
+        parser.error(f"there is no step {', '.join(unknown)}")
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = Path(folder)
+        try:
+            wheel = build(scratch)
+            for name in names:
+                print(f"{name}: {steps[name](wheel, scratch)}", flush=True)
+        except (AssertionError, subprocess.CalledProcessError) as error:
+            said = (getattr(error, "stdout", ""), getattr(error, "stderr", ""))
+            print(error, *said, sep="\n", file=sys.stderr)
+            return 1
+    return 0
+
+
+def build(scratch: Path) -> Path:
+    """Build the sdist, and from it the wheel; return the wheel."""
+    source, out = scratch / "clone", scratch / "dist"
+    leave = shutil.ignore_patterns(
+        ".git", "build", "*.egg-info", "__pycache__", ".*_cache", ".venv"
+    )
+    shutil.copytree(ROOT, source, ignore=leave)
+    python = environment(scratch / "builder", sys.executable)
+    run(python, "-m", "pip", "install", "--quiet", "build")
+    run(python, "-m", "build", "--outdir", out, source)
+    return next(out.glob("*.whl"))
+
+
+def built(wheel: Path, scratch: Path) -> str:
+    """Compare what was packed to the tree, then install it and replay a flight."""
+    package = {path.relative_to(SRC).as_posix() for path in (SRC / "yawid").rglob("*.py")} | DATA
+    packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert packed == package, f"the wheel: {sorted(packed ^ package)}"
+    with tarfile.open(next(wheel.parent.glob("*.tar.gz"))) as archive:
+        files = {member.name.partition("/")[2] for member in archive if member.isfile()}
+    files = {name for name in files if "src/yawid.egg-info/" not in name}
+    # setuptools packs the tests' root too, without asking; they need the logs of a clone.
+    tests = {f"tests/{path.name}" for path in (ROOT / "tests").glob("test*.py")}
+    wanted = {f"src/{name}" for name in package} | BESIDE | tests
+    assert files == wanted, f"the sdist: {sorted(files ^ wanted)}"
+    python = environment(scratch / "bare", sys.executable)
+    install(python, wheel)
+    return f"{len(packed)} files in the wheel; {answers(python, scratch)}"
+
+
+def oldest(wheel: Path, scratch: Path) -> str:
+    """Install the oldest libraries allowed; run the cases and some tests."""
+    if sys.version_info[:2] != OLDEST:
+        return "not tried: the oldest libraries have wheels for the oldest Python only"
+    constraints = scratch / "oldest.txt"
+    constraints.write_text("\n".join(oldest_allowed()))
+    python = environment(scratch / "oldest", sys.executable)
+    install(python, wheel, "--constraint", constraints)
+    clone = scratch / "clone"  # a case that fails leaves a picture beside it
+    cases = run(python, "-m", "yawid", "regress", cwd=clone).count("    ok  ")
+    return f"{cases} cases as their references; {tested(python, scratch, TESTS)}"
+
+
+def newest(wheel: Path, scratch: Path) -> str:
+    """Install the newest numba and llvmlite allowed; compile, and run the tests of what they made.
+
+    It asks for the last minor version below each bound by its number: pip alone would take an older
+    pair that fits, and say nothing.
+    """
+    constraints = scratch / "newest.txt"
+    constraints.write_text("\n".join(newest_allowed()))
+    python = environment(scratch / "newest", sys.executable)
+    install(python, wheel, "--constraint", constraints)
+    compiled = run(python, "-m", "yawid", "warm", cwd=scratch)
+    assert compiled.startswith("compiled the estimators"), compiled
+    listed = json.loads(run(python, "-m", "pip", "list", "--format", "json"))
+    pair = ", ".join(f"{each['name']} {each['version']}" for each in listed
+                     if each["name"] in COMPILED)  # fmt: skip
+    return f"{pair}; {tested(python, scratch, OF_COMPILED)}"
+
+
+def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
+    """Run tests of the clone with the libraries of an environment; return pytest's last line."""
+    run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
+    options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long"]
+    options += ["-o", "filterwarnings="]  # old libraries with new ones below them do warn
+    return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
+
+
+def required() -> list[str]:
+    """Return the requirements of pyproject.toml."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return list(project["dependencies"])
+
+
+def oldest_allowed() -> list[str]:
+    """Return the requirements, each at its lower bound."""
+    return [re.sub(r">=([^,]+).*", r"==\1", each) for each in required()]
+
+
+def newest_allowed() -> list[str]:
+    """Return the requirements with an upper bound of 0.N, each at the version 0.(N - 1) before."""
+    found = []
+    for each in required():
+        if bound := re.fullmatch(r"([\w-]+).*<0\.(\d+)", each):
+            found.append(f"{bound[1]}==0.{int(bound[2]) - 1}.*")
+    assert [each.partition("=")[0] for each in found] == list(COMPILED), found
+    return found
+
+
+def pythons(wheel: Path, scratch: Path) -> str:
+    """Install with each newer Python that is here."""
+    found = []
+    for version in NEWER:
+        interpreter = shutil.which(f"python{version}")
+        if interpreter is None or not works(interpreter):
+            found.append(f"{version}: not on the PATH, not tried")
+            continue
+        python = environment(scratch / version, interpreter)
+        install(python, wheel)
+        found.append(f"{version}: {answers(python, scratch)}")
+    return "; ".join(found)
+
+
+def works(interpreter: str) -> bool:
+    """Tell a Python from what only stands for one on the PATH."""
+    return subprocess.run([interpreter, "-c", ""], capture_output=True, check=False).returncode == 0
+
+
+def aarch64(wheel: Path, scratch: Path) -> str:
+    """Have pip resolve everything for a companion computer, from wheels alone."""
+    report = scratch / "aarch64.json"
+    platforms = [word for name in AARCH64 for word in ("--platform", name)]
+    target = ("--target", scratch / "aarch64", "--dry-run", "--report", report, "--quiet")
+    versions = (f"3.{sys.version_info.minor}", *NEWER)
+    for version in versions:
+        python = ("--python-version", version, WHEELS_ONLY)
+        run(sys.executable, "-m", "pip", "install", *platforms, *python, *target, wheel)
+    names = [each["metadata"]["name"] for each in json.loads(report.read_text())["install"]]
+    return f"{len(names)} wheels for each of Python {', '.join(versions)}"
+
+
+def environment(folder: Path, interpreter: str) -> Path:
+    """Make a virtual environment; return its Python."""
+    run(interpreter, "-m", "venv", folder)
+    return folder / "bin" / "python"
+
+
+def install(python: Path, wheel: Path, *options: object) -> None:
+    """Install the wheel and its libraries, from wheels alone: nothing to compile them with."""
+    run(python, "-m", "pip", "install", "--quiet", WHEELS_ONLY, *options, wheel, bare=True)
+
+
+def answers(python: Path, scratch: Path) -> str:
+    """Ask the three ways of starting it for their version, and for one flight's answer."""
+    away, script = scratch / "away", python.parent / "yawid"
+    away.mkdir(exist_ok=True)
+    version = run(script, "--version", cwd=away, bare=True)
+    as_module = run(python, "-m", "yawid", "--version", cwd=away, bare=True)
+    assert version == as_module, f"{version!r}, but as a module {as_module!r}"
+    said = run(script, "replay", LOG, "--json", "--force", cwd=away, bare=True)
+    mode = json.loads(said)["flight"]["dutch_roll"]
+    return f"{version.strip()} answers wn {mode['wn_rad_s']:.4f}, zeta {mode['zeta']:.4f}"
+
+
+def run(*command: object, cwd: Path | None = None, bare: bool = False) -> str:
+    """Run a command and return what it printed; bare: with no other program and no display."""
+    given = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+    kept = {name: text for name, text in given.items() if re.match("PIP_|SSL_|LANG", name)}
+    nowhere = {"PATH": "", "HOME": str(cwd or "/")}
+    done = subprocess.run(
+        [*map(str, command)],
+        cwd=cwd,
+        env=kept | nowhere if bare else given,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,336 @@
+"""Judge ``yawid trend`` on drawn fleets: a damping that falls is found, and nothing else.
+
+    python -m checks.judge_trend rates [--draws 2000] [--only nightly]
+    python -m checks.judge_trend seeds [--seeds 100] [--first 0]
+    python -m checks.judge_trend looks [--histories 30000]
+    python -m checks.judge_trend diff [--draws 4000]
+
+A number scatters by 8 % in zeta, 1.5 % in wn/V, 5 % in K/V (the flight's own total sigma, 3/8 to
+7/8 of it, is given; the rest is tau), and 5 % of the flights are off by 25 to 60 % in all three.
+
+rates: of the data sets of each of PLANS, how many call anything changed; each is PLANS' count of
+vehicles, with one to three flights on a day, which share an offset, looked at once or after every
+day. seeds: fleets of 20 aircraft with 60 flights each, one a day; in each fleet with a change zeta
+of one aircraft falls by 20 % over 30 days, from a day drawn among the first 31.
+Every fleet is written and read back as a data set. looks: whether the p of one look is right, by
+histories without a change (changes.looks is from it). diff: in how many draws one flight more of a
+vehicle is called changed against its data set of so many flights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.dataset.files import merge
+from yawid.results.run_summary import Value
+from yawid.trend.best_profile import LEAST_DAYS
+from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights
+from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
+from yawid.trend.diff import one_more
+from yawid.trend.history import MADE, Flights, History
+from yawid.trend.moderated import two_sided
+from yawid.trend.trend import FALSE_ALARMS, Studied, study, trend
+
+VEHICLES: Final = 20
+DAYS: Final = 60
+SCATTER: Final = {"kappa_rad_m": 0.015, "zeta": 0.08, "K_per_V": 0.05}
+STDS: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
+LEVELS: Final = {"kappa_rad_m": 0.12, "zeta": 0.15, "K_per_V": 0.04}
+OUTLIERS: Final = 0.05
+FALL: Final = 0.2
+FALL_DAYS: Final = 30
+FALLS: Final = "sysid:7"
+START_US: Final = 1_740_000_000_000_000  # 2025-02-19
+_AT_ONCE: Final = 50
+"""Fleets that are fitted together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How a fleet is drawn.
+
+    most: flights on a day, from one; share: sigmas of a flight that a day's flights are off
+    together; falls: whether zeta of the last vehicle falls; season: of each number, either way.
+    """
+
+    vehicles: int = VEHICLES
+    days: int = DAYS
+    most: int = 1
+    share: float = 0.0
+    falls: bool = False
+    season: float = 0.0
+    apart_days: int = 1
+    nightly: bool = False
+
+
+PLANS: Final = {
+    "independent": Plan(vehicles=5, days=60),
+    "days": Plan(vehicles=5, days=60, most=3, share=1.0),
+    "nightly": Plan(vehicles=1, days=40, nightly=True),
+    "nightly-days": Plan(vehicles=1, days=40, most=3, share=1.0, nightly=True),
+    "season": Plan(vehicles=5, days=50, season=0.03, apart_days=7),
+    "fall": Plan(vehicles=5, days=60, most=3, share=0.5, falls=True),
+}
+"""What is drawn for ``rates``; the last should be found, in the others nothing changed."""
+
+
+def draw_history(
+    rng: np.random.Generator, level: float, scatter: float, n: int, off: Any, shared: Any = 0.0
+) -> tuple[Any, Any]:
+    """Return numbers (n,) and total sigmas (n,) of a vehicle.
+
+    off (n,): factors of outliers; shared (n,): what flights of a day have in common, in sigmas.
+    """
+    sigma = scatter * rng.uniform(3 / 8, 7 / 8, n)
+    tau2 = scatter**2 * (1.0 - (9 + 21 + 49) / 3 / 64)  # sigma² is 79/192 of it in the mean
+    own = np.sqrt(sigma**2 + tau2) * rng.standard_normal(n)
+    return level * (1.0 + own + scatter * shared) * off, level * sigma
+
+
+def draw_off(rng: np.random.Generator, n: int, share: float = OUTLIERS) -> Any:
+    """Return a factor (n,) for each flight, 1 but for outliers."""
+    far = rng.choice([-1.0, 1.0], n) * rng.uniform(0.25, 0.6, n)
+    return np.where(rng.random(n) < share, 1.0 + far, 1.0)
+
+
+def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Track]]:
+    """Yield the three histories of each vehicle."""
+    begin = int(rng.integers(0, max(plan.days - FALL_DAYS, 0) + 1))
+    for vehicle in range(1, plan.vehicles + 1):
+        counts = rng.integers(1, plan.most + 1, plan.days)
+        day = np.repeat(np.arange(plan.days), counts)
+        of_day = np.concatenate([np.arange(count) for count in counts])
+        date = START_US + day * plan.apart_days * DAY_US + of_day * HOUR_US + vehicle * 1_000_000
+        fall = 1.0 - FALL * np.clip((day - begin) / FALL_DAYS, 0.0, 1.0)
+        phase = 2.0 * np.pi * (rng.random() + date / YEAR_US)
+        off = draw_off(rng, len(day))
+        tracks = {}
+        for name, level in LEVELS.items():
+            own = level * (1.0 + 0.03 * rng.standard_normal())
+            shared = plan.share * rng.standard_normal(plan.days)[day]
+            value, sigma = draw_history(rng, own, SCATTER[name], len(day), off, shared)
+            if plan.falls and name == "zeta" and vehicle == min(plan.vehicles, 7):
+                value = value * fall
+            tracks[name] = Track(value * (1.0 + plan.season * np.sin(phase)), sigma, date)
+        yield tracks
+
+
+def draw_fleet(seed: int, plan: Plan) -> list[dict[str, Any]]:
+    """Return a fleet's rows of ``flights``; FALLS is the aircraft whose zeta falls."""
+    rows = []
+    for sysid, tracks in enumerate(draw_vehicles(np.random.default_rng(seed), plan), start=1):
+        for i, date in enumerate(tracks["zeta"].dates):
+            row = {name: float(track.value[i]) for name, track in tracks.items()}
+            row |= {STDS[name]: float(track.sigma[i]) for name, track in tracks.items()}
+            rows.append(flight(sysid, i, int(date), **row))
+    return rows
+
+
+def flight(sysid: int, i: int, date: int, **numbers: Any) -> dict[str, Any]:
+    """Return a usable row of ``flights``, of a log of its own."""
+    return {
+        "log_sha256": f"{sysid:03d}-{i:05d}", "yawid_version": "0", "analysis_version": "1",
+        "config_hash": "c", "vehicle": f"sysid:{sysid}", "sysid": sysid, "boot": 1, "date": date,
+        "loop": "airframe", "vehicle_type": 1, "usable": True, "method": "rml",
+    } | numbers  # fmt: skip
+
+
+def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows of ``flights`` as a data set."""
+    made_by = ("log_sha256", "yawid_version", "analysis_version", "config_hash")
+    merge(
+        folder,
+        [
+            {
+                "logs": [
+                    {"path": f"/{row['log_sha256']}", "outcome": "ok"}
+                    | {name: row[name] for name in made_by}
+                ],
+                "flights": [row],
+            }
+            for row in rows
+        ],
+    )
+
+
+@dataclass(slots=True)
+class Judged:
+    """Over many fleets: changes found, fleets with a wrong one, without and with a true one."""
+
+    fleets: int = 0
+    found: int = 0
+    wrong_with_it: int = 0
+    false_alarms: int = 0
+    outliers: int = 0
+
+
+def judge_seed(seed: int, judged: Judged) -> None:
+    """Judge one fleet with a change, and one without, of another seed."""
+    for falls in (True, False):
+        with tempfile.TemporaryDirectory() as folder:
+            write_fleet(Path(folder), draw_fleet(2 * seed + falls, Plan(falls=falls)))
+            told, _ = trend(Path(folder))
+        names = {(each.vehicle, each.quantity) for each in told.followed if each.change}
+        wrong = names - ({(FALLS, "zeta")} if falls else set())
+        if falls:
+            judged.found += (FALLS, "zeta") in names
+            judged.wrong_with_it += bool(wrong)
+            judged.outliers += sum(len(each.outliers) for each in told.followed)
+        else:
+            judged.false_alarms += bool(wrong)
+    judged.fleets += 1
+
+
+def print_seeds(first: int, seeds: int) -> None:
+    """Print the table's row."""
+    judged = Judged()
+    for seed in range(first, first + seeds):
+        judge_seed(seed, judged)
+    print("| `judge_trend.py seeds` | fall found | another found with it | false alarms |")
+    print("|---|---|---|---|")
+    of = f"of {judged.fleets}"
+    print(
+        f"| seeds {first} to {first + seeds - 1} | {judged.found} {of} | "
+        f"{judged.wrong_with_it} {of} | {judged.false_alarms} {of} |"
+    )
+
+
+def _until(track: Track, days: int) -> Track:
+    """Return a history as it is after so many days."""
+    n = int(np.searchsorted(track.day, days))
+    return Track(track.value[:n], track.sigma[:n], track.dates[:n])
+
+
+def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tuple[int, int]:
+    """Return in how many of the drawn data sets the fall was called changed, and anything else.
+
+    every: of the nightly looks, each so many days; the last one is always there.
+    """
+    rng = np.random.default_rng(seed)
+    looks = range(plan.days, LEAST_DAYS - 1, -every) if plan.nightly else [plan.days]
+    tested = len(LEVELS) * plan.vehicles
+    found = wrong = 0
+    for begin in range(0, draws, _AT_ONCE):
+        fleets = [list(draw_vehicles(rng, plan)) for _ in range(min(_AT_ONCE, draws - begin))]
+        numbers = [[each[name] for each in fleet] for fleet in fleets for name in LEVELS]
+        is_changed = np.zeros((len(numbers), plan.vehicles), bool)
+        for days in looks:
+            fits = fit_fleets([[_until(track, days) for track in tracks] for tracks in numbers])
+            is_changed |= [[_changed(each, tested) for each in some] for some in fits]
+        by_fleet = is_changed.reshape(len(fleets), len(LEVELS), plan.vehicles)
+        falls = by_fleet[:, list(LEVELS).index("zeta"), min(plan.vehicles, 7) - 1]
+        if plan.falls:
+            found += int(falls.sum())
+            falls[:] = False
+        wrong += int(by_fleet.any(axis=(1, 2)).sum())
+    return found, wrong
+
+
+def _changed(fitted: Fitted, tested: int) -> bool:
+    return fitted.change is not None and fitted.change.p * tested <= FALSE_ALARMS
+
+
+def print_rates(draws: int, only: str | None) -> None:
+    """Print a row for each plan."""
+    print("| `judge_trend.py rates` | draws | fall found | anything else called changed |")
+    print("|---|---|---|---|")
+    for name, plan in PLANS.items():
+        if only in (None, name):
+            found, wrong = judge_plan(plan, draws)
+            hits = f"{100.0 * found / draws:.1f} %" if plan.falls else ""
+            print(f"| {name} | {draws} | {hits} | {100.0 * wrong / draws:.2f} % |", flush=True)
+
+
+def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
+    """Return how often one more flight of a vehicle with so many is called changed."""
+    rng = np.random.default_rng(seed)
+    wrong = 0
+    for _ in range(draws):
+        histories, values = [], {}
+        for name, level in LEVELS.items():
+            value, sigma = draw_history(rng, level, SCATTER[name], flights + 1, 1.0)
+            track = Track(value[:-1], sigma[:-1], START_US + np.arange(flights) * DAY_US)
+            history = History("sysid:1", "airframe", name, 1, 1, track, np.arange(flights))
+            histories.append(history)
+            values[name] = Value(value=float(value[-1]), std=float(sigma[-1]))
+        rows: list[Mapping[str, Any]] = [
+            dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)
+        ]
+        studied = study(Flights(rows, {}, histories))
+        wrong += any(
+            two_sided(_off(each, values[each.history.quantity]), each.fitted.dof) * len(studied)
+            <= FALSE_ALARMS
+            for each in studied
+        )
+    return wrong
+
+
+def _off(each: Studied, value: Value) -> float:
+    expected = one_more(each, value.std or 0.0)
+    apart = (value.value or 0.0) - (expected.value or 0.0)
+    return apart / float(np.hypot(value.std or 0.0, expected.std or 0.0))
+
+
+def print_diff(draws: int) -> None:
+    """Print a row for each count of flights."""
+    print("| `judge_trend.py diff` | draws | called changed |")
+    print("|---|---|---|")
+    for flights in (3, 5, 8, 12, 30):
+        wrong = judge_diff(flights, draws)
+        print(f"| {flights} flights | {draws} | {100.0 * wrong / draws:.2f} % |", flush=True)
+
+
+def print_looks(histories: int) -> None:
+    """Print by what factor a history without a change has a p more often than p says, once."""
+    for vehicles in (VEHICLES, 3):
+        for n in (12, 20, 40, 100, 300):
+            rng = np.random.default_rng(n)
+            found: list[float] = []
+            while len(found) < histories:
+                tracks = []
+                for _ in range(vehicles):
+                    value, sigma = draw_history(rng, 1.0, 0.08, n, draw_off(rng, n))
+                    tracks.append(Track(value, sigma))
+                changes = [fit.change for fit in fit_tracks(tracks)]
+                found += [each.p_if_no_season / nights(n) for each in changes if each is not None]
+            p = np.array(found)
+            shown = ", ".join(
+                f"{np.mean(p <= each) / each:.2f} at {each:g}"
+                for each in (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
+            )
+            print(f"n = {n}, {vehicles} vehicles: as often as p says x {shown}", flush=True)
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    commands = parser.add_subparsers(dest="what", required=True)
+    rates = commands.add_parser("rates")
+    rates.add_argument("--draws", type=int, default=2000)
+    rates.add_argument("--only", choices=PLANS)
+    seeds = commands.add_parser("seeds")
+    seeds.add_argument("--seeds", type=int, default=100)
+    seeds.add_argument("--first", type=int, default=0)
+    drawn = commands.add_parser("looks")
+    drawn.add_argument("--histories", type=int, default=30_000)
+    differ = commands.add_parser("diff")
+    differ.add_argument("--draws", type=int, default=4000)
+    arguments = parser.parse_args()
+    run: dict[str, Callable[[], None]] = {
+        "rates": lambda: print_rates(arguments.draws, arguments.only),
+        "seeds": lambda: print_seeds(arguments.first, arguments.seeds),
+        "diff": lambda: print_diff(arguments.draws),
+        "looks": lambda: print_looks(arguments.histories),
+    }
+    run[arguments.what]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""Seed small defects one at a time in a copy of the tree, and see whether the tests notice.
+
+    python tools/mutate.py                # all of checks/defects.py, a Markdown table at the end
+    python tools/mutate.py --only jury    # those whose description holds a word
+
+tests/test_mutations.py, marked ``long``, does the same. Each defect names one test
+that must fail; a run of it that ends otherwise than by failing has not caught it. Where the defect
+is in the kernel, or in what compiles it, that runs as plain Python, which gives the same bits and
+need not be compiled for each; elsewhere it is compiled once for all of them, without which the fits
+take minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from checks.defect import Defect
+from checks.defects import DEFECTS
+
+ROOT = Path(__file__).resolve().parents[2]
+COPIED = ("src", "tests", "tools", "replay_logs")
+PLAIN = ("estimation/kernel/", "estimation/machine/")
+TIMEOUT_S = 300
+# The first counterexample will do: shrinking it costs minutes.
+CONFTEST = """
+from hypothesis import Phase, settings
+
+phases = (Phase.explicit, Phase.generate)
+settings.register_profile("mutation", phases=phases, derandomize=True, database=None)
+settings.load_profile("mutation")
+"""
+
+
+class Copy:
+    """A copy of the tree to be spoiled, one defect at a time."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "actual.*")
+        for name in COPIED:
+            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+        shutil.copy2(ROOT / "pyproject.toml", folder)
+        (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
+
+    def run_all(self, defects: Sequence[Defect]) -> tuple[int, str]:
+        """Run their tests without a defect, each as it hunts one; return as :meth:`run` does."""
+        for plain in (False, True):
+            tests = {each.test for each in defects if each.file.startswith(PLAIN) == plain}
+            code, told = self.run(*sorted(tests), plain=plain) if tests else (0, "")
+            if code != 0:
+                break
+        return code, told
+
+    def run(self, *tests: str, plain: bool) -> tuple[int, str]:
+        """Run tests here; return pytest's exit code (1: some failed) and what it printed.
+
+        ``plain``: the kernel as plain Python.
+        """
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+        environment = os.environ | {
+            "PYTHONPATH": str(self.folder / "src"),
+            "MPLBACKEND": "Agg",
+            "NUMBA_DISABLE_JIT": str(int(plain)),
+        }
+        done = subprocess.run(
+            command,
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=TIMEOUT_S,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    def catches(self, defect: Defect) -> bool:
+        """Tell whether the defect's test fails with the defect in."""
+        path = self.folder / "src" / "yawid" / defect.file
+        kept = path.with_suffix(".kept")
+        shutil.copy2(path, kept)
+        try:
+            text = path.read_text(encoding="utf-8")
+            path.write_text(text.replace(defect.old, defect.new), encoding="utf-8")
+            return self.run(defect.test, plain=defect.file.startswith(PLAIN))[0] == 1
+        except subprocess.TimeoutExpired:
+            return False
+        finally:
+            shutil.move(kept, path)  # with its old time, by which Python knows its caches
+
+
+def misplaced(defects: Sequence[Defect]) -> list[str]:
+    """Return the defects whose pattern does not stand exactly once in its file."""
+    found = []
+    for defect in defects:
+        count = (ROOT / "src" / "yawid" / defect.file).read_text(encoding="utf-8").count(defect.old)
+        if count != 1:
+            found.append(f"{defect.what}: {count} times in {defect.file}: {defect.old!r}")
+    return found
+
+
+def seed(defects: Sequence[Defect], copy: Copy) -> int:
+    """Seed the defects, print a row for each and return how many were missed."""
+    print("| defect | file | caught by |\n|---|---|---|")
+    missed = 0
+    for defect in defects:
+        began = time.monotonic()
+        caught = copy.catches(defect)
+        missed += not caught
+        print(f"| {defect.what} | {defect.file} | {defect.test if caught else '**missed**'} |")
+        print(f"{defect.what}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+    print(f"\n{len(defects) - missed} of {len(defects)} caught", flush=True)
+    return missed
+
+
+def main(argv: Sequence[str]) -> int:
+    """Return 0 where all defects are caught, 1 where not, 2 where they cannot be seeded."""
+    parser = argparse.ArgumentParser(prog="mutate.py", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--only", metavar="WORD", default="", help="defects that speak of it")
+    options = parser.parse_args(argv)
+    defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
+    if wrong := misplaced(defects):
+        print("mutate: " + "\nmutate: ".join(wrong), file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Copy(Path(scratch) / "tree")
+        code, told = copy.run_all(defects)
+        if code != 0:
+            print(f"mutate: without any defect:\n{told}", file=sys.stderr)
+            return 2
+        return int(seed(defects, copy) > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

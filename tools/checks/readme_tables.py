@@ -1,0 +1,76 @@
+"""Tables of the READMEs that a program writes: below a marker, up to the next blank line.
+
+    python -m checks.readme_tables         # the tables that the tree itself gives: cases, mutations
+    python tools/bench.py NAME --readme    # a bench's table, in tools/README.md
+
+tests/test_readme.py holds the first two to what this gives.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+from checks.defects import DEFECTS
+
+ROOT = Path(__file__).resolve().parents[2]
+HOMES = {
+    "cases": "replay_logs/README.md",
+    "mutations": "tests/README.md",
+    "truth_short": "README.md",
+}
+"""Where a table stands; all others stand in tools/README.md."""
+
+
+def put(name: str, table: str) -> None:
+    """Write a table, lines without a blank one among them, below ``<!-- name -->``."""
+    path = ROOT / HOMES.get(name, "tools/README.md")
+    marker = f"<!-- {name} -->\n"
+    text, count = re.subn(
+        rf"{marker}(?:\|[^\n]*\n)*",
+        lambda _: marker + table.strip() + "\n",
+        path.read_text(encoding="utf-8"),
+    )
+    if count != 1:
+        raise SystemExit(f"{path} has {count} times {marker.strip()}: one is needed")
+    path.write_text(text, encoding="utf-8")
+
+
+def written(name: str) -> str:
+    """Return the table that stands there."""
+    text = (ROOT / HOMES.get(name, "tools/README.md")).read_text(encoding="utf-8")
+    found = re.search(rf"<!-- {name} -->\n((?:\|[^\n]*\n)*)", text)
+    return found[1].strip() if found else ""
+
+
+def mutations() -> str:
+    """Return the defects of checks/defects.py, each with the test that must fail; names alone."""
+    rows = [
+        f"| {d.what} | {Path(d.file).stem} | {Path(d.test.replace('.py', '')).name[5:]} |"
+        for d in DEFECTS
+    ]
+    return "\n".join(["| defect | file | caught by |", "|---|---|---|", *rows])
+
+
+def cases() -> str:
+    """Return the cases of replay_logs/, as their case.toml describes them."""
+    rows = []
+    for path in sorted((ROOT / "replay_logs").glob("*/case.toml")):
+        case = tomllib.loads(path.read_text(encoding="utf-8"))
+        # Most cases pin the stream alone: those that pin manoeuvres say so.
+        given = ({"manoeuvres": "auto"} | case.get("options", {})).items()
+        given = [(k, v) for k, v in given if (k, v) != ("manoeuvres", "off")]
+        options = ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in given)
+        origin = re.sub(r"[,;] (trimmed|recorded|tools/|see ).*", "", case["origin"])
+        origin = re.sub("^JSBSim C172P at 100 kt, |ArduPlane V4.6-dev SITL ", "", origin)
+        rows.append(f"| {path.parent.name} | {origin} | {options or 'none'} |")
+    return "\n".join(["| case | its log | options |", "|---|---|---|", *rows])
+
+
+TABLES = {"cases": cases, "mutations": mutations}
+
+
+if __name__ == "__main__":
+    for table_name, table_of in TABLES.items():
+        put(table_name, table_of())

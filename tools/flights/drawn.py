@@ -1,0 +1,245 @@
+"""Motions drawn by simple means for the corpora: hovering, tumbling, parked, rolling.
+
+No rudder moves an aircraft here: lift motors, gusts, engines and wheels do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from cases.recipes import Made
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import lfilter
+
+from flights.flight import STEP_S, FlightPlan
+from flights.free import ARMED, LENGTHS_S, Floats, by_hand, count, drawn_link, wander
+from flights.surgery import Record, join, rewrite, split
+from flights.telemetry import FOOT, KNOT, Link, telemetry
+
+MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
+FIRST_LIFT_MOTOR = 33  # SERVOn_FUNCTION of the first of four
+
+
+class Drawn:
+    """Stands in for a flight: the properties that telemetry asks for, drawn beforehand.
+
+    Columns (n,) by the millisecond: ``r``, ``p``, ``roll``, ``pitch`` in rad and rad/s, airspeed
+    and ground speed in m/s, rudder and aileron in units; what is not given is 0.
+    """
+
+    def __init__(self, plan: FlightPlan, columns: dict[str, Floats]) -> None:
+        n = count(plan.seconds)
+        zero = np.zeros(n)
+        given = {name: np.asarray(columns.get(name, zero)) for name in ("p", "r", "roll", "pitch")}
+        psi = np.cumsum(given["r"]) * STEP_S
+        air, over_ground = columns.get("airspeed", zero), columns.get("groundspeed", zero)
+        self._columns = {
+            "attitude/phi-rad": given["roll"],
+            "attitude/theta-rad": given["pitch"],
+            "attitude/psi-rad": psi,
+            "attitude/psi-deg": np.degrees(psi),
+            "velocities/p-rad_sec": given["p"],
+            "velocities/q-rad_sec": np.gradient(given["pitch"], STEP_S),
+            "velocities/r-rad_sec": given["r"],
+            "velocities/vc-kts": air / KNOT,
+            "velocities/vg-fps": over_ground / FOOT,
+            "position/h-sl-ft": np.full(n, 20.0 / FOOT),
+            "fcs/throttle-cmd-norm": np.full(n, 0.3),
+            "velocities/h-dot-fps": zero,
+        }
+        self._plan, self._ms = plan, 0
+        self._rudder, self._aileron = columns.get("rudder", zero), columns.get("aileron", zero)
+        self.rudder_us = self.aileron_us = 1500
+        self.advance_to(0)
+
+    def advance_to(self, ms: int) -> None:
+        """Go on to a millisecond after the start."""
+        self._ms = ms
+        self.rudder_us = self._plan.rudder.pulse(float(self._rudder[ms]))
+        self.aileron_us = self._plan.aileron.pulse(float(self._aileron[ms]))
+
+    def __getitem__(self, name: str) -> float:
+        """Return a property of JSBSim's name now."""
+        return float(self._columns[name][self._ms])
+
+
+def told_log(
+    rng: np.random.Generator, draw: Callable[[float], dict[str, Floats]], **told: Any
+) -> Made:
+    """Tell a motion whose columns ``draw`` returns for a length in s."""
+    seconds = float(rng.choice(LENGTHS_S))
+    plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
+    log = join(telemetry(plan, link, Drawn(plan, draw(seconds))))
+    known: dict[str, Any] = {"aircraft": "drawn", "dutch_roll": None, "severity": 0}
+    return Made(log, known | _of(link, seconds) | told)
+
+
+def _of(link: Link, seconds: float) -> dict[str, float]:
+    names = ("attitude_hz", "servo_hz", "rate_noise", "seed")
+    return {"seconds": seconds} | {name: getattr(link, name) for name in names}
+
+
+def hovering(rng: np.random.Generator) -> Made:
+    """Hover a quadplane in wind: the rudder moves with the lift motors, which do the work."""
+    wind = float(rng.choice([0.0, 3.0, 8.0, 12.0]))
+    drawn = told_log(rng, lambda s: _hover(rng, s, wind), wind_m_s=wind)
+    kind = int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR]))
+    mode = int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO]))
+    assert drawn.truth is not None
+    log = on_lift_motors(split(drawn.log), rng, kind=kind, mode=mode)
+    return Made(log, drawn.truth | {"mode": mode, "mav_type": kind})
+
+
+def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:
+    """Return a hover: the pilot asks for headings, a loop of 1 to 3 rad/s follows in gusts."""
+    n, every = count(seconds), 20
+    asked = np.repeat(rng.uniform(-1.0, 1.0, math.ceil(n / 6000)), 6000)[:n:every]
+    gust = wander(rng, n, 0.5, 0.15)[::every]
+    wn, dt = rng.uniform(1.0, 3.0), every * STEP_S
+    r = psi = 0.0
+    rates, commands = [], []
+    for heading, torque in zip(asked.tolist(), gust.tolist(), strict=True):
+        command = float(np.clip(wn * wn * (heading - psi) - 0.6 * wn * r, -1.5, 1.5))
+        r += dt * (command - 0.4 * wn * r + torque)
+        psi += dt * r
+        rates.append(r)
+        commands.append(command)
+    at, coarse = np.arange(n) / every, np.arange(len(rates))
+    roll = wander(rng, n, 0.6, 0.08)
+    return {
+        "r": np.interp(at, coarse, rates),
+        "roll": roll,
+        "p": np.gradient(roll, STEP_S),
+        "pitch": wander(rng, n, 0.6, 0.06),
+        "rudder": 0.5 * np.interp(at, coarse, commands),
+        "aileron": -0.8 * roll,
+        "airspeed": np.maximum(wind + wander(rng, n, 2.0, 0.7), 0.0),
+        "groundspeed": np.abs(wander(rng, n, 4.0, 1.0)),
+    }
+
+
+def on_lift_motors(told: list[Record], rng: np.random.Generator, *, kind: int, mode: int) -> bytes:
+    """Tell a log as a quadplane's whose four lift motors, outputs 5 to 8, carry it."""
+    motors = [
+        mavlink.MAVLink_param_value_message(
+            f"SERVO{5 + i}_FUNCTION".encode(), float(FIRST_LIFT_MOTOR + i),
+            mavlink.MAV_PARAM_TYPE_INT16, 25, 21 + i,
+        )
+        for i in range(4)
+    ]  # fmt: skip
+
+    def change(message: Any) -> list[Any]:
+        name = message.get_type()
+        if name == "HEARTBEAT" and message.get_srcSystem() == 1:
+            message.type, message.custom_mode = kind, mode
+        elif name == "SERVO_OUTPUT_RAW":
+            yaw = (message.servo4_raw - 1500) / 4.0
+            for i, turn in enumerate((1, 1, -1, -1)):
+                pulse = 1520 + turn * yaw + rng.normal(0.0, 8.0)
+                setattr(message, f"servo{5 + i}_raw", round(float(np.clip(pulse, 1000, 2000))))
+        elif name == "PARAM_VALUE" and motors:
+            return [message, motors.pop(0)]
+        return [message]
+
+    return join(rewrite(told, change))
+
+
+def quadrotor(rng: np.random.Generator) -> Made:
+    """Hover PX4's quadrotor: its third control is a yaw torque that the yaw answers, no rudder."""
+    made = told_log(rng, lambda s: _hover(rng, s, 0.0))
+
+    def change(message: Any) -> list[Any]:
+        name = message.get_type()
+        if name == "PARAM_VALUE":
+            return []
+        if name == "HEARTBEAT" and message.get_srcSystem() == 1:
+            message.type, message.autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
+        if name == "SERVO_OUTPUT_RAW":
+            roll, yaw = ((p - 1500) / 400.0 for p in (message.servo1_raw, message.servo4_raw))
+            controls = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
+            return [mavlink.MAVLink_actuator_control_target_message(message.time_usec, 0, controls)]
+        return [message]
+
+    return Made(join(rewrite(split(made.log), change)), made.truth)
+
+
+def tumbling(rng: np.random.Generator) -> Made:
+    """Tumble, rolling over and over; the controller's rudder fights the rates."""
+    return told_log(rng, lambda s: _tumble(rng, s))
+
+
+def _tumble(rng: np.random.Generator, seconds: float) -> dict[str, Floats]:
+    n = count(seconds)
+    p, r = wander(rng, n, 0.4, 1.5), wander(rng, n, 0.3, 0.8)
+    roll = math.pi + np.cumsum(p + 0.5) * STEP_S
+    fought = -rng.uniform(0.2, 0.6) * r - rng.uniform(0.0, 0.2) * p
+    delay = int(rng.integers(20, 80))
+    return {
+        "r": r,
+        "p": p,
+        "roll": np.remainder(roll + math.pi, math.tau) - math.pi,
+        "pitch": np.clip(wander(rng, n, 1.0, 0.7), -1.5, 1.5),
+        "rudder": np.concatenate([np.zeros(delay), fought[:-delay]]),
+        "aileron": -0.3 * p,
+        "airspeed": 14.0 + wander(rng, n, 3.0, 3.0),
+        "groundspeed": 12.0 + wander(rng, n, 3.0, 2.0),
+    }
+
+
+def parked(rng: np.random.Generator) -> Made:
+    """Stand with the engine running: the pilot checks the rudder, the gyro has the vibration."""
+    line_hz, wind = float(rng.uniform(1.0, 9.0)), float(rng.choice([0.0, 2.0, 9.0]))
+
+    def draw(seconds: float) -> dict[str, Floats]:
+        columns, t = _standing(rng, seconds, wind), np.arange(count(seconds)) * STEP_S
+        shake = np.sin(math.tau * line_hz * t + wander(rng, len(t), 5.0, 1.0))
+        return columns | {"r": columns["r"] + rng.uniform(0.002, 0.01) * shake}
+
+    return told_log(rng, draw, line_hz=round(line_hz, 2), wind_m_s=wind)
+
+
+def _standing(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:
+    n = count(seconds)
+    reach, tempo = float(rng.uniform(0.3, 1.0)), float(rng.uniform(0.5, 1.5))
+    return {
+        "r": wander(rng, n, 0.05, 0.003),
+        "roll": wander(rng, n, 0.3, 0.002),
+        "rudder": by_hand(rng, seconds, reach, tempo),
+        "aileron": by_hand(rng, seconds, 0.5, 1.0),
+        "airspeed": np.abs(wind + wander(rng, n, 2.0, 0.5)),
+        "groundspeed": np.abs(wander(rng, n, 5.0, 0.05)),
+    }
+
+
+def disarmed(rng: np.random.Generator) -> Made:
+    """Stand disarmed, the sticks tried; some airspeed sensors say anything."""
+    wind = float(rng.choice([0.0, 3.0, 63.0]))
+    made = told_log(rng, lambda s: _standing(rng, s, wind), wind_m_s=wind)
+
+    def change(message: Any) -> list[Any]:
+        if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
+            message.base_mode, message.custom_mode = message.base_mode & ~ARMED, MANUAL
+        return [message]
+
+    return Made(join(rewrite(split(made.log), change)), made.truth)
+
+
+def taxiing(rng: np.random.Generator) -> Made:
+    """Roll at 1 to 4.5 m/s in little wind, steered by the nose wheel on the rudder pedals."""
+    speed = float(rng.uniform(1.5, 4.0))
+
+    def draw(seconds: float) -> dict[str, Floats]:
+        n = count(seconds)
+        rolling = np.clip(speed + wander(rng, n, 5.0, 0.5), 0.5, 4.5)
+        rudder = by_hand(rng, seconds, float(rng.uniform(0.2, 0.6)), 1.0)
+        pole = math.exp(-STEP_S / 0.15)
+        steered = lfilter([1.0 - pole], [1.0, -pole], rudder)
+        r = rolling / 2.0 * np.tan(0.3 * steered) + wander(rng, n, 0.1, 0.01)
+        air = np.clip(rolling + wander(rng, n, 3.0, 0.4), 0.0, 4.9)
+        roll = wander(rng, n, 0.2, 0.005)
+        return {"r": r, "roll": roll, "rudder": rudder, "airspeed": air, "groundspeed": rolling}
+
+    return told_log(rng, draw, speed_m_s=round(speed, 2))

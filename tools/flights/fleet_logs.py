@@ -1,0 +1,175 @@
+"""Make the logs of a fleet: many, small, each another flight; one in a hundred damaged.
+
+    python -m flights.fleet_logs DIR [--count 2000] [--minutes 1,4] [--damaged 0.01] [--seed 1]
+
+DIR/plane_NN/NNNN.tlog, flown over a year by aircraft each with its own Dutch roll. DIR/truth.json
+names, for each log that is not as it should be, its damage, the outcomes allowed and a reason that
+must be among those given. The same numbers give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy.signal import cont2discrete
+
+from flights.long_log import RATE_HZ, START_US, Plant, write_log
+from flights.surgery import Record, after, join, littered, message_id, split, without, wrong_crc
+
+HEARTBEAT, ATTITUDE, SERVO_OUTPUT_RAW, RC_CHANNELS = 0, 30, 36, 65
+RUDDER: Final = (SERVO_OUTPUT_RAW, RC_CHANNELS)
+PLANES: Final = 20
+YEAR_US: Final = 365 * 86_400 * 10**6
+ANY: Final = ("ok", "unusable", "unreadable")
+REFUSED: Final = ("unusable", "unreadable")
+Damage = Callable[[bytes, int], bytes]
+
+
+def plant_of(plane: int) -> Plant:
+    """Return an aircraft's discrete model, its wn of 2 to 5 rad/s, its zeta of 0.1 to 0.4."""
+    rng = np.random.default_rng((7, plane))
+    wn, zeta = rng.uniform(2.0, 5.0), rng.uniform(0.1, 0.4)
+    gain, lead_s = rng.uniform(0.3, 0.8), rng.uniform(0.5, 2.0)
+    continuous = ([gain * wn**2 * lead_s, gain * wn**2], [1.0, 2.0 * zeta * wn, wn**2])
+    b, a, _ = cont2discrete(continuous, 1.0 / RATE_HZ)
+    return b[0].tolist(), a.tolist()
+
+
+def _kept(log: bytes, keeps: Callable[[int, bytes], bool]) -> bytes:
+    return join(r for i, r in enumerate(split(log)) if keeps(i, r[1]))
+
+
+def _still(log: bytes, _: int) -> bytes:
+    """Return a log in which the rudder never moves: its first servo message, over and over."""
+    records = split(log)
+    still = next(frame for _, frame in records if message_id(frame) == SERVO_OUTPUT_RAW)
+    return join((s, still if message_id(f) == SERVO_OUTPUT_RAW else f) for s, f in records)
+
+
+def _with_stamps(log: bytes, change: Callable[[Sequence[Record]], Sequence[Record]]) -> bytes:
+    return join(change(split(log)))
+
+
+def _noise(log: bytes, seed: int) -> bytes:
+    return np.random.default_rng(seed).bytes(len(log))
+
+
+def _hole(log: bytes, _: int) -> bytes:
+    at = len(log) // 2
+    return log[:at] + bytes(4096) + log[at + 4096 :]
+
+
+def _every(log: bytes, message: int, n: int) -> bytes:
+    seen = 0
+
+    def keeps(_: int, frame: bytes) -> bool:
+        nonlocal seen
+        is_it = message_id(frame) == message
+        seen += is_it
+        return not is_it or seen % n == 0
+
+    return _kept(log, keeps)
+
+
+DAMAGES: Final[dict[str, tuple[Damage, tuple[str, ...], str | None]]] = {
+    "empty": (lambda log, _: b"", ("unreadable",), "unreadable"),
+    "text": (lambda log, _: b"no log at all\n" * 500, ("unreadable",), "unreadable"),
+    "noise": (_noise, REFUSED, None),
+    "compressed": (lambda log, _: gzip.compress(log, 1, mtime=0), REFUSED, None),
+    "picture": (lambda log, _: b"\x89PNG\r\n\x1a\n" + log[:50_000][::-1], REFUSED, None),
+    "cut to a third": (lambda log, _: log[: len(log) // 3], ANY, None),
+    "torn end": (lambda log, _: log[:-7], ("ok",), None),
+    "torn start": (lambda log, _: log[11:], ("ok", "unusable"), None),
+    "hole of zeros": (_hole, ("ok", "unusable"), None),
+    "littered": (lambda log, seed: littered(split(log), seed), ("ok", "unusable"), None),
+    "every CRC wrong": (
+        lambda log, _: _with_stamps(log, lambda r: [(s, wrong_crc(f)) for s, f in r]),
+        REFUSED,
+        None,
+    ),
+    "no HEARTBEAT": (
+        lambda log, _: _kept(log, lambda _, f: message_id(f) != HEARTBEAT),
+        ("unusable",),
+        "no_vehicle",
+    ),
+    "no rudder": (
+        lambda log, _: _kept(log, lambda _, f: message_id(f) not in RUDDER),
+        ("unusable",),
+        "no_rudder",
+    ),
+    "no ATTITUDE": (
+        lambda log, _: _kept(log, lambda _, f: message_id(f) != ATTITUDE),
+        ("unusable",),
+        None,
+    ),
+    "2 Hz": (lambda log, _: _every(log, ATTITUDE, 10), ("unusable",), "rate_too_low"),
+    "rudder at rest": (_still, ("unusable",), "not_excited"),
+    "a gap": (lambda log, _: _with_stamps(log, lambda r: without(r, 20.0, 35.0)), ANY[:2], None),
+    "all twice": (
+        lambda log, _: _with_stamps(log, lambda r: [each for each in r for _ in range(2)]),
+        ANY[:2],
+        None,
+    ),
+    "a reboot": (lambda log, _: _with_stamps(log, lambda r: after(r, r, 5.0)), ("ok",), None),
+    "no stamps": (
+        lambda log, _: _with_stamps(log, lambda r: [(0, f) for _, f in r]), ANY, None
+    ),
+    "the head alone": (lambda log, _: log[:300], REFUSED, None),
+}  # fmt: skip
+"""Name -> what is done to a good log, the outcomes allowed, a reason that must be given."""
+
+
+def make(folder: Path, count: int, minutes: tuple[float, float], damaged: float, seed: int) -> int:
+    """Write ``count`` logs and the truth; return how many are damaged."""
+    rng = np.random.default_rng(seed)
+    is_damaged = set(rng.choice(count, round(damaged * count), replace=False).tolist())
+    ways = list(DAMAGES)
+    truth: dict[str, dict[str, Any]] = {}
+    for i in range(count):
+        plane = int(rng.integers(PLANES))
+        path = folder / f"plane_{plane:02d}" / f"{i:04d}.tlog"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        every_s = float(rng.uniform(60.0, 180.0))
+        hours = float(rng.uniform(*minutes)) / 60.0
+        start_us = START_US + int(rng.integers(YEAR_US))
+        write_log(
+            path, hours, "raised", (seed, i), 8.0, every_s, plant=plant_of(plane), start_us=start_us
+        )
+        if i in is_damaged:
+            way = ways[len(truth) % len(ways)]
+            damage, outcomes, reason = DAMAGES[way]
+            path.write_bytes(damage(path.read_bytes(), i))
+            name = path.relative_to(folder).as_posix()
+            truth[name] = {"damage": way, "outcomes": outcomes, "reason": reason}
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    return len(truth)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Make the logs; return 0."""
+    parser = argparse.ArgumentParser(prog="fleet_logs.py", description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--minutes", type=_pair, default=(1.0, 4.0), metavar="LEAST,MOST")
+    parser.add_argument("--damaged", type=float, default=0.01, metavar="SHARE")
+    parser.add_argument("--seed", type=int, default=1)
+    asked: Any = parser.parse_args(argv)
+    damaged = make(asked.folder, asked.count, asked.minutes, asked.damaged, asked.seed)
+    print(f"{asked.folder}: {asked.count} logs, {damaged} damaged")
+    return 0
+
+
+def _pair(text: str) -> tuple[float, float]:
+    low, high = map(float, text.split(","))
+    return low, high
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

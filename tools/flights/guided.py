@@ -1,0 +1,268 @@
+"""JSBSim's aircraft flown leg by leg by a simple autopilot, and the truth of each manoeuvre.
+
+The throttle holds the airspeed and the nose the climb; the ailerons hold the bank, in MANUAL they
+are let alone. Nothing answers the yaw rate. In a manoeuvre nose and throttle stay as they were: the
+speed drops by the 1 to 3 % that a rudder sequence costs, which is why the truth is linearised at
+the airspeed flown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import jsbsim
+import numpy as np
+
+from flights.flight import STEP_S, Flight, jsbsim_rudder
+from flights.legs import MODES, Floats, Leg, LegPlan, aileron_moves, rudder_moves
+from flights.telemetry import FOOT, KNOT, Link
+from flights.truth import flown_yaw_channels, linear_dutch_rolls, yaw_channels
+
+GUIDE_MS = 20
+LEVEL = ("idle", "climb", "speed")
+"""Legs in which the aileron that keeps the wings level is learnt, which MANUAL leaves it at."""
+MILSPEC = 3
+"""JSBSim's atmosphere/turb-type of MIL-F-8785C."""
+LOW_WIND_FPS = 8.0
+"""Per severity: below 2000 ft it is the wind near the ground that makes turbulence."""
+PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
+"""Elevator units per rad and rad/s at the airspeed of the start; they go with 1/V^2."""
+THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
+"""Throttle per kt, per kt and second, and per rad of the climb that is wanted."""
+SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
+FLARE_FT, ON_WHEELS_FT = 25.0, 5.0
+WINDOW_S = (1.0, 4.0)
+"""Before the first movement and after the last: what a manoeuvre's samples are."""
+
+
+class LegFlight(Flight):
+    """A flight of legs in progress; ``seed`` draws turbulence and gusts.
+
+    ``starts_ms`` are the legs' beginnings and the end of the last.
+    """
+
+    def __init__(self, plan: LegPlan, seed: int) -> None:
+        self.legs = plan.legs
+        self.rudder_moves, self.aileron_moves = moves(plan)
+        super().__init__(plan.trim_plan(), np.append(self.rudder_moves, 0.0))
+        fdm = self._fdm
+        lengths = [round(leg.seconds / STEP_S) for leg in plan.legs]
+        self.starts_ms = np.concatenate([[0], np.cumsum(lengths)]).tolist()
+        self._stir = np.append(self.aileron_moves, 0.0).tolist()
+        self._number, self._speeds = -1, plan.speeds_kt()
+        self._speed, self._height = plan.speed_kt, plan.altitude_ft
+        self._throttle = fdm["fcs/throttle-cmd-norm"]
+        self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
+        self._lift = self._nose = self._bank = self._feet = 0.0
+        self._slow_aileron = self._aileron_trim
+        self._runway: float | None = None
+        self._drawn = np.random.default_rng([seed, 41])
+        fdm["propulsion/fuel_freeze"] = 1.0  # the mass stays that of the truth
+        fdm["atmosphere/randomseed"] = seed
+        fdm["atmosphere/turb-type"] = MILSPEC
+        self._enter(0)
+
+    @property
+    def custom_mode(self) -> int:
+        """ArduPlane's mode now, as HEARTBEAT tells it."""
+        return MODES[self._leg.mode]
+
+    def _enter(self, number: int) -> None:
+        self._number, self._leg = number, self.legs[number]
+        self._fdm["atmosphere/turbulence/milspec/severity"] = self._leg.severity
+        low_fps = LOW_WIND_FPS * self._leg.severity
+        self._fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = low_fps
+        if self._leg.kind == "landing":
+            self._fdm["gear/gear-cmd-norm"] = 1.0
+        side, size, share = self._drawn.uniform(size=3)
+        room_s = max(self._leg.seconds - self._leg.gust_s, 0.0)
+        self._gust_ms = self.starts_ms[number] + 1000.0 * min(1.0 + share * 5.0, room_s)
+        self._gust_fps = (
+            self._leg.gust_m_s * (0.7 + 0.6 * size) / FOOT * math.copysign(1, side - 0.5)
+        )
+
+    def _step(self) -> None:
+        fdm, ms, plan = self._fdm, self._ms, self._plan
+        if ms > self.starts_ms[self._number + 1] and self._number + 1 < len(self.legs):
+            self._enter(self._number + 1)
+        if ms % GUIDE_MS == 0:
+            self._guide()
+        if self._leg.gust_m_s:
+            self._blow()
+        self.rudder_us = plan.rudder.pulse(self._rudder[ms] + self._feet)
+        aileron = self._slow_aileron
+        if self._leg.mode != "MANUAL":
+            roll = fdm["attitude/phi-rad"] - self._roll_trim - self._bank
+            hold = plan.roll_gain * roll + plan.roll_rate_gain * fdm["velocities/p-rad_sec"]
+            aileron = self._aileron_trim - hold
+            if self._leg.kind in LEVEL and abs(roll) < 0.03:
+                self._slow_aileron += STEP_S / 3.0 * (aileron - self._slow_aileron)
+        self.aileron_us = plan.aileron.pulse(aileron + self._stir[ms])
+        nose = fdm["attitude/theta-rad"] - self._pitch - self._nose
+        damping = PITCH_RATE_GAIN * fdm["velocities/q-rad_sec"]
+        stiffness = min((plan.speed_kt / max(fdm["velocities/vc-kts"], 1.0)) ** 2, 4.0)
+        fdm["fcs/elevator-cmd-norm"] = self._elevator + stiffness * (PITCH_GAIN * nose + damping)
+        # What the servos are told is what is flown, quantised as it is.
+        fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
+        fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
+        fdm.run()
+
+    def _guide(self) -> None:
+        """Say what nose, throttle and bank are to be, fifty times a second."""
+        leg = self._leg
+        bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
+        self._bank += _within(bank - self._bank, BANK_STEP)
+        fdm, dt = self._fdm, GUIDE_MS / 1000
+        if leg.kind in ("manoeuvre", "aileron"):
+            self._nose += (self._lift - self._nose) * dt
+            return
+        if leg.kind == "landing" and fdm["position/h-agl-ft"] < FLARE_FT:
+            self._flare(dt)
+            return
+        self._speed += _within(self._speeds[self._number] - self._speed, SPEED_STEP_KT)
+        climb = leg.climb_ft_min / 60.0
+        if climb and not (leg.to_ft - self._height) * climb < 0.0:
+            self._height += climb * dt
+        else:
+            climb = 0.0
+        wanted = _within(climb + 0.15 * (self._height - fdm["position/h-sl-ft"]), 15.0)
+        slow = self._speed - fdm["velocities/vc-kts"]
+        self._throttle = min(max(self._throttle + THROTTLE_RATE * slow * dt, 0.0), 1.0)
+        steep = CLIMB_THROTTLE * wanted / max(fdm["velocities/vt-fps"], 50.0)
+        throttle = self._throttle + THROTTLE_GAIN * slow + steep
+        fdm["fcs/throttle-cmd-norm"] = min(max(throttle, 0.0), 1.0)
+        # Out of power the nose saves the speed, and the height follows.
+        self._climb(wanted - 3.0 * max(slow - 4.0, 0.0), dt)
+
+    def _climb(self, wanted_fps: float, dt: float) -> None:
+        fdm = self._fdm
+        share = (wanted_fps - fdm["velocities/h-dot-fps"]) / max(fdm["velocities/vt-fps"], 50.0)
+        self._lift = _within(self._lift + 0.4 * share * dt, 0.3)
+        self._nose = _within(self._lift + 0.8 * share, 0.3)
+
+    def _flare(self, dt: float) -> None:
+        """Close the throttle, break the descent and, on the wheels, steer straight and brake."""
+        fdm = self._fdm
+        over_ft = fdm["position/h-agl-ft"] - ON_WHEELS_FT
+        self._throttle = max(self._throttle - 0.3 * dt, 0.0)
+        fdm["fcs/throttle-cmd-norm"] = self._throttle
+        if self._runway is None and fdm["gear/unit[1]/WOW"] + fdm["gear/unit[2]/WOW"] == 0.0:
+            self._climb(-1.5 - max(over_ft, 0.0) / 4.0, dt)
+            return
+        heading = fdm["attitude/psi-rad"]
+        if self._runway is None:
+            self._runway = heading + math.radians(self._drawn.uniform(-6.0, 6.0))
+        self._nose += _within(-self._nose, 0.03 * dt)
+        off = math.remainder(heading - self._runway, math.tau)
+        self._feet += _within(_within(-2.0 * off, 0.4) - self._feet, 1.0 * dt)
+        fdm["fcs/left-brake-cmd-norm"] = fdm["fcs/right-brake-cmd-norm"] = 0.3
+
+    def _ends_soon(self) -> bool:
+        """Say whether it is time to roll out of the leg's bank."""
+        return bool(self.starts_ms[self._number + 1] - self._ms < 3000)
+
+    def _blow(self) -> None:
+        """Set the side gust: (1 - cos) across the heading."""
+        fdm, share = self._fdm, (self._ms - self._gust_ms) / (1000.0 * self._leg.gust_s)
+        size = self._gust_fps * 0.5 * (1.0 - math.cos(math.tau * min(max(share, 0.0), 1.0)))
+        heading = fdm["attitude/psi-rad"]
+        fdm["atmosphere/gust-north-fps"] = -size * math.sin(heading)
+        fdm["atmosphere/gust-east-fps"] = size * math.cos(heading)
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most)
+
+
+def moves(plan: LegPlan) -> tuple[Floats, Floats]:
+    """Return the rudder's and the aileron's moves of the whole flight, (n,) each, in units.
+
+    Their unit of time is 0.3 periods of the Dutch roll at the leg's airspeed.
+    """
+    mode = linear_dutch_rolls(plan.trim_plan())["dutch_roll"]
+    if mode is None:
+        raise ValueError(f"{plan.aircraft} shows no oscillatory Dutch roll here")
+    first_s = 0.3 * math.tau / mode["wn_rad_s"]
+    steps = [first_s * plan.speed_kt / speed for speed in plan.speeds_kt()]
+    rudder = [rudder_moves(leg, step) for leg, step in zip(plan.legs, steps, strict=True)]
+    aileron = [aileron_moves(leg, step) for leg, step in zip(plan.legs, steps, strict=True)]
+    return np.concatenate(rudder), np.concatenate(aileron)
+
+
+def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
+    """Return what identification should find in a finished flight, manoeuvre by manoeuvre.
+
+    Times are boot seconds, ``from_s`` and ``to_s`` the rudder's first and last movement. Means are
+    over the manoeuvre, 1 s before to 4 s after; there it is linearised, for the loop that was flown
+    (``dutch_roll``), bare and with the roll hold, each with its sigmas; ``dutch_roll_at_trim`` is
+    that of the airspeed at its beginning. ``legs`` holds every leg, so that what is found elsewhere
+    can be judged.
+    """
+    flown = np.array(flight.flown)
+    found: list[dict[str, Any]] = []
+    starts = flight.starts_ms
+    legs = [
+        {"kind": leg.kind, "mode": leg.mode, "from_s": start / 1e3, "to_s": stop / 1e3}
+        for leg, (start, stop) in zip(plan.legs, pairwise(starts), strict=True)
+    ]
+    for leg, (start, stop) in zip(plan.legs, pairwise(starts), strict=True):
+        moved = np.flatnonzero(flight.rudder_moves[start:stop])
+        if leg.kind == "manoeuvre" and len(moved):
+            ends_ms = (start + int(moved[0]), start + int(moved[-1]) + 1)
+            found.append({"n": len(found) + 1} | _manoeuvre(plan, leg, flown, ends_ms))
+    for part in (*legs, *found):
+        part["from_s"] = round(part["from_s"] + link.boot_s, 3)
+        part["to_s"] = round(part["to_s"] + link.boot_s, 3)
+    return {
+        "aircraft": plan.aircraft,
+        "jsbsim": jsbsim.__version__,
+        "seed": link.seed,
+        "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
+        "manoeuvres": found,
+        "kappa_rad_m": {loop: _kappa(found, loop) for loop in ("airframe", "with_roll_loop")},
+        "legs": legs,
+    }
+
+
+def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int]) -> dict[str, Any]:
+    first, last = (ends_ms[0] - 1e3 * WINDOW_S[0], ends_ms[1] + 1e3 * WINDOW_S[1])
+    at_ms = flown[:, 0] / STEP_S
+    inside = flown[(at_ms >= first) & (at_ms <= last)]
+    _, knots, feet, equivalent_kt = inside.mean(axis=0).tolist()
+    trim = replace(plan.trim_plan(), altitude_ft=feet)
+    mean = flown_yaw_channels(trim, inside)
+    before = yaw_channels(replace(trim, speed_kt=float(inside[0, 1])))
+    loop = "airframe" if leg.mode == "MANUAL" else "with_roll_loop"
+    return {
+        "kind": leg.shape,
+        "from_s": ends_ms[0] / 1e3,
+        "to_s": ends_ms[1] / 1e3,
+        "mode": leg.mode,
+        "loop": loop,
+        "amplitude": leg.amplitude,
+        "aileron": leg.aileron,
+        "airspeed_m_s": round(equivalent_kt * KNOT, 3),
+        "airspeed_from_to_m_s": [round(float(x), 3) for x in _ends(inside[:, 3] * KNOT)],
+        "calibrated_kt": round(knots, 3),
+        "calibrated_kt_at_trim": round(float(inside[0, 1]), 3),
+        "altitude_m": round(feet * FOOT, 1),
+        "dutch_roll": mean[loop],
+        "dutch_roll_at_trim": before[loop],
+        **mean,
+    }
+
+
+def _ends(values: Sequence[float] | Floats) -> tuple[float, float]:
+    return float(np.min(values)), float(np.max(values))
+
+
+def _kappa(found: list[dict[str, Any]], loop: str) -> dict[str, float] | None:
+    """Return wn/V over the manoeuvres: mean and standard deviation, in rad/m."""
+    ratios = [m[loop]["wn_rad_s"] / m["airspeed_m_s"] for m in found if m[loop]]
+    if not ratios:
+        return None
+    return {"mean": float(np.mean(ratios)), "std": float(np.std(ratios))}

@@ -1,0 +1,264 @@
+"""A flight as data: legs one after the other, by name, from a TOML file, or in Python.
+
+    aircraft = "c172p"
+    speed_kt = 95.0
+    [[leg]]
+    kind = "manoeuvre"
+    seconds = 60.0
+    shape = "3211"
+    [[leg]]
+    kind = "turn"
+    seconds = 25.0
+    bank_deg = 20.0
+
+flies a 3-2-1-1 and a turn; :class:`Leg` says what else a leg may hold.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass, fields, replace
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flights.flight import (
+    LEAD_IN_S,
+    STEP_S,
+    FlightPlan,
+    excitation,
+    manoeuvre_pieces,
+)
+
+Floats = NDArray[np.float64]
+KINDS = ("manoeuvre", "aileron", "idle", "turn", "climb", "speed", "gust", "landing", "go_around")
+MODES = {"MANUAL": 0, "FBWA": 5}
+"""ArduPlane's custom_mode; FBWA is flown with the roll hold, MANUAL with the aileron let alone."""
+BEFORE_S, AFTER_S = 2.0, 8.0
+"""Of still rudder at a manoeuvre leg's ends: the last 8 s hold the free decay and 5 s of rest."""
+LONGEST_REST_S = 4.0
+"""Between the moves of one manoeuvre; 5 s of rest would end it."""
+STIR_S = 0.5
+"""In which a steady foot comes and goes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One leg. What a kind does not name holds for it too: a turn may climb, an idle leg be gusty.
+
+    ``shape`` and ``amplitude`` (rudder units) are the manoeuvre's; ``aileron`` is the amplitude of
+    the aileron's own moves, in a manoeuvre beside the rudder's and in a leg of kind ``aileron``
+    alone. ``speed_kt`` is held from this leg on (0: as before), ``climb_ft_min`` flown until
+    ``to_ft`` where that is given. ``rudder_hold`` is a pilot's steady foot, to the right positive.
+    MANUAL wants the wings level and still at its beginning: an idle leg before it, not a turn.
+    ``severity`` is that of the turbulence (MIL-F-8785C, 0 to 7), ``gust_m_s`` the peak of one side
+    gust of ``gust_s``, (1 - cos); its side, instant and 0.7 to 1.3 of its size are the seed's.
+
+    Raises:
+        ValueError: a kind, mode, shape or number that is not one.
+    """
+
+    kind: str
+    seconds: float
+    mode: str = "FBWA"
+    shape: str = "3211"
+    amplitude: float = 0.15
+    aileron: float = 0.0
+    speed_kt: float = 0.0
+    bank_deg: float = 0.0
+    climb_ft_min: float = 0.0
+    to_ft: float = math.nan
+    rudder_hold: float = 0.0
+    severity: int = 0
+    gust_m_s: float = 0.0
+    gust_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"a leg's kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        if self.mode not in MODES:
+            raise ValueError(f"a leg's mode must be one of {', '.join(MODES)}, got {self.mode!r}")
+        least = BEFORE_S + AFTER_S if self.kind in ("manoeuvre", "aileron") else 0.0
+        if not least < self.seconds < math.inf:
+            raise ValueError(f"a leg of kind {self.kind} must last more than {least:g} s")
+        if self.rudder_hold and self.kind in ("manoeuvre", "turn", "idle"):
+            raise ValueError(f"rudder_hold must be 0 in a leg of kind {self.kind}")
+        if not 0 <= self.severity <= 7:
+            raise ValueError(f"severity must be 0 to 7, got {self.severity!r}")
+        FlightPlan(manoeuvre=self.shape, amplitude=self.amplitude)
+
+
+@dataclass(frozen=True, slots=True)
+class LegPlan:
+    """The aircraft, where it is trimmed at the start, its roll hold, and the legs flown then.
+
+    Raises:
+        ValueError: no legs, or a number that is not one.
+    """
+
+    aircraft: str
+    speed_kt: float
+    legs: tuple[Leg, ...]
+    altitude_ft: float = 3000.0
+    heading_deg: float = 90.0
+    roll_gain: float = FlightPlan().roll_gain
+    roll_rate_gain: float = FlightPlan().roll_rate_gain
+
+    def __post_init__(self) -> None:
+        if not self.legs:
+            raise ValueError("a plan needs legs")
+        self.trim_plan()
+
+    def trim_plan(self) -> FlightPlan:
+        """Return the plan of :mod:`jsbsim_flight` with the same start and length."""
+        names = [field.name for field in fields(self) if field.name != "legs"]
+        same: dict[str, Any] = {name: getattr(self, name) for name in names}
+        seconds = sum(leg.seconds for leg in self.legs)
+        return FlightPlan(**same, seconds=seconds, manoeuvre="none")
+
+    def speeds_kt(self) -> list[float]:
+        """Return the calibrated airspeed each leg holds."""
+        speeds = [self.speed_kt]
+        for leg in self.legs:
+            speeds.append(leg.speed_kt or speeds[-1])
+        return speeds[1:]
+
+
+def rudder_moves(leg: Leg, step_s: float) -> Floats:
+    """Return the rudder about trim for every millisecond of a leg, (n,), in units.
+
+    As many whole rounds of the manoeuvre as the leg has room for; a sweep fills it.
+    """
+    moves = np.zeros(round(leg.seconds / STEP_S))
+    first, room = round(BEFORE_S / STEP_S), round((leg.seconds - BEFORE_S - AFTER_S) / STEP_S)
+    if leg.kind != "manoeuvre":
+        foot = round(STIR_S / STEP_S)
+        ends = np.minimum(np.arange(len(moves)), np.arange(len(moves))[::-1]) / foot
+        return np.asarray(leg.rudder_hold * np.minimum(ends, 1.0))
+    if leg.shape == "sweep":
+        plan = FlightPlan(manoeuvre="sweep", amplitude=leg.amplitude, step_s=step_s)
+        whole = excitation(replace(plan, seconds=LEAD_IN_S + room * STEP_S))
+        moves[first : first + room] = whole[round(LEAD_IN_S / STEP_S) :][:room]
+        return moves
+    at = complete = first
+    for length_s, value in cycle(manoeuvre_pieces(leg.shape, step_s)):
+        length_s = length_s if value else min(length_s, LONGEST_REST_S)
+        stop = at + round(length_s / STEP_S)
+        if value and stop > first + room:
+            break
+        moves[at:stop] = value * leg.amplitude
+        if leg.shape == "prbs" or not value:
+            complete = stop
+        at = stop
+    moves[complete:] = 0.0
+    return moves
+
+
+def aileron_moves(leg: Leg, step_s: float) -> Floats:
+    """Return the aileron's own moves about the roll hold's (n,), in units, positive rolls right.
+
+    One way, twice as long the other, back: no bank is left. Sides and rests alternate, and the
+    tempo is not the rudder's, so that a regression tells the two apart.
+    """
+    moves = np.zeros(round(leg.seconds / STEP_S))
+    if not leg.aileron:
+        return moves
+    at, end = BEFORE_S + 0.37 * step_s, leg.seconds - AFTER_S
+    for number in range(len(moves)):
+        unit, side = (0.45, 0.6, 0.35)[number % 3] * step_s, 1.0 - 2.0 * (number // 2 % 2)
+        if at + 4.0 * unit > end:
+            break
+        for length, value in ((1.0, side), (2.0, -side), (1.0, side)):
+            stop = at + length * unit
+            moves[round(at / STEP_S) : round(stop / STEP_S)] = value * leg.aileron
+            at = stop
+        at += (1.1, 0.3, 0.7, 1.7)[number % 4] * step_s
+    return moves
+
+
+def read_plan(name: str) -> LegPlan:
+    """Return the named plan, or that of a TOML file.
+
+    Raises:
+        ValueError: it is neither, or the file says what no plan has.
+        OSError: the file cannot be read.
+    """
+    if name in PLANS:
+        return PLANS[name]
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise ValueError(f"--plan must be a .toml file or one of {', '.join(PLANS)}, got {name!r}")
+    try:
+        found = tomllib.loads(path.read_text())
+        legs = tuple(Leg(**leg) for leg in found.pop("leg", []))
+        return LegPlan(**found, legs=legs)
+    except (TypeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _at_speed(speed_kt: float, side: float) -> tuple[Leg, ...]:
+    """Return five minutes at one airspeed: four manoeuvres, turns and a climb between them."""
+    return (
+        Leg("speed", 40.0, speed_kt=speed_kt),
+        Leg("manoeuvre", 50.0),
+        Leg("turn", 20.0, bank_deg=20.0 * side),
+        Leg("idle", 20.0),
+        Leg("manoeuvre", 30.0, shape="doublets"),
+        Leg("climb", 20.0, climb_ft_min=400.0 * side),
+        Leg("idle", 25.0),
+        Leg("manoeuvre", 30.0, shape="prbs", amplitude=0.1),
+        Leg("turn", 15.0, bank_deg=-25.0 * side),
+        Leg("idle", 20.0),
+        Leg("manoeuvre", 30.0, shape="doublets", mode="MANUAL"),
+    )
+
+
+PLANS = {
+    "three_speeds": LegPlan(
+        "c172p", 95.0, (*_at_speed(95.0, 1.0), *_at_speed(80.0, -1.0), *_at_speed(110.0, 1.0))
+    ),
+    "upset": LegPlan(
+        "c172p",
+        90.0,
+        (
+            Leg("idle", 20.0),
+            Leg("gust", 15.0, gust_m_s=6.0),
+            Leg("gust", 30.0, gust_m_s=5.0, gust_s=1.5, severity=3),
+            Leg("turn", 25.0, bank_deg=20.0, severity=2),
+            Leg("gust", 15.0, mode="MANUAL", gust_m_s=5.0),
+            Leg("speed", 20.0, speed_kt=70.0),
+            Leg("climb", 105.0, climb_ft_min=-500.0, to_ft=150.0, severity=1),
+            Leg(
+                "go_around", 60.0, speed_kt=75.0, climb_ft_min=500.0, to_ft=600.0, rudder_hold=0.15
+            ),
+            Leg("turn", 25.0, bank_deg=-20.0),
+            Leg("speed", 15.0, speed_kt=70.0),
+            Leg("landing", 130.0, speed_kt=65.0, climb_ft_min=-400.0, gust_m_s=3.0, severity=1),
+        ),
+        altitude_ft=1000.0,
+    ),
+    "aileron": LegPlan(
+        "c172p",
+        95.0,
+        (
+            Leg("idle", 20.0),
+            Leg("manoeuvre", 60.0, aileron=0.1),
+            Leg("turn", 25.0, bank_deg=20.0),
+            Leg("idle", 15.0),
+            Leg("aileron", 30.0, aileron=0.15),
+            Leg("idle", 10.0),
+            Leg("manoeuvre", 40.0, shape="prbs", amplitude=0.1, aileron=0.1),
+            Leg("idle", 15.0),
+            Leg("manoeuvre", 35.0, shape="doublets", mode="MANUAL", aileron=0.06),
+            Leg("idle", 20.0),
+            Leg("manoeuvre", 40.0, shape="doublets"),
+            Leg("idle", 10.0),
+        ),
+    ),
+}
+"""By name; all c172p. ``three_speeds`` takes 15 minutes. ``upset`` moves nothing on purpose: its
+rudder moves by the foot held through the go-around and by the steering after touchdown."""

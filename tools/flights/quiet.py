@@ -1,0 +1,270 @@
+"""Logs in which nothing excites the rudder, a dozen ways: none may pass for an answer.
+
+In the air by JSBSim (turns, gusts, mixed and damped rudders, a vibration, an autopilot that is only
+a passenger); hovering, tumbling, parked and rolling by simple motions (tools/flights/drawn.py).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from cases.recipes import Made
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.signal import lfilter
+
+from flights.drawn import disarmed, hovering, parked, quadrotor, taxiing, tumbling
+from flights.flight import FlightPlan
+from flights.free import (
+    ARMED,
+    LENGTHS_S,
+    SEED,
+    Damper,
+    Floats,
+    Hands,
+    Mixed,
+    by_hand,
+    count,
+    drawn_link,
+    flown_log,
+    wander,
+)
+from flights.surgery import Record, join, rewrite, split
+from flights.telemetry import Link
+from flights.trim_tlog import message_id, records
+
+GENTLE = (
+    ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
+    ("t6texan2", 5000.0, 180.0), ("OV10", 5000.0, 160.0), ("c172r", 3000.0, 90.0),
+)  # fmt: skip
+"""Aircraft, altitude in ft, airspeed in kt."""
+
+
+def turns(rng: np.random.Generator, seconds: float) -> Floats:
+    """Return a bank in rad (n,): to either side or level for 6 to 18 s, rolled into at 20 deg/s."""
+    n = count(seconds)
+    bank, at = np.zeros(n), 5000
+    while at < n:
+        stop = at + int(rng.integers(6_000, 18_000))
+        side = float(rng.choice([-1.0, 0.0, 1.0]))
+        bank[at:stop] = side * math.radians(rng.uniform(10.0, 35.0))
+        at = stop
+    return np.asarray(lfilter(np.full(1500, 1.0 / 1500), [1.0], bank))
+
+
+def drift(rng: np.random.Generator, seconds: float) -> Floats:
+    """Return a trim (n,) that wanders within some 2 % of travel in half a minute."""
+    return np.clip(wander(rng, count(seconds), 15.0, 0.01), -0.02, 0.02)
+
+
+def in_the_air(
+    rng: np.random.Generator,
+    hands: Callable[[float], Hands],
+    severities: Sequence[int],
+    **told: Any,
+) -> Made:
+    """Fly one of the gentle aircraft; ``hands`` are told the length of the flight in s."""
+    aircraft, altitude_ft, speed_kt = GENTLE[rng.integers(len(GENTLE))]
+    seconds = float(rng.choice(LENGTHS_S))
+    plan = FlightPlan(
+        aircraft=aircraft,
+        speed_kt=speed_kt,
+        altitude_ft=altitude_ft,
+        heading_deg=float(rng.integers(0, 360)),
+        seconds=seconds,
+        manoeuvre="none",
+    )
+    severity = int(rng.choice(severities))
+    return flown_log(plan, drawn_link(rng), hands(seconds), severity, **told)
+
+
+def turning(rng: np.random.Generator) -> Made:
+    """Fly turns by the aileron alone, the rudder still."""
+    return in_the_air(rng, lambda s: Hands(bank=turns(rng, s)), (0, 0, 1, 2))
+
+
+def gusts(rng: np.random.Generator) -> Made:
+    """Fly wings level in turbulence, the rudder still."""
+    return in_the_air(rng, lambda s: Hands(), (1, 2, 3, 4))
+
+
+def drifting(rng: np.random.Generator) -> Made:
+    """Fly in turbulence, now and then in turns, the rudder's trim wandering."""
+
+    def hands(seconds: float) -> Hands:
+        bank = turns(rng, seconds) if rng.random() < 0.5 else None
+        return Hands(rudder=drift(rng, seconds), bank=bank)
+
+    return in_the_air(rng, hands, (0, 1, 2, 3, 4))
+
+
+def mixed(rng: np.random.Generator) -> Made:
+    """Fly by an autopilot whose rudder is a share of its aileron, and a little noise."""
+    share = round(float(rng.uniform(0.2, 1.0)), 2)
+    noise = float(rng.choice([0.0, 0.001, 0.003]))
+
+    def hands(seconds: float) -> Hands:
+        rustle = wander(rng, count(seconds), 0.1, noise)
+        return Hands(bank=turns(rng, seconds), react=Mixed(share, noise=rustle))
+
+    return in_the_air(rng, hands, (0, 1, 2, 3), share=share, rudder_noise=noise)
+
+
+def coordinated(rng: np.random.Generator) -> Made:
+    """Fly a pilot's coordinated turns: the rudder follows the aileron by 0.1 to 0.3 s."""
+    share, lag_s = (round(float(rng.uniform(*ends)), 2) for ends in ((0.2, 0.8), (0.1, 0.3)))
+
+    def hands(seconds: float) -> Hands:
+        foot = wander(rng, count(seconds), 0.5, 0.003)
+        return Hands(bank=turns(rng, seconds), react=Mixed(share, lag_s, foot))
+
+    return in_the_air(rng, hands, (0, 0, 1, 2), share=share, lag_s=lag_s)
+
+
+def damped(rng: np.random.Generator) -> Made:
+    """Fly in turbulence, every other time in turns; a yaw damper alone moves the rudder."""
+    gain = round(float(rng.uniform(0.3, 1.5)), 2)
+
+    def hands(seconds: float) -> Hands:
+        bank = turns(rng, seconds) if rng.random() < 0.5 else None
+        return Hands(bank=bank, react=Damper(gain))
+
+    return in_the_air(rng, hands, (1, 2, 3, 4), damper=gain)
+
+
+def vibrating(rng: np.random.Generator) -> Made:
+    """Put a line of 2 to 4 Hz on the gyro; the rudder moves by 2 % of travel each way at most."""
+    line_hz = round(float(rng.uniform(2.0, 4.0)), 2)
+    share = round(float(rng.uniform(0.1, 0.7)), 2)
+    foot = float(rng.choice([0.0, 0.01, 0.02]))
+    made = in_the_air(
+        rng,
+        lambda s: Hands(rudder=by_hand(rng, s, foot, 0.8) if foot else drift(rng, s)),
+        (1, 2, 3),
+        line_hz=line_hz,
+        line_share=share,
+    )
+    return Made(with_line(made.log, line_hz, share, rng), made.truth)
+
+
+def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator) -> bytes:
+    """Add a narrow line (0.05 Hz) to the yaw rate of ATTITUDE, then ``share`` of its power."""
+    rates = [
+        struct.unpack_from("<f", payload.ljust(28, b"\0"), 24)[0]
+        for ident, payload, _ in records(log)
+        if ident == message_id("ATTITUDE")
+    ]
+    amplitude = math.sqrt(2.0 * share / (1.0 - share) * float(np.var(rates)))
+    phase, before_s = float(rng.uniform(0.0, math.tau)), 0.0
+    width = math.sqrt(math.tau * 0.05)  # of the phase's random walk, rad per root of a second
+
+    def change(message: Any) -> list[Any]:
+        nonlocal phase, before_s
+        if message.get_type() == "ATTITUDE":
+            now_s = message.time_boot_ms / 1000.0
+            phase += float(rng.normal(0.0, width * math.sqrt(max(now_s - before_s, 0.0))))
+            before_s = now_s
+            message.yawspeed += amplitude * math.sin(math.tau * line_hz * now_s + phase)
+        return [message]
+
+    return join(rewrite(split(log), change))
+
+
+def lined() -> Made:
+    """Fly by hand a Dutch roll near 1.3 rad/s, and put a line of 2.4 Hz on the gyro.
+
+    The line has 17 % of the yaw rate's power and is no mode of the aircraft: 15.1 rad/s is no
+    answer.
+    """
+    rng = np.random.default_rng([SEED, 2])
+    plan = FlightPlan(
+        aircraft="t6texan2", speed_kt=138.0, altitude_ft=5000.0, seconds=120.0, manoeuvre="none"
+    )
+    hands = Hands(rudder=by_hand(rng, plan.seconds, amplitude=0.12, unit_s=1.5))
+    made = flown_log(plan, Link(attitude_hz=25.0, servo_hz=25.0), hands, group="line", line_hz=2.4)
+    return Made(with_line(made.log, 2.4, 0.17, rng), made.truth)
+
+
+def passenger(rng: np.random.Generator) -> Made:
+    """Carry PX4 along: its controls ask for much, its outputs never move; half are disarmed."""
+    made = in_the_air(
+        rng,
+        lambda s: Hands(bank=turns(rng, s), react=Mixed(0.3, 0.2)),
+        (0, 1, 2),
+    )
+    armed, status = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
+    log = as_passenger(split(made.log), rng, armed=armed, status=status)
+    assert made.truth is not None
+    return Made(log, made.truth | {"armed": armed})
+
+
+def as_passenger(
+    flown: list[Record], rng: np.random.Generator, *, armed: bool, status: bool
+) -> bytes:
+    """Tell a flight as such a PX4 does; outputs as ACTUATOR_OUTPUT_STATUS or SERVO_OUTPUT_RAW.
+
+    The controls would level the wings and damp the yaw; yaw has some of the roll's.
+    """
+    roll = yaw = 0.0
+    gains = rng.uniform([0.6, 0.1, 0.2], [1.5, 0.6, 1.0])
+
+    def change(message: Any) -> list[Any]:
+        nonlocal roll, yaw
+        kind = message.get_type()
+        if kind == "PARAM_VALUE":
+            return []
+        if kind == "HEARTBEAT" and message.get_srcSystem() == 1:
+            message.autopilot = mavlink.MAV_AUTOPILOT_PX4
+            message.base_mode |= ARMED
+            if not armed:
+                message.base_mode ^= ARMED
+        elif kind == "ATTITUDE":
+            roll = -gains[0] * message.roll - 0.1 * message.rollspeed
+            yaw = gains[1] * roll - gains[2] * message.yawspeed + rng.normal(0.0, 0.005)
+        elif kind == "SERVO_OUTPUT_RAW":
+            controls = [float(np.clip(x, -1.0, 1.0)) for x in (roll, 0.0, yaw)]
+            asked = mavlink.MAVLink_actuator_control_target_message(
+                message.time_usec, 0, [*controls, 0.5, 0.0, 0.0, 0.0, -1.0]
+            )
+            return [asked, _still_outputs(message.time_usec, status)]
+        return [message]
+
+    return join(rewrite(flown, change))
+
+
+def _still_outputs(time_us: int, status: bool) -> Any:
+    pulses = [1500, 1500, 900, 1500, 900, 900, 900, 900]
+    if not status:
+        return mavlink.MAVLink_servo_output_raw_message(time_us, 0, *pulses)
+    values = [float(pulse) for pulse in pulses] + [0.0] * 24
+    return mavlink.MAVLink_actuator_output_status_message(time_us, 8, values)
+
+
+KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
+    "turns": turning,
+    "gusts": gusts,
+    "drift": drifting,
+    "mixed": mixed,
+    "coordinated": coordinated,
+    "damper": damped,
+    "vibration": vibrating,
+    "passenger": passenger,
+    "hover": hovering,
+    "quadrotor": quadrotor,
+    "tumble": tumbling,
+    "parked": parked,
+    "disarmed": disarmed,
+    "taxi": taxiing,
+}
+
+
+def unexcited(number: int) -> Made:
+    """Return log ``number`` of the unexcited corpus; the kinds come in turn."""
+    group = list(KINDS)[number % len(KINDS)]
+    rng = np.random.default_rng([SEED, 1, number])
+    made = KINDS[group](rng)
+    assert made.truth is not None
+    return Made(made.log, made.truth | {"group": group})

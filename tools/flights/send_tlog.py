@@ -1,0 +1,79 @@
+"""Send a telemetry log's frames to a UDP endpoint, one datagram each.
+
+    python -m flights.send_tlog log.tlog 127.0.0.1:14560 --speed 2
+    python -m flights.send_tlog log.tlog 127.0.0.1:14560 --rate 20000 --count 1200000
+
+By default at the pace of their stamps; with ``--rate`` so many a second whatever the stamps say,
+from the start again where the log ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import socket
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from flights.command import Stamped, endpoint, send
+from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size
+
+PAUSE_S = 0.0005
+
+
+def stamped_frames(log: bytes) -> Iterator[Stamped]:
+    """Yield (stamp in us, frame) of each record.
+
+    Raises:
+        ValueError: a record does not begin with a MAVLink frame.
+    """
+    at = 0
+    while at + STAMP_SIZE < len(log):
+        begin = at + STAMP_SIZE
+        size = frame_size(log[begin : begin + 3])
+        if size is None:
+            raise ValueError(f"no MAVLink frame at byte {begin}")
+        yield int.from_bytes(log[at:begin], "big"), log[begin : begin + size]
+        at = begin + size
+
+
+def flood(frames: Sequence[bytes], where: tuple[str, int], rate: float, count: int) -> None:
+    """Send ``count`` datagrams evenly at ``rate`` a second, in bursts of half a millisecond."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.connect(where)
+        transmit, supply = sock.send, itertools.cycle(frames)
+        start_s, sent = time.monotonic(), 0
+        while sent < count:
+            due = min(count, int((time.monotonic() - start_s) * rate) + 1)
+            for frame in itertools.islice(supply, due - sent):
+                transmit(frame)
+            sent = due
+            if rate <= 20_000:
+                time.sleep(PAUSE_S)
+    print(json.dumps({"sent": sent, "seconds": time.monotonic() - start_s}))
+
+
+def main(argv: Sequence[str]) -> int:
+    """Send; return 0."""
+    parser = argparse.ArgumentParser(
+        prog="send_tlog.py", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("log", type=Path)
+    parser.add_argument("endpoint", type=endpoint, metavar="HOST:PORT")
+    parser.add_argument("--speed", type=float, default=1.0, help="times the pace of the stamps")
+    parser.add_argument("--rate", type=float, help="datagrams a second instead")
+    parser.add_argument("--count", type=int, default=100_000, help="of --rate")
+    options = parser.parse_args(argv)
+    frames = list(stamped_frames(options.log.read_bytes()))
+    if options.rate is not None:
+        flood([frame for _, frame in frames], options.endpoint, options.rate, options.count)
+    else:
+        print(json.dumps({"sent": send(frames, options.endpoint, options.speed)}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,136 @@
+"""Take a tlog apart into records, change what is in them, put it together again.
+
+A record is (receive stamp in us of Unix time, MAVLink frame). What links, radios and recorders do
+to a log is done here to a good one, for the cases of replay_logs/ and the fault tests.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from flights.trim_tlog import STAMP_SIZE
+from flights.trim_tlog import records as tlog_records
+
+Record = tuple[int, bytes]
+FIRST_SIGNATURE = 10_000_000
+
+
+def split(log: bytes) -> list[Record]:
+    """Return the records of an intact log."""
+    found = [record for _, _, record in tlog_records(log)]
+    return [(int.from_bytes(r[:STAMP_SIZE], "big"), r[STAMP_SIZE:]) for r in found]
+
+
+def join(records: Iterable[Record]) -> bytes:
+    """Return the log of these records."""
+    return b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in records)
+
+
+def message_id(frame: bytes) -> int:
+    """Return the number of a frame's message."""
+    return frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
+
+
+def sender(frame: bytes) -> tuple[int, int]:
+    """Return (system id, component id) of a frame."""
+    at = 3 if frame[0] == 0xFE else 5
+    return frame[at], frame[at + 1]
+
+
+class Encoder:
+    """Packs messages as several senders do, each with its sequence; signed where there is a key."""
+
+    def __init__(self, key: bytes | None = None, dialect: Any = mavlink) -> None:
+        self._key, self._dialect = key, dialect
+        self._links: dict[tuple[int, int], Any] = {}
+
+    def frame(self, message: Any, ids: tuple[int, int] = (1, 1)) -> bytes:
+        """Return the message as the next frame of the sender ``ids``."""
+        if ids not in self._links:
+            self._links[ids] = link = self._dialect.MAVLink(None, *ids)
+            if self._key is not None:
+                link.signing.secret_key, link.signing.sign_outgoing = self._key, True
+                link.signing.link_id, link.signing.timestamp = ids[0], FIRST_SIGNATURE
+        link = self._links[ids]
+        frame = bytes(message.pack(link))
+        link.seq = (link.seq + 1) % 256
+        return frame
+
+
+def rewrite(
+    records: Iterable[Record],
+    change: Callable[[Any], Sequence[Any]] = lambda message: [message],
+    *,
+    sysid: int | None = None,
+    key: bytes | None = None,
+) -> list[Record]:
+    """Decode each frame, ``change`` its message into others (none drops it), and pack them anew.
+
+    ``sysid`` replaces the vehicle's (1); ``key`` signs every frame.
+    """
+    reader, encoder = mavlink.MAVLink(None), Encoder(key)
+    rewritten = []
+    for stamp, frame in records:
+        ids = sender(frame)
+        if sysid is not None and ids[0] == 1:
+            ids = sysid, ids[1]
+        for message in change(reader.decode(bytearray(frame))):
+            rewritten.append((stamp, encoder.frame(message, ids)))
+    return rewritten
+
+
+def without(records: Sequence[Record], low_s: float, high_s: float) -> list[Record]:
+    """Leave out what was received from ``low_s`` to ``high_s`` after the first record."""
+    low, high = (records[0][0] + round(1e6 * s) for s in (low_s, high_s))
+    return [record for record in records if not low <= record[0] < high]
+
+
+def after(first: Sequence[Record], second: Sequence[Record], pause_s: float) -> list[Record]:
+    """Return both logs, the second received ``pause_s`` after the end of the first."""
+    shift = first[-1][0] + round(1e6 * pause_s) - second[0][0]
+    return [*first, *((stamp + shift, frame) for stamp, frame in second)]
+
+
+def together(*logs: Sequence[Record]) -> list[Record]:
+    """Return several logs as one recorder hears them."""
+    return sorted((record for log in logs for record in log), key=lambda record: record[0])
+
+
+def wrong_crc(frame: bytes) -> bytes:
+    """Return a frame as a sender of another dialect packs it: whole, but its CRC never fits."""
+    return frame[:-2] + bytes(b ^ 0x5A for b in frame[-2:])
+
+
+def nonsense(rng: np.random.Generator) -> bytes:
+    """Return something that begins like a frame, with an id nobody knows, and noise for a rest."""
+    size = int(rng.integers(0, 60))
+    ident = int(rng.integers(60_000, 2**24)).to_bytes(3, "little")
+    head = bytes([0xFD, size, 0, 0, *rng.integers(0, 256, 3).tolist()]) + ident
+    return head + rng.bytes(size + 2)
+
+
+def littered(records: Sequence[Record], seed: int, share: float = 0.02) -> bytes:
+    """Return a log in which rubbish stands at the very start and between records, its end torn.
+
+    The rubbish: noise without a stamp, frames with nonsense ids, frames whose CRC never fits, lone
+    line ends.
+    """
+    rng = np.random.default_rng(seed)
+    parts = [rng.bytes(333)]
+    for stamp, frame in records:
+        parts.append(join([(stamp, frame)]))
+        if rng.random() >= share:
+            continue
+        kind = int(rng.integers(0, 4))
+        if kind == 0:
+            parts.append(rng.bytes(int(rng.integers(1, 40))))
+        elif kind == 3:
+            parts.append(b"\r\n")
+        else:
+            parts.append(join([(stamp, nonsense(rng) if kind == 1 else wrong_crc(frame))]))
+    return b"".join(parts)[:-20]

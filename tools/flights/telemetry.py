@@ -1,0 +1,209 @@
+"""What a telemetry link makes of a flight: MAVLink frames and the stamps they are received at."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from flights.flight import FlightPlan, Servo
+
+EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
+GCS = (255, 190)
+FBWA, GCS_MODE = 5, 0
+KNOT, FOOT = 0.514444, 0.3048
+AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos 1 to 4
+
+
+class Flying(Protocol):
+    """What is told of: a flight of JSBSim, or what gives the properties that are asked for."""
+
+    rudder_us: int
+    aileron_us: int
+
+    def advance_to(self, ms: int) -> None:
+        """Go on to a millisecond after the start."""
+
+    def __getitem__(self, name: str) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """What is sent and how it arrives.
+
+    Rates in Hz; noise is the standard deviation of what ATTITUDE says, in rad/s and rad; ``boot_s``
+    is the vehicle's time at the start of the flight.
+
+    Raises:
+        ValueError: a number outside its limits.
+    """
+
+    attitude_hz: float = 50.0
+    servo_hz: float = 50.0
+    rate_noise: float = 0.002
+    angle_noise: float = 0.001
+    boot_s: float = 30.0
+    mavlink1: bool = False
+    seed: int = 1
+    sysid: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("attitude_hz", "servo_hz"):
+            if not 0.0 < getattr(self, name) <= 200.0:
+                raise ValueError(f"{name} must lie in (0, 200], got {getattr(self, name)!r}")
+        for name in ("rate_noise", "angle_noise", "boot_s"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be >= 0 and finite, got {getattr(self, name)!r}")
+
+
+class Sender:
+    """One MAVLink sender: its ids and its sequence numbers."""
+
+    def __init__(self, dialect: Any, ids: tuple[int, int]) -> None:
+        self._mav = dialect.MAVLink(None, *ids)
+
+    def frame(self, message: Any) -> bytes:
+        """Return the message as this sender's next frame."""
+        frame = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
+
+
+class Receiver:
+    """The receive stamps of a link that keeps the order: latency, jitter, now and then a stall."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._last_us = 0
+        self._stalled_until_us = 0
+
+    def stamp(self, sent_us: int) -> int:
+        """Return the stamp of the next frame; frames that waited out a stall share one."""
+        if self._rng.random() < 0.002:
+            self._stalled_until_us = sent_us + int(self._rng.uniform(30_000, 150_000))
+        arrival_us = sent_us + 3_000 + int(self._rng.exponential(1_500.0))
+        self._last_us = max(self._last_us, self._stalled_until_us, arrival_us)
+        return self._last_us
+
+
+def telemetry(plan: FlightPlan, link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
+    """Fly and yield (receive stamp in us of Unix time, MAVLink frame), stamps never decreasing."""
+    rng = np.random.default_rng(link.seed)
+    version = "v10" if link.mavlink1 else "v20"
+    dialect = importlib.import_module(f"pymavlink.dialects.{version}.ardupilotmega")
+    messages = Messages(dialect, plan, link, flight, rng)
+    vehicle = link.sysid, 1
+    senders = {ids: Sender(dialect, ids) for ids in (vehicle, GCS)}
+    receiver = Receiver(rng)
+    for ms, name, index in schedule(plan, link, rng):
+        flight.advance_to(ms)
+        ids = GCS if name == "gcs_heartbeat" else vehicle
+        frame = senders[ids].frame(getattr(messages, name)(ms, index))
+        yield receiver.stamp(EPOCH_US + 1000 * ms), frame
+
+
+def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tuple[int, str, int]]:
+    """Return (millisecond after the start, message, its count) in the order of sending.
+
+    As in an autopilot each stream has a phase of its own, and a message goes out up to 2 ms late.
+    """
+    streams = [
+        ("heartbeat", 1.0, 0),
+        ("gcs_heartbeat", 1.0, 440),
+        ("attitude", link.attitude_hz, 2),
+        ("servo_output_raw", link.servo_hz, 5),
+        ("vfr_hud", 4.0, 9),
+    ]
+    end_ms = int(1000 * plan.seconds)
+    events = [(100 + 10 * i, "parameter", i) for i in range(len(parameters(plan)))]
+    for name, hz, phase_ms in streams:
+        due = np.arange(phase_ms, end_ms - 2, 1000.0 / hz).astype(int)
+        late = rng.integers(0, 3, len(due))
+        events += [(int(ms), name, i) for i, ms in enumerate(due + late)]
+    return sorted(event for event in events if event[0] <= end_ms)
+
+
+def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
+    """Return the SERVOn parameters of the four servos, and the mix that is not there."""
+    outputs = [
+        (AILERON, plan.aileron),
+        (ELEVATOR, Servo()),
+        (THROTTLE, Servo(1000, 1001, 2000)),
+        (RUDDER, plan.rudder),
+    ]
+    found = [("KFF_RDDRMIX", 0.0)]
+    for n, (function, servo) in enumerate(outputs, start=1):
+        values = (function, servo.min_us, servo.trim_us, servo.max_us, servo.reverse)
+        names = ("FUNCTION", "MIN", "TRIM", "MAX", "REVERSED")
+        found += [(f"SERVO{n}_{name}", float(v)) for name, v in zip(names, values, strict=True)]
+    return found
+
+
+class Messages:
+    """Each message as the vehicle (or the ground station) would say it now."""
+
+    def __init__(
+        self, dialect: Any, plan: FlightPlan, link: Link, flight: Flying, rng: np.random.Generator
+    ) -> None:
+        self._dialect, self._link, self._flight, self._rng = dialect, link, flight, rng
+        self._parameters = parameters(plan)
+
+    def heartbeat(self, ms: int, index: int) -> Any:
+        """HEARTBEAT of the armed aeroplane."""
+        d = self._dialect
+        armed = d.MAV_MODE_FLAG_SAFETY_ARMED | d.MAV_MODE_FLAG_STABILIZE_ENABLED
+        mode = armed | d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        kind, autopilot = d.MAV_TYPE_FIXED_WING, d.MAV_AUTOPILOT_ARDUPILOTMEGA
+        flown = getattr(self._flight, "custom_mode", FBWA)
+        return d.MAVLink_heartbeat_message(kind, autopilot, mode, flown, d.MAV_STATE_ACTIVE, 3)
+
+    def gcs_heartbeat(self, ms: int, index: int) -> Any:
+        """HEARTBEAT of the ground station: no vehicle."""
+        d = self._dialect
+        kind, autopilot = d.MAV_TYPE_GCS, d.MAV_AUTOPILOT_INVALID
+        return d.MAVLink_heartbeat_message(kind, autopilot, 0, GCS_MODE, d.MAV_STATE_ACTIVE, 3)
+
+    def parameter(self, ms: int, index: int) -> Any:
+        """PARAM_VALUE number ``index``."""
+        name, value = self._parameters[index]
+        d = self._dialect
+        kind = d.MAV_PARAM_TYPE_INT16 if name.startswith("SERVO") else d.MAV_PARAM_TYPE_REAL32
+        count = len(self._parameters)
+        return d.MAVLink_param_value_message(name.encode(), value, kind, count, index)
+
+    def attitude(self, ms: int, index: int) -> Any:
+        """ATTITUDE: true angles and body rates plus sensor noise."""
+        flight, link = self._flight, self._link
+        yaw = math.remainder(flight["attitude/psi-rad"], math.tau)
+        angles = np.array([flight["attitude/phi-rad"], flight["attitude/theta-rad"], yaw])
+        rates = np.array([flight[f"velocities/{axis}-rad_sec"] for axis in "pqr"])
+        angles = angles + self._rng.normal(0.0, link.angle_noise, 3)
+        rates = rates + self._rng.normal(0.0, link.rate_noise, 3)
+        angles[2] = math.remainder(angles[2], math.tau)
+        boot_ms = (ms + round(1000 * link.boot_s)) % 2**32
+        return self._dialect.MAVLink_attitude_message(boot_ms, *angles, *rates)
+
+    def servo_output_raw(self, ms: int, index: int) -> Any:
+        """SERVO_OUTPUT_RAW: what the servos are told at this very instant."""
+        flight = self._flight
+        # Sent within the millisecond in which the command holds; rolls over after 71.6 min.
+        boot_us = 1000 * (ms + round(1000 * self._link.boot_s)) + int(self._rng.integers(0, 1000))
+        throttle_us = 1000 + round(1000 * flight["fcs/throttle-cmd-norm"])
+        servos = [flight.aileron_us, 1500, throttle_us, flight.rudder_us, 0, 0, 0, 0]
+        return self._dialect.MAVLink_servo_output_raw_message(boot_us % 2**32, 0, *servos)
+
+    def vfr_hud(self, ms: int, index: int) -> Any:
+        """VFR_HUD: airspeed, groundspeed, heading in whole degrees, throttle, altitude, climb."""
+        flight = self._flight
+        return self._dialect.MAVLink_vfr_hud_message(
+            flight["velocities/vc-kts"] * KNOT,
+            flight["velocities/vg-fps"] * FOOT,
+            round(flight["attitude/psi-deg"]) % 360,
+            round(100 * flight["fcs/throttle-cmd-norm"]),
+            flight["position/h-sl-ft"] * FOOT,
+            flight["velocities/h-dot-fps"] * FOOT,
+        )

@@ -1,0 +1,94 @@
+"""Cut a stretch of vehicle time out of a tlog; whole records, bytes untouched.
+
+    python tools/trim_tlog.py IN.tlog OUT.tlog --from 76.5 --to 255 --only
+
+Vehicle time is ATTITUDE's time_boot_ms; a record belongs to the last one before it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import struct
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+
+from pymavlink.dialects.v20 import ardupilotmega
+
+ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALUE", "STATUSTEXT")
+STAMP_SIZE = 8
+
+
+def records(log: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yield (message id, payload, whole record); a torn last record is left out.
+
+    Raises:
+        ValueError: a record does not begin with a MAVLink frame.
+    """
+    at = 0
+    while at + STAMP_SIZE + 12 <= len(log):
+        frame = at + STAMP_SIZE
+        size = log[frame + 1]
+        if log[frame] == 0xFD:
+            signature = 13 * (log[frame + 2] & 1)
+            header, end, id_at = 10, frame + 12 + size + signature, slice(frame + 7, frame + 10)
+        elif log[frame] == 0xFE:
+            header, end, id_at = 6, frame + 8 + size, slice(frame + 5, frame + 6)
+        else:
+            raise ValueError(f"no MAVLink frame at byte {frame}")
+        if end > len(log):
+            return
+        payload = log[frame + header : frame + header + size]
+        yield int.from_bytes(log[id_at], "little"), payload, log[at:end]
+        at = end
+
+
+def trim(log: bytes, start_s: float, stop_s: float, only: Collection[str] | None = None) -> bytes:
+    """Return the records with ``start_s <= boot time < stop_s``, only of the messages named."""
+    wanted = None if only is None else {message_id(name) for name in only}
+    attitude = message_id("ATTITUDE")
+    boot_s = -1.0
+    kept = []
+    for ident, payload, record in records(log):
+        if ident == attitude:
+            # MAVLink 2 leaves trailing zeros of a payload out.
+            boot_s = struct.unpack("<I", payload[:4].ljust(4, b"\0"))[0] / 1000.0
+        if start_s <= boot_s < stop_s and (wanted is None or ident in wanted):
+            kept.append(record)
+    return b"".join(kept)
+
+
+def message_id(name: str) -> int:
+    """Return a message's number.
+
+    Raises:
+        ValueError: the dialect has no such message.
+    """
+    found = getattr(ardupilotmega, f"MAVLINK_MSG_ID_{name}", None)
+    if found is None:
+        raise ValueError(f"no MAVLink message {name!r}")
+    return int(found)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Trim; return 0, or 2 with one line of reason."""
+    parser = argparse.ArgumentParser(prog="trim_tlog.py")
+    parser.add_argument("log", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--from", dest="start_s", type=float, default=0.0, help="boot seconds")
+    parser.add_argument("--to", dest="stop_s", type=float, default=float("inf"))
+    parser.add_argument("--only", nargs="*", metavar="NAME", help=f"none named: {ESSENTIAL}")
+    options = parser.parse_args(argv)
+    only = ESSENTIAL if options.only == [] else options.only
+    try:
+        part = trim(options.log.read_bytes(), options.start_s, options.stop_s, only)
+        options.out.write_bytes(part)
+    except (ValueError, OSError) as error:
+        print(f"trim_tlog: {error}", file=sys.stderr)
+        return 2
+    print(f"trim_tlog: {len(part)} bytes", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

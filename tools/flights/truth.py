@@ -1,0 +1,280 @@
+"""What identification should find in a flight of JSBSim, and how well that is known.
+
+It is known when the flight has been flown: the Dutch roll is linearised at the mean airspeed and
+altitude flown, closed with the roll hold (``dutch_roll``) and bare (``dutch_roll_open_loop``). Its
+sigma has two parts: the airspeeds flown about their mean, by the slope over the airspeed, and how
+far the decay after a rudder pulse in the simulation itself, its actuators included, lies off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import jsbsim
+import numpy as np
+from numpy.typing import NDArray
+
+from flights.flight import LEAD_IN_S, STEP_S, Flight, FlightPlan, Servo, trimmed
+
+Floats = NDArray[np.float64]
+Mode = dict[str, float]
+Line = dict[str, Any]
+LATERAL = ("Beta", "Phi", "P", "R")  # FGLinearization's names
+
+SLOPE_SHARE = 0.01
+"""The slope over the airspeed is taken so far ahead: trim and linearisation are smooth."""
+
+
+def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
+    """Return what identification should find in a flight, ``flown`` (n, 3 or 4) as it notes it.
+
+    All but ``dutch_roll_at_trim``, that of the plan, is of the mean airspeed and altitude flown, by
+    ``jsbsim.FGLinearization``'s lateral block (beta, roll, p, r; rad and rad/s). It knows the
+    flight-control system by its statics only; ``dutch_roll_pulse``, seen in the simulation itself,
+    differs where an aircraft has actuator lags or dampers of its own.
+
+    Raises:
+        FlightError: the aircraft finds no trim at the airspeed flown.
+    """
+    mean = mean_plan(plan, flown)
+    fdm = trimmed(mean)
+    A, closed, _ = _with_roll_hold(mean)
+    return {
+        "aircraft": plan.aircraft,
+        "jsbsim": jsbsim.__version__,
+        "speed_kt": plan.speed_kt,
+        "altitude_ft": plan.altitude_ft,
+        "mean_flown": {
+            "speed_kt": mean.speed_kt,
+            "speed_std_kt": round(float(flown[:, 1].std()), 3),
+            "altitude_ft": mean.altitude_ft,
+        },
+        "true_airspeed_m_s": round(fdm["velocities/vt-fps"] * 0.3048, 3),
+        **flown_dutch_rolls(plan, flown),
+        "dutch_roll_pulse": pulse_dutch_roll(mean),
+        "dutch_roll_at_trim": linear_dutch_rolls(plan)["dutch_roll"],
+        "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
+        "eigenvalues": _as_pairs(np.linalg.eigvals(closed)),
+        "eigenvalues_open_loop": _as_pairs(np.linalg.eigvals(A)),
+        "rudder_travel_rad": rudder_travel(plan),
+    }
+
+
+def after_lead_in(flown: Sequence[tuple[float, ...]]) -> Floats:
+    """Return what a flight noted since its rudder may move, (n, 4); all of it where it did not."""
+    rows = np.array(flown)
+    later = rows[rows[:, 0] > LEAD_IN_S]
+    return later if len(later) else rows
+
+
+def mean_plan(plan: FlightPlan, flown: Floats) -> FlightPlan:
+    """Return the plan at the mean of ``flown`` (n, 3 or 4): seconds, kt, ft; rounded as told."""
+    knots, feet = flown[:, 1:3].mean(axis=0).tolist()
+    return replace(plan, speed_kt=round(knots, 3), altitude_ft=round(feet, 1))
+
+
+def flown_dutch_rolls(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]:
+    """Return the two Dutch rolls of a flight: wn_rad_s, wn_std, zeta, zeta_std; None: no such."""
+    modes: dict[str, Mode | None] = {}
+    for name, line in truth_lines(plan, flown).items():
+        modes[name] = None
+        if line is not None:
+            (wn, zeta), (wn_std, zeta_std) = (x.tolist() for x in at_airspeeds(line, flown[:, 1]))
+            modes[name] = {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
+    return modes
+
+
+def flown_yaw_channels(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]:
+    """Return the :func:`yaw_channels` of a flight, with the sigmas of their Dutch rolls."""
+    channels, modes = yaw_channels(mean_plan(plan, flown)), flown_dutch_rolls(plan, flown)
+    names = {"airframe": "dutch_roll_open_loop", "with_roll_loop": "dutch_roll"}
+    found = {loop: (channels[loop], modes[name]) for loop, name in names.items()}
+    return {loop: channel and mode and channel | mode for loop, (channel, mode) in found.items()}
+
+
+def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
+    """Return what is true of a flight at any airspeed, by the names of :func:`linear_dutch_rolls`.
+
+    ``line`` is the Dutch roll linearised at the mean airspeed ``mean_kt`` and altitude of ``flown``
+    (``at``: wn, zeta) and its slope (``per_kt``), ``pulse`` how far the decay after a pulse lies
+    from it. None where there is no Dutch roll, linearised or in the pulse.
+    """
+    mean = mean_plan(plan, flown)
+    step_kt = SLOPE_SHARE * mean.speed_kt
+    at, faster = (
+        linear_dutch_rolls(replace(mean, speed_kt=mean.speed_kt + x)) for x in (0.0, step_kt)
+    )
+    bare = replace(mean, roll_gain=0.0, roll_rate_gain=0.0)
+    lines: dict[str, Line | None] = {}
+    for name, loop in (("dutch_roll", mean), ("dutch_roll_open_loop", bare)):
+        modes = at[name], faster[name], pulse_dutch_roll(loop)
+        pairs = np.array([(m["wn_rad_s"], m["zeta"]) for m in modes if m is not None])
+        lines[name] = None
+        if len(pairs) == len(modes):
+            here, there, pulse = pairs
+            lines[name] = {
+                "mean_kt": mean.speed_kt,
+                "line": {"at": here.tolist(), "per_kt": ((there - here) / step_kt).tolist()},
+                "pulse": (pulse - here).tolist(),
+            }
+    return lines
+
+
+def at_airspeeds(line: Line, knots: Floats) -> tuple[Floats, Floats]:
+    """Return wn in rad/s and zeta (2,) at the mean of airspeeds ``knots`` (n,), and their sigma."""
+    at, slope = np.array(line["line"]["at"]), np.array(line["line"]["per_kt"])
+    value = at + slope * (float(knots.mean()) - line["mean_kt"])
+    return value, np.hypot(slope * float(knots.std()), line["pulse"])
+
+
+def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
+    """Return the linearised Dutch rolls at a plan's trim: with its roll hold, and bare."""
+    A, closed, rudder = _with_roll_hold(plan)
+    r = LATERAL.index("R")
+    return {
+        "dutch_roll": dutch_roll(closed, rudder, r),
+        "dutch_roll_open_loop": dutch_roll(A, rudder, r),
+    }
+
+
+def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
+    """Return the yaw channel, bare (``airframe``) and closed (``with_roll_loop``), at trim.
+
+    Each has wn_rad_s, zeta, K (1/s per unit of rudder, positive nose right) and T_s of
+
+        r/u = K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2),
+
+    the Dutch roll being the linearisation's, K and T the least relative misfit to all of r/u from
+    0.3 to 3 wn (``misfit``, rms): spiral and roll mode are in r/u and not in the model.
+    """
+    A, closed, rudder = _with_roll_hold(plan)
+    return {"airframe": _yaw_channel(A, rudder), "with_roll_loop": _yaw_channel(closed, rudder)}
+
+
+def _yaw_channel(A: Floats, rudder: Floats) -> Mode | None:
+    r = LATERAL.index("R")
+    mode = dutch_roll(A, rudder, r)
+    if mode is None:
+        return None
+    wn, zeta = mode["wn_rad_s"], mode["zeta"]
+    s = 1j * wn * np.geomspace(0.3, 3.0, 60)
+    eye = np.eye(len(A))
+    response = np.array([np.linalg.solve(at * eye - A, -rudder)[r] for at in s])
+    pair = wn**2 / (s**2 + 2.0 * zeta * wn * s + wn**2) / response
+    columns = np.stack([pair, pair * s], axis=1)
+    real = np.concatenate([columns.real, columns.imag])
+    ones = np.repeat([1.0, 0.0], len(s))
+    K, KT = np.linalg.lstsq(real, ones, rcond=None)[0].tolist()
+    misfit = float(np.sqrt(np.sum((real @ [K, KT] - ones) ** 2) / len(s)))
+    return mode | {"K": K, "T_s": KT / K, "misfit": misfit}
+
+
+@lru_cache(maxsize=32)
+def _with_roll_hold(plan: FlightPlan) -> tuple[Floats, Floats, Floats]:
+    """Return A (4, 4) of the bare airframe and with the roll hold, and the rudder's column (4,).
+
+    Kept: a piston engine makes JSBSim's linearisation last up to a second, now and then twelve.
+    """
+    A, aileron, rudder = _lateral(jsbsim.FGLinearization(trimmed(plan)))
+    hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
+    hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
+    return A, A - np.outer(aileron, hold), rudder
+
+
+def _lateral(linear: Any) -> tuple[Floats, Floats, Floats]:
+    """Return A (4, 4) of the lateral states and the columns (4,) of aileron and rudder commands."""
+    states, inputs = list(linear.x_names), list(linear.u_names)
+    rows = [states.index(name) for name in LATERAL]
+    B = np.array(linear.input_matrix)[rows]
+    A = np.array(linear.system_matrix)[np.ix_(rows, rows)]
+    return A, B[:, inputs.index("DaCmd")], B[:, inputs.index("DrCmd")]
+
+
+def rudder_travel(plan: FlightPlan) -> dict[str, float]:
+    """Return the rudder's stops in rad of JSBSim's surface angle, by holding it there for 2 s."""
+    stops = {}
+    for name, command in (("nose_right", -1.0), ("nose_left", 1.0)):
+        fdm = trimmed(plan)
+        fdm["fcs/rudder-cmd-norm"] = command
+        for _ in range(round(2.0 / STEP_S)):
+            fdm.run()
+        stops[name] = round(float(fdm["fcs/rudder-pos-rad"]), 6)
+    return stops
+
+
+def dutch_roll(A: Floats, b: Floats, output: int) -> Mode | None:
+    """Return the oscillatory pair with the largest energy from input ``b`` to one state."""
+    poles, modes = np.linalg.eig(A)
+    return strongest_pair(poles, modes[output] * np.linalg.solve(modes, b.astype(complex)))
+
+
+def strongest_pair(poles: NDArray[np.complex128], residues: NDArray[np.complex128]) -> Mode | None:
+    """Return wn_rad_s and zeta of the pair with the largest ``|R|^2 / (2 |Re p|)``, if any."""
+    pairs = poles.imag > 1e-3
+    if not pairs.any():
+        return None
+    energy = np.abs(residues) ** 2 / np.maximum(2.0 * np.abs(poles.real), 1e-9)
+    p = poles[np.argmax(np.where(pairs, energy, -1.0))]
+    return {"wn_rad_s": float(abs(p)), "zeta": float(-p.real / abs(p))}
+
+
+def _as_pairs(poles: NDArray[Any]) -> list[list[float]]:
+    ordered = sorted(poles, key=lambda p: (-abs(p), p.imag))
+    return [[round(float(p.real), 6), round(float(p.imag), 6)] for p in ordered]
+
+
+def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> Floats:
+    """Return the yaw rate in rad/s at 20 Hz after a small rudder pulse, roll hold on, (n,).
+
+    The same flight without the pulse is subtracted, which leaves no trim error and no drift. The
+    servos have 32 766 steps of travel a side: quantisation would hide the end of the decay.
+    """
+    fine = Servo(1, 32_767, 65_533)
+    plan = replace(plan, rudder=fine, aileron=fine)
+    every_ms, pulse_ms = 50, 200
+    rudder = np.zeros(round(seconds / STEP_S) + pulse_ms + 1)
+    still = Flight(plan, rudder)
+    rudder[1 : pulse_ms + 1] = 0.02
+    moved = Flight(plan, rudder)
+    response = []
+    for ms in range(pulse_ms + every_ms, len(rudder), every_ms):
+        still.advance_to(ms)
+        moved.advance_to(ms)
+        response.append(moved["velocities/r-rad_sec"] - still["velocities/r-rad_sec"])
+    return np.array(response)
+
+
+def decay_modes(
+    response: Floats, sample_time_s: float, order: int = 6
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return poles in rad/s and amplitudes of ``response = sum(a_i exp(p_i t))``.
+
+    The Hankel matrix's shift within its leading ``order`` left singular vectors (Ho and Kalman).
+    """
+    hankel = np.lib.stride_tricks.sliding_window_view(response, len(response) // 2)
+    left = np.linalg.svd(hankel.T)[0][:, :order]
+    z = np.linalg.eigvals(np.linalg.lstsq(left[:-1], left[1:], rcond=None)[0]).astype(complex)
+    powers = z ** np.arange(len(response))[:, None]
+    amplitudes = np.linalg.lstsq(powers, response.astype(complex), rcond=None)[0]
+    return np.log(z) / sample_time_s, amplitudes
+
+
+@lru_cache(maxsize=32)
+def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
+    """Return the Dutch roll seen in the decay after a rudder pulse, without any linearisation."""
+    poles, amplitudes = decay_modes(pulse_response(plan), 0.05)
+    return strongest_pair(poles, amplitudes)
+
+
+def disagreement(found: dict[str, Any]) -> str | None:
+    """Return a warning where pulse and linearisation differ by 2.5 % in wn or 0.02 in zeta."""
+    linear, pulse = found["dutch_roll"], found["dutch_roll_pulse"]
+    if not linear or not pulse:
+        return f"{found['aircraft']} shows no oscillatory Dutch roll here"
+    off_wn = abs(pulse["wn_rad_s"] / linear["wn_rad_s"] - 1.0)
+    if off_wn <= 0.025 and abs(pulse["zeta"] - linear["zeta"]) <= 0.02:
+        return None
+    return f"linearisation and pulse disagree: {found['aircraft']}'s controls have dynamics"

@@ -1,0 +1,1 @@
+"""Pictures of yawid's outputs, and what draws them."""
