@@ -15,6 +15,7 @@ from scipy.signal import butter, lfilter
 from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
+from yawid.estimation.methods import METHODS
 from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, Setting, answer
 
 NOISE = 0.002
@@ -241,6 +242,26 @@ def test_els_answers_where_it_is_asked_for_alone():
         found = told(flight(), **options).found
         assert found.verdict.method == "rml"
         assert "rml" in found.estimates
+
+
+def test_a_further_method_of_a_record_is_its_fit_and_its_row(monkeypatch: pytest.MonkeyPatch):
+    # Hannan and Rissanen's two regressions alone, as a method that the other two check.
+    row = replace(
+        METHODS["rml"],
+        name="hr",
+        fit=lambda record, settled: record.first_guess,
+        checked_by=("rml", "els"),
+    )
+    monkeypatch.setitem(METHODS, "hr", row)
+
+    found = told(flight()).found
+
+    assert list(found.estimates) == ["hr", "rml", "els"]
+    assert found.verdict.method == "hr"
+    assert found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.05)
+    own, rml = (found.estimates[name].theta for name in ("hr", "rml"))
+    assert own.keys() == rml.keys()
+    assert own != rml
 
 
 @pytest.mark.parametrize(("mode", "has_level"), [(MANUAL, True), (FBWA, False), (np.nan, False)])

@@ -14,6 +14,7 @@ from places import REPLAY_LOGS
 
 from yawid.blocks import Status
 from yawid.config.run import RunConfig
+from yawid.estimation.methods import METHODS
 from yawid.results.judge_estimate import (
     Evidence,
     _by_effect,
@@ -227,6 +228,17 @@ def test_an_rml_that_cannot_be_used_beside_els_is_said_with_its_reason():
 
     assert reason.id == "els_rml_disagree"
     assert reason.text == "RML beside it cannot be used (poor_fit: it tells 3 %)"
+
+
+def test_the_answer_is_compared_with_each_method_that_checks_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(METHODS, "oe", replace(METHODS["rml"], checked_by=("rml", "els")))
+    far, further = (evidence(dutch_roll=np.array([wn, 0.02, 0.2, 0.01])) for wn in (3.0, 4.0))
+
+    reasons = agreement_reasons({"oe": GOOD, "rml": far, "els": further}, {}, "oe")
+
+    said = [reason.text.split(",")[0] for reason in reasons]
+    assert said == ["wn is 3 by RML and 2.4 by OE", "wn is 4 by ELS and 2.4 by OE"]
+    assert list(agreement_reasons({"oe": GOOD, "rml": GOOD}, {}, "oe")) == []
 
 
 def test_an_els_that_cannot_be_used_says_nothing_against_rml():

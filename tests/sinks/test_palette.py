@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from yawid.sinks import palette
-from yawid.sinks.palette import AILERON, BAD, DATA, ELS, MODEL, NEUTRAL, RML, RUDDER, rgba
+from yawid.sinks.palette import AILERON, BAD, DATA, METHODS, MODEL, NEUTRAL, RUDDER, rgba
 
-LINES = {"data": DATA, "model": MODEL, "els": ELS, "rml": RML, "rudder": RUDDER, "bad": BAD,
+LINES = {"data": DATA, "model": MODEL, **METHODS, "rudder": RUDDER, "bad": BAD,
          "neutral": NEUTRAL, "aileron": AILERON}  # fmt: skip
 DARK = "#0d1011"
 MEET = (

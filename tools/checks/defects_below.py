@@ -226,9 +226,9 @@ BELOW = (
     ),
     Defect(
         "ELS over a record is RML's fit once more",
-        "estimation/record_fit.py",
-        "fit.gauss_newton(begin, settled) if is_rml else fit.fixed_point(begin)",
-        "fit.gauss_newton(begin, settled)",
+        "estimation/methods.py",
+        "fit=RecordFit.fixed_point",
+        "fit=RecordFit.gauss_newton",
         RECORD + "test_els_rests_where_scipy_finds_the_root_of_its_own_equations",
     ),
     Defect(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from yawid.config.estimator import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError
 from yawid.sinks.door import plain, tell_whole
 
@@ -102,8 +103,8 @@ MODEL: tuple[Option, ...] = (
         "NA,NB,NC,NK",
         "orders, nb and nk for every input; replay, inspect: or auto (default: 3,3,2,1)",
     ),
-    ("--method", str, "els|rml", "the stream's estimator (default: els)"),
-    ("--also", str, "METHOD|none", "a second one beside it (default: rml)"),
+    ("--method", str, "|".join(RECURSIVE), f"the stream's estimator (default: {ELS})"),
+    ("--also", str, "METHOD|none", f"a second one beside it (default: {RML})"),
     ("--engine", str, "numba|filterpy", "what computes the recursion (default: numba)"),
     ("--memory", float, "SECONDS", "forgetting by a memory of so many s (default: 60)"),
     (

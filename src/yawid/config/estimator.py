@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 from yawid.errors import ConfigError
 
-Method = Literal["els", "rml"]
 Engine = Literal["numba", "filterpy"]
-METHODS: tuple[Method, ...] = ("els", "rml")
+ELS, RML = "els", "rml"
+RECURSIVE = (ELS, RML)
+"""The methods that recurse. What else there is to say of them: ``estimation/methods.py``."""
 ENGINES: tuple[Engine, ...] = ("numba", "filterpy")
 
 
@@ -102,7 +103,7 @@ class EstimatorConfig:
     orders: ArmaxOrders
     sample_time_s: float
     forgetting_factor: float = 1.0
-    method: Method = "els"
+    method: str = ELS
     bias: bool = True
     P0: float = 100.0
     forgetting_start: float = 0.95
@@ -117,8 +118,8 @@ class EstimatorConfig:
     def __post_init__(self) -> None:
         if not isinstance(self.orders, ArmaxOrders):
             raise ConfigError(f"orders must be ArmaxOrders, got {self.orders!r}")
-        if self.method not in METHODS:
-            raise ConfigError(f"method must be one of {', '.join(METHODS)}, got {self.method!r}")
+        if self.method not in RECURSIVE:
+            raise ConfigError(f"method must be one of {', '.join(RECURSIVE)}, got {self.method!r}")
         for name in ("sample_time_s", "P0"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ConfigError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")

@@ -10,7 +10,15 @@ from typing import Any
 
 import tomli_w
 
-from yawid.config.estimator import ENGINES, METHODS, ArmaxOrders, EstimatorConfig, forgetting_factor
+from yawid.config.estimator import (
+    ELS,
+    ENGINES,
+    RECURSIVE,
+    RML,
+    ArmaxOrders,
+    EstimatorConfig,
+    forgetting_factor,
+)
 from yawid.errors import ConfigError
 
 OUTPUTS = ("yaw-rate", "heading-rate", "yaw")
@@ -52,8 +60,8 @@ _LISTS: dict[str, tuple[type, str]] = {
     "band": (float, "LO,HI in Hz"),
 }
 _CHOICES: dict[str, tuple[str | None, ...]] = {
-    "method": METHODS,
-    "also": (*METHODS, "none"),
+    "method": RECURSIVE,
+    "also": (*RECURSIVE, "none"),
     "engine": ENGINES,
     "output": OUTPUTS,
     "turn": ("keep", "remove"),
@@ -94,8 +102,8 @@ class RunConfig:
     """
 
     orders: tuple[int, int, int, int] = (3, 3, 2, 1)
-    method: str = "els"
-    also: str = "rml"
+    method: str = ELS
+    also: str = RML
     engine: str = "numba"
     memory: float | None = None
     forgetting: float | None = None
@@ -248,7 +256,7 @@ class RunConfig:
             orders=self.armax_orders(),
             sample_time_s=sample_time_s,
             forgetting_factor=self.forgetting_factor(sample_time_s),
-            method="rml" if method == "rml" else "els",
+            method=method,
         )
 
     def bank_methods(self) -> tuple[str, ...]:

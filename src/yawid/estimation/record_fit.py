@@ -1,8 +1,7 @@
 """One fit over a whole record, every sample counting alike: what a short manoeuvre is answered by.
 
-One pass of a recursion over a short record starts too far off. Here RML is the Gauss-Newton
-prediction-error fit of all samples (Ljung 1999, 10.2), and ELS its own fixed point, the root of
-phi(theta)' eps(theta), which shares nothing with that fit but where both start.
+One pass of a recursion over a short record starts too far off. How each method finds theta, and
+what its covariance is made of, is in its row of ``methods.py``.
 """
 
 from collections.abc import Sequence
@@ -14,9 +13,10 @@ import numpy as np
 from yawid.blocks import Bools, EstimateBlock, Floats, Status
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.methods import METHODS, Method
 from yawid.estimation.polynomials import lag_depth
+from yawid.estimation.prediction_error import SETTLED, RecordFit, stretches_of
 from yawid.estimation.products import cross
-from yawid.estimation.start_fit import SETTLED, RecordFit, stretches_of
 from yawid.estimation.whiteness import ljung_box
 
 BLOCKS = 8
@@ -69,11 +69,12 @@ class FittedModel:
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """A record made ready: which rows are ``good`` (samples,), and its parts for the fit.
+    """A record made ready for ``config``: which rows are ``good`` (samples,), and its parts.
 
     ``breaks`` (n,) are the good rows that follow a held one; ``factors`` scale y and the inputs.
     """
 
+    config: EstimatorConfig
     good: Bools
     breaks: Bools
     factors: Floats
@@ -81,27 +82,35 @@ class _Record:
 
 
 def fit_record(
-    config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED
+    config: EstimatorConfig,
+    u: Floats,
+    y: Floats,
+    settled: float = SETTLED,
+    method: str | None = None,
 ) -> FittedModel:
     """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); NaN rows are held and break it.
 
-    Of the configuration orders, method, bias and residual lags count; nothing is forgotten. Where
-    there are no two samples for each parameter, or a channel does not move, ``updates`` is 0; where
-    the fit finds nothing the status is diverged. RML's fit ends when its loss gains a smaller share
-    than ``settled``.
+    Of the configuration orders, bias and residual lags count, and the method where no other is
+    given; nothing is forgotten. Where there are no two samples for each parameter, or a channel
+    does not move, ``updates`` is 0; where the fit finds nothing the status is diverged. A fit of
+    least loss ends when that gains a smaller share than ``settled``.
     """
-    return fit_methods([config], u, y, settled)[0]
+    return fit_methods(config, [method or config.method], u, y, settled)[0]
 
 
 @np.errstate(all="ignore")
 def fit_methods(
-    configs: Sequence[EstimatorConfig], u: Floats, y: Floats, settled: float = SETTLED
+    config: EstimatorConfig,
+    methods: Sequence[str],
+    u: Floats,
+    y: Floats,
+    settled: float = SETTLED,
 ) -> list[FittedModel]:
-    """Fit a record by configurations that differ in their method only: they begin alike."""
-    record = _made_ready(configs[0], u, y)
+    """Fit a record by several methods, which begin alike."""
+    record = _made_ready(config, u, y)
     if record is None:
-        return [_nothing(config, len(y), Status.WARMING_UP) for config in configs]
-    return [_fitted_model(config, record, settled) for config in configs]
+        return [_nothing(config, len(y), Status.WARMING_UP) for _ in methods]
+    return [_fitted_model(METHODS[method], record, settled) for method in methods]
 
 
 def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None:
@@ -115,14 +124,15 @@ def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None
     # The standard deviation of what stands still is rounding, and not always 0.
     if len(fit.y) <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
         return None
-    return _Record(good, breaks, factors, fit)
+    return _Record(config, good, breaks, factors, fit)
 
 
-def _fitted_model(config: EstimatorConfig, record: _Record, settled: float) -> FittedModel:
-    fit, good, factors, n = record.fit, record.good, record.factors, len(record.fit.y)
-    theta = _theta(config, fit, settled)
+def _fitted_model(method: Method, record: _Record, settled: float) -> FittedModel:
+    config, fit, good, factors = record.config, record.fit, record.good, record.factors
+    n = len(fit.y)
+    theta = _theta(method, fit, settled)
     residuals = [] if theta is None else fit.residuals(theta)
-    found = None if theta is None else _covariances(config, fit, theta, residuals)
+    found = None if theta is None else _covariances(method, record, theta, residuals)
     if theta is None or found is None:
         return _nothing(config, len(good), Status.DIVERGED)
     units = _units(config, factors)
@@ -137,11 +147,18 @@ def _fitted_model(config: EstimatorConfig, record: _Record, settled: float) -> F
 
 
 @np.errstate(all="ignore")
-def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED) -> float:
+def held_back_pct(
+    config: EstimatorConfig,
+    u: Floats,
+    y: Floats,
+    settled: float = SETTLED,
+    method: str | None = None,
+) -> float:
     """Return the fit over the last third of the rudder's energy of a model fitted without it.
 
-    ``u`` (samples, n_inputs), ``y`` (samples,), ``settled`` as in :func:`fit_record`. NaN where
-    that leaves fewer than ten samples a parameter, or the model was not found.
+    ``u`` (samples, n_inputs), ``y`` (samples,), ``settled`` and ``method`` as in
+    :func:`fit_record`. NaN where that leaves fewer than ten samples a parameter, or the model was
+    not found.
     """
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(u).all(axis=1))
     if len(used) == 0:
@@ -153,19 +170,18 @@ def held_back_pct(config: EstimatorConfig, u: Floats, y: Floats, settled: float 
         return float("nan")
     row = int(used[first])
     record = _made_ready(config, u[:row], y[:row])
-    theta = None if record is None else _theta(config, record.fit, settled)
+    row_of = METHODS[method or config.method]
+    theta = None if record is None else _theta(row_of, record.fit, settled)
     if record is None or theta is None:
         return float("nan")
     theta, u, y = theta * _units(config, record.factors), u[row:], y[row:]
     return fit_percent(y, simulate(theta, config.orders, config.bias, u, y))
 
 
-def _theta(config: EstimatorConfig, fit: RecordFit, settled: float) -> Floats | None:
+def _theta(method: Method, fit: RecordFit, settled: float) -> Floats | None:
     """Return theta (n,) of the scaled signals; None where no fit beats theta = 0."""
     try:
-        begin = fit.first_guess
-        is_rml = config.method == "rml"
-        theta = fit.gauss_newton(begin, settled) if is_rml else fit.fixed_point(begin)
+        theta = method.fit(fit, settled)
     except np.linalg.LinAlgError:  # channels that tell nothing apart
         return None
     if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
@@ -200,7 +216,7 @@ def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
 
 
 def _covariances(
-    config: EstimatorConfig, fit: RecordFit, theta: Floats, residuals: list[Floats]
+    method: Method, record: _Record, theta: Floats, residuals: list[Floats]
 ) -> tuple[Floats, Floats] | None:
     """Return theta's covariance (n, n): (Z' psi)^-1 S (psi' Z)^-1, Z the instruments of the fit.
 
@@ -212,16 +228,14 @@ def _covariances(
     the jackknife that leaves out a block each time (Shao and Tu 1995, 3.2): what lasts longer than
     the lags, a gust or another way of flying, is in it.
     """
-    psi, eps = fit.gradient(theta, residuals=residuals)
-    is_rml, lags = config.method == "rml", config.residual_lags
-    z = psi if is_rml else fit.gradient(theta, filtered=False, residuals=residuals)[0]
-    scores = z * eps[:, None]
+    z, psi, eps = method.scores(record.fit, theta, residuals)
+    scores, lags = z * eps[:, None], record.config.residual_lags
     meat = cross(scores, scores)
     for lag in range(1, min(lags, len(scores) - 1) + 1):
         product = cross(scores[lag:], scores[:-lag])
         meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     try:
-        bread = np.linalg.inv(cross(z, psi) + fit.prior)
+        bread = np.linalg.inv(cross(z, psi) + record.fit.prior)
     except np.linalg.LinAlgError:
         return None
     covariance: Floats = bread @ meat @ bread.T * (len(eps) / max(len(eps) - len(theta), 1))

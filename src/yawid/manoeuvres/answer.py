@@ -1,7 +1,7 @@
 """The answer of one manoeuvre: a fit over all of it, by what inputs, and whether it may be used.
 
-RML's Gauss-Newton fit answers, ELS's own fixed point checks it. It is made when the manoeuvre ends,
-of its samples alone, and never changed afterwards.
+Which fit answers and which ones check it: ``estimation/methods.py``. It is made when the manoeuvre
+ends, of its samples alone, and never changed afterwards.
 """
 
 import math
@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, SampleBlock
-from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import History
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.methods import OF_STRUCTURES, of_a_record
 from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
 from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
@@ -57,9 +57,8 @@ class Setting:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The method that answers, and the one that checks it: ELS alone where that is asked."""
-        alone = self.config.bank_methods() == ("els",)
-        return ("els",) if alone else ("rml", "els")
+        """The method that answers, and those shown next to it."""
+        return of_a_record(self.config.bank_methods())
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +90,8 @@ class Answered:
 class Fits:
     """The fits of all methods over one manoeuvre, to be judged as a bank of estimators is.
 
-    ``y`` (n,) is the output, with the turn rate taken off where ``config`` says so.
+    ``y`` (n,) is the output, with the turn rate taken off where ``config`` says so; ``estimator``
+    is the configuration of the fits, which forget nothing.
     """
 
     def __init__(self, setting: Setting, config: RunConfig, samples: SampleBlock) -> None:
@@ -106,14 +106,10 @@ class Fits:
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         self._samples = samples
         self.u, self.y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
-        configs = [self.estimator(method) for method in self.methods]
-        models: list[FittedModel] = fit_methods(configs, self.u, self.y)
+        forgetting_nothing = replace(config, memory=None, forgetting=1.0)
+        self.estimator = forgetting_nothing.estimator(config.method, self.sample_time_s)
+        models: list[FittedModel] = fit_methods(self.estimator, self.methods, self.u, self.y)
         self.estimators = dict(zip(self.methods, models, strict=True))
-
-    def estimator(self, method: str) -> EstimatorConfig:
-        """Return the configuration of a fit that forgets nothing."""
-        config = replace(self.config, memory=None, forgetting=1.0)
-        return config.estimator(method, self.sample_time_s)
 
     @property
     def last(self) -> dict[str, EstimateBlock]:
@@ -129,16 +125,13 @@ class Fits:
         return History(u=self.u, y=self.y, y_hat=y_hat, **context)
 
     def spread(self, held_back: float) -> Spread:
-        """Return what is known beside the answer, whose held-back fit is in %.
-
-        The structures are fitted as RML.
-        """
+        """Return what is known beside the answer, whose held-back fit is in %."""
         first = self.methods[0]
         model = self.estimators[first]
         wn = float(dutch_roll_told(self, first, model.theta)[0])
         if not wn > 0.0:
             return NOTHING_KNOWN
-        own = model if first == "rml" else None
+        own = model if first == OF_STRUCTURES else None
         return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own, held_back)
 
     def simulation_pct(self) -> float:
@@ -161,7 +154,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
         if both.simulation_pct() > fits.simulation_pct() + WORTH_PCT:
             fits = both
     first, history = fits.methods[0], fits.history()
-    pct = {first: held_back_pct(fits.estimator(first), fits.u, fits.y)}
+    pct = {first: held_back_pct(fits.estimator, fits.u, fits.y, method=first)}
     spread = fits.spread(pct[first])
     estimates, evidence = {}, {}
     for method in fits.methods:

@@ -19,6 +19,7 @@ from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import NotIdentifiable
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.methods import OF_STRUCTURES
 from yawid.physics.modes import modes
 
 TRAINING = 2.0 / 3.0
@@ -99,7 +100,7 @@ def recommended(found: list[Candidate]) -> Candidate:
 
 
 def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOrders) -> Candidate:
-    config = EstimatorConfig(orders=orders, sample_time_s=sample_time_s, method="rml")
+    config = EstimatorConfig(orders=orders, sample_time_s=sample_time_s, method=OF_STRUCTURES)
     armax = RecursiveArmax(config)
     start = time.perf_counter()
     block = armax.run(u[:split], y[:split], covariance=True)

@@ -13,7 +13,7 @@ from yawid.blocks import Bools, Floats
 from yawid.report.picture import Picture, band
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.sinks.answers import NOT_USED, outcome
-from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RML
+from yawid.sinks.palette import BAD, MANOEUVRE, MODEL, NEUTRAL
 
 MOST_NUMBERED: Final = 12
 """Points that bear their numbers: of more, one would hide another."""
@@ -22,8 +22,8 @@ LEAST_SPAN: Final = 0.1
 SIGMAS: Final = 2.0
 _REFUSED: Final = "not usable"
 _LOOKS: Final[dict[str, dict[str, Any]]] = {
-    "used": {"marker": "o", "color": RML},
-    NOT_USED: {"marker": "o", "color": RML, "fillstyle": "none"},
+    "used": {"marker": "o", "color": MANOEUVRE},
+    NOT_USED: {"marker": "o", "color": MANOEUVRE, "fillstyle": "none"},
     "disagrees": {"marker": "D", "color": BAD},
     _REFUSED: {"marker": "x", "color": NEUTRAL, "alpha": 0.8},
 }

@@ -85,7 +85,7 @@ class Rows:
         orders = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
         try:
             fit = replace(config, orders=orders, inputs=tuple(self.found.inputs), memory=None,
-                          forgetting=1.0).estimator(answer.method, sample_time_s)  # fmt: skip
+                          forgetting=1.0).estimator(config.method, sample_time_s)  # fmt: skip
         except ConfigError:
             return None
         u = u[:, : len(self.found.inputs)]
@@ -95,7 +95,7 @@ class Rows:
             y = y - turn
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
-        fitted = fit_record(fit, u, y)
+        fitted = fit_record(fit, u, y, method=answer.method)
         if not np.isfinite(fitted.covariance).all() or not np.isfinite(fitted.theta).all():
             return None
         theta, same = fitted.theta, fitted.theta.tolist() == list(answer.theta.values())

@@ -10,6 +10,7 @@ import numpy as np
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import History
+from yawid.estimation.methods import METHODS
 from yawid.results.coherence import Coherence, coherence_at
 from yawid.results.excitation import Excitation, around, excitation
 from yawid.results.judge_samples import (
@@ -267,32 +268,44 @@ def _still_moving(evidence: Evidence) -> Iterator[Reason]:
 def agreement_reasons(
     evidence: Mapping[str, Evidence], refused: Mapping[str, list[Reason]], answers: str
 ) -> Iterator[Reason]:
-    """Compare the Dutch rolls of ELS and RML; ``refused`` has what makes a method unusable.
+    """Compare the Dutch roll of the answer with that of each method that checks it.
 
-    Where 1/C - 1/2 is not positive real ELS need not lead to the truth: beside an answer of RML it
-    tells of itself alone then, and so does an ELS that may not be used.
+    ``refused`` has what makes a method unusable. Where 1/C - 1/2 is not positive real ELS need not
+    lead to the truth: beside an answer of RML it tells of itself alone then, and so does an ELS
+    that may not be used.
     """
-    if not {"els", "rml"} <= evidence.keys():
-        return
-    other = "els" if answers == "rml" else "rml"
+    for other in METHODS[answers].checked_by:
+        if other in evidence:
+            yield from _checked(evidence, refused, answers, other)
+
+
+def _checked(
+    evidence: Mapping[str, Evidence],
+    refused: Mapping[str, list[Reason]],
+    answers: str,
+    other: str,
+) -> Iterator[Reason]:
+    """Compare the Dutch roll of the answer with that of one ``other`` method."""
     is_doubtful = other in refused or not evidence[other].spr_margin > 0.0
-    if other == "els" and is_doubtful:
+    if METHODS[other].needs_spr and is_doubtful:
         return
     if other in refused:
         why = next(reason for reason in refused[other] if reason.exit_code)
         text = f"{other.upper()} beside it cannot be used ({why.id}: {why.text})"
         yield Reason("els_rml_disagree", text)
         return
-    own, els, rml = (evidence[name].dutch_roll for name in (answers, "els", "rml"))
+    first, second = (each for each in METHODS if each in (answers, other))
+    one, two = evidence[first].dutch_roll, evidence[second].dutch_roll
     for name, i in (("wn", 0), ("zeta", 2)):
-        difference = abs(float(els[i] - rml[i]))
-        sigma = math.hypot(float(els[i + 1]), float(rml[i + 1]))
-        total = float(evidence[answers].total_std[i // 2])
-        if difference > max(DISAGREE_SIGMAS * sigma, DISAGREE_SHARE * abs(own[i]), total):
+        difference = abs(float(one[i] - two[i]))
+        sigma = math.hypot(float(one[i + 1]), float(two[i + 1]))
+        own, total = evidence[answers].dutch_roll[i], float(evidence[answers].total_std[i // 2])
+        if difference > max(DISAGREE_SIGMAS * sigma, DISAGREE_SHARE * abs(own), total):
             yield Reason(
                 "els_rml_disagree",
-                f"{name} is {els[i]:.3g} by ELS and {rml[i]:.3g} by RML, ± {total:.2g} in all: the "
-                f"noise model matters, by {100.0 * difference / abs(own[i]):.0f} %",
+                f"{name} is {one[i]:.3g} by {first.upper()} and {two[i]:.3g} by {second.upper()}, "
+                f"± {total:.2g} in all: the noise model matters, by "
+                f"{100.0 * difference / abs(own):.0f} %",
             )
             return
 

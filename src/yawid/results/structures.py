@@ -20,6 +20,7 @@ from yawid.blocks import EstimateBlock, Floats
 from yawid.channels.conditioning import RATE_SLACK
 from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import RunConfig
+from yawid.estimation.methods import OF_STRUCTURES
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
 from yawid.physics.modes import modes
@@ -69,9 +70,9 @@ class Spread:
 
     ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``next`` is the
     richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
-    ``own`` is the fit of the own structure by RML where another fit is the answer, and
-    ``held_back_pct`` how much that of the own structure explains of what was held back; ``is_slow``
-    says that the rate is one that may be warned of.
+    ``own`` is the own structure fitted as the others are, where that is not the answer, and
+    ``held_back_pct`` how much it explains of what was held back; ``is_slow`` says that the rate is
+    one that may be warned of.
     """
 
     told: tuple[Told, ...]
@@ -114,7 +115,7 @@ class Spread:
     def next_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far the next richer structure moves wn and zeta (2,); NaN where unknown.
 
-        It is compared with the own one, both fitted as RML.
+        It is compared with the own one, both fitted by the same method.
         """
         if self.own is not None:
             wn, zeta = self.own.dutch_roll[[0, 2]].tolist()
@@ -156,16 +157,16 @@ class Spread:
     def total(self, method: str, name: str, value: float, noise: float) -> float:
         """Return the total sigma of a value whose sigma of noise is known; NaN stays NaN.
 
-        The structures are fitted as RML. How far they are from what ELS says has ELS's noise in it,
+        How far the structures are from what another method than theirs says has its noise in it,
         which must not count twice.
         """
         name = EQUAL.get(name, name)
         scatter = self.scatter.get(name, 0.0)
         own = max(noise, scatter) if math.isfinite(scatter) else noise
         apart = self.beyond(name, value)
-        if method == "els":
-            return max(own, apart) if math.isfinite(own) else own
-        return math.hypot(own, apart)
+        if method == OF_STRUCTURES:
+            return math.hypot(own, apart)
+        return max(own, apart) if math.isfinite(own) else own
 
 
 def _apart(told: Told | None, wn: float, zeta: float) -> Floats:
@@ -175,8 +176,8 @@ def _apart(told: Told | None, wn: float, zeta: float) -> Floats:
 
 
 def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorConfig:
-    """Return RML of the configuration's orders, every sample counting alike."""
-    return replace(config, memory=None, forgetting=1.0).estimator("rml", sample_time_s)
+    """Return the structures' method of the configuration's orders, every sample counting alike."""
+    return replace(config, memory=None, forgetting=1.0).estimator(OF_STRUCTURES, sample_time_s)
 
 
 def _told(

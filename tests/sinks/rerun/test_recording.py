@@ -25,7 +25,7 @@ from sinks.sink_blocks import (
 
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
-from yawid.sinks.palette import BAD, ELS, RML, RUDDER
+from yawid.sinks.palette import BAD, METHODS, RUDDER
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.rerun.sink import RerunSink
 
@@ -105,7 +105,7 @@ def test_the_other_method_s_dutch_roll_is_drawn_over_time_in_its_own_colour(
             statics(path, f"/dutch_roll/{name}{method}", "SeriesLines:colors")[0][0]
             for method in ("", "/rml")
         ]
-        assert [f"#{colour >> 8:06x}" for colour in colours] == [ELS, RML]
+        assert [f"#{colour >> 8:06x}" for colour in colours] == [METHODS["els"], METHODS["rml"]]
 
 
 def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:

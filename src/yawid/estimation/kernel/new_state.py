@@ -5,6 +5,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.kernel import state as slots
+from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import lag_depth
 
 WARM_UPDATES_PER_PARAMETER = 10
@@ -39,7 +40,7 @@ def new_state(config: EstimatorConfig) -> Floats:
         "n": n, "na": orders.na, "nc": orders.nc, "m": orders.n_inputs,
         "r": heads[-1] + max(1, orders.nc),  # a spare for signals without a register
         "lags": lags, "window": window, "depth": lag_depth(config.orders),
-        "bias": config.bias, "rml": config.method == "rml",
+        "bias": config.bias, "filters": METHODS[config.method].filters,
         "scaled": config.scale_window > 0, "start_fit": config.start_buffer > 0,
         "minimum": config.scale_minimum, "drifts": config.drift != 0.0,
         "P0": config.P0, "d_max": max(D_CAP, config.P0),

@@ -93,14 +93,14 @@ def _learn(s, at, e):
     Return the residual, NaN for a failure, and the share of e^2 that the loss counts.
     """
     psi = at.phi
-    if s.rml > 0.0 and s.since >= PSI_FROM:
+    if s.filters > 0.0 and s.since >= PSI_FROM:
         psi = at.psi
         for i in range(len(psi)):
             psi[i] = at.filtered[at.taps[i]]
     lam = s.lam
     inverse = bierman(at.d, at.upper, psi, lam, at.gain, s.d_max)
     step, share = e * inverse, lam * inverse
-    if s.rml > 0.0:
+    if s.filters > 0.0:
         if s.nc > 0.0:
             possible = _stable_step(s, at.theta, at.gain, at.c, step)
             if possible != step:
@@ -132,7 +132,7 @@ def expect(s, at):
     for j in range(len(at.inputs)):
         at.fresh[1 + j] = at.inputs[j] * at.factors[1 + j]
     at.fresh[len(at.fresh) - 1] = 1.0
-    if s.rml > 0.0:
+    if s.filters > 0.0:
         _filter(s, at)
     _shift(at.raw, at.heads, at.fresh)
     s.filled += 1.0

@@ -21,7 +21,7 @@ Indices = NDArray[np.uint64]
 NUMBERS = (
     # The structure, fixed when the state is made; r is the length of the registers, depth their
     # earliest lag, warm the updates it takes to settle.
-    "n", "na", "nc", "m", "r", "lags", "window", "depth", "bias", "rml",
+    "n", "na", "nc", "m", "r", "lags", "window", "depth", "bias", "filters",
     "scaled", "start_fit", "minimum", "drifts", "P0", "d_max", "warm",
     "lam_start", "lam_end", "lam_rate", "floor",
     # The sample: y as given (the inputs have their own part) and what became of it, scaled.

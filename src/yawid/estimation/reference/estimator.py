@@ -20,6 +20,7 @@ from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.new_state import WARM_UPDATES_PER_PARAMETER
+from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import c_of, is_stable, lag_depth
 from yawid.estimation.start_fit import fit_start
 from yawid.estimation.whiteness import ljung_box
@@ -261,8 +262,8 @@ class ReferenceArmax:
 
     def _learn(self, y: float, e: float) -> tuple[float, bool]:
         kalman, lam, phi = self._filter, self.forgetting_factor, self._regressor(self._raw)
-        rml = self.config.method == "rml"
-        psi = self._regressor(self._filtered) if rml and self._since >= slots.PSI_FROM else phi
+        filters = METHODS[self.config.method].filters
+        psi = self._regressor(self._filtered) if filters and self._since >= slots.PSI_FROM else phi
         before = kalman.x[:, 0].copy()
         alpha = float(lam + psi @ kalman.P @ psi)
         kalman.alpha = lam**-0.5
@@ -288,7 +289,7 @@ class ReferenceArmax:
         return eps, True
 
     def _stable_step(self, theta: Floats, step: Floats) -> Floats:
-        if self.config.method == "els" or not self.config.orders.nc:
+        if not (METHODS[self.config.method].filters and self.config.orders.nc):
             return step
         whole = step
         for _ in range(slots.HALVINGS):

@@ -20,7 +20,7 @@ from google.protobuf.message import DecodeError, Message
 
 from yawid.airspeed import Kind
 from yawid.blocks import Held, Noted, Status, words
-from yawid.config.estimator import METHODS
+from yawid.config.estimator import RECURSIVE
 from yawid.physics.derivatives import NAMES
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
@@ -151,7 +151,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
 TOPICS: Final[Mapping[str, str]] = {
     "/yawid/sample": "yawid.Sample",
     "/yawid/estimate": ESTIMATE,
-    **{f"/yawid/estimate/{method}": ESTIMATE for method in METHODS},
+    **{f"/yawid/estimate/{method}": ESTIMATE for method in RECURSIVE},
     "/yawid/modes": "yawid.Modes",
     "/yawid/mode": "yawid.Mode",
     "/yawid/manoeuvre": "yawid.Manoeuvre",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import rerun as rr
 import rerun.blueprint as rrb
 from yawid.blocks import Floats
-from yawid.sinks.palette import NEUTRAL, Rgba, rgba
+from yawid.sinks.palette import NEUTRAL, OF_METHODS, Rgba, rgba
 from yawid.sinks.rerun.derived_panels import damping_lines
 
 TIMELINE: Final = "boot_time"
@@ -31,7 +31,7 @@ def blueprint() -> rrb.Blueprint:
         _whole_run(),
         row_shares=[3, 4, 3, 3, 1],
     )
-    dutch_roll = "ELS pink, RML violet; bars: manoeuvres, red: not usable; 2 sigma"
+    dutch_roll = f"{OF_METHODS}; bars: manoeuvres, red: not usable; 2 sigma"
     learnt = rrb.Vertical(
         _lines(f"wn [rad/s]: {dutch_roll}", "/dutch_roll/wn"),
         _lines("zeta, likewise; grey: levels 1 and 2 of MIL-F-8785C", "/dutch_roll/zeta"),
