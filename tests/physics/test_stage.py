@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
-from yawid.blocks import EstimateBlock, Status
+from yawid.blocks import EstimateBlock, ModesBlock, Status
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import NAMES, with_sigma
 from yawid.physics.stage import PhysicsStage
@@ -35,6 +36,12 @@ def drifting(warming_up: int = 3) -> EstimateBlock:
     return EstimateBlock.of(
         theta, theta, covariance, zero, zero, zero, zero, status.astype(np.uint8)
     )
+
+
+@cache
+def drifting_whole() -> tuple[EstimateBlock, ModesBlock]:
+    """Return such estimates, and what the physics say of them in one piece."""
+    return (estimates := drifting()), PhysicsStage(ORDERS, TS).of(K, estimates)
 
 
 def part(block: EstimateBlock, rows: slice) -> EstimateBlock:
@@ -72,9 +79,8 @@ def test_an_estimator_that_starts_anew_has_no_yaw_channel_left_over():
 @given(cuts=st.lists(st.integers(1, N - 1), max_size=6, unique=True))
 @settings(deadline=None)
 def test_rows_do_not_depend_on_how_the_stream_was_cut(cuts):
-    estimates = drifting()
-    whole, rows = PhysicsStage(ORDERS, TS).of(K, estimates), PhysicsStage(ORDERS, TS)
-
+    estimates, whole = drifting_whole()
+    rows = PhysicsStage(ORDERS, TS)
     edges = [0, *sorted(cuts), N]
     slices = [slice(first, last) for first, last in pairwise(edges)]
     parts = [rows.of(K[s], part(estimates, s)) for s in slices]

@@ -77,14 +77,20 @@ def test_bending_any_value_of_the_summary_by_ten_tolerances_is_noticed(name: str
 
 
 def bent_summaries(reference: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the reference with one leaf bent, by ten of its tolerances where it is a float."""
-    for keys in list(leaves(reference)):
-        bent = copy.deepcopy(reference)
+    """Yield the reference with one leaf bent, by ten of its tolerances where it is a float.
+
+    Of a list's elements a key is bent in the last that has it.
+    """
+    bent = copy.deepcopy(reference)
+    by_key = {tuple(k for k in keys if isinstance(k, str)): keys for keys in leaves(reference)}
+    for keys in by_key.values():
         holder = bent
         for key in keys[:-1]:
             holder = holder[key]
-        holder[keys[-1]] = bend(holder[keys[-1]], keys)
+        straight = holder[keys[-1]]
+        holder[keys[-1]] = bend(straight, keys)
         yield str(keys[-1]), bent
+        holder[keys[-1]] = straight
 
 
 def leaves(value: Any, keys: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
