@@ -34,7 +34,7 @@ CONFIGS = [
     for options in (
         {"method": "els", "forgetting_factor": 0.98},
         {"method": "rml", "start_buffer": 150, "forgetting_factor": 0.99},
-        {"method": "rml", "drift": 0.01, "residual_lags": 0},
+        {"method": "rml", "residual_lags": 0},
     )
 ]
 U, Y = np.random.default_rng(0).standard_normal((2, 420))

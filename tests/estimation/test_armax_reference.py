@@ -21,7 +21,7 @@ OPTIONS = st.fixed_dictionaries(
     }
 )
 ADAPTATIONS = st.sampled_from(
-    [{}, {"forgetting_factor": 0.97}, {"drift": 0.02}, {"forgetting_factor": 0.97,
+    [{}, {"forgetting_factor": 0.97}, {"forgetting_factor": 0.97,
      "information_floor": 0.0, "forgetting_start": 0.99}]
 )  # fmt: skip
 ORDERS = st.builds(

@@ -20,7 +20,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "forgetting without a floor": {"forgetting_factor": 0.99, "information_floor": 0.0},
     "start fit": {"start_buffer": 120},
     "no bias": {"bias": False, "scale_window": 0},
-    "drift": {"drift": 0.01, "residual_lags": 0},
+    "no lags": {"residual_lags": 0},
     "two inputs": {"orders": TWO},
     "no input": {"orders": NONE},
 }

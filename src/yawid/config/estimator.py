@@ -92,9 +92,8 @@ class EstimatorConfig:
     None: 0.1 where lambda < 1, else 0). ``scale_window`` counts the samples that set the scale (0:
     none), ``start_buffer`` those given to one Gauss-Newton fit (0: none); both wait until each
     channel's standard deviation over them exceeds ``scale_minimum``, in the channel's unit.
-    ``drift`` (Kalman mode, with a forgetting factor of 1) is the variance each parameter gains per
-    second, in the units of P0: a float, or one for each parameter. ``residual_lags`` counts the
-    lags of the residual's autocorrelation that whiteness and sigma use; 0 leaves both out.
+    ``residual_lags`` counts the lags of the residual's autocorrelation for whiteness and sigma;
+    0 leaves both out.
 
     Raises:
         ConfigError: a value outside its limits.
@@ -112,7 +111,6 @@ class EstimatorConfig:
     information_floor: float | None = None
     scale_window: int = 100
     scale_minimum: float = 1e-3
-    drift: float | tuple[float, ...] = 0.0
     residual_lags: int = 20
 
     def __post_init__(self) -> None:
@@ -134,24 +132,11 @@ class EstimatorConfig:
                 raise ConfigError(f"{name} must be an int >= 0, got {value!r}")
         if not 0.0 <= self.scale_minimum < math.inf:
             raise ConfigError(f"scale_minimum must be >= 0, got {self.scale_minimum!r}")
-        self._check_drift()
         if self.information_floor is None:
             floor = 0.1 if self.forgetting_factor < 1.0 else 0.0
             object.__setattr__(self, "information_floor", floor)
         elif not 0.0 <= self.information_floor < math.inf:
             raise ConfigError(f"information_floor must be >= 0, got {self.information_floor!r}")
-
-    def _check_drift(self) -> None:
-        drift = self.drift if isinstance(self.drift, tuple) else (self.drift,) * self.n_theta
-        if len(drift) != self.n_theta:
-            raise ConfigError(f"drift has {len(drift)} entries for {self.n_theta} parameters")
-        if not all(0.0 <= rate < math.inf for rate in drift):
-            raise ConfigError(f"drift must be >= 0 and finite, got {self.drift!r}")
-        if any(drift) and self.forgetting_factor < 1.0:
-            raise ConfigError(
-                f"drift needs a forgetting_factor of 1, got {self.forgetting_factor!r}"
-            )
-        object.__setattr__(self, "drift", drift if any(drift) else 0.0)
 
     @property
     def n_theta(self) -> int:

@@ -21,7 +21,7 @@ from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box
 
-VERSION = "yawid-armax-2"
+VERSION = "yawid-armax-3"
 """Of a saved estimator: changes whenever the meaning or place of anything in the state does."""
 NO_SAMPLE, NO_ROWS = np.empty(0), np.empty((0, 0))
 
@@ -247,9 +247,7 @@ class RecursiveArmax:
             raise ConfigError("these bytes are no saved estimator") from error
         if version != VERSION:
             raise ConfigError(f"saved as {version!r}, this is {VERSION!r}: it cannot be resumed")
-        drift = values["drift"]
         values["orders"] = ArmaxOrders(**values["orders"])
-        values["drift"] = tuple(drift) if isinstance(drift, list) else drift
         config = EstimatorConfig(**values)
         length = 8 * len(new_state(config))
         if len(body) != length:

@@ -1,10 +1,10 @@
-"""What surrounds each update: forgetting, drift, the information floor, the running sums."""
+"""What surrounds each update: forgetting, the information floor, the running sums."""
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 import math
 
-from yawid.estimation.kernel.linear_algebra import correlate, drift_entry, entry_of_p, floor
+from yawid.estimation.kernel.linear_algebra import correlate, entry_of_p, floor
 from yawid.estimation.kernel.marks import hot
 from yawid.estimation.kernel.state import FAST, FAST_FALL, MOST_RISE, SETTLING, SLACK, SLOW_RISE
 
@@ -43,15 +43,7 @@ def noise_variance(s):
 
 @hot
 def adapt(s, at, lam):
-    """Let P grow by forgetting or drift, no further than its cap, and keep information in it."""
-    n = len(at.d)
-    if s.drifts > 0.0:
-        for i in range(n):
-            if at.drift[i] > 0.0:
-                drift_entry(at.d, at.upper, i, at.drift[i], at.scratch)
-                if s.lags > 0.0:
-                    noise = noise_variance(s) if s.s1 > 0.0 else 0.0
-                    at.covariance[i * n + i] += at.drift[i] * noise
+    """Keep information in P, and let the forgetting factor approach its end."""
     if s.floor > 0.0:
         _keep_information(s, at)
     s.lam = s.lam_rate * lam + (1.0 - s.lam_rate) * s.lam_end

@@ -73,22 +73,6 @@ def floor(d, upper, k, weight, gain):
 
 
 @hot
-def drift_entry(d, upper, k, q, a):
-    """Add q to P[k, k] (Agee and Turner's rank-one update)."""
-    clear(a)
-    a[k] = 1.0
-    for j in range(k, -1, -1):
-        column = j * (j - 1) // 2
-        old = d[j]
-        d[j] = old + q * a[j] * a[j]
-        share = q * a[j] / d[j]
-        q *= old / d[j]
-        for i in range(j):
-            a[i] -= a[j] * upper[column + i]
-            upper[column + i] += share * a[i]
-
-
-@hot
 def stable(a):
     """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle; destroys a.
 

@@ -42,7 +42,7 @@ def new_state(config: EstimatorConfig) -> Floats:
         "lags": lags, "window": window, "depth": lag_depth(config.orders),
         "bias": config.bias, "filters": METHODS[config.method].filters,
         "scaled": config.scale_window > 0, "start_fit": config.start_buffer > 0,
-        "minimum": config.scale_minimum, "drifts": config.drift != 0.0,
+        "minimum": config.scale_minimum,
         "P0": config.P0, "d_max": max(D_CAP, config.P0),
         "warm": WARM_UPDATES_PER_PARAMETER * n,
         "lam_start": config.forgetting_start, "lam_end": config.forgetting_factor,
@@ -63,5 +63,4 @@ def new_state(config: EstimatorConfig) -> Floats:
     at.heads[:], at.taps[:] = heads, taps
     at.factors[:] = 1.0
     at.units[:] = 1.0
-    at.drift[:] = np.multiply(config.drift, config.sample_time_s)
     return state

@@ -22,7 +22,7 @@ NUMBERS = (
     # The structure, fixed when the state is made; r is the length of the registers, depth their
     # earliest lag, warm the updates it takes to settle.
     "n", "na", "nc", "m", "r", "lags", "window", "depth", "bias", "filters",
-    "scaled", "start_fit", "minimum", "drifts", "P0", "d_max", "warm",
+    "scaled", "start_fit", "minimum", "P0", "d_max", "warm",
     "lam_start", "lam_end", "lam_rate", "floor",
     # The sample: y as given (the inputs have their own part) and what became of it, scaled.
     "y", "y_hat", "innovation", "residual", "status",
@@ -61,7 +61,6 @@ class Parts(NamedTuple):
     taps: Indices  # (n,) where phi finds its entries
     factors: Floats  # (m + 1,) scale y and u
     units: Floats  # (n,) take theta to the user's units
-    drift: Floats  # (n,) is added to P at each update
     least: Floats  # (n,) the usual least of P[k, k]
     best: Floats  # (n,) that of all time
     c: Floats  # (nc,) filters psi, then tried for stability
@@ -91,7 +90,7 @@ def lengths(s: Any) -> tuple[int, ...]:
     return (
         n, n, n * (n - 1) // 2, n, n, n, r, r, max(n, m + 3),
         known * n * n, known * n, lags, known * (lags + 1), m + 4, m + 3, n,
-        m + 1, n, n, n, n, int(s.nc), m,
+        m + 1, n, n, n, int(s.nc), m,
     )  # fmt: skip
 
 

@@ -118,7 +118,6 @@ class ReferenceArmax:
         self._filter.P *= config.P0
         self._filter.Q = np.zeros((n, n))
         self._least, self._best = np.full(n, config.P0), np.full(n, config.P0)
-        self._drift = np.diag(np.full(n, 1.0) * config.drift * config.sample_time_s)
         self._sums = Sums(config.residual_lags)
         self._spread = Spread(np.eye(n) * config.P0, config.residual_lags)
         self.forgetting_factor = config.forgetting_start
@@ -278,10 +277,6 @@ class ReferenceArmax:
             self._broken = True
             return math.nan, False
         self._spread.follow(psi, kalman.K[:, 0], e, self._sums.s1)
-        kalman.P = kalman.P + self._drift
-        if self._since:
-            noise = self._sums.noise_variance(self.config.n_theta)
-            self._spread.covariance = self._spread.covariance + noise * self._drift
         self._keep_information()
         rate = self.config.forgetting_rate
         self.forgetting_factor = rate * lam + (1.0 - rate) * self.config.forgetting_factor
