@@ -5,7 +5,7 @@ A key says the same wherever it stands; where it does not, its type is named bef
 
 from typing import Any, Final
 
-from yawid.airspeed import Kind
+from yawid.quantities.airspeed import Kind
 
 SAYS: Final[dict[str, str]] = {
     # A run.

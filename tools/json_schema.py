@@ -19,7 +19,7 @@ from json_keys import ENTRIES, PATTERNS, SAYS, SUFFIXES, UNITS, VALUES, WITHIN
 from yawid.config.run import RunConfig
 from yawid.dataset.schema import PHYSICS, json_schema
 from yawid.errors import EXIT_CODES
-from yawid.physics.derivatives import REDUCTION_ERROR
+from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.inspection import Inspection
 from yawid.results.reasons import KINDS
 from yawid.results.reports import OrdersReport, RegressReport, StepReport

@@ -18,8 +18,9 @@ Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-FIRST_DATE_NS = 10**18
+FIRST_DATE_US = 10**15
 """Unix time of September 2001: what is earlier is a time since boot, as no flight is as early."""
+FIRST_DATE_NS = 1000 * FIRST_DATE_US
 
 
 def runs_of(good: Bools) -> Ints:
@@ -122,6 +123,11 @@ def words(member: IntEnum | IntFlag) -> str:
     return str(member.name).lower().replace("_", " ")
 
 
+def flag_names(flags: IntFlag) -> str:
+    """Return the names of the flags that are set, by spaces: ``on_ground steep``."""
+    return " ".join(str(flag.name).lower() for flag in flags)
+
+
 @dataclass(frozen=True, slots=True)
 class MessageBlock(Columns):
     """Messages of one type, in the order received.
@@ -152,7 +158,7 @@ class FrameBlock:
 
 @dataclass(frozen=True, slots=True)
 class RecordBlock(Columns):
-    """Rows of a record that never was MAVLink, in order: see ``sources/records/columns.py``.
+    """Rows of a record that never was MAVLink, in order: see ``quantities/table.py``.
 
     Of each row, (n,), unknown values being NaN: ``order``, its place; ``t_us`` since the record's
     beginning and ``received_us`` of Unix time, the same where no date is known; whether it
@@ -212,7 +218,7 @@ class SampleBlock(Columns):
     - ``epoch``: how often the meaning of ``u`` has changed; with each the estimators start again;
     - ``aileron``: mean deflection in units of half its travel, whether it is an input or not;
     - ``mode``: HEARTBEAT.custom_mode; ``on_ground``: 1 or 0; ``altitude`` in m above the sea;
-    - ``ground_speed`` in m/s; ``airspeed_kind``: number of :class:`yawid.airspeed.Kind`.
+    - ``ground_speed`` in m/s; ``airspeed_kind``: number of :class:`yawid.quantities.airspeed.Kind`.
     """
 
     sample_time_s: float

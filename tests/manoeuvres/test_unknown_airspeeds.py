@@ -12,7 +12,7 @@ from sources.logs import dataflash_flight, ulog_flight
 from sources.logs.onboard_flight import Flight, flown
 
 import yawid
-from yawid.airspeed import known
+from yawid.quantities.airspeed import known
 
 NONE = (0.0, -3.0, math.nan, 1e300)
 

@@ -14,13 +14,13 @@ from scipy.signal import cont2discrete
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import (
     LARGEST_ERROR,
-    NAMES,
     SERVO,
     summary_of,
     with_sigma,
     yaw_channel,
 )
 from yawid.physics.modes import poles_of, residues_of
+from yawid.quantities.table import YAW_CHANNEL
 
 TWO = ArmaxOrders(na=2, nb=2, nc=0, nk=1)
 THREE = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
@@ -68,7 +68,7 @@ def test_the_derivatives_are_those_of_eq_22():
     values, _ = yaw_channel(np.concatenate([pole[1:], b])[None], TWO, ts)
 
     np.testing.assert_allclose(values[0, 4:8], [a_z, a_omega, a_beta, a_delta], rtol=1e-9)
-    found = dict(zip(NAMES, values[0], strict=True))
+    found = dict(zip(YAW_CHANNEL, values[0], strict=True))
     assert found["T_theta_s"] == pytest.approx(1.0 / a_z)
     assert found["K"] == pytest.approx(a_delta * a_z / (a_omega * a_z + a_beta))
 

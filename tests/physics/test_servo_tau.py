@@ -12,7 +12,7 @@ from places import REPLAY_LOGS
 from sinks.mcap.mcap_reading import column, decoded
 
 from yawid.cli.main import main
-from yawid.physics.derivatives import NAMES
+from yawid.quantities.table import YAW_CHANNEL
 
 SITL = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
 OPTIONS = ("--method", "rml", "--also", "none", "--rate", 25, "--forgetting", 1, "--from", 86.5)
@@ -30,7 +30,7 @@ def test_the_file_holds_the_yaw_channel_with_sigma_at_every_sample(capsys, tmp_p
 
     rows = decoded(tmp_path / "log.mcap")["/yawid/modes"]
 
-    for name in NAMES:
+    for name in YAW_CHANNEL:
         values, sigmas = column(rows, name), column(rows, f"{name}_std")
         # The last whole second's, of an estimate that has come to rest.
         assert values[-1] == pytest.approx(physics[name]["value"], rel=0.01)

@@ -111,7 +111,7 @@ def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:
     assert "4: not converged the natural frequency went from 9.1" in text
     told = section(html, "Numbers of the answer")
     assert "κ = ωn / V, rad/m 0.4634 ± 0.0077 (0.0012)" in told
-    assert "K / V, rad/m per half travel 0.01400 ± 0.00040 (0.0001)" in told
+    assert "K / V, rad/m per half-travel 0.01400 ± 0.00040 (0.0001)" in told
     assert "manoeuvres used 1, 2 left out, as they disagree 3" in told
     pale = re.findall(r'<tr class="pale">.*', html)
     assert ["215.0–247.4" in row for row in pale] == [True]
@@ -119,7 +119,7 @@ def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:
 
 def test_the_section_says_what_sigma_is_of() -> None:
     sections = (
-        flight_section(run(), "half travel") for run in (four_of_a_flight, of_older_version)
+        flight_section(run(), "half-travel") for run in (four_of_a_flight, of_older_version)
     )
     both, older = (Page("".join(section)).text for section in sections)
 

@@ -44,14 +44,14 @@ def test_with_the_travel_in_degrees_no_place_speaks_of_half_travel(in_rad: Path)
     assert "rad/s per rad" in text
     assert "1/s² per rad" in text
     assert "steps by 1 rad" in text
-    assert "per half travel" not in text
+    assert "per half-travel" not in text
 
 
 def test_without_it_every_place_does(in_half_travel: Path) -> None:
     run = open_run(in_half_travel)
-    assert run.metadata["units"]["Modes.K"].startswith("rad/s per half travel")
+    assert run.metadata["units"]["Modes.K"].startswith("rad/s per half-travel")
     text = Page(report(run)).text
-    assert "rad/s per half travel" in text
+    assert "rad/s per half-travel" in text
     assert "per rad" not in text
 
 

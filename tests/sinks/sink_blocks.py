@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
-from yawid.physics.derivatives import NAMES
+from yawid.quantities.table import YAW_CHANNEL
 from yawid.results.run_summary import (
     ChannelFound,
     DutchRoll,
@@ -129,8 +129,8 @@ def make_modes(n: int, na: int, rng: np.random.Generator) -> ModesBlock:
         zeta=rng.normal(size=(n, na)),
         zeta_std=rng.random((n, na)),
         dutch_roll=dutch_roll,
-        yaw=rng.normal(size=(n, len(NAMES))),
-        yaw_std=rng.random((n, len(NAMES))),
+        yaw=rng.normal(size=(n, len(YAW_CHANNEL))),
+        yaw_std=rng.random((n, len(YAW_CHANNEL))),
     )
 
 

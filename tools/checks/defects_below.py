@@ -269,14 +269,14 @@ BELOW = (
     ),
     Defect(
         "a knot one percent too long",
-        "sources/records/units.py",
+        "quantities/units.py",
         "1852.0 / 3600.0",
         "1870.0 / 3600.0",
         "tests/sources/records/test_airspeeds.py::test_a_unit_is_what_it_is_by_definition",
     ),
     Defect(
         "a true airspeed converted by the density, not its root",
-        "airspeed.py",
+        "quantities/airspeed.py",
         "true_m_s * np.sqrt(ratio)",
         "true_m_s * ratio",
         "tests/sources/records/test_airspeeds.py::"
@@ -284,7 +284,7 @@ BELOW = (
     ),
     Defect(
         "an airspeed of zero is one",
-        "airspeed.py",
+        "quantities/airspeed.py",
         "(airspeed >= LEAST_M_S)",
         "(airspeed >= 0.0)",
         "tests/manoeuvres/test_unknown_airspeeds.py::"

@@ -10,12 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Ints, MessageBlock
+from yawid.blocks import FIRST_DATE_US, Ints, MessageBlock
 from yawid.channels.series import Readings
-
-UNIX_US = 10**15
-"""MAVLink lets time_usec be since boot or Unix: this large it is Unix (the year 2001)."""
-
 
 NEWEST = slice(-1, None)
 """Of a series, all that is needed of what came before."""
@@ -58,7 +54,7 @@ class OwnClock:
             return
         raw = boot_us(block.fields)
         if self._shift is None:
-            self._shift = -int(raw[0]) if raw[0] >= UNIX_US else 0
+            self._shift = -int(raw[0]) if raw[0] >= FIRST_DATE_US else 0  # time_usec may be Unix
         t_us = raw + self._shift
         if block.name == "SERVO_OUTPUT_RAW" and block.fields.dtype["time_usec"].itemsize == 4:
             # 32 bits: a fall by more than half of them is a wrap, a smaller one a reboot.

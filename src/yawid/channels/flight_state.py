@@ -13,13 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.airspeed import GIVEN, known, over_ground
 from yawid.blocks import Floats, Held, Ints, MessageBlock
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.series import Latest
 from yawid.channels.surface import raw_output
 from yawid.channels.vehicle import Vehicle, has_wings
-from yawid.sources.mavlink.enums import ARDUPILOT, ARDUPLANE_HOVER, ARMED, LANDED, VTOL_TYPES, WINGS
+from yawid.quantities.airspeed import known, over_ground
+from yawid.sources.mavlink.enums import (
+    AIRSPEED_GIVEN,
+    ARDUPILOT,
+    ARDUPLANE_HOVER,
+    ARMED,
+    LANDED,
+    VTOL_TYPES,
+    WINGS,
+)
 
 LEAST_AIRSPEED = 5.0
 """Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
@@ -152,7 +160,7 @@ class FlightState:
         if "airspeed_kind" in (fields.dtype.names or ()):
             return _columns(*names, "airspeed_kind")(fields)
         autopilot = 0 if self.vehicle is None else self.vehicle.autopilot
-        kind = GIVEN.get(("VFR_HUD", autopilot), GIVEN["VFR_HUD", "airspeed"])
+        kind = AIRSPEED_GIVEN.get(("VFR_HUD", autopilot), AIRSPEED_GIVEN["VFR_HUD", "airspeed"])
         return np.column_stack([_columns(*names)(fields), np.full(len(fields), float(kind))])
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from yawid.blocks import Floats, Ints, MessageBlock, RecordBlock
-from yawid.channels.clock import NEWEST, UNIX_US, OwnClock, boot_us, unwrap_uint32_us
+from yawid.blocks import FIRST_DATE_US, Floats, Ints, MessageBlock, RecordBlock
+from yawid.channels.clock import NEWEST, OwnClock, boot_us, unwrap_uint32_us
 from yawid.channels.series import Latest, Readings, Series
 from yawid.channels.surface import Part, Surface
 from yawid.config.run import RunConfig
@@ -125,7 +125,7 @@ class SurfaceReader:
             raw = block.fields["time_usec"].astype(np.int64)
             return unwrap_uint32_us(raw, block.order, self._boot.us, self._boot.order)
         reported = boot_us(block.fields)
-        if reported[0] < UNIX_US:
+        if reported[0] < FIRST_DATE_US:
             return reported
         return self._from_unix(reported, self._boot.at(block.order))
 

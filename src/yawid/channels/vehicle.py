@@ -10,41 +10,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import FrameBlock, MessageBlock
-from yawid.sources.mavlink.enums import AUTOPILOT_INVALID, FIXED_WING, VTOL_TYPES
+from yawid.sources.mavlink.enums import (
+    AUTOPILOT_INVALID,
+    AUTOPILOT_NAMES,
+    FIXED_WING,
+    TYPE_NAMES,
+    VTOL_TYPES,
+)
 
 WITHOUT_RUDDER = frozenset({2, 3, 4, 10, 12, 13, 14, 15, 29, 35, 43})
 """MAV_TYPE of helicopters and multirotors, ground rover and submarine: what turns them is none."""
-TYPE_NAMES = {
-    0: "generic",
-    1: "fixed wing",
-    2: "quadrotor",
-    3: "coaxial helicopter",
-    4: "helicopter",
-    5: "antenna tracker",
-    6: "ground station",
-    7: "airship",
-    8: "balloon",
-    9: "rocket",
-    10: "ground rover",
-    11: "boat",
-    12: "submarine",
-    13: "hexarotor",
-    14: "octorotor",
-    15: "tricopter",
-    18: "onboard controller",
-    19: "VTOL duo-rotor tailsitter",
-    20: "VTOL quad tailsitter",
-    21: "VTOL tiltrotor",
-    22: "VTOL fixed-rotor",
-    26: "gimbal",
-    27: "ADS-B receiver",
-    29: "dodecarotor",
-    30: "camera",
-    35: "decarotor",
-    43: "multirotor",
-}
 NOT_A_VEHICLE = frozenset({5, 6, 18, 26, 27, 30, 31, 32, 33, 34, 36, 37, 38, 39})
-AUTOPILOT_NAMES = {0: "generic", 3: "ArduPilot", 12: "PX4"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.airspeed import known, over_ground
 from yawid.blocks import Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
+from yawid.quantities.airspeed import known, over_ground
 
 GRAVITY = 9.80665
 ABSURD_RAD_S = 50.0

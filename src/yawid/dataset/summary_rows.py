@@ -5,7 +5,7 @@ from datetime import datetime
 from typing import Any
 
 from yawid.dataset.values import known_date
-from yawid.physics.derivatives import NAMES
+from yawid.quantities.table import YAW_CHANNEL
 from yawid.results.run_summary import (
     DutchRoll,
     Flight,
@@ -157,7 +157,7 @@ def _value(column: str, stem: str, value: Value | None, scale: float = 1.0) -> R
 def _model(method: MethodSummary) -> Row:
     physics: Row = {}
     for name, value in (method.physics or {}).items():
-        if name in NAMES:  # beside them stands the reduction's error
+        if name in YAW_CHANNEL:  # beside them stands the reduction's error
             physics |= {name: value.value, f"{name}_std": value.std}
     fit = method.fit.to_json()
     names = list(method.theta)

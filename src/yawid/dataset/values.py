@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from yawid.blocks import FIRST_DATE_NS
+from yawid.blocks import FIRST_DATE_US
 from yawid.version import __version__
 
 _SERIAL = re.compile(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", re.MULTILINE)
@@ -29,7 +29,7 @@ def plain(value: Any) -> Any:
 
 def known_date(us: int | None) -> int | None:
     """Return us since 1970; None where it is a time since boot."""
-    return us if us is not None and us >= FIRST_DATE_NS // 1000 else None
+    return us if us is not None and us >= FIRST_DATE_US else None
 
 
 def serial_of(parameters: bytes) -> str | None:

@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from yawid.airspeed import density_ratio
 from yawid.blocks import Floats, Held, Noted, SampleBlock
 from yawid.channels.yaw_reader import GRAVITY
+from yawid.quantities.airspeed import density_ratio
 from yawid.results.reasons import Reason
 
 STRIDE_S: Final = 1.0

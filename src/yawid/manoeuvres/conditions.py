@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from yawid.airspeed import name_of
 from yawid.blocks import FIRST_DATE_NS, Floats, Noted, SampleBlock
+from yawid.quantities.airspeed import name_of, source_of
 from yawid.sources.mavlink.enums import ARDUPILOT, PX4, mode_name
 
 AIRFRAME, WITH_ROLL_LOOP, UNKNOWN = "airframe", "with_roll_loop", "unknown"
@@ -15,7 +15,6 @@ BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
 """Modes in which the sticks move the surfaces and nothing else does, by autopilot."""
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
 """... and those in which that depends on the bank."""
-MOSTLY = 0.5
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -24,7 +23,7 @@ class Conditions:
     """When, how fast, how high, in which mode: the first fields of a manoeuvre, under their names.
 
     Times in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
-    ``airspeed_kind`` is a name of :class:`yawid.airspeed.Kind`, what the source gives.
+    ``airspeed_kind`` is a name of :class:`yawid.quantities.airspeed.Kind`, what the source gives.
     """
 
     from_s: float
@@ -48,9 +47,8 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
     names = [mode_name(*modes_of, int(mode)) for mode in known]
     loops = {loop_of(modes_of[0], name) for name in names} or {UNKNOWN}
     speed, height = samples.airspeed[used], samples.altitude[used]
-    by_ground = np.mean(samples.noted[used] & Noted.GROUND_SPEED.value != 0) if used.any() else 0.0
     airspeed = _mean(speed)
-    source = "ground speed" if by_ground > MOSTLY else "airspeed"
+    source = source_of(samples.noted[used] & Noted.GROUND_SPEED.value != 0)
     kinds = samples.airspeed_kind[used & np.isfinite(samples.airspeed + samples.airspeed_kind)]
     kind, count = np.unique(kinds, return_counts=True)
     has_kind = source == "airspeed" and len(kind) > 0

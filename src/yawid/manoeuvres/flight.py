@@ -20,13 +20,20 @@ from yawid.manoeuvres.conditions import AIRFRAME
 from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.results.judge_estimate import DISAGREE_SIGMAS
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import BetweenStd, DutchRoll, Flight, Orders, Value
+from yawid.results.run_summary import (
+    TAU_WN_SHARE,
+    TAU_ZETA,
+    BetweenStd,
+    DutchRoll,
+    Flight,
+    Orders,
+    Value,
+)
 from yawid.results.summary import as_summary
 
 FEW = 4
 """Fewer manoeuvres do not tell how much they scatter: tau has a floor then. More tell it the better
 the more they are, and the floor sinks as the uncertainty of a scatter does."""
-TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
 DISAGREE_WN = 0.1
 LEAST_STD = 1e-9
 """Of itself: a record without noise leaves no sigma, and a weight must be finite."""

@@ -38,21 +38,9 @@ from yawid.physics.modes import (
     residues_of,
     rows_at_once,
 )
+from yawid.quantities.table import REDUCTION_ERROR, YAW_CHANNEL
 
-NAMES = (
-    "K",
-    "T_theta_s",
-    "omega_beta",
-    "xi_beta",
-    "a_z_beta",
-    "a_my_omega_y",
-    "a_my_beta",
-    "a_my_delta_h",
-    "servo_tau_s",
-)
-SERVO = NAMES.index("servo_tau_s")
-REDUCTION_ERROR = "reduction_error"
-"""A further number of the summary: how badly eq. 23 fits a model of more poles."""
+SERVO = list(YAW_CHANNEL).index("servo_tau_s")
 LARGEST_ERROR = 0.3
 """Relative misfit over 0.3 to 3 omega above which the model is no yaw channel of eq. 23."""
 _BAND = np.geomspace(0.3, 3.0, 15)
@@ -74,7 +62,7 @@ def yaw_channel(
     servo_tau_s: float | None = None,
     poles: Poles | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the numbers (n, 9), in the order of NAMES, and the reduction's error (n,).
+    """Return the numbers (n, 9), in the order of YAW_CHANNEL, and the reduction's error (n,).
 
     ``theta`` (n, p) and its ``poles``, where they are known; eq. 22-23. ``mean_output``: the output
     is the mean rate over the interval before, as with the yaw angle. ``servo_tau_s`` names the
@@ -83,7 +71,7 @@ def yaw_channel(
     """
     n, at_once = len(theta), rows_at_once(orders, len(_BAND))
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
-        return np.full((n, len(NAMES)), np.nan), np.full(n, np.nan)
+        return np.full((n, len(YAW_CHANNEL)), np.nan), np.full(n, np.nan)
     if poles is None:
         poles = poles_of(theta[:, : orders.na], orders, sample_time_s)
     if n > at_once:
@@ -229,7 +217,7 @@ def with_sigma(
         stack.reshape(-1, theta.shape[1]), orders, sample_time_s, mean_output=mean_output,
         servo_tau_s=servo_tau_s, poles=poles.select((same * n + np.arange(n)).ravel()),
     )  # fmt: skip
-    values = values.reshape(2 * count + 1, n, len(NAMES))
+    values = values.reshape(2 * count + 1, n, len(YAW_CHANNEL))
     jacobian = (values[1 : count + 1] - values[count + 1 :]) / (2.0 * steps.T[:, :, None])
     jacobian = np.ascontiguousarray(jacobian.transpose(1, 2, 0))
     with np.errstate(invalid="ignore"):
@@ -245,7 +233,7 @@ def known_rows(values: Floats, std: Floats, error: Floats) -> NDArray[np.bool_]:
     ``values`` and ``std`` (n, 9), ``error`` (n,), as :func:`with_sigma` returns them. A servo may
     be missing, nothing else.
     """
-    rest = np.arange(len(NAMES)) != SERVO
+    rest = np.arange(len(YAW_CHANNEL)) != SERVO
     finite = np.isfinite(values[:, rest]) & np.isfinite(std[:, rest])
     known: NDArray[np.bool_] = finite.all(axis=1) & (error <= LARGEST_ERROR)
     return known
@@ -272,7 +260,7 @@ def summary_of(
         return {}
     found = {
         name: {"value": float(value), "std": float(sigma)}
-        for name, value, sigma in zip(NAMES, values[0], std[0], strict=True)
+        for name, value, sigma in zip(YAW_CHANNEL, values[0], std[0], strict=True)
         if np.isfinite(value) and np.isfinite(sigma)
     }
     if orders.na > 2:  # it has no sigma

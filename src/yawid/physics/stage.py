@@ -11,8 +11,9 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, Status
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.derivatives import NAMES, known_rows, with_sigma
+from yawid.physics.derivatives import known_rows, with_sigma
 from yawid.physics.modes import modes
+from yawid.quantities.table import YAW_CHANNEL
 
 
 class PhysicsStage:
@@ -29,7 +30,7 @@ class PhysicsStage:
         self._orders, self._sample_time_s = orders, sample_time_s
         self._mean_output, self._servo_tau_s = mean_output, servo_tau_s
         self._every = max(1, round(1.0 / sample_time_s))
-        self._standing = np.full((2, len(NAMES)), np.nan)
+        self._standing = np.full((2, len(YAW_CHANNEL)), np.nan)
 
     def of(self, k: Ints, estimates: EstimateBlock) -> ModesBlock:
         """Return the modes of estimates with their covariance; ``k`` (n,) indices on the grid."""
@@ -43,7 +44,7 @@ class PhysicsStage:
 
     def _yaw_rows(self, estimates: EstimateBlock, due: Ints) -> Floats:
         """Return value and sigma (m, 2, 9) of the rows due; NaN where eq. 23 does not hold."""
-        rows = np.full((len(due), 2, len(NAMES)), np.nan)
+        rows = np.full((len(due), 2, len(YAW_CHANNEL)), np.nan)
         worth = estimates.status[due] != Status.WARMING_UP
         if estimates.covariance is not None and worth.any():
             values, std, error = with_sigma(

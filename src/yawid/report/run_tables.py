@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from yawid.physics.names import OF_YAW_CHANNEL, PAPER
+from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
 from yawid.report.html import grid, note, symbol, table
 from yawid.results.run_summary import Fit, MethodSummary, RunSummary, Value
@@ -11,6 +11,10 @@ from yawid.sinks.answers import percent, with_sigma
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun
 
+PAPER: Final = (
+    "M. T. Vu, Development of a kinematic identification framework for the directional motion of a "
+    "fixed-wing aircraft based on an ARMAX model, eq. 22-23"
+)
 LEAST_P: Final = 0.0001
 """Of a test's p: how much smaller it is says nothing more."""
 
@@ -52,11 +56,11 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
 def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> str:
     """Return the numbers of eq. 22-23, a column for each that tells them; the paper is named."""
     rows = []
-    for key, name in OF_YAW_CHANNEL.items():
-        found = [numbers.get(key, Value()) for numbers in told.values()]
+    for row in (*YAW_CHANNEL.values(), QUANTITIES[REDUCTION_ERROR]):
+        found = [numbers.get(row.name, Value()) for numbers in told.values()]
         if any(each.value is not None for each in found):
-            unit = f", {name.unit.format(rudder=rudder_unit)}" if name.unit else ""
-            label = symbol(name.symbols, f"{name.text}{unit}")
+            text = ", ".join(filter(None, (row.words, row.unit_for(rudder_unit))))
+            label = symbol(row.symbol, text)
             rows.append((label, *map(_spread, found)))
     total = any(each.std_noise is not None for some in told.values() for each in some.values())
     sigma = "± one σ, in brackets of noise alone" if total else "± one σ, of noise alone"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
 from yawid.report.html import first_screen, note, numbers, page, pictures, tables
@@ -22,7 +23,6 @@ from yawid.report.time_pictures import (
 from yawid.results.advice import to_do
 from yawid.results.run_summary import ReasonSummary, RunSummary
 from yawid.sinks.answers import cards, headline, sigma_means, utc
-from yawid.sinks.base import HALF_TRAVEL
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole
 

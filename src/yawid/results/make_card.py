@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Floats, Noted, SampleBlock
-from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES, WITHOUT_RUDDER
+from yawid.channels.vehicle import WITHOUT_RUDDER
+from yawid.quantities.airspeed import source_of
 from yawid.results.flight_test_card import (
     ConditionsToFly,
     Expected,
@@ -24,8 +25,10 @@ from yawid.results.flight_test_card import (
     ParameterToSet,
     RudderMove,
 )
-from yawid.results.reasons import ARDUPILOT, ASK_HZ, PX4
+from yawid.results.reasons import ASK_HZ
 from yawid.results.run_summary import (
+    TAU_WN_SHARE,
+    TAU_ZETA,
     ChannelFound,
     DutchRoll,
     Flight,
@@ -34,6 +37,7 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
+from yawid.sources.mavlink.enums import ARDUPILOT, AUTOPILOT_NAMES, PX4, TYPE_NAMES
 
 SAMPLES_PER_PERIOD: Final = 16.0
 ENOUGH: Final = 0.9
@@ -59,9 +63,6 @@ WIDE, STALL_ROOM, ROOM = 0.15, 1.2, 1.05
 """How far from the median an airspeed is proposed, and from the limits in the parameters."""
 ENDS_PCT: Final = (10.0, 50.0, 90.0)
 MOST_REASONS: Final = 2
-MOSTLY: Final = 0.5
-TAU_SHARE, TAU_ZETA = 0.015, 0.02
-"""Of wn, and of zeta: the floors of the scatter that fewer than four manoeuvres do not show."""
 MIXES: Final[Mapping[int, Mapping[str, str]]] = {
     ARDUPILOT: {
         "KFF_RDDRMIX": "rudder follows the aileron",
@@ -97,8 +98,7 @@ class Flown:
         """Return it of all samples that are not held: on the ground they are."""
         used = samples.held == 0
         speeds, heights = (_percentiles(x[used]) for x in (samples.airspeed, samples.altitude))
-        by_ground = speeds and np.mean(samples.noted[used] & Noted.GROUND_SPEED.value != 0) > MOSTLY
-        source = "ground speed" if by_ground else "airspeed"
+        source = source_of(samples.noted[used] & Noted.GROUND_SPEED.value != 0)
         return cls(speeds, heights, source if speeds else None)
 
 
@@ -318,7 +318,7 @@ def _expected(flight: Flight | None) -> Iterator[Expected]:
         return
     n = len(flight.used)
     floors = (
-        (roll.wn_std, roll.wn_std_noise, flight.between_std.wn_rad_s, TAU_SHARE * roll.wn_rad_s),
+        (roll.wn_std, roll.wn_std_noise, flight.between_std.wn_rad_s, TAU_WN_SHARE * roll.wn_rad_s),
         (roll.zeta_std, roll.zeta_std_noise, flight.between_std.zeta, TAU_ZETA),
     )
     for more in (MANOEUVRES, 2 * MANOEUVRES):

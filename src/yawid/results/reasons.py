@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-ARDUPILOT, PX4 = 3, 12
-"""Numbers of MAV_AUTOPILOT for which there is advice of their own."""
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
+
 ASK_HZ: Final = 25
 
 _FLY = (

@@ -222,7 +222,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     says whose number it is: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
     ``unknown`` without a mode.
     ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know;
-    ``airspeed_kind`` is which airspeed the source gives: a name of :class:`yawid.airspeed.Kind`.
+    ``airspeed_kind`` is a name of :class:`yawid.quantities.airspeed.Kind`, which the source gives.
     """
 
     n: Count
@@ -259,6 +259,10 @@ class BetweenStd(Part, frozen=True, kw_only=True):
 
     wn_rad_s: Number | None = None
     zeta: Number | None = None
+
+
+TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
+"""Of wn, and of zeta: the floors of the scatter that fewer than four manoeuvres do not show."""
 
 
 class Flight(Part, frozen=True, kw_only=True):

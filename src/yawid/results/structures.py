@@ -22,8 +22,9 @@ from yawid.config.estimator import EstimatorConfig
 from yawid.config.run import RunConfig
 from yawid.estimation.methods import OF_STRUCTURES
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
-from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
+from yawid.physics.derivatives import summary_of
 from yawid.physics.modes import modes
+from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
 NEXT, AFTER_NEXT = (4, 4, 3), (5, 5, 4)

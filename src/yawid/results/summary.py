@@ -24,10 +24,11 @@ from yawid.estimation.bank import Bank, History, PastModels
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.estimation.whiteness import largest_autocorrelation
-from yawid.physics.derivatives import REDUCTION_ERROR, summary_of
+from yawid.physics.derivatives import summary_of
 from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
+from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
 from yawid.results.judge_samples import changed_rates, why_believed

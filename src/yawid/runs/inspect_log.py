@@ -30,7 +30,7 @@ from yawid.results.judge_samples import (
     MOST_REACTION,
     WORTH_PCT,
 )
-from yawid.results.make_card import Flown, make_card, why_no_card
+from yawid.results.make_card import SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Origin, RunSummary
 from yawid.results.summary import as_summary, summarise
@@ -47,7 +47,6 @@ BRIDGE_S = 20.0
 BEFORE_S = 2.0
 """A stretch begins so long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
-SAMPLES_PER_PERIOD = 16.0
 NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
 UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
 """Reasons that no other option of a replay can mend."""

@@ -5,15 +5,14 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.quantities.units import HALF_TRAVEL
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sources.mavlink.enums import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
-HALF_TRAVEL: Final = "half travel"
-"""The unit of a surface of which nobody says how far it moves; the aileron's always."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,31 +1,34 @@
-"""A run's blocks as columns: which field has which name, and its unit as the MCAP's table has it.
+"""A run's blocks as columns, each with the unit and words that the table of quantities has.
 
 The names are those of records (DESIGN: ``t``, ``rudder``, ``r``, ...), so that a run's samples
 stand under the same names in Python, in what is exported, and in what can be replayed.
 """
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.airspeed import name_of
-from yawid.blocks import FIRST_DATE_NS, Bools, EstimateBlock, Noted, SampleBlock, Status
+from yawid.blocks import (
+    FIRST_DATE_NS,
+    Bools,
+    EstimateBlock,
+    Held,
+    Noted,
+    SampleBlock,
+    Status,
+    flag_names,
+)
 from yawid.config.run import RunConfig
-from yawid.physics.derivatives import NAMES
+from yawid.quantities.airspeed import name_of
+from yawid.quantities.table import BY_GROUND, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
 from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sinks.base import HALF_TRAVEL as HALF
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
-from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE, units
-from yawid.sources.records.columns import BY_GROUND, COLUMNS, HALF_TRAVEL, held_text
+from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE
 from yawid.tables.table import Column
 
-_UNIT: Final = re.compile(r"(1|s|m|rad|m/s|rad/s|1/s|1/s\^2|percent|half.travel)( per .+)?")
-_UNKNOWN: Final = re.compile("[,;]? NaN .*")
-"""Of a schema's text, what says when a number is unknown: that differs from file to file."""
 OUTPUTS: Final = {
     "yaw-rate": ("r", "yaw rate"),
     "heading-rate": ("heading_rate", "rate of the heading, by Euler's formula"),
@@ -39,10 +42,9 @@ _TYPES: Final[Mapping[str, type]] = {"double": float, "bool": bool, "fixed32": i
 
 
 class Units:
-    """Unit and meaning of each field of a run, as its MCAP would have them."""
+    """Unit and meaning of each column of a run."""
 
     def __init__(self, grid: Grid, config: RunConfig) -> None:
-        self._units = units(grid.rudder_unit.replace(HALF, HALF_TRAVEL))
         self.grid, self.config = grid, config
         name, says = OUTPUTS[config.output]
         if config.turn == "remove":
@@ -51,22 +53,12 @@ class Units:
             says += f", within {config.band[0]:g} to {config.band[1]:g} Hz, as the inputs are"
         self.output, self.output_says = name, says
 
-    def column(self, field: str, name: str, values: NDArray[Any]) -> Column:
-        """Return a column of a field, ``Message.field``."""
-        unit, says = unit_in(self._units.get(field, ""))
-        return Column(name, values, unit, says)
-
-    def surface(self, name: str) -> str:
-        """Return the unit of an input."""
-        return self.grid.unit_of(name).replace(HALF, HALF_TRAVEL)
-
-
-def unit_in(text: str) -> tuple[str, str]:
-    """Return the unit at the start of a schema's text, empty if there is none, and the rest."""
-    first = re.split("[,;]", text, maxsplit=1)[0]
-    if _UNIT.fullmatch(first) is None:
-        return "", _UNKNOWN.sub("", text)
-    return first, _UNKNOWN.sub("", text.removeprefix(first)).lstrip(",; ")
+    def column(self, name: str, values: NDArray[Any], says: str = "") -> Column:
+        """Return the column of a quantity; its words where nothing else is to be said."""
+        row = quantity(name)
+        return Column(
+            name, values, row.unit.replace(RUDDER, self.grid.rudder_unit), says or row.words
+        )
 
 
 def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
@@ -75,8 +67,8 @@ def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     yield _kept("t", samples.boot_us / 1e6)
     mean = f"mean deflection over [t, t + {grid.sample_time_s:g} s), positive nose right"
     rudder = samples.u[:, grid.inputs.index("rudder")]
-    yield Column("rudder", rudder, known.surface("rudder"), mean)
-    yield Column(known.output, samples.y, COLUMNS["r"].unit, known.output_says)
+    yield Column("rudder", rudder, known.grid.unit_of("rudder"), mean)
+    yield Column(known.output, samples.y, quantity("r").unit, known.output_says)
     yield _kept("roll", samples.roll)
     yield _kept("aileron", samples.aileron)
     yield _kept("airspeed", np.where(_is_ground(samples), np.nan, samples.airspeed))
@@ -84,7 +76,7 @@ def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     yield _kept("altitude", samples.altitude)
     yield _kept("on_ground", samples.on_ground)
     yield _kept("mode", texts(samples.mode, lambda mode: _mode_name(grid, mode)))
-    yield _kept("held", texts(samples.held, held_text))
+    yield _kept("held", texts(samples.held, _held))
 
 
 def further_columns(samples: SampleBlock) -> Iterator[Column]:
@@ -101,7 +93,8 @@ def further_columns(samples: SampleBlock) -> Iterator[Column]:
 
 
 def _kept(name: str, values: NDArray[Any]) -> Column:
-    return Column(name, values, COLUMNS[name].unit, COLUMNS[name].says)
+    row = quantity(name)
+    return Column(name, values, row.unit, row.words)
 
 
 def _is_ground(samples: SampleBlock) -> Bools:
@@ -121,7 +114,7 @@ def estimate_columns(
         for i, name in enumerate(grid.parameters):
             yield Column(name + suffix, values[:, i], theta_unit(name, known), says)
     yield from fit_columns(estimate, known)
-    yield _kept("held", texts(samples.held, held_text))
+    yield _kept("held", texts(samples.held, _held))
 
 
 def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
@@ -129,7 +122,7 @@ def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
     said = f"{known.output} as predicted one step ahead"
     yield Column(f"{known.output}_hat", estimate.y_hat, "rad/s", said)
     for name in ("innovation", "residual", "noise_std"):
-        yield known.column(f"Estimate.{name}", name, getattr(estimate, name))
+        yield known.column(name, getattr(estimate, name))
     status = texts(estimate.status, lambda code: Status(int(code)).name.lower())
     yield Column("status", status, says="of the estimator")
 
@@ -141,16 +134,18 @@ def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
     yield from dutch_roll_columns(rows, known)
     for i in range(modes.poles.shape[1]):
         for part, values in (("re", modes.poles.real), ("im", modes.poles.imag)):
-            yield known.column(f"Modes.pole_{part}", f"pole{i + 1}_{part}", values[:, i])
-    for i, name in enumerate(NAMES[: modes.yaw.shape[1]]):
-        yield known.column(f"Modes.{name}", name, modes.yaw[:, i])
-        yield known.column(f"Modes.{name}_std", f"{name}_std", modes.yaw_std[:, i])
+            row = quantity(f"pole_{part}")
+            yield Column(f"pole{i + 1}_{part}", values[:, i], row.unit, row.words)
+    for name, value, std in zip(YAW_CHANNEL, modes.yaw.T, modes.yaw_std.T, strict=False):
+        yield known.column(name, value)
+        yield known.column(f"{name}_std", std, OF_NOISE)
 
 
 def dutch_roll_columns(rows: RunRows, known: Units) -> Iterator[Column]:
     """Yield wn and zeta, their sigmas (of noise) beside."""
     for i, name in enumerate(MODE_VALUES):
-        yield known.column(f"Modes.dutch_roll_{name}", name, rows.modes.dutch_roll[:, i])
+        says = OF_NOISE if name.endswith("_std") else ""
+        yield known.column(name, rows.modes.dutch_roll[:, i], says)
 
 
 def record_columns(rows: RunRows, known: Units) -> list[Column]:
@@ -166,10 +161,11 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
     """Yield a row per manoeuvre: conditions, answer, and the theta that answers."""
     found = summary.manoeuvres or []
     fields = [manoeuvre_fields(each) for each in found]
-    types = {name: _TYPES.get(kind, object) for name, kind, _ in TABLE["Manoeuvre"]}
+    types = {name: _TYPES.get(kind, object) for name, kind in TABLE["Manoeuvre"]}
     for name in dict.fromkeys(("n", "usable", "reasons", *types)):
         values = [_one(each[name]) for each in fields]
-        yield known.column(f"Manoeuvre.{name}", name, np.array(values, types[name]))
+        column: NDArray[Any] = np.array(values, types[name])
+        yield known.column(name, column) if name != "reasons" else Column(name, column)
         if name == "usable":
             used = () if summary.flight is None else summary.flight.used
             says = "whether the flight's answer rests on it"
@@ -188,7 +184,7 @@ def theta_unit(name: str, known: Units) -> str:
         return "rad/s"
     if not name.startswith("b"):
         return "1"
-    return f"rad/s per {known.surface(name.partition('_')[2] or known.grid.inputs[0])}"
+    return f"rad/s per {known.grid.unit_of(name.partition('_')[2] or known.grid.inputs[0])}"
 
 
 def texts(codes: NDArray[Any], word: Callable[[Any], str | None]) -> NDArray[Any]:
@@ -210,7 +206,11 @@ def _kind(code: float) -> str | None:
 
 
 def _noted(bits: int) -> str:
-    return " ".join(str(flag.name).lower() for flag in Noted if flag.value & bits)
+    return flag_names(Noted(bits))
+
+
+def _held(bits: int) -> str:
+    return flag_names(Held(bits))
 
 
 def _one(value: Any) -> Any:

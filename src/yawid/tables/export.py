@@ -16,11 +16,11 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.errors import ConfigError, SourceError
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import written_whole
+from yawid.sources.mavlink.enums import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.tables.columns import Units, record_columns
 from yawid.tables.table import Column, filled
 from yawid.version import __version__
@@ -67,7 +67,7 @@ def facts_of(run: McapRun, known: Units) -> dict[str, str]:
         "log_sha256": source.sha256,
         "vehicle": vehicle and TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}"),
         "autopilot": vehicle and AUTOPILOT_NAMES.get(vehicle.autopilot, str(vehicle.autopilot)),
-        "rudder_unit": known.surface("rudder"),
+        "rudder_unit": known.grid.rudder_unit,
         "sign": run.metadata.get("sign", {}).get("text"),
         "output": config.output,
         "sample_time_s": repr(grid.sample_time_s),

@@ -230,7 +230,7 @@ def test_header_metadata_and_attachments_say_where_the_numbers_come_from(tmp_pat
     }
     assert records["grid"]["parameters"] == "a1 a2 b1 b2 c1 bias"
     assert records["grid"]["inputs"] == "rudder aileron"
-    assert records["units"]["Sample.yaw_rate"] == "rad/s"
+    assert records["units"]["Sample.yaw_rate"].startswith("rad/s, ")
     assert found["summary.json"] == ("application/json", b"{}")
     assert found["configuration.toml"] == ("application/toml", b"rate = 20\n")
     assert found["parameters"] == ("application/octet-stream", b"\0")
@@ -266,7 +266,7 @@ def test_metadata_names_every_unit_of_a_field_that_exists(tmp_path: Path) -> Non
     assert {"Sample.yaw_rate", "Estimate.noise_std", "Modes.dutch_roll_wn"} <= fields
 
 
-@pytest.mark.parametrize("unit", ["half travel", "rad"])
+@pytest.mark.parametrize("unit", ["half-travel", "rad"])
 def test_units_are_those_that_the_rudder_was_estimated_in(tmp_path: Path, unit: str) -> None:
     sink = McapSink(tmp_path / "a.mcap", {})
     sink.start(replace(GRID, rudder_unit=unit))
@@ -275,10 +275,10 @@ def test_units_are_those_that_the_rudder_was_estimated_in(tmp_path: Path, unit: 
         records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
     units = records["units"]
     assert records["grid"]["rudder_unit"] == unit
-    assert units["Sample.rudder"].startswith(f"{unit};")
-    assert units["Sample.aileron"].startswith("half travel")
+    assert units["Sample.rudder"].startswith(f"{unit},")
+    assert units["Sample.aileron"].startswith("half-travel")
     assert units["Modes.K"].startswith(f"rad/s per {unit},")
-    assert units["Modes.a_my_delta_h_std"] == f"1/s^2 per {unit}"
+    assert units["Modes.a_my_delta_h_std"] == f"1/s^2 per {unit}, sigma, of noise alone"
     assert not any("{" in text for text in units.values())
 
 

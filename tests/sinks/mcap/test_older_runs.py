@@ -37,7 +37,7 @@ def test_its_samples_are_there_and_what_it_lacks_is_unknown():
     assert run.grid is not None
     assert run.summary.manoeuvres is run.summary.flight is None
     assert (run.grid.rudder_unit, run.grid.autopilot, run.grid.vehicle_type) == (
-        "half travel",
+        "half-travel",
         0,
         0,
     )

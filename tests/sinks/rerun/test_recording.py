@@ -112,12 +112,12 @@ def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
     path = save(tmp_path / "a.rrd", make_blocks(n=10))
     [names] = statics(path, "/parameters/b", "SeriesLines:names")
     assert names == ["b1", "b2", "bias", *["2 sigma of noise"] * 6]
-    assert statics(path, "/input", "SeriesLines:names") == [["rudder [half travel]"]]
+    assert statics(path, "/input", "SeriesLines:names") == [["rudder [half-travel]"]]
     in_rad = RerunSink("save", name="flight", warn=fail, path=tmp_path / "b.rrd")
     in_rad.start(replace(GRID, inputs=("rudder", "aileron"), rudder_unit="rad"))
     in_rad.finish(SUMMARY, {})
     named = statics(tmp_path / "b.rrd", "/input", "SeriesLines:names")
-    assert named == [["rudder [rad]", "aileron [half travel]"]]
+    assert named == [["rudder [rad]", "aileron [half-travel]"]]
     for entity, columns in recorded(path).items():
         if "Scalars:scalars" in columns:
             [colours] = statics(path, entity, "SeriesLines:colors")
@@ -303,7 +303,7 @@ def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     [verdict] = statics(flown, "/verdict", "TextDocument:text")[-1]
     assert verdict.startswith(f"# Usable\n{flight}\n")
     assert "| yaw channel, manoeuvre 1, RML |" in verdict
-    assert "static gain K | -1.50 ± 0.10 rad/s per half travel |" in verdict
+    assert "static gain K | -1.50 ± 0.10 rad/s per half-travel |" in verdict
 
 
 def test_a_flight_that_says_nothing_says_why() -> None:

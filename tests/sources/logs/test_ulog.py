@@ -31,11 +31,11 @@ from sources.logs.ulog_flight import (
 )
 from sources.logs.ulog_writer import ULogFile
 
-from yawid.airspeed import Kind
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
+from yawid.quantities.airspeed import Kind
 from yawid.results.run_summary import VehicleSeen
 from yawid.runs.inspect_log import inspect
 from yawid.runs.outputs import Outputs

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yawid.airspeed import (
+from yawid.blocks import RecordBlock
+from yawid.errors import ConfigError, SourceError
+from yawid.quantities.airspeed import (
     Kind,
     density_ratio,
     equivalent_of_calibrated,
     known,
 )
-from yawid.blocks import RecordBlock
-from yawid.errors import ConfigError, SourceError
 from yawid.sources.open_log import Log
 from yawid.sources.records.find_columns import Asked
 

@@ -5,7 +5,6 @@ import time
 from collections import deque
 
 from yawid.blocks import EstimateBlock, Held, Status, words
-from yawid.channels.vehicle import TYPE_NAMES
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Flight
@@ -14,6 +13,7 @@ from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
 from yawid.runs.live.standing import SILENT, answering, dutch_roll
 from yawid.runs.live.worker import Worker
 from yawid.sinks.terminal.live_facts import VehicleFacts
+from yawid.sources.mavlink.enums import TYPE_NAMES
 from yawid.sources.mavlink.link_stats import LinkStats
 
 WINDOW_S = 2.0

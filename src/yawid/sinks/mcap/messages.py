@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.airspeed import Kind, known
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
-from yawid.physics.derivatives import NAMES
+from yawid.quantities.airspeed import Kind, known
+from yawid.quantities.table import YAW_CHANNEL
 from yawid.results.run_summary import Manoeuvre, Value, VerdictSummary
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
@@ -106,7 +106,7 @@ def modes_rows(samples: SampleBlock, modes: ModesBlock) -> Rows:
     for column, name in enumerate(MODE_VALUES):
         rows[name] = getattr(modes, name)
         rows[f"dutch_roll_{name}"] = modes.dutch_roll[:, column]
-    for column, name in enumerate(NAMES):
+    for column, name in enumerate(YAW_CHANNEL):
         rows[name], rows[f"{name}_std"] = modes.yaw[:, column], modes.yaw_std[:, column]
     return _one_nan(rows)
 
@@ -148,7 +148,7 @@ def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:
     known |= {"usable": verdict.usable, "reasons": [each.to_json() for each in verdict.reasons]}
     missing = {"double": math.nan, "string": ""}
     fields = {}
-    for name, kind, _ in TABLE["Manoeuvre"]:
+    for name, kind in TABLE["Manoeuvre"]:
         value = known.get(name)
         fields[name] = missing[kind] if value is None else value
     return fields
@@ -198,7 +198,7 @@ def modes_from(rows: Rows) -> ModesBlock:
     return ModesBlock(
         poles=rows["pole_re"] + 1j * rows["pole_im"],
         dutch_roll=np.column_stack([rows[f"dutch_roll_{name}"] for name in MODE_VALUES]),
-        yaw=np.column_stack([_floats(rows, name) for name in NAMES]),
-        yaw_std=np.column_stack([_floats(rows, f"{name}_std") for name in NAMES]),
+        yaw=np.column_stack([_floats(rows, name) for name in YAW_CHANNEL]),
+        yaw_std=np.column_stack([_floats(rows, f"{name}_std") for name in YAW_CHANNEL]),
         **{name: np.ascontiguousarray(rows[name]) for name in MODE_VALUES},
     )

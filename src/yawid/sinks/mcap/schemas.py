@@ -18,135 +18,82 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
-from yawid.airspeed import Kind
 from yawid.blocks import Held, Noted, Status, words
 from yawid.config.estimator import RECURSIVE
-from yawid.physics.derivatives import NAMES
+from yawid.quantities.airspeed import Kind
+from yawid.quantities.table import OF_NOISE, RUDDER, YAW_CHANNEL, quantity
+from yawid.quantities.units import HALF_TRAVEL
 
 _FieldProto = descriptor_pb2.FieldDescriptorProto
 _PACKAGE = "yawid"
 _YAWID_PROTO: Final = "yawid/yawid.proto"
-_YAW_UNITS: Final = {
-    "K": "rad/s per {rudder}, of the last whole second; NaN where eq. 23 does not hold",
-    "T_theta_s": "s",
-    "omega_beta": "rad/s",
-    "xi_beta": "1",
-    "a_z_beta": "1/s",
-    "a_my_omega_y": "1/s",
-    "a_my_beta": "1/s^2",
-    "a_my_delta_h": "1/s^2 per {rudder}",
-    "servo_tau_s": "s; NaN where no real pole is the servo's",
-}
-YAW_CHANNEL: Final = tuple(
-    (name + suffix, "double", _YAW_UNITS[name]) for name in NAMES for suffix in ("", "_std")
-)
-"""Value and sigma of paper eq. 22-23's numbers, in the order of the physics."""
-
 _KINDS = ", ".join(f"{kind.value} {words(kind)}" for kind in Kind)
 _NOTED = ", ".join(f"{flag.value} {words(flag)}" for flag in Noted)
 
+MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
+"""Of a mode: fields of ``yawid.Modes`` by themselves and after ``dutch_roll_``."""
+
 ESTIMATE: Final = "yawid.Estimate"
-# message -> (field, type, unit); [] is repeated; a type that begins with a dot is a message, one
-# with a dot within an enum;
-# {rudder} stands for the unit of the rudder.
-TABLE: Final[Mapping[str, tuple[tuple[str, str, str], ...]]] = {
-    "HeldReasons": tuple((str(flag.name).lower(), "bool", "") for flag in Held),
+_ORDERS = tuple((name, "fixed32") for name in ("na", "nb", "nc", "nk"))
+TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "HeldReasons": tuple((str(flag.name).lower(), "bool") for flag in Held),
     "Sample": (
-        ("boot_time", "double", "s, clock of the vehicle"),
-        ("received_time", "double", "s, Unix"),
-        ("k", "sfixed64", "index on the grid of boot time, t = k * sample_time_s"),
-        ("epoch", "fixed32", "count of changes in the meaning of u"),
-        ("held", "fixed32", "bits as in held_reasons, 0: the estimators saw this sample"),
-        ("held_reasons", ".yawid.HeldReasons", ""),
-        (
-            "u",
-            "double[]",
-            "rudder: {rudder}, aileron: half travel; mean over [t, t + sample_time_s)",
-        ),
-        ("rudder", "double", "{rudder}; NaN where it is no input"),
-        ("aileron", "double", "half travel, input or not; NaN where unknown"),
-        ("yaw_rate", "double", "rad/s"),
-        ("yaw", "double", "rad, unwrapped"),
-        ("roll", "double", "rad"),
-        ("turn_rate", "double", "rad/s, as bank and airspeed imply; NaN without airspeed"),
-        ("airspeed", "double", "m/s; NaN where unknown"),
-        ("noted", "fixed32", f"bits: {_NOTED}"),
-        ("mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
-        ("on_ground", "double", "1 on the ground, 0 in the air, NaN where unknown"),
-        ("altitude", "double", "m, above the sea; NaN where unknown"),
-        ("ground_speed", "double", "m/s; NaN where unknown"),
-        ("airspeed_kind", "double", f"{_KINDS}; NaN where unknown"),
+        ("boot_time", "double"), ("received_time", "double"), ("k", "sfixed64"),
+        ("epoch", "fixed32"), ("held", "fixed32"), ("held_reasons", ".yawid.HeldReasons"),
+        ("u", "double[]"), ("rudder", "double"), ("aileron", "double"), ("yaw_rate", "double"),
+        ("yaw", "double"), ("roll", "double"), ("turn_rate", "double"), ("airspeed", "double"),
+        ("noted", "fixed32"), ("mode", "double"), ("on_ground", "double"), ("altitude", "double"),
+        ("ground_speed", "double"), ("airspeed_kind", "double"),
     ),
     "Estimate": (
-        ("boot_time", "double", "s, clock of the vehicle"),
-        ("status", "yawid.Status", ""),
-        ("held", "fixed32", "bits as in held_reasons"),
-        ("held_reasons", ".yawid.HeldReasons", ""),
-        ("theta", "double[]", "a, c: 1; b: rad/s per unit of its input as in u; bias: rad/s"),
-        ("theta_std", "double[]", "as theta"),
-        ("y_hat", "double", "rad/s, one step ahead"),
-        ("innovation", "double", "rad/s, a priori"),
-        ("residual", "double", "rad/s, a posteriori"),
-        ("noise_std", "double", "rad/s, of the innovation"),
-        ("parameters", ".yawid.Parameters", "theta once more, its elements by their names"),
+        ("boot_time", "double"), ("status", "yawid.Status"), ("held", "fixed32"),
+        ("held_reasons", ".yawid.HeldReasons"), ("theta", "double[]"), ("theta_std", "double[]"),
+        ("y_hat", "double"), ("innovation", "double"), ("residual", "double"),
+        ("noise_std", "double"), ("parameters", ".yawid.Parameters"),
     ),
     "Modes": (
-        ("boot_time", "double", "s, clock of the vehicle"),
-        ("pole_re", "double[]", "rad/s, continuous time"),
-        ("pole_im", "double[]", "rad/s, continuous time"),
-        ("wn", "double[]", "rad/s, of each pole"),
-        ("wn_std", "double[]", "rad/s"),
-        ("zeta", "double[]", "1"),
-        ("zeta_std", "double[]", "1"),
-        ("dutch_roll_wn", "double", "rad/s; NaN where there is none"),
-        ("dutch_roll_wn_std", "double", "rad/s"),
-        ("dutch_roll_zeta", "double", "1"),
-        ("dutch_roll_zeta_std", "double", "1"),
-        *YAW_CHANNEL,
+        ("boot_time", "double"), ("pole_re", "double[]"), ("pole_im", "double[]"),
+        *((name, "double[]") for name in MODE_VALUES),
+        *((f"dutch_roll_{name}", "double") for name in MODE_VALUES),
+        *((name + std, "double") for name in YAW_CHANNEL for std in ("", "_std")),
     ),
-    "Reason": (
-        ("id", "string", ""),
-        ("weight", "string", "fatal or warning"),
-        ("text", "string", ""),
-    ),
-    "Verdict": (("usable", "bool", ""), ("reasons", ".yawid.Reason[]", "")),
-    "Mode": (
-        ("boot_time", "double", "s, clock of the vehicle"),
-        ("custom_mode", "double", "HEARTBEAT.custom_mode; NaN where unknown"),
-        ("name", "string", "as the autopilot calls it"),
-    ),
+    "Reason": (("id", "string"), ("weight", "string"), ("text", "string")),
+    "Verdict": (("usable", "bool"), ("reasons", ".yawid.Reason[]")),
+    "Mode": (("boot_time", "double"), ("custom_mode", "double"), ("name", "string")),
     "Manoeuvre": (
-        ("n", "fixed32", "number, from 1"),
-        ("from_s", "double", "s, clock of the vehicle, of its first sample"),
-        ("to_s", "double", "s, clock of the vehicle, of its last sample"),
-        ("duration_s", "double", "s"),
-        ("date", "string", "UTC of its first sample, ISO 8601"),
-        ("mode", "string", "as the autopilot calls it; empty where unknown"),
-        ("loop", "string", "airframe, with_roll_loop or unknown"),
-        ("airspeed_m_s", "double", "m/s, mean; NaN where unknown, and so of every number below"),
-        ("airspeed_std_m_s", "double", "m/s"),
-        ("airspeed_source", "string", "airspeed or ground speed; empty where unknown"),
-        ("altitude_m", "double", "m, above the sea"),
-        ("inputs", "string[]", ""),
-        *((name, "fixed32", "order of the model") for name in ("na", "nb", "nc", "nk")),
-        ("turn_removed", "bool", ""),
-        ("method", "string", "whose answer the numbers below are; empty where there is none"),
-        ("wn_rad_s", "double", "rad/s"),
-        ("wn_std", "double", "rad/s, total"),
-        ("zeta", "double", "1"),
-        ("zeta_std", "double", "1, total"),
-        ("K", "double", "rad/s per {rudder}"),
-        ("K_std", "double", "rad/s per {rudder}, total"),
-        ("simulation_pct", "double", "percent"),
-        ("simulation_held_back_pct", "double", "percent"),
-        ("usable", "bool", ""),
-        ("reasons", ".yawid.Reason[]", ""),
-        ("wn_std_noise", "double", "rad/s, what noise alone explains of wn_std"),
-        ("zeta_std_noise", "double", "1, of zeta_std"),
-        ("K_std_noise", "double", "rad/s per {rudder}, of K_std"),
-        ("airspeed_kind", "string", "which airspeed the source gives; empty where unknown"),
+        ("n", "fixed32"), ("from_s", "double"), ("to_s", "double"), ("duration_s", "double"),
+        ("date", "string"), ("mode", "string"), ("loop", "string"), ("airspeed_m_s", "double"),
+        ("airspeed_std_m_s", "double"), ("airspeed_source", "string"), ("altitude_m", "double"),
+        ("inputs", "string[]"), *_ORDERS, ("turn_removed", "bool"), ("method", "string"),
+        ("wn_rad_s", "double"), ("wn_std", "double"), ("zeta", "double"), ("zeta_std", "double"),
+        ("K", "double"), ("K_std", "double"), ("simulation_pct", "double"),
+        ("simulation_held_back_pct", "double"), ("usable", "bool"),
+        ("reasons", ".yawid.Reason[]"), ("wn_std_noise", "double"), ("zeta_std_noise", "double"),
+        ("K_std_noise", "double"), ("airspeed_kind", "string"),
     ),
+}  # fmt: skip
+"""Message -> field and type; [] is repeated; a type that begins with a dot is a message, one with a
+dot within an enum. An unknown number is NaN, an unknown text empty."""
+_CALLED: Final = {"yaw_rate": "r", **{f"dutch_roll_{name}": name for name in MODE_VALUES}}
+"""Fields that have another name in the table of quantities."""
+_OWN: Final[Mapping[str, str]] = {
+    "Sample.k": "index on the grid of boot time, t = k * sample_time_s",
+    "Sample.epoch": "count of changes in the meaning of u",
+    "Sample.held": "bits as in held_reasons, 0: the estimators saw this sample",
+    "Sample.u": f"rudder: {RUDDER}, aileron: {HALF_TRAVEL}; mean over [t, t + sample_time_s)",
+    "Sample.rudder": f"{RUDDER}, as in u; NaN where it is no input",
+    "Sample.noted": f"bits: {_NOTED}",
+    "Sample.mode": "HEARTBEAT.custom_mode; NaN where unknown",
+    "Sample.airspeed_kind": f"{_KINDS}; NaN where unknown",
+    "Estimate.held": "bits as in held_reasons",
+    "Estimate.theta": "a, c: 1; b: rad/s per unit of its input as in u; bias: rad/s",
+    "Estimate.theta_std": "as theta",
+    "Estimate.parameters": "theta once more, its elements by their names",
+    "Reason.weight": "fatal or warning",
+    "Mode.custom_mode": "HEARTBEAT.custom_mode; NaN where unknown",
+    "Mode.name": "as the autopilot calls it",
 }
+"""What a field says whose values are coded as in this file alone; other words are the table's."""
 
 TOPICS: Final[Mapping[str, str]] = {
     "/yawid/sample": "yawid.Sample",
@@ -165,8 +112,6 @@ MANOEUVRE: Final = "/yawid/manoeuvre"
 FLIGHT: Final = "/yawid/flight"
 """The verdict that decides where there was a manoeuvre; VERDICT is that of the stream."""
 VERDICT: Final = "/yawid/verdict"
-MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
-"""Of a mode: fields of ``yawid.Modes`` by themselves and after ``dutch_roll_``."""
 
 
 def estimate_topics(methods: Sequence[str]) -> dict[str, str]:
@@ -175,13 +120,26 @@ def estimate_topics(methods: Sequence[str]) -> dict[str, str]:
 
 
 def units(rudder_unit: str) -> dict[str, str]:
-    """Return the unit of every field that has one, by ``Message.field``."""
-    return {
-        f"{message}.{field}": unit.replace("{rudder}", rudder_unit)
+    """Return unit and words of every field that has any, by ``Message.field``."""
+    texts = {
+        f"{message}.{field}": _text(message, field)
         for message, fields in TABLE.items()
-        for field, _, unit in fields
-        if unit
+        for field, kind in fields
+        if kind != "bool"
     }
+    return {name: text.replace(RUDDER, rudder_unit) for name, text in texts.items() if text}
+
+
+def _text(message: str, field: str) -> str:
+    if (own := _OWN.get(f"{message}.{field}")) is not None:
+        return own
+    try:
+        row = quantity(_CALLED.get(field, field))
+    except KeyError:  # it says nothing beyond its name
+        return ""
+    # Those of each sample are of noise; a manoeuvre's are total.
+    words = OF_NOISE if message == "Modes" and field.endswith("_std") else row.words
+    return ", ".join(filter(None, (row.unit, words)))
 
 
 def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) -> None:
@@ -198,7 +156,7 @@ def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) ->
 
 def _add_message(file: descriptor_pb2.FileDescriptorProto, name: str) -> None:
     message = file.message_type.add(name=name)
-    for field, kind, _ in TABLE[name]:
+    for field, kind in TABLE[name]:
         _add_field(message, field, kind)
 
 

@@ -5,7 +5,8 @@ A number after ± is one sigma.
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from yawid.physics.names import OF_YAW_CHANNEL
+from yawid.quantities.table import YAW_CHANNEL
+from yawid.quantities.units import HALF_TRAVEL
 from yawid.results.run_summary import (
     DutchRoll,
     Flight,
@@ -16,7 +17,6 @@ from yawid.results.run_summary import (
     VerdictSummary,
 )
 from yawid.sinks.answers import noise_spreads, sigma_means, with_sigma
-from yawid.sinks.base import HALF_TRAVEL
 
 _UNUSABLE = "The numbers are not to be used: they are shown to find out why."
 
@@ -71,12 +71,11 @@ def _yaw_channel(summary: RunSummary) -> tuple[str, Mapping[str, Value]]:
 
 def _numbers(physics: Mapping[str, Value], rudder_unit: str) -> Iterator[str]:
     for key in _DERIVATIVES:
-        name, found = OF_YAW_CHANNEL[key], physics.get(key, Value())
+        row, found = YAW_CHANNEL[key], physics.get(key, Value())
         if found.value is None:
             continue
         number = " ".join(filter(None, with_sigma(found.value, found.std)))
-        unit = name.unit.format(rudder=rudder_unit)
-        yield f"| {name.text} {name.symbols} | {number} {unit} |"
+        yield f"| {row.words} {row.symbol} | {number} {row.unit_for(rudder_unit)} |"
 
 
 def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None) -> str:

@@ -9,9 +9,9 @@ from typing import TextIO
 from yawid.results.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
 from yawid.results.inspection import Inspection
 from yawid.results.make_card import why_no_card
-from yawid.results.reasons import ARDUPILOT, PX4
 from yawid.sinks.answers import with_sigma
 from yawid.sinks.terminal.page import WIDTH
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 BLANK = "________"
 HAND_S = 0.25

@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 
 from rich.table import Table
 
-from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, RunSummary, VehicleSeen
 from yawid.sinks.answers import (
     conditions,
@@ -23,6 +22,7 @@ from yawid.sinks.answers import (
     whose,
     with_sigma,
 )
+from yawid.sources.mavlink.enums import AUTOPILOT_NAMES, TYPE_NAMES
 
 MOST_ROWS: Final = 20
 """The manoeuvres between the first and the last ten are left to --json."""

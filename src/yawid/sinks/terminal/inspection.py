@@ -7,7 +7,6 @@ from typing import TextIO
 import numpy as np
 from rich.text import Text
 
-from yawid.channels.vehicle import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, VehicleSeen
 from yawid.sinks.answers import with_sigma
@@ -18,6 +17,7 @@ from yawid.sinks.terminal.summary_table import (
     origin,
     print_verdict,
 )
+from yawid.sources.mavlink.enums import AUTOPILOT_NAMES, TYPE_NAMES
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0

@@ -10,7 +10,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from yawid.channels.vehicle import TYPE_NAMES
 from yawid.results.run_summary import (
     MethodSummary,
     Origin,
@@ -21,6 +20,7 @@ from yawid.results.run_summary import (
 from yawid.sinks.answers import noise_spreads, percent
 from yawid.sinks.terminal.flight_table import Row, flight_rows, manoeuvres_table, table_notes
 from yawid.sinks.terminal.page import page_console
+from yawid.sources.mavlink.enums import TYPE_NAMES
 
 NAME_WIDTH = 9
 """Width of the column of names."""

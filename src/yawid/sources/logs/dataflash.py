@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.airspeed import GIVEN
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
 from yawid.sources.logs.as_mavlink import (
     COMPID,
@@ -31,7 +30,7 @@ from yawid.sources.logs.as_mavlink import (
 )
 from yawid.sources.logs.dataflash_index import DataflashIndex
 from yawid.sources.logs.tlog import CHUNK, Digest
-from yawid.sources.mavlink.enums import ARDUPILOT, ARMED, IN_AIR, LANDED
+from yawid.sources.mavlink.enums import AIRSPEED_GIVEN, ARDUPILOT, ARMED, IN_AIR, LANDED
 from yawid.sources.mavlink.link_stats import LinkStats
 
 _RATES = {"RATE": ("R", "P", "Y"), "IMU": ("GyrX", "GyrY", "GyrZ")}
@@ -264,7 +263,7 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
 def _hud(index: DataflashIndex) -> PlacedFields:
     """Return a VFR_HUD wherever one of its columns is reported, the others held."""
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
-    kind = next((GIVEN[each] for each in _AIRSPEED if index.has(*each)), np.nan)
+    kind = next((AIRSPEED_GIVEN[each] for each in _AIRSPEED if index.has(*each)), np.nan)
     ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
     if index.has("GPS", "Spd", "Status"):
         offsets, rows = index.reported("GPS")

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.airspeed import GIVEN, density_ratio, equivalent_of_true, known
-from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock, euler
+from yawid.blocks import FIRST_DATE_US, Floats, FrameBlock, Ints, MessageBlock, euler
 from yawid.errors import SourceError
+from yawid.quantities.airspeed import density_ratio, equivalent_of_true, known
 from yawid.sources.logs.as_mavlink import (
     COMPID,
     PlacedFields,
@@ -39,6 +39,7 @@ from yawid.sources.logs.as_mavlink import (
 )
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.mavlink.enums import (
+    AIRSPEED_GIVEN,
     ARMED,
     FIXED_WING,
     IN_AIR,
@@ -67,7 +68,6 @@ _TOPICS = (
 _ARMED_STATE = 2
 _ROTARY_WING, _FIXED_WING = 1, 2  # vehicle_status.vehicle_type
 _FIX_3D = 3
-_UNIX_US = 10**15  # no boot time is as late, no flight as early
 _NONE = np.zeros(0, np.int64)
 _NOTHING = _NONE, np.zeros(0)
 UlogTopic = Mapping[str, NDArray[Any]]
@@ -226,7 +226,7 @@ class UlogReader:
             t_us, speed = published(topic), topic[column].astype(float)
             if column == _TRUE:
                 speed = equivalent_of_true(speed, self._density_ratio(t_us))
-            return (t_us, speed), GIVEN["ULog", column]
+            return (t_us, speed), AIRSPEED_GIVEN["ULog", column]
         return _NOTHING, np.nan
 
     def _density_ratio(self, t_us: Ints) -> Floats:
@@ -315,7 +315,7 @@ class UlogReader:
             topic = self._topics.get((name, 0), {})
             if "time_utc_usec" in topic:
                 utc = topic["time_utc_usec"].astype(np.int64)
-                known = utc > _UNIX_US
+                known = utc > FIRST_DATE_US
                 if known.any():
                     return int(np.median((utc - published(topic))[known]))
         return 0

@@ -1,17 +1,63 @@
 """Numbers of MAVLink's enums (common.xml) that are known by name, and the names of flight modes."""
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Ints
+from yawid.quantities.airspeed import Kind
 
 ARDUPILOT, AUTOPILOT_INVALID, PX4 = 3, 8, 12
 """MAV_AUTOPILOT; invalid is what ground stations and other components send."""
+AUTOPILOT_NAMES = {0: "generic", ARDUPILOT: "ArduPilot", PX4: "PX4"}
+AIRSPEED_GIVEN: Final[Mapping[tuple[str, str | int], Kind]] = {
+    ("VFR_HUD", ARDUPILOT): Kind.EQUIVALENT,
+    ("VFR_HUD", PX4): Kind.CALIBRATED,
+    ("VFR_HUD", "airspeed"): Kind.INDICATED,  # MAVLink: calibrated or indicated
+    ("CTUN", "As"): Kind.EQUIVALENT,
+    ("ARSP", "Airspeed"): Kind.EQUIVALENT,
+    ("NTUN", "Arspd"): Kind.EQUIVALENT,
+    ("ULog", "calibrated_airspeed_m_s"): Kind.CALIBRATED,
+    ("ULog", "equivalent_airspeed_m_s"): Kind.EQUIVALENT,
+    ("ULog", "indicated_airspeed_m_s"): Kind.INDICATED,
+    ("ULog", "true_airspeed_m_s"): Kind.TRUE,
+}
+"""Which airspeed each source gives: by message and field, or by whose message it is. A record's
+column says it by its unit."""
 GENERIC, FIXED_WING, GROUND_STATION = 0, 1, 6
 """MAV_TYPE."""
+TYPE_NAMES = {
+    0: "generic",
+    1: "fixed wing",
+    2: "quadrotor",
+    3: "coaxial helicopter",
+    4: "helicopter",
+    5: "antenna tracker",
+    6: "ground station",
+    7: "airship",
+    8: "balloon",
+    9: "rocket",
+    10: "ground rover",
+    11: "boat",
+    12: "submarine",
+    13: "hexarotor",
+    14: "octorotor",
+    15: "tricopter",
+    18: "onboard controller",
+    19: "VTOL duo-rotor tailsitter",
+    20: "VTOL quad tailsitter",
+    21: "VTOL tiltrotor",
+    22: "VTOL fixed-rotor",
+    26: "gimbal",
+    27: "ADS-B receiver",
+    29: "dodecarotor",
+    30: "camera",
+    35: "decarotor",
+    43: "multirotor",
+}
 VTOL_TYPES = range(19, 26)
 """MAV_TYPE of what hovers and flies on wings."""
 ARMED = 128

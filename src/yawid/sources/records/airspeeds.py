@@ -6,7 +6,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from yawid.airspeed import (
+from yawid.blocks import Floats
+from yawid.errors import ConfigError, SourceError
+from yawid.quantities.airspeed import (
     Kind,
     density_ratio,
     equivalent_of_calibrated,
@@ -14,13 +16,11 @@ from yawid.airspeed import (
     known,
     name_of,
 )
-from yawid.blocks import Floats
-from yawid.errors import ConfigError, SourceError
-from yawid.sources.records.columns import BY_GROUND
+from yawid.quantities.table import BY_GROUND
+from yawid.quantities.units import KIND_WORDS
+from yawid.sources.records.column_values import place_of
 from yawid.sources.records.find_columns import Found, Table
-from yawid.sources.records.quantities import place_of
 from yawid.sources.records.rows import newest, same
-from yawid.sources.records.units import KIND_WORDS
 
 _WORD: Final = re.compile(r"[a-z]+")
 _NAMES: Final = KIND_WORDS | {"true": Kind.TRUE}

@@ -16,8 +16,9 @@ from typing import Final
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import SourceError
+from yawid.quantities.units import unit_of
 from yawid.sources.records.csv_column import MISSING, NUMBER, CsvColumn, NotUnderstoodError
-from yawid.sources.records.units import NOTHING, header_of, is_column, unit_of
+from yawid.sources.records.headers import NOTHING, header_of, is_column
 
 COMMENTS: Final = ("#", "%", "//")
 MOST_HEADER_LINES: Final = 200

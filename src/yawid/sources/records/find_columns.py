@@ -8,17 +8,15 @@ from typing import Final, Protocol
 
 from yawid.blocks import Floats, Ints
 from yawid.errors import ChannelError, ConfigError, SourceError
-from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, TEXTS
-from yawid.sources.records.units import (
+from yawid.quantities.table import CHANNELS, TEXTS
+from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
+from yawid.sources.records.headers import (
     ANGLES,
-    UNITS,
     Header,
-    Unit,
     by_suffix,
     fits,
     header_of,
     is_column,
-    unit_of,
 )
 
 LIKELY: Final = {
@@ -132,8 +130,8 @@ def _has_dates(table: Table, place: int) -> bool:
 def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, str | None]:
     """Return column, place and unit of an option's ``NAME=COLUMN``, ``NAME=COLUMN[unit]``."""
     name, _, wanted = (part.strip() for part in said.partition("="))
-    if name not in COLUMNS or not wanted:
-        names = ", ".join(COLUMNS)
+    if name not in CHANNELS or not wanted:
+        names = ", ".join(CHANNELS)
         raise ConfigError(f"--columns takes NAME=COLUMN, NAME one of {names}; got {said!r}")
     spelt, places = None, _called(table, headers, wanted)
     if not places and (parts := _WITH_UNIT.fullmatch(wanted)):
@@ -161,7 +159,7 @@ def _with_unit(
     """Return a column with its unit: an option's, the header's, its name's, or that of --units."""
     if name in WITHOUT_UNIT:
         return Found(place, header)
-    own = COLUMNS[name].unit
+    own = CHANNELS[name].unit
     said = spelt or header.unit or by_suffix(header.name, name)
     if said is None and units is not None and own in ANGLES:
         said = own.replace("rad", units)
@@ -169,7 +167,7 @@ def _with_unit(
         return Found(place, header)
     unit = unit_of(said)
     if unit is None or not fits(unit, name):
-        likely = [each for each, unit in UNITS.items() if unit.of == own][:4]
+        likely = [each for each, unit in UNITS.items() if unit.symbol == own][:4]
         wanted = ["half-travel", "rad", "deg"] if own == HALF_TRAVEL else likely
         raise SourceError(
             f"{table.path}, column {header.name}: its unit is {said!r}, and {name} needs one of "
@@ -190,7 +188,7 @@ def _missing(table: Table, names: list[str], headers: list[Header], taken: set[i
         begins = tuple(LIKELY.get(name, name).split())
         near = next((i for i, text in plain.items() if text.startswith(begins)), None)
         options.append(f"{name}={'COLUMN' if near is None else headers[near].name}")
-    means = ", ".join(f"{name} ({COLUMNS[name].says})" for name in names)
+    means = ", ".join(f"{name} ({CHANNELS[name].words})" for name in names)
     return (
         f"{table.path}: no column is {means}: say which by --columns '{','.join(options)}'; there "
         f"are {', '.join(table.names)}"

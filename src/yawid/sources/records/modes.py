@@ -7,10 +7,15 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.sources.mavlink.enums import ARDUPILOT, FIXED_WING, PX4, mode_name, px4_custom_modes
+from yawid.sources.mavlink.enums import (
+    ARDUPILOT,
+    AUTOPILOT_NAMES,
+    FIXED_WING,
+    PX4,
+    mode_name,
+    px4_custom_modes,
+)
 
-AUTOPILOTS: Final = {"ArduPilot": ARDUPILOT, "PX4": PX4}
-"""Those whose modes have names here, as :mod:`yawid.channels.vehicle` calls them."""
 _NUMBER: Final = re.compile("[0-9]{1,10}")
 FIRST_OF_NOBODY: Final = 1000
 """Modes of names that no autopilot here has count from this: the name is lost, a change is not."""
@@ -25,7 +30,7 @@ def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple
     """
     names = list(dict.fromkeys(text for text in texts if text and not _NUMBER.fullmatch(text)))
     known = {who: _numbers(who) for who in _NUMBERS} if names or autopilot else {}
-    who = AUTOPILOTS.get(autopilot or "", 0)
+    who = next((each for each in _NUMBERS if AUTOPILOT_NAMES[each] == autopilot), 0)
     if not who and names:
         who = max(known, key=lambda each: sum(name in known[each] for name in names))
         who = who if any(name in known[who] for name in names) else 0

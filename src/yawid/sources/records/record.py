@@ -14,15 +14,11 @@ import numpy as np
 
 from yawid.blocks import Floats, RecordBlock
 from yawid.errors import ChannelError, SourceError
+from yawid.quantities.table import CHANNELS
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.records.airspeeds import airspeed_of
-from yawid.sources.records.columns import COLUMNS
-from yawid.sources.records.csv_table import CsvTable
-from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
-from yawid.sources.records.modes import modes_of
-from yawid.sources.records.parquet_table import MAGIC, ParquetTable
-from yawid.sources.records.quantities import (
+from yawid.sources.records.column_values import (
     Settled,
     aileron_of,
     held_of,
@@ -33,6 +29,10 @@ from yawid.sources.records.quantities import (
     rudder_of,
     times_of,
 )
+from yawid.sources.records.csv_table import CsvTable
+from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
+from yawid.sources.records.modes import modes_of
+from yawid.sources.records.parquet_table import MAGIC, ParquetTable
 from yawid.sources.records.rows import Rows, same
 from yawid.sources.records.times import offsets_us
 
@@ -156,7 +156,7 @@ class Record:
 
 def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
     """Return which of the columns that are used are taken for rad or rad/s, by their names."""
-    used = (name for name in COLUMNS if name in MEASURED & found.keys())
+    used = (name for name in CHANNELS if name in MEASURED & found.keys())
     return tuple(found[name].header.name for name in used if is_assumed(name, found[name]))
 
 

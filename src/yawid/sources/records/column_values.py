@@ -5,13 +5,14 @@ from typing import Final
 
 import numpy as np
 
-from yawid.blocks import Floats, Ints
+from yawid.blocks import Floats, Held, Ints
 from yawid.errors import ConfigError, SourceError
-from yawid.sources.records.columns import COLUMNS, HALF_TRAVEL, held_bits
+from yawid.quantities.table import CHANNELS
+from yawid.quantities.units import HALF_TRAVEL, UNITS, unit_of
 from yawid.sources.records.find_columns import Asked, Found, Table
+from yawid.sources.records.headers import ANGLES, is_column
 from yawid.sources.records.rows import BACK_US, largest, largest_stroke, usual_interval_us
 from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of, is_unix
-from yawid.sources.records.units import ANGLES, UNITS, is_column, unit_of
 
 MOST: Final = {
     **dict.fromkeys(("q", "turn_rate"), 3.0),
@@ -69,7 +70,7 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
     if found.unit is not None:
         values = values * found.unit.factor if found.unit.factor != 1.0 else values
         return possible(name, values)
-    own = COLUMNS[name].unit
+    own = CHANNELS[name].unit
     option = f"--columns '{name}={header.name}[UNIT]'"
     if own in ANGLES:
         option = f"--units deg or --units rad, or of it alone by {option}"
@@ -94,7 +95,7 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
 
 def is_assumed(name: str, found: Found) -> bool:
     """Tell whether a column is taken for an angle in rad, or its rate, though nothing says so."""
-    return found.unit is None and COLUMNS[name].unit in ANGLES
+    return found.unit is None and CHANNELS[name].unit in ANGLES
 
 
 def possible(name: str, values: Floats) -> Floats:
@@ -133,7 +134,7 @@ def rudder_of(
             f"{other}, or leave empty what is missing"
         )
     sign = asked.rudder_sign or found.header.sign or own.get("rudder_sign")
-    if sign is None and unit.of == "rad":
+    if sign is None and unit.symbol == "rad":
         raise ConfigError(
             f"{where}: where does positive rudder turn the nose? Flight test often has the "
             "trailing edge left positive, which is nose-left: say --rudder-sign nose-right or "
@@ -144,7 +145,7 @@ def rudder_of(
         max_deg = float(said)
     values = values if unit.factor == 1.0 else values * unit.factor
     stroke = None
-    if unit.of == "rad" and max_deg is None:
+    if unit.symbol == "rad" and max_deg is None:
         stroke = max(largest_stroke(t_us, values), LEAST_STROKE_RAD)
     return values, Settled(name, sign or "nose-right", max_deg, stroke)
 
@@ -158,7 +159,7 @@ def aileron_of(table: Table, found: Found, t_us: Ints) -> Floats:
         ConfigError, SourceError: as :func:`in_its_unit`.
     """
     values = in_its_unit(table, "aileron", found)
-    if found.unit is None or found.unit.of == HALF_TRAVEL:
+    if found.unit is None or found.unit.symbol == HALF_TRAVEL:
         return values
     return np.asarray(values / max(largest_stroke(t_us, values), AILERON_RAD))
 
@@ -181,7 +182,7 @@ def held_of(table: Table, found: Found) -> Ints:
     for row, text in enumerate(texts):
         if text not in bits:
             try:
-                bits[text] = held_bits(text)
+                bits[text] = sum(Held[word.upper()].value for word in set(text.split()))
             except KeyError as error:
                 raise SourceError(
                     f"{place_of(table, found)}, {table.line(row)}: {text!r} is no reason to hold a "

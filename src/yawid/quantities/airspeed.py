@@ -1,17 +1,16 @@
-"""What an airspeed may be, of which kind each source gives it, and how one kind becomes another.
+"""What an airspeed may be, and how one kind becomes another.
 
 wn goes with the equivalent airspeed: kappa is wn over it. A calibrated or an indicated airspeed
 differs from it by less than 1 % below 100 m/s and 3000 m, and is taken for it there; a true one
 differs by the square root of the air's density, 18 % at 4000 m, and never is.
 """
 
-from collections.abc import Mapping
 from enum import IntEnum
 from typing import Final
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Bools, Floats
 
 LEAST_M_S: Final = 0.1
 """Nothing with a rudder flies slower; autopilots without a sensor send 0 for what they miss. A
@@ -29,28 +28,14 @@ class Kind(IntEnum):
     TRUE = 4
 
 
-ARDUPILOT, PX4 = 3, 12
-"""Numbers of MAV_AUTOPILOT."""
-GIVEN: Final[Mapping[tuple[str, str | int], Kind]] = {
-    ("VFR_HUD", ARDUPILOT): Kind.EQUIVALENT,
-    ("VFR_HUD", PX4): Kind.CALIBRATED,
-    ("VFR_HUD", "airspeed"): Kind.INDICATED,  # MAVLink: calibrated or indicated
-    ("CTUN", "As"): Kind.EQUIVALENT,
-    ("ARSP", "Airspeed"): Kind.EQUIVALENT,
-    ("NTUN", "Arspd"): Kind.EQUIVALENT,
-    ("ULog", "calibrated_airspeed_m_s"): Kind.CALIBRATED,
-    ("ULog", "equivalent_airspeed_m_s"): Kind.EQUIVALENT,
-    ("ULog", "indicated_airspeed_m_s"): Kind.INDICATED,
-    ("ULog", "true_airspeed_m_s"): Kind.TRUE,
-}
-"""THE table of which airspeed each source gives: message and field, or whose message it is.
-
-A record's column says it by its unit: see ``sources/records/units.py``."""
-
-
 def name_of(kind: float) -> str | None:
     """Return a kind as results call it, None where it is not known (NaN)."""
     return None if not np.isfinite(kind) else Kind(int(kind)).name.lower()
+
+
+def source_of(by_ground: Bools) -> str:
+    """Return what airspeeds (n,) are that are the ground speed in places: what most of them are."""
+    return "ground speed" if 2 * np.count_nonzero(by_ground) > len(by_ground) else "airspeed"
 
 
 def known(airspeed: Floats) -> Floats:
