@@ -41,11 +41,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sources", WIRE, LOGS, RECORDS, *SINKS},
     "runs/live": {*STAGES, "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
-    "runs/regress": {"config", "channels", "pipeline", "results", "runs", "sinks"}
-    | {"sources", WIRE, LOGS},
+    "runs/regress": {"config", "channels", "results", "runs", "sinks"} | {"sources", WIRE, LOGS},
     "dataset": {"results", "sinks"},
-    "fleet": {"config", "dataset", "pipeline", "results", "runs", "sinks", "sinks/mcap"}
-    | {"sources"},
+    "fleet": {"config", "dataset", "results", "runs", "sinks"} | {"sources"},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
     "tables": {"config", "results", "runs", "sources", WIRE}
     | {"sinks", "sinks/mcap", "sinks/terminal"},

@@ -30,10 +30,10 @@ from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
+from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
 from yawid.runs.regress.case import Case, find_cases
 from yawid.runs.regress.check import regress
-from yawid.runs.run_log import run_log
 from yawid.sources.open_log import TlogBytes
 
 GAPS = CASES / "c172p_gaps" / "log.tlog"
@@ -102,7 +102,7 @@ def written(path: Path, data: bytes, edges: list[int]) -> dict[str, Any]:
     pipeline = Pipeline(config, [open_mcap(config, outputs)])
     pieces = [data[low:high] for low, high in zip([0, *edges], [*edges, len(data)], strict=True)]
     source = TlogBytes(pieces, WANTED)
-    run_log(source, pipeline)
+    feed_all(source, pipeline)
     summary, _ = summarise(pipeline, source.link, "log.tlog", "")
     finish(pipeline, summary, outputs.files(), parameters_of(pipeline))
     return contents(path)

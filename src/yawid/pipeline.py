@@ -8,6 +8,9 @@ The only module that knows all stages; where messages come from, a file or a soc
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
 
 from yawid.blocks import FrameBlock, ModesBlock, RecordBlock, SampleBlock
 from yawid.channels.stage import Channels
@@ -86,13 +89,21 @@ class Pipeline:
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | None) -> None:
         """Take messages, a record's rows or samples in; all samples they complete are estimated."""
         if isinstance(block, SampleBlock):
-            self.estimate(block)
+            for samples in self._asked_for(block).epochs():
+                self.estimate(samples)
         elif isinstance(block, RecordBlock):
             for samples in self.channels.feed_record(block):
                 self.estimate(samples)
         elif block is not None:
             for samples in self.channels.feed(block):
                 self.estimate(samples)
+
+    def _asked_for(self, block: SampleBlock) -> SampleBlock:
+        """Return of a file's samples those inputs and that stretch which are asked for."""
+        low, high = self.config.window_us
+        rows = (block.boot_us >= low) & (block.boot_us <= high)
+        samples = replace(block, u=np.ascontiguousarray(block.u[:, : len(self.config.inputs)]))
+        return samples if rows.all() else samples.select(rows)
 
     def finish(self) -> list[Manoeuvre]:
         """Estimate what was held back for want of more; the sinks stay open for the summary.

@@ -16,7 +16,7 @@ from yawid.cli.main import main
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.job import feed_all, open_log
 
 TWO_VEHICLES = ROOT / "replay_logs" / "two_vehicles" / "log.tlog"
 
@@ -71,7 +71,7 @@ def test_the_numbers_are_those_of_the_phases_that_inspect_shows(log: Path):
     survey = Survey()
     pipeline = Pipeline(RunConfig())
     pipeline.channels.watch = survey.note
-    run_log(open_log(log), pipeline)
+    feed_all(open_log(log), pipeline)
     told = pipeline.channels.boots.spans_us
 
     assert {phase.boot: (phase.from_us, phase.to_us) for phase in survey.phases} == told

@@ -13,7 +13,7 @@ from yawid.config.run import RunConfig
 from yawid.results.reasons import Verdict
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.inspect_log import inspect
-from yawid.runs.run_log import open_log
+from yawid.runs.job import open_log
 
 TRUE_WN = 1.287
 """By JSBSim's own linearisation at the mean speed flown, of the flight with the line."""
@@ -42,14 +42,14 @@ def test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit(lined: Path):
 
 @pytest.mark.slow
 def test_choosing_the_orders_by_the_log_does_not_make_the_line_usable(lined: Path):
-    verdict = judged(lined, with_orders(open_log(lined), RunConfig()))
+    verdict = judged(lined, with_orders(open_log(lined, again=True), RunConfig(orders="auto")))
 
     assert "mode_not_driven" in {reason.id for reason in verdict.reasons}
 
 
 @pytest.mark.slow
 def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: Path):
-    report, verdict = inspect(lined, RunConfig())
+    report, verdict = inspect(lined, {})
 
     assert verdict.usable
     config = RunConfig(

@@ -21,7 +21,6 @@ from places import C172P, REPLAY_LOGS
 from printed import printed
 
 from yawid.cli.main import main
-from yawid.config.run import RunConfig
 from yawid.runs import replay as session
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import Interrupted, StopFlag
@@ -307,6 +306,6 @@ def test_a_replay_told_to_stop_before_its_first_bytes_keeps_nothing(
 
     monkeypatch.setattr(session, "open_sinks", told_while_opening)
     with pytest.raises(Interrupted):
-        session.replay(C172P, RunConfig(), Outputs(tmp_path, "log"), stop)
+        session.replay(C172P, {}, Outputs(tmp_path, "log"), stop)
 
     assert list(tmp_path.iterdir()) == []

@@ -19,7 +19,7 @@ from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import RunSummary
 from yawid.results.summary import summarise
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.job import feed_all, open_log
 from yawid.sinks.base import Sink
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.open_log import Log, ReadOptions, TlogBytes
@@ -125,14 +125,14 @@ def finished(
     """Replay a log in pieces of ``size`` bytes (0: one); return its summary and verdict."""
     pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
     source, pipeline = TlogBytes(pieces, WANTED, options), Pipeline(config or RunConfig(), sinks)
-    run_log(source, pipeline)
+    feed_all(source, pipeline)
     return summarise(pipeline, source.link, "log.tlog", "")
 
 
 def run_through(path: Path, config: RunConfig) -> tuple[Pipeline, Log]:
     """Run a whole log through a pipeline without sinks; return both."""
     source, pipeline = open_log(path), Pipeline(config)
-    run_log(source, pipeline)
+    feed_all(source, pipeline)
     return pipeline, source
 
 

@@ -159,7 +159,6 @@ def session(
 
 def bench_latency(options: argparse.Namespace) -> Iterator[str]:
     """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
-    from yawid.config.run import RunConfig
     from yawid.runs.outputs import Outputs
     from yawid.runs.replay import StopFlag, replay
 
@@ -175,7 +174,7 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
         log = Path(summary["files"]["tlog"])
-        again, _ = replay(log, RunConfig(), Outputs(folder, "again"), StopFlag())
+        again, _ = replay(log, {}, Outputs(folder, "again"), StopFlag())
     told = again.to_json()
     same = all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
     frames = summary["link"]["frames"]

@@ -16,7 +16,6 @@ from flights.command import Stamped
 from flights.send_tlog import stamped_frames
 from mcap.reader import make_reader
 
-from yawid.config.run import RunConfig
 from yawid.estimation.machine.runner import RUNNER
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -100,7 +99,7 @@ def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
     whole = list(stamped_frames(data))
     frames = len(whole) - (sum(8 + len(frame) for _, frame in whole) > len(data))
     recover(mcap, folder / "recovered.mcap")
-    replay(tlog, RunConfig(), Outputs(folder, "again"), StopFlag())
+    replay(tlog, {}, Outputs(folder, "again"), StopFlag())
     rescued, again = rows(folder / "recovered.mcap"), rows(folder / "again.mcap")
     missing_s = killed_s - sent_s[frames] if frames < len(sent_s) else 0.0
     last_s = max((received for _, received, _ in rescued), default=0) / 1e9

@@ -31,7 +31,7 @@ from flights.telemetry import Link, telemetry
 
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.runs.run_log import open_log
+from yawid.runs.job import open_log
 
 SETTINGS = ("off", "auto")
 MOVED_S, EVERY_S = 30.0, 360.0

@@ -49,9 +49,9 @@ from pathlib import Path
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.job import feed_all, open_log
 source, pipeline = open_log(Path(sys.argv[1])), Pipeline(RunConfig())
-run_log(source, pipeline)
+feed_all(source, pipeline)
 summarise(pipeline, source.link, sys.argv[1], source.sha256)
 """
 

@@ -44,16 +44,19 @@ UNKNOWN_COMMAND = 2
 
 _HOURS = """
 import json, sys, time
+from inspect import signature
 from pathlib import Path
 from yawid.config.run import RunConfig
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import replay
 from yawid.runs.stop import StopFlag
-out, config = Outputs(Path(sys.argv[1]), "hours", force=True), RunConfig(manoeuvres=sys.argv[2])
+out, asked = Outputs(Path(sys.argv[1]), "hours", force=True), {"manoeuvres": sys.argv[2]}
+if "config" in signature(replay).parameters:  # of an older commit
+    asked = RunConfig(**asked)
 spent = []
 for log in (sys.argv[3], *sys.argv[3:]):
     start = time.process_time()
-    replay(Path(log), config, out, StopFlag())
+    replay(Path(log), asked, out, StopFlag())
     spent.append(time.process_time() - start)
 print(json.dumps(spent[1:]))
 """

@@ -21,6 +21,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import asdict
 from heapq import merge
 from pathlib import Path
 from statistics import median
@@ -155,7 +156,7 @@ def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
     """Whether the replay of a vehicle's tlog gives what its session gave, to the bit."""
     log = Path(summary["files"]["tlog"])
     config = RunConfig(sysid=summary["vehicle"]["sysid"])
-    again, _ = replay(log, config, Outputs(folder, f"{log.stem}-again"), StopFlag())
+    again, _ = replay(log, asdict(config), Outputs(folder, f"{log.stem}-again"), StopFlag())
     told = again.to_json()
     return all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
 

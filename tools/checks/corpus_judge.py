@@ -23,8 +23,7 @@ from yawid.results.judge_estimate import judge_methods
 from yawid.results.run_summary import RunSummary
 from yawid.results.summary import bank_summaries, summarise
 from yawid.runs.inspect_log import inspect
-from yawid.runs.run_log import open_log, run_log
-from yawid.sources.open_log import Log
+from yawid.runs.job import Recording, feed_all, open_log
 
 Row = dict[str, Any]
 RIGHT, WRONG, SIGMAS = 0.05, 0.10, 3.0
@@ -33,7 +32,7 @@ LAGS = 4
 
 
 def _recommended(log: Path) -> RunConfig | None:
-    report, _ = inspect(log, RunConfig())
+    report, _ = inspect(log, {})
     options = {key: value for key, value in report.recommend.items() if key != "record"}
     return RunConfig(**check_settings(options, "inspect")) if options else None
 
@@ -49,10 +48,10 @@ RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
 of turns advises."""
 
 
-def finished(log: Path, config: RunConfig) -> tuple[Pipeline, Log]:
+def finished(log: Path, config: RunConfig) -> tuple[Pipeline, Recording]:
     """Return the pipeline after the whole log, and the log: ``bank.history()`` has its samples."""
     source, pipeline = open_log(log), Pipeline(config)
-    run_log(source, pipeline)
+    feed_all(source, pipeline)
     return pipeline, source
 
 

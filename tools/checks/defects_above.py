@@ -51,7 +51,7 @@ ABOVE = (
     ),
     Defect(
         "an interrupted replay passes for a whole one",
-        "runs/run_log.py",
+        "runs/job.py",
         "is_whole = False",
         "is_whole = True",
         "tests/runs/test_interrupted.py::test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name",

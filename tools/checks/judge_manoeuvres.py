@@ -35,7 +35,7 @@ from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.run_summary import Flight, Manoeuvre, RunSummary
 from yawid.results.summary import summarise
-from yawid.runs.run_log import open_log, run_log
+from yawid.runs.job import feed_all, open_log
 
 Row = dict[str, Any]
 Task = tuple[int, int]
@@ -66,7 +66,7 @@ def turbulent(plan: LegPlan, severity: int) -> LegPlan:
 def replayed(log: Path) -> RunSummary:
     """Return the summary of a log with the default options."""
     source, pipeline = open_log(log), Pipeline(RunConfig())
-    run_log(source, pipeline)
+    feed_all(source, pipeline)
     return summarise(pipeline, source.link, str(log), "")[0]
 
 

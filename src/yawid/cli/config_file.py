@@ -11,7 +11,7 @@ from typing import Any
 from yawid.errors import ConfigError
 
 NEVER = {"help", "version", "config"}
-WORDS = {"orders": "auto", "sysid": "all"}
+WORDS = {"sysid": "all"}
 """Values that are for the command, not for the configuration of a run."""
 
 

@@ -11,8 +11,6 @@ from yawid.cli.options import (
     add_format,
     add_record_options,
     add_signing,
-    auto_orders,
-    config_of,
     read_options_of,
     settings_of,
 )
@@ -100,8 +98,6 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
     from yawid.fleet.run_fleet import FleetRun
     from yawid.fleet.spec import Spec
 
-    automatic = auto_orders(arguments)
-    config_of(arguments)  # its errors are the command's, not each log's
     options = read_options_of(arguments)
     if arguments.workers is not None and arguments.workers < 1:
         raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
@@ -111,7 +107,7 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
     return FleetRun(
         paths=arguments.paths,
         out=arguments.out,
-        spec=Spec(settings_of(arguments), automatic, options.form, key_file, arguments.modes),
+        spec=Spec(settings_of(arguments), options.form, key_file, arguments.modes),
         workers=arguments.workers,
         scheduler=arguments.scheduler,
         retry=arguments.retry,

@@ -8,10 +8,9 @@ from typing import Any
 from yawid.cli.options import (
     add_command,
     add_outputs,
-    auto_orders,
-    config_of,
     outputs_of,
     read_options_of,
+    settings_of,
 )
 from yawid.errors import ConfigError
 from yawid.sinks.door import tell_json, tell_page
@@ -77,20 +76,22 @@ def add_live(commands: Any) -> None:
 
 def _live(arguments: argparse.Namespace) -> int:
     """Tap the link; print what each vehicle's session came to and return the highest code."""
+    from yawid.config.run import RunConfig
     from yawid.runs.live import LiveOptions, live, session_name
     from yawid.runs.stop import StopFlag
     from yawid.sinks.terminal.live_screen import console_for
     from yawid.sinks.terminal.summary_table import print_summary
 
-    if auto_orders(arguments):
+    every_vehicle = arguments.sysid == "all"
+    if every_vehicle:
+        arguments.sysid = None
+    settings = settings_of(arguments)
+    if settings.get("orders") == "auto":
         raise ConfigError(
             "--orders auto: a live session cannot look at its whole flight beforehand: "
             "run yawid orders on a log of this aircraft and give what it recommends"
         )
-    every_vehicle = arguments.sysid == "all"
-    if every_vehicle:
-        arguments.sysid = None
-    config, outputs = config_of(arguments), outputs_of(arguments, session_name())
+    config, outputs = RunConfig(**settings), outputs_of(arguments, session_name())
     options = LiveOptions(
         arguments.endpoint,
         arguments.seconds,

@@ -28,8 +28,6 @@ from yawid.cli.options import (
     add_outputs,
     add_record_options,
     add_signing,
-    auto_orders,
-    config_of,
     outputs_of,
     read_options_of,
     settings_of,
@@ -161,9 +159,8 @@ def _add_looks(commands: Any) -> None:
 def _replay(arguments: argparse.Namespace) -> int:
     from yawid.runs.outputs import output_names
     from yawid.runs.replay import replay
-    from yawid.sinks.mcap.chunks import is_mcap
 
-    automatic, config = auto_orders(arguments), config_of(arguments)
+    settings = settings_of(arguments)
     _compile_behind()
     read_options = read_options_of(arguments)
     codes: list[int] = []
@@ -174,13 +171,8 @@ def _replay(arguments: argparse.Namespace) -> int:
                 unreached.append(log)
                 continue
             outputs = outputs_of(arguments, name)
-            run = partial(replay, log, config, outputs, stop, read_options)
-            if is_mcap(log):
-                from yawid.runs.replay_mcap import replay_run
-
-                run = partial(replay_run, log, settings_of(arguments), outputs, stop)
+            run = partial(replay, log, settings, outputs, stop, read_options)
             try:
-                run = partial(run, automatic=automatic)
                 codes.append(_told(run, arguments.json, _print_summary))
             except Interrupted:
                 unreached.append(log)
@@ -209,8 +201,8 @@ def _orders(arguments: argparse.Namespace) -> int:
     from yawid.runs.choose_orders import orders_report
     from yawid.sinks.terminal.summary_table import print_orders
 
-    auto_orders(arguments)  # of a file that serves other commands too
-    report, verdict = orders_report(arguments.log, config_of(arguments), read_options_of(arguments))
+    settings, read_options = settings_of(arguments), read_options_of(arguments)
+    report, verdict = orders_report(arguments.log, settings, read_options)
     if arguments.json:
         tell_json(report)
     else:
@@ -223,9 +215,8 @@ def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.sinks.terminal.card import print_card
     from yawid.sinks.terminal.inspection import print_inspection
 
-    automatic, with_card = auto_orders(arguments), arguments.card
-    run = partial(inspect, arguments.log, config_of(arguments), read_options_of(arguments))
-    run = partial(run, automatic=automatic, with_card=with_card)
+    with_card, settings = arguments.card, settings_of(arguments)
+    run = partial(inspect, arguments.log, settings, read_options_of(arguments), with_card=with_card)
     return _told(run, arguments.json, print_card if with_card else print_inspection)
 
 

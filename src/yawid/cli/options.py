@@ -12,7 +12,6 @@ from yawid.errors import ConfigError
 from yawid.sinks.door import plain, tell_whole
 
 if TYPE_CHECKING:
-    from yawid.config.run import RunConfig
     from yawid.runs.outputs import Outputs
     from yawid.sources.open_log import ReadOptions
 
@@ -215,30 +214,17 @@ def add_record_options(parser: argparse.ArgumentParser) -> None:
         group.add_argument(name, type=kind, metavar=metavar, help=text)
 
 
-def auto_orders(arguments: argparse.Namespace) -> bool:
-    """Tell whether the orders are to be chosen by the log; the option is then out of the way."""
-    auto: bool = getattr(arguments, "orders", None) == "auto"
-    if auto:
-        arguments.orders = None
-    return auto
-
-
-def config_of(arguments: argparse.Namespace) -> "RunConfig":
-    """Return the configuration: the TOML file's settings, overruled by the options given."""
-    from yawid.config.run import RunConfig
-
-    return RunConfig(**settings_of(arguments))
-
-
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what the TOML file and the options say, the options overruling.
+    """Return what the TOML file and the options say, the options overruling; it is sound.
 
     A file's settings are in ``arguments.settings``: :mod:`yawid.cli.config_file` put them there.
     """
-    from yawid.config.run import check_settings, overruled
+    from yawid.config.run import RunConfig, check_settings, overruled
 
     given = check_settings(given_options(arguments), "the command line")
-    return overruled(arguments.settings, given)
+    settings = overruled(arguments.settings, given)
+    RunConfig(**settings)  # its errors are the command's, not each log's
+    return settings
 
 
 def given_options(arguments: argparse.Namespace) -> dict[str, Any]:

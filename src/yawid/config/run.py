@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import tomli_w
 
@@ -84,6 +84,7 @@ _FLOATS = (
 class RunConfig:
     """One run of the pipeline; each field is the command-line option of the same name.
 
+    ``orders`` are na, nb, nc, nk, or ``auto`` until they have been chosen by the log.
     ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
     ``rate`` in Hz (None: 20, or the rate of the slower channel), ``band`` in Hz (None: no filter),
     ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
@@ -101,7 +102,7 @@ class RunConfig:
         ConfigError: a value outside its limits.
     """
 
-    orders: tuple[int, int, int, int] = (3, 3, 2, 1)
+    orders: tuple[int, int, int, int] | Literal["auto"] = (3, 3, 2, 1)
     method: str = ELS
     also: str = RML
     engine: str = "numba"
@@ -141,7 +142,8 @@ class RunConfig:
         return low, high
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "orders", tuple(self.orders))
+        if self.orders != "auto":
+            object.__setattr__(self, "orders", tuple(self.orders))
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "given", tuple(self.given))
         object.__setattr__(self, "columns", tuple(self.columns))
@@ -150,7 +152,7 @@ class RunConfig:
         self._check_numbers()
 
     def _check_model(self) -> None:
-        if len(self.orders) != 4:
+        if self.orders != "auto" and len(self.orders) != 4:
             raise ConfigError(
                 f"--orders must be na,nb,nc,nk, got {','.join(map(str, self.orders))}"
             )
@@ -170,7 +172,8 @@ class RunConfig:
         if self.inputs not in INPUTS:
             given = ",".join(self.inputs)
             raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
-        self.armax_orders()
+        if self.orders != "auto":
+            self.armax_orders()
         for name, allowed in SELECTORS.items():
             selector = getattr(self, name)
             if allowed.fullmatch(selector) is None:
@@ -225,13 +228,26 @@ class RunConfig:
         """Whether u is the rudder in rad, not in half travels."""
         return self.rudder_max_deg is not None or self.rudder_unit in ("rad", "deg")
 
+    @property
+    def four_orders(self) -> tuple[int, int, int, int]:
+        """na, nb, nc, nk.
+
+        Raises:
+            ConfigError: they are to be chosen by a log.
+        """
+        if self.orders == "auto":
+            raise ConfigError(
+                "--orders auto: only replay, inspect and fleet choose them by the log"
+            )
+        return self.orders
+
     def armax_orders(self) -> ArmaxOrders:
         """Return the orders with nb and nk for every input.
 
         With the yaw angle as output nb is one more: its difference quotient is the mean of the rate
         over the interval before, which answers to one input more than the rate at an instant.
         """
-        na, nb, nc, nk = self.orders
+        na, nb, nc, nk = self.four_orders
         nb += self.output == "yaw"
         count = len(self.inputs)
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
@@ -311,11 +327,14 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
             )
             raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
         settings[name] = _typed(name, value, where)
-    settings.setdefault("given", tuple(name for name in GIVEN if name in settings))
+    given = (name for name in GIVEN if settings.get(name, "auto") != "auto")
+    settings.setdefault("given", tuple(given))
     return settings
 
 
 def _typed(name: str, value: Any, where: str) -> Any:
+    if (name, value) == ("orders", "auto"):
+        return value
     if name in _LISTS:
         kind, wanted_list = _LISTS[name]
         try:

@@ -17,15 +17,10 @@ from yawid.dataset.values import FAILED, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
-from yawid.pipeline import Pipeline
 from yawid.results.run_summary import LinkCounts, ReasonSummary, RunSummary
-from yawid.results.summary import summarise
 from yawid.runs.choose_orders import with_orders
-from yawid.runs.replay_mcap import RunSource, changed, conclude
-from yawid.runs.run_log import open_log, run_log, settled
-from yawid.sinks.mcap.chunks import is_mcap
-from yawid.sinks.mcap.reader import open_run
-from yawid.sources.open_log import Log, ReadOptions
+from yawid.runs.job import Recording, open_log, run
+from yawid.sources.open_log import ReadOptions
 from yawid.version import __version__
 
 Rows = dict[str, list[dict[str, Any]]]
@@ -54,7 +49,7 @@ def rows_of(path: Path, spec: Spec) -> Rows:
     caller.
     """
     try:
-        return _mcap_rows(path, spec) if is_mcap(path) else _log_rows(path, spec)
+        return _rows_of(path, spec)
     except SourceError as error:
         may_pass = isinstance(error, _OtherKeyError) or _may_pass(error.__cause__)
         outcome, text = FAILED if may_pass else "unreadable", str(error)
@@ -98,33 +93,38 @@ def _where(error: Exception) -> str:
     return f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})"
 
 
-def _log_rows(path: Path, spec: Spec) -> Rows:
-    options, config = read_options_of(spec), RunConfig(**spec.settings)
+def _rows_of(path: Path, spec: Spec) -> Rows:
+    """Return the rows of a log; a finished run's are those of the log that it was made from."""
+    options, is_auto = read_options_of(spec), spec.settings.get("orders") == "auto"
     with ExitStack() as stack:
-        source = stack.enter_context(closing(open_log(path, options, again=spec.automatic)))
-        config = settled(source, config)
-        if spec.automatic:
-            config = with_orders(source, config)
+
+        def opened(*, again: bool) -> Recording:
+            return stack.enter_context(closing(open_log(path, options, again=again)))
+
+        source = opened(again=is_auto)
+        config = with_orders(source, source.settled(spec.settings))
         first = _flown(source, config, spec)
-        link = source.link
-        again: list[Log] = [source] if spec.automatic else []
+        again = [source] if is_auto else []
 
         def another(config: RunConfig) -> _Flown | None:
             if not again:
-                again.append(stack.enter_context(closing(open_log(path, options, again=True))))
-                settled(again[0], config)
+                again.append(opened(again=True))
+                again[0].settled(spec.settings)
             try:
                 return _flown(again[0], config, spec)
             except ConfigError:  # nothing of this boot is asked for
                 return None
 
         flights = list(_each(first, config, another))
+    summary, first_us = first.summary, source.link.first_us
+    made_from = None if summary.source is None else summary.source.sha256
     log = {
-        "log_sha256": first.summary.sha256,
+        "log_sha256": made_from or summary.sha256,
+        "file_sha256": summary.sha256,
         "kind": source.format.name,
-        "date": known_date(link.first_us),
+        "date": first.sink.first_us if first_us is None else known_date(first_us),
     }
-    return _rows(first.summary, flights, log, spec)
+    return _rows(summary, flights, log, spec)
 
 
 def _each(first: _Flown, config: RunConfig, another: Any) -> Iterator[_Flown]:
@@ -150,40 +150,13 @@ def _each(first: _Flown, config: RunConfig, another: Any) -> Iterator[_Flown]:
                 yield alone
 
 
-def _flown(source: Log, config: RunConfig, spec: Spec) -> _Flown:
+def _flown(source: Recording, config: RunConfig, spec: Spec) -> _Flown:
     sink = FlightSink(every_second=spec.modes)
-    pipeline = Pipeline(config, [sink])
-    run_log(source, pipeline)
-    summary, _ = summarise(pipeline, source.link, source.path.name, source.sha256)
-    boots = tuple(pipeline.channels.boots.spans_us)
-    serial = pipeline.channels.parameters.values.get("BRD_SERIAL_NUM", 0.0)
-    own = source.vehicle_id or (f"serial:{serial:.0f}" if serial else None)
+    job = run(source, config, [sink])
+    boots = tuple(job.pipeline.channels.boots.spans_us)
+    own = source.vehicle_id or serial_of(source.parameters(job.pipeline))
+    summary, _ = job.conclude()
     return _Flown(summary, config.boot or next(iter(boots), 1), boots, own, sink)
-
-
-def _mcap_rows(path: Path, spec: Spec) -> Rows:
-    """Return the rows of a finished run; they are those of the log that it was made from."""
-    run = open_run(path)
-    config = changed(run, spec.settings)
-    if config.manoeuvres != "off" and not run.has_flight_state:
-        config = replace(config, manoeuvres="off")
-    if spec.automatic:
-        config = with_orders(RunSource(run, config), config)
-    sink = FlightSink(every_second=spec.modes)
-    modes_of = (0, 0) if run.grid is None else (run.grid.autopilot, run.grid.vehicle_type)
-    pipeline = Pipeline(config, [sink], modes_of=modes_of, rates_hz=run.rates_hz(config.inputs[0]))
-    _, is_whole = run_log(RunSource(run, config), pipeline)
-    summary, _ = conclude(run, pipeline, is_whole)
-    serial = serial_of(run.attachments.get("parameters.txt", b""))
-    flown = _Flown(summary, config.boot or 1, (), serial, sink)
-    made_from = None if summary.source is None else summary.source.sha256
-    log = {
-        "log_sha256": made_from or summary.sha256,
-        "file_sha256": summary.sha256,
-        "kind": "mcap",
-        "date": sink.first_us,
-    }
-    return _rows(summary, [flown], log, spec)
 
 
 def _rows(summary: RunSummary, flights: list[_Flown], log: Mapping[str, Any], spec: Spec) -> Rows:
@@ -210,7 +183,6 @@ def _rows(summary: RunSummary, flights: list[_Flown], log: Mapping[str, Any], sp
     is_ok = any(verdict.usable for verdict in judged)
     fatal = [] if is_ok else _ids(said, "fatal")
     row = {
-        "file_sha256": log["log_sha256"],
         **log,
         "yawid_version": __version__,
         "outcome": "ok" if is_ok else "unusable",

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,15 +14,13 @@ from yawid.config.run import RunConfig
 class Spec:
     """What is asked of every log: the settings of the run, how logs are read, what is kept.
 
-    ``settings`` are those of :class:`RunConfig` that were given, ``automatic`` chooses the orders
-    by each log, ``modes`` keeps a row a second.
+    ``settings`` are those of :class:`RunConfig` that were given, ``modes`` keeps a row a second.
 
     Raises:
         ConfigError: the key cannot be read.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
-    automatic: bool = False
     form: Literal["auto", "tlog", "raw"] = "auto"
     key_file: str | None = None
     modes: bool = False
@@ -40,6 +38,9 @@ class Spec:
     @property
     def config_hash(self) -> str:
         """The same for the same settings, however they were given."""
-        whole = asdict(RunConfig(**self.settings)), self.automatic, self.form, self.key_mark
-        text = json.dumps([*whole, self.modes], sort_keys=True)
+        config = RunConfig(**self.settings)
+        is_auto = config.orders == "auto"
+        usual = replace(config, orders=RunConfig().orders) if is_auto else config
+        whole = [asdict(usual), is_auto, self.form, self.key_mark, self.modes]
+        text = json.dumps(whole, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

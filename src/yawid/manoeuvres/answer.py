@@ -268,7 +268,7 @@ def _structures(
     K = (found.physics or {}).get("K", Value())  # noqa: N806  the field's name
     value, noise = (math.nan if x is None else x for x in (K.value, K.std_noise))
     own = _structure(spread, evidence.dutch_roll, (value, noise), evidence.held_back_pct)
-    structures: dict[tuple[int, ...], Structure] = {fits.config.orders: own}
+    structures: dict[tuple[int, ...], Structure] = {fits.config.four_orders: own}
     richer = spread.next
     if richer is not None and not fits.config.binds("orders"):
         gain_of = richer.values.get("K", math.nan), richer.sigmas.get("K", math.nan)

@@ -192,7 +192,7 @@ def _told(
     if not np.isfinite(dutch_roll[0]):
         return None
     pct = held_back_pct(model.config, u, y, NEAR_ENOUGH)
-    return Told(config.orders, every, dutch_roll, values, sigmas, pct)
+    return Told(config.four_orders, every, dutch_roll, values, sigmas, pct)
 
 
 def _said(
@@ -231,7 +231,7 @@ def spread_of(
     ``answer`` is the fit of the configuration's own orders over them, if that is the answer, with
     its held-back fit in %: where it is not, it is one more structure. The others have the same nk.
     """
-    tell, orders = partial(_others, config, sample_time_s, u, y), config.orders[:3]
+    tell, orders = partial(_others, config, sample_time_s, u, y), config.four_orders[:3]
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
     richer = tell([AFTER_NEXT if orders == NEXT else NEXT], 1)
     if every > 1:
@@ -269,7 +269,7 @@ def _others(
     every: int,
 ) -> list[Told]:
     """Return what these structures say, on a grid that is so many times as wide; not the own."""
-    nk = (config.orders[3] - 1) // every + 1
+    nk = (config.four_orders[3] - 1) // every + 1
     if every > 1:
         u, y = coarser(u, y, every, mean_output=config.output == "yaw")
     sample_time_s *= every

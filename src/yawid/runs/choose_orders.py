@@ -1,69 +1,80 @@
 """Which orders suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
 
 import sys
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.errors import ChannelError, NotIdentifiable, YawidError
-from yawid.offline.orders import Candidate, candidates, compare_orders, recommended
+from yawid.errors import ChannelError, NotIdentifiable
 from yawid.physics.modes import finite
 from yawid.results.reasons import Verdict
 from yawid.results.reports import OrdersReport, OrdersTried
 from yawid.results.run_summary import DutchRoll, Orders
-from yawid.results.summary import as_summary, summarise
-from yawid.runs.run_log import KeepingPipeline, open_log, run_log, settled
+from yawid.results.summary import as_summary
+from yawid.runs.job import Job, KeptSamples, Recording, open_log, run
 from yawid.runs.trials import Trials
 from yawid.sinks.terminal.progress import Bar, progress
-from yawid.sources.open_log import Log, ReadOptions, Source
+from yawid.sources.open_log import ReadOptions
+
+if TYPE_CHECKING:
+    from yawid.offline.orders import Candidate
 
 
-def try_orders(pipeline: KeepingPipeline, bar: Bar) -> tuple[list[Candidate], Candidate]:
-    """Return every structure tried on a run's samples, best simulation first, and the one to use.
+def with_orders(source: Recording, config: RunConfig) -> RunConfig:
+    """Return the configuration, with the orders that suit the source where they are ``auto``.
+
+    Where nothing can be compared they are the usual ones: the verdict of the replay then says why.
+
+    Raises:
+        SourceError: the source cannot be read.
+        ConfigError: what is asked for does not fit the source.
+    """
+    if config.orders != "auto":
+        return config
+    with progress(sys.stderr, "choosing orders", source.size) as bar:
+        samples = _sampled(source, config, bar)[1]
+        try:
+            return _with(_compared(samples, config, bar)[1], config)
+        except NotIdentifiable:
+            return replace(config, orders=RunConfig().orders)
+
+
+def _sampled(source: Recording, config: RunConfig, bar: Bar) -> tuple[Job, SampleBlock | None]:
+    kept = KeptSamples()
+    usual = replace(config, orders=RunConfig().orders, manoeuvres="off")
+    return run(source, usual, [kept], advance=bar), kept.joined()
+
+
+def _compared(
+    samples: SampleBlock | None, config: RunConfig, bar: Bar
+) -> tuple["list[Candidate]", "Candidate"]:
+    """Return every structure tried on the samples, best simulation first, and the one to use.
 
     Raises:
         NotIdentifiable: there are too few samples.
     """
-    config = pipeline.config
-    if not pipeline.kept:
+    from yawid.offline.orders import candidates, compare_orders, recommended  # few ask for it
+
+    if samples is None:
         raise NotIdentifiable("no sample has both rudder and yaw rate")
-    samples = SampleBlock.joined(pipeline.kept)
     tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
     bar.begin(f"{len(tried)} structures", len(tried))
     found = compare_orders(samples.u, samples.y, samples.sample_time_s, tried, bar)
     return found, recommended(found)
 
 
-def with_orders(source: Source, config: RunConfig) -> RunConfig:
-    """Return the configuration with the orders that suit a source (``--orders auto``).
-
-    Where nothing can be compared it stays as it is: the verdict of the replay then says why.
-
-    Raises:
-        SourceError: the source cannot be read.
-        ConfigError: what is asked for does not fit the source.
-    """
-    pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
-    with progress(sys.stderr, "choosing orders", source.size) as bar:
-        run_log(source, pipeline, advance=bar)
-        try:
-            _, chosen = try_orders(pipeline, bar)
-        except NotIdentifiable:
-            return config
-    return _with(chosen, config)
-
-
-def _with(chosen: Candidate, config: RunConfig) -> RunConfig:
+def _with(chosen: "Candidate", config: RunConfig) -> RunConfig:
     orders = chosen.orders
     nb = orders.nb[0] - int(config.output == "yaw")
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
 
 
 def orders_report(
-    log: Path, config: RunConfig, read_options: ReadOptions | None = None
+    log: Path, settings: Mapping[str, Any], read_options: ReadOptions | None = None
 ) -> tuple[dict[str, Any], Verdict]:
     """Return what ``yawid orders --json`` prints, and the verdict of a replay with its best orders.
 
@@ -79,12 +90,13 @@ def orders_report(
         closing(open_log(log, read_options, again=True)) as source,
         progress(sys.stderr, log.name, source.size) as bar,
     ):
-        config = settled(source, config)
-        pipeline = KeepingPipeline(replace(config, manoeuvres="off"))
-        run_log(source, pipeline, advance=bar)
-        if not pipeline.kept:
-            raise _why_nothing(source, pipeline)
-        found, chosen = try_orders(pipeline, bar)
+        config = source.settled(settings)
+        job, samples = _sampled(source, config, bar)
+        if samples is None:
+            first = job.conclude()[1].reasons[0]
+            kind = ChannelError if first.exit_code == 3 else NotIdentifiable
+            raise kind(f"{log}: {first.id}: {first.text}")
+        found, chosen = _compared(samples, config, bar)
         verdict = Trials(source, bar).of(_with(chosen, config)).verdict
     report = OrdersReport(
         log=str(log.absolute()),
@@ -95,20 +107,12 @@ def orders_report(
     return report.to_json(), verdict
 
 
-def _why_nothing(log: Log, pipeline: KeepingPipeline) -> YawidError:
-    """Return what a replay's verdict says of a log without samples."""
-    _, verdict = summarise(pipeline, log.link, "", "")
-    first = verdict.reasons[0]
-    kind = ChannelError if first.exit_code == 3 else NotIdentifiable
-    return kind(f"{log.path}: {first.id}: {first.text}")
-
-
-def _orders(candidate: Candidate) -> dict[str, int]:
+def _orders(candidate: "Candidate") -> dict[str, int]:
     orders = candidate.orders
     return {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
 
 
-def _described(candidate: Candidate) -> OrdersTried:
+def _described(candidate: "Candidate") -> OrdersTried:
     names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
     values = finite({name: getattr(candidate, name) for name in names})
     roll = DutchRoll.of(candidate.dutch_roll)

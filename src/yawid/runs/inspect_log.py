@@ -32,15 +32,16 @@ from yawid.results.judge_samples import (
 )
 from yawid.results.make_card import SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import Origin, RunSummary
-from yawid.results.summary import as_summary, summarise
+from yawid.results.run_summary import Origin
+from yawid.results.summary import as_summary
 from yawid.runs.choose_orders import with_orders
-from yawid.runs.run_log import KeepingPipeline, open_log, run_log, settled
+from yawid.runs.job import KeptSamples, run
+from yawid.runs.recorded_log import RecordedLog
 from yawid.runs.trials import Trial, Trials
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
 from yawid.sources.mavlink.sequence import SenderStats
-from yawid.sources.open_log import Log, ReadOptions
+from yawid.sources.open_log import ReadOptions
 
 BRIDGE_S = 20.0
 """Excited stretches this near to each other are one."""
@@ -63,61 +64,56 @@ TAP = "udpin:127.0.0.1:14560"
 
 def inspect(
     log: Path,
-    config: RunConfig,
+    settings: Mapping[str, Any],
     read_options: ReadOptions | None = None,
     *,
-    automatic: bool = False,
     with_card: bool = False,
 ) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
     Where its manoeuvres answer, the whole log as asked for is recommended, else an excited stretch.
-    The verdict is that of what is recommended, else of the whole log. ``automatic`` chooses the
-    orders by the log.
+    The verdict is that of what is recommended, else of the whole log.
 
     Raises:
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    with closing(open_log(log, read_options, again=True)) as source:
-        config = settled(source, config)
-        if automatic:
-            config = with_orders(source, config)
+    with closing(RecordedLog(log, read_options, again=True)) as source:
+        config = with_orders(source, source.settled(settings))
         with progress(sys.stderr, log.name, source.size) as bar:
             return _inspected(source, config, bar, with_card=with_card)
 
 
 def _inspected(
-    source: Log, config: RunConfig, bar: Bar, *, with_card: bool
+    source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: bool
 ) -> tuple[Inspection, Verdict]:
-    pipeline, survey = KeepingPipeline(config), Survey()
-    pipeline.channels.watch = survey.note
-    run_log(source, pipeline, advance=bar)
-    log, link = source.path, source.link
-    whole = Trial(config, *summarise(pipeline, link, str(log.absolute()), source.sha256))
+    kept, survey = KeptSamples(), Survey()
+    job = run(source, config, [kept], advance=bar, survey=survey)
+    log, link, channels = source.path, source.link, job.pipeline.channels
+    whole, samples = Trial(config, *job.conclude()), kept.joined()
     found: list[Span] = []
-    if pipeline.kept and pipeline.channels.surfaces:
-        found = stretches(SampleBlock.joined(pipeline.kept), config, pipeline.channels.boots)
+    if samples is not None and channels.surfaces:
+        found = stretches(samples, config, channels.boots)
     chosen, recommend, command = whole, {}, None
     rates = _rates(survey)
     if whole.summary.flight is not None and whole.verdict.usable:
-        assert pipeline.bank is not None  # there is an answer
-        recommend = said_options(config) | {"rate": round(1.0 / pipeline.bank.sample_time_s, 6)}
+        assert samples is not None  # there is an answer
+        recommend = said_options(config) | {"rate": round(1.0 / samples.sample_time_s, 6)}
         command = command_line(log, config, source.options)
     elif found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
         later_hz = min(each.rate_hz for each in rates.values())
-        if len(pipeline.channels.boots.spans_us) < 2:
+        if len(channels.boots.spans_us) < 2:
             longest = structs.replace(longest, boot=config.boot)
         chosen = _best(Trials(source, bar), whole, longest, later_hz)
         recommend = said_options(chosen.config)
         command = command_line(log, chosen.config, source.options)
     ids = [r.id for r in chosen.verdict.reasons if r.exit_code or r.id in WORTH_SAYING]
-    if record := what_to_record(ids, pipeline.channels):
+    if record := what_to_record(ids, channels):
         recommend["record"] = record
     origin = {name: getattr(whole.summary, name) for name in Origin.__struct_fields__}
     counted = {key: SenderStats(n) for key, n in link.senders.items()} | dict(link.by_sender)
-    modes_of = pipeline.channels.modes_of
+    modes_of = channels.modes_of
     inspection = Inspection(
         **origin | {"link": structs.replace(whole.summary.link, signed=link.signed or None)},
         senders={f"{s}/{c}": n for (s, c), n in link.senders.items()},
@@ -131,28 +127,28 @@ def _inspected(
         flight=whole.summary.flight,
         recommend=recommend,
         command=command,
-        card=_card(whole.summary, pipeline, rates, config) if with_card else None,
+        card=_card(whole, samples, rates, channels.parameters.values) if with_card else None,
         verdict=as_summary(chosen.verdict),
     )
     return inspection, chosen.verdict
 
 
 def _card(
-    summary: RunSummary,
-    pipeline: KeepingPipeline,
+    whole: Trial,
+    samples: SampleBlock | None,
     rates: Mapping[str, MessageRate],
-    config: RunConfig,
+    known: Mapping[str, float],
 ) -> FlightTestCard | None:
     """Return what to fly next, None for what has no rudder."""
+    summary, config = whole.summary, whole.config
     if why_no_card(summary.vehicle, summary.verdict) is not None:
         return None
-    flown = Flown.of(SampleBlock.joined(pipeline.kept)) if pipeline.kept else Flown()
+    flown = Flown() if samples is None else Flown.of(samples)
     rates_hz = {name: each.rate_hz for name, each in rates.items()}
     live = None
     if summary.vehicle is not None:
         words = _words(replace(config, from_s=None, to_s=None, boot=None))
         live = shlex.join(["yawid", "live", TAP, *words])
-    known = pipeline.channels.parameters.values
     return make_card(summary, flown, rates_hz, known, config.rudder_max_deg, live)
 
 
@@ -252,20 +248,20 @@ def _boot_numbers(t_s: Floats, boots: Boots) -> Ints:
     runs = np.cumsum(np.diff(t_s, prepend=t_s[0]) < -REBOOT_US / 1e6)
     numbers = np.ones(len(t_s), np.int64)
     spans = iter(sorted(boots.spans_us.items()))
-    for run in range(int(runs[-1]) + 1):
-        rows = runs == run
+    for number in range(int(runs[-1]) + 1):
+        rows = runs == number
         first, last = 1e6 * float(t_s[rows].min()), 1e6 * float(t_s[rows].max())
         within = (n for n, (a, b) in spans if a - REBOOT_US <= first and last <= b + REBOOT_US)
-        numbers[rows] = next(within, run + 1)
+        numbers[rows] = next(within, number + 1)
     return numbers
 
 
 def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Span]:
     """Yield the excited stretches of one boot and flight mode, bridging short rests."""
     rows = np.flatnonzero(excited)
-    for run in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > BRIDGE_S) + 1):
-        if len(run):
-            first, last = max(float(t_s[run[0]]) - BEFORE_S, float(t_s[0])), float(t_s[run[-1]])
+    for part in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > BRIDGE_S) + 1):
+        if len(part):
+            first, last = max(float(t_s[part[0]]) - BEFORE_S, float(t_s[0])), float(t_s[part[-1]])
             if last - first >= LEAST_STRETCH_S:
                 yield Span(boot, round(first, 1), round(last, 1))
 

@@ -1,53 +1,43 @@
 """One replay, from a log or a finished run to its files."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Mapping
 from contextlib import closing
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from msgspec.structs import replace
 
 from yawid.config.run import RunConfig
-from yawid.pipeline import Pipeline
+from yawid.errors import SinkError
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import RunSummary
-from yawid.results.summary import summarise
+from yawid.runs.choose_orders import with_orders
+from yawid.runs.job import Recording, open_log, run
 from yawid.runs.outputs import (
     Outputs,
     finish,
     keep_as_interrupted,
     open_sinks,
-    parameters_of,
     refused,
     whole_or_none,
 )
-from yawid.runs.run_log import open_log, run_log, settled
-from yawid.runs.stop import Interrupted
 from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
 from yawid.sinks.door import say
 from yawid.sinks.terminal.progress import progress
-from yawid.sources.open_log import Log, ReadOptions, Source
-
-if TYPE_CHECKING:
-    from yawid.sinks.mcap.reader import McapRun
-
-Conclude = Callable[[Pipeline, bool], tuple[RunSummary, Verdict]]
-"""From a pipeline that has had what was read, and whether that is all, to its summary."""
+from yawid.sources.open_log import ReadOptions
 
 
 def replay(
     log: Path,
-    config: RunConfig,
+    settings: Mapping[str, Any],
     outputs: Outputs,
     stop: StopFlag,
     read_options: ReadOptions | None = None,
-    *,
-    automatic: bool = False,
 ) -> tuple[RunSummary, Verdict]:
-    """Replay one log; return its summary and verdict; ``automatic`` chooses the orders by the log.
+    """Replay one log or finished run; return its summary and verdict.
 
+    ``settings`` are those of :class:`RunConfig` that were given; they overrule a finished run's.
     Told to ``stop`` it keeps what it has read, by names and with a verdict that say so.
 
     Raises:
@@ -57,64 +47,39 @@ def replay(
         ConfigError: what is asked for does not fit the log.
     """
     with stop.raising():
-        source = open_log(log, read_options, again=automatic)
+        source = open_log(log, read_options, again=settings.get("orders") == "auto")
     with closing(source):
-        config = settled(source, config)
-        if automatic:
-            from yawid.runs.choose_orders import with_orders  # few ask for it
-
-            with stop.raising():
-                config = with_orders(source, config)
-        return to_files(source, log, config, outputs, stop, partial(_conclude, source))
-
-
-def _conclude(source: Log, pipeline: Pipeline, is_whole: bool) -> tuple[RunSummary, Verdict]:
-    """Warn of what a log leaves open, and return its summary and verdict."""
-    boots, link = pipeline.channels.boots, source.link
-    for said in (boots.warning(pipeline.config), source.options.unchecked(link)):
-        if said is not None:
-            say(said)
-    return summarise(pipeline, link, str(source.path.absolute()), source.sha256)
+        written = [Path(path) for path in outputs.files().values()]
+        if any(path.exists() and path.samefile(log) for path in written):
+            raise SinkError(f"{log} would be overwritten by what is read from it: choose --out")
+        with stop.raising():
+            config = with_orders(source, source.settled(settings))
+        return to_files(source, config, outputs, stop)
 
 
 def to_files(
-    source: Source,
-    path: Path,
-    config: RunConfig,
-    outputs: Outputs,
-    stop: StopFlag,
-    conclude: Conclude,
-    run: "McapRun | None" = None,
+    source: Recording, config: RunConfig, outputs: Outputs, stop: StopFlag
 ) -> tuple[RunSummary, Verdict]:
-    """Run a source at ``path`` to its files; return the summary and the verdict.
-
-    Of a finished ``run`` the flight modes' names, the parameters and the log lines are taken over.
+    """Run a source to its files; return the summary and the verdict.
 
     Raises:
         Interrupted, SourceError, SinkError, ConfigError: as :func:`replay`.
     """
     sinks = open_sinks(config, outputs)
-    grid = None if run is None else run.grid
-    modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
-    rates_hz = None if run is None else run.rates_hz(config.inputs[0])
-    pipeline = Pipeline(config, sinks, modes_of=modes_of, rates_hz=rates_hz)
     with whole_or_none(sinks):
-        with progress(sys.stderr, path.name, source.size) as advance:
-            read, is_whole = run_log(source, pipeline, stop, advance)
-        if not is_whole and read == 0:
-            raise Interrupted(stop.exit_code)
-        summary, verdict = conclude(pipeline, is_whole)
+        with progress(sys.stderr, source.path.name, source.size) as advance:
+            job = run(source, config, sinks, stop, advance)
+        for said in source.left_open(job.pipeline):
+            say(said)
+        summary, verdict = job.conclude()
         files = outputs.files()
-        if not is_whole:
-            summary, verdict = _cut_short(summary, verdict, stop.name, (read, source.size))
+        if not job.is_whole:
+            summary, verdict = _cut_short(summary, verdict, stop.name, (job.read, source.size))
             files = keep_as_interrupted(sinks, outputs)
         for sink in sinks:
-            for line in () if run is None else run.log:
+            for line in source.log_lines:
                 sink.log(line.unix_ns, line.level, line.text)
-        known = parameters_of(pipeline)
-        if run is not None:
-            known = run.attachments.get("parameters.txt", b"")
-        summary = finish(pipeline, summary, files, known)
+        summary = finish(job.pipeline, summary, files, source.parameters(job.pipeline))
     return summary, verdict
 
 

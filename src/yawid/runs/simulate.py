@@ -14,8 +14,8 @@ from yawid.pipeline import Pipeline
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
 from yawid.results.summary import summarise
+from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
-from yawid.runs.run_log import run_log
 from yawid.sinks.door import tell_whole
 from yawid.sinks.part_file import check_free, write_whole
 from yawid.sources.logs.simulated_tlog import Flight, tlog_of
@@ -115,6 +115,6 @@ def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> Non
     sinks = [open_mcap(config, outputs)]
     with whole_or_none(sinks):
         pipeline = Pipeline(config, sinks)
-        run_log(source, pipeline)
+        feed_all(source, pipeline)
         summary, _ = summarise(pipeline, source.link, str(out), "")
         finish(pipeline, summary, outputs.files(), parameters_of(pipeline))

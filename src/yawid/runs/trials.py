@@ -5,14 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.config.run import BOTH, RunConfig
-from yawid.pipeline import Pipeline
 from yawid.results.judge_samples import reaction_shares
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import MethodSummary, RunSummary
-from yawid.results.summary import summarise
-from yawid.runs.run_log import run_log
+from yawid.runs.job import Recording, run
 from yawid.sinks.terminal.progress import Bar
-from yawid.sources.open_log import Log
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +48,7 @@ class Trial:
 class Trials:
     """Replays of one log without outputs, each configuration estimated once; ``bar`` shows each."""
 
-    def __init__(self, source: Log, bar: Bar) -> None:
+    def __init__(self, source: Recording, bar: Bar) -> None:
         self._source = source
         self._bar = bar
         self._made: dict[RunConfig, Trial] = {}
@@ -63,13 +60,10 @@ class Trials:
             ConfigError: the channels or the rate do not fit.
         """
         if config not in self._made:
-            pipeline = Pipeline(config)
             name, size = self._source.path.name, self._source.size
             self._bar.begin(f"{name}: trial {len(self._made) + 1}", size)
-            run_log(self._source, pipeline, advance=self._bar)
-            reacts = 0.0
-            if pipeline.bank is not None and config.inputs == BOTH:
-                reacts = reaction_shares(pipeline.bank.history())[1]
-            told = summarise(pipeline, self._source.link, "", "")
-            self._made[config] = Trial(config, *told, reacts)
+            job, reacts = run(self._source, config, advance=self._bar), 0.0
+            if job.pipeline.bank is not None and config.inputs == BOTH:
+                reacts = reaction_shares(job.pipeline.bank.history())[1]
+            self._made[config] = Trial(config, *job.conclude(), reacts)
         return self._made[config]

@@ -145,9 +145,7 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
     from yawid.config.run import check_settings, overruled, read_toml
     from yawid.runs.outputs import Outputs
     from yawid.runs.replay import replay as replay_log
-    from yawid.runs.replay_mcap import replay_run
     from yawid.runs.stop import StopFlag
-    from yawid.sinks.mcap.chunks import is_mcap
     from yawid.sources.open_log import ReadOptions
 
     log, toml = Path(path), options.pop("config", None)
@@ -159,19 +157,11 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
         options.pop(name, loaded.pop(name, None)) for name in ("format", "signing_key_file")
     )
     read_options = ReadOptions.asked(form or "auto", None if key_file is None else Path(key_file))
-    automatic = options.get("orders", loaded.get("orders")) == "auto"
-    for each in (options, loaded):
-        if each.get("orders") == "auto":
-            del each["orders"]
     settings = check_settings(loaded, str(toml))
     settings = overruled(settings, check_settings(options, "yawid.replay"))
     kept = Kept()
     outputs = Outputs(Path(), log.stem, sink=kept)
-    if is_mcap(log):
-        replay_run(log, settings, outputs, StopFlag(), automatic=automatic)
-    else:
-        config = RunConfig(**settings)
-        replay_log(log, config, outputs, StopFlag(), read_options, automatic=automatic)
+    replay_log(log, settings, outputs, StopFlag(), read_options)
     return kept.run(log)
 
 

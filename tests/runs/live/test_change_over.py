@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -38,5 +39,5 @@ def test_a_session_changes_over_while_it_flies_with_the_bits_of_its_replay(
     assert runner.is_compiled()
 
     monkeypatch.setattr(armax, "RUNNER", RUNNER)
-    replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+    replay(tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
     assert messages(tmp_path / "live.mcap") == messages(tmp_path / "again.mcap")

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -41,7 +41,7 @@ TOLD_S = 2.0
 def replayed(tlog: Path, config: RunConfig) -> Ended:
     """Replay what a session recorded; return its summary and verdict."""
     outputs = Outputs(tlog.parent, f"{tlog.stem}-again")
-    summary, verdict = replay(tlog, config, outputs, StopFlag())
+    summary, verdict = replay(tlog, asdict(config), outputs, StopFlag())
     return Ended(summary, verdict, verdict.exit_code)
 
 

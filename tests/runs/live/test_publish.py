@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from struct import pack
@@ -116,7 +116,9 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
     assert (other.summary.estimates, other.summary.verdict) == (summary.estimates, summary.verdict)
     assert other.summary.manoeuvres[0].estimates == summary.manoeuvres[0].estimates
     assert other.summary.flight.dutch_roll == summary.flight.dutch_roll
-    again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+    again, _ = replay(
+        tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
+    )
     assert again.estimates == summary.estimates
 
 

@@ -17,9 +17,9 @@ from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
+from yawid.runs.job import feed_all
 from yawid.runs.live import Console
 from yawid.runs.live.standing import Standing
-from yawid.runs.run_log import run_log
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.open_log import TlogBytes
 
@@ -137,7 +137,7 @@ def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
 def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
     pipeline = Pipeline(RunConfig(rate=10.0, forgetting=1.0))
     source = TlogBytes([C172P.read_bytes()], WANTED)
-    run_log(source, pipeline)
+    feed_all(source, pipeline)
     assert pipeline.newest is not None
     summary, verdict = summarise(pipeline, source.link, "log.tlog", "")
     answer = summary.estimates[verdict.method].dutch_roll

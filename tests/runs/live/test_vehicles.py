@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain
 from operator import itemgetter
@@ -56,7 +56,10 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
     for sysid, summary in ended.items():
         assert summary.link.frames == len(heard[sysid])
         again, _ = replay(
-            tmp_path / f"live-{sysid}.tlog", CONFIG, Outputs(tmp_path, f"{sysid}"), StopFlag()
+            tmp_path / f"live-{sysid}.tlog",
+            asdict(CONFIG),
+            Outputs(tmp_path, f"{sysid}"),
+            StopFlag(),
         )
         assert again.estimates == summary.estimates
         assert again.estimates["els"].updates > 100
@@ -93,7 +96,10 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
     for summary in (each.summary for each in session.ended):
         name = f"live-{summary.vehicle.sysid}"
         again, _ = replay(
-            tmp_path / f"{name}.tlog", CONFIG, Outputs(tmp_path, f"{name}-again"), StopFlag()
+            tmp_path / f"{name}.tlog",
+            asdict(CONFIG),
+            Outputs(tmp_path, f"{name}-again"),
+            StopFlag(),
         )
         assert (summary.link.lost, sum(summary.live.dropped.values())) == (0, 0)
         told, own_told = summary.to_json(), again.to_json()
@@ -152,7 +158,9 @@ def test_a_stop_skips_what_waits_in_the_tlog_and_in_the_estimates_alike(
     left_bytes = sum(map(len, sent[len(sent) - skipped :]))
     assert f"{skipped} datagrams of {left_bytes} bytes" in line
     assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent[: len(sent) - skipped])
-    again, _ = replay(tmp_path / "live.tlog", CONFIG, Outputs(tmp_path, "again"), StopFlag())
+    again, _ = replay(
+        tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
+    )
     assert again.estimates == ended.summary.estimates
     assert again.estimates["els"].updates > 50
 

@@ -16,8 +16,7 @@ from google.protobuf import descriptor_pb2
 from printed import why_invalid
 
 from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag
-from yawid.runs.replay_mcap import replay_run
+from yawid.runs.replay import StopFlag, replay
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, schema_data
 from yawid.sinks.terminal.summary_table import print_summary
@@ -61,7 +60,7 @@ def test_what_its_sigmas_say_of_noise_is_unknown_and_it_is_shown_as_noise():
 
 
 def test_it_is_estimated_again_to_what_it_said(tmp_path):
-    summary, _ = replay_run(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
+    summary, _ = replay(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
 
     before = json.loads(open_run(OLD_RUN).attachments["summary.json"])
     assert why_invalid("replay", summary.to_json()) == ""

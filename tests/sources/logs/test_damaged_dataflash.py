@@ -18,7 +18,7 @@ from sources.logs.onboard_flight import flown
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
-from yawid.runs.run_log import open_log
+from yawid.runs.job import open_log
 from yawid.sources.logs.dataflash import DataflashReader
 
 

@@ -30,9 +30,9 @@ from sources.logs.onboard_flight import assert_same_samples, flown
 
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
+from yawid.runs.job import open_log
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
-from yawid.runs.run_log import open_log
 from yawid.sources.logs.dataflash import DataflashReader
 
 
@@ -80,7 +80,7 @@ def test_the_replay_finds_what_the_replay_of_the_telemetry_log_finds(tmp_path: P
     found = {}
     for path in (tlog, dataflash):
         outputs = Outputs(tmp_path, path.stem)
-        summary, verdict = replay(path, RunConfig(forgetting=1.0), outputs, StopFlag())
+        summary, verdict = replay(path, {"forgetting": 1.0}, outputs, StopFlag())
         found[path] = summary.to_json()
         assert verdict.exit_code == 0, verdict.reasons
     a, b = found[tlog], found[dataflash]

@@ -20,7 +20,7 @@ from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
 from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag
+from yawid.runs.stop import StopFlag
 from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
 from yawid.sinks.terminal.progress import Console

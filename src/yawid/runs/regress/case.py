@@ -3,17 +3,17 @@
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError
-from yawid.pipeline import Pipeline
-from yawid.results.summary import summarise
+from yawid.runs.choose_orders import with_orders
+from yawid.runs.job import open_log, run
 from yawid.runs.regress.compare import NOT_COMPARED
 from yawid.runs.regress.table import TableSink
-from yawid.runs.run_log import open_log, run_log, settled
 from yawid.sources.formats import FORMATS
 
 _KEYS = {
@@ -79,10 +79,10 @@ class Case:
             SourceError: the log cannot be read.
             ConfigError: the options do not fit the log.
         """
-        rows, source = TableSink(), open_log(self.log)
-        pipeline = Pipeline(settled(source, self.config), [rows])
-        run_log(source, pipeline)
-        summary, _ = summarise(pipeline, source.link, self.log.name, source.sha256)
+        rows = TableSink()
+        with closing(open_log(self.log, again=self.config.orders == "auto")) as source:
+            config = with_orders(source, source.settled(asdict(self.config)))
+            summary, _ = run(source, config, [rows]).conclude()
         rows.finish(summary, {})
         kept = {key: each for key, each in summary.to_json().items() if key not in NOT_COMPARED}
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))

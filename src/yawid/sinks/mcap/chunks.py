@@ -56,15 +56,6 @@ _SUMMARY: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUN
 _SPOOL: Final = 1 << 16  # bytes of the chunks' index kept in memory: that of minutes
 
 
-def is_mcap(path: Path) -> bool:
-    """Tell whether a file begins as an MCAP file does."""
-    try:
-        with path.open("rb") as stream:
-            return stream.read(len(MAGIC)) == MAGIC
-    except OSError:
-        return False
-
-
 @dataclass(frozen=True, slots=True)
 class Topic:
     """Messages of one channel, all of the same size: a structured row (n,) each."""

@@ -137,7 +137,7 @@ class Remains:
             roll = DutchRoll.of([getattr(modes, f"dutch_roll_{name}") for name in MODE_VALUES])
         return MethodSummary(
             method=method,
-            orders=Orders(*config.orders),
+            orders=Orders(*config.four_orders),
             sample_time_s=grid.sample_time_s,
             forgetting_factor=config.forgetting_factor(grid.sample_time_s),
             updates=self.rows - self.held,

@@ -1,0 +1,174 @@
+"""A run estimated once more from the samples its file holds: other orders, another memory.
+
+What concerns the channels was decided when the samples were made and cannot be changed here; what
+concerns the estimators can, and gives what a replay of the log itself would give.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yawid.blocks import SampleBlock
+from yawid.channels.segments import outside
+from yawid.config.run import RunConfig, overruled
+from yawid.errors import ConfigError, SourceError, YawidError
+from yawid.pipeline import Pipeline
+from yawid.results.judge_estimate import bank_verdict
+from yawid.results.reasons import KINDS, Reason, Verdict
+from yawid.results.run_summary import MethodSummary, RunSummary
+from yawid.results.summary import as_summary, bank_summaries
+from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sources.formats import RUN
+from yawid.sources.mavlink.link_stats import LinkStats
+
+CHANGEABLE = (
+    "orders",
+    "method",
+    "also",
+    "engine",
+    "memory",
+    "forgetting",
+    "servo_tau",
+    "inputs",
+    "from_s",
+    "to_s",
+    "manoeuvres",
+    "given",
+)
+JUDGED_AGAIN = frozenset(
+    kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
+)
+"""Reasons that samples and estimates give; all others come from the log and stay as they were."""
+
+
+class FinishedRun:
+    """A run's MCAP to be replayed; see :class:`yawid.runs.job.Recording`.
+
+    Raises:
+        SourceError: the file cannot be read, was not finished or is not a run's.
+    """
+
+    format = RUN
+    vehicle_id = None
+    link = LinkStats()
+
+    def __init__(self, path: Path) -> None:
+        self._run = run = open_run(path)
+        self.path, self.size = path, path.stat().st_size
+        self.log_lines = run.log
+        grid = run.grid
+        self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
+        self._said: list[str] = []
+
+    def settled(self, settings: Mapping[str, Any]) -> RunConfig:
+        """Return the run's configuration, overruled by the settings; an older run's lacks more.
+
+        Raises:
+            ConfigError: a setting asks for other samples than the file holds.
+        """
+        config = changed(self._run, settings)
+        if config.manoeuvres == "off" or self._run.has_flight_state:
+            return config
+        self._said = [f"{self.path} is of an older version; manoeuvres: replay the log"]
+        return replace(config, manoeuvres="off")
+
+    def read(self) -> Iterator[tuple[int, SampleBlock]]:
+        """Yield (bytes, samples); samples lie evenly in the file."""
+        each = self.size / max(self._run.rows, 1)
+        for block in self._run.samples():
+            yield int(each * len(block)), block
+
+    def rates_hz(self, rudder: str) -> tuple[float, float] | None:
+        """Return the rates of yaw and rudder messages, as the channels found them."""
+        return self._run.rates_hz(rudder)
+
+    def left_open(self, pipeline: Pipeline) -> list[str]:
+        """Return what is missing in an older file."""
+        return self._said
+
+    def parameters(self, pipeline: Pipeline) -> bytes:
+        """Return the parameters that the file holds."""
+        return self._run.attachments.get("parameters.txt", b"")
+
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
+        """Return the summary and the verdict: what concerns the log stays as it was.
+
+        Raises:
+            ConfigError: no sample lies where it was asked for.
+            SourceError: there is no sample, or a reason is unknown.
+        """
+        run, bank, before = self._run, pipeline.bank, self._run.summary
+        if is_whole and bank is None and run.grid is not None:
+            raise _nothing(run, pipeline.config)
+        said = before.verdict.reasons
+        if unknown := sorted({r.id for r in said} - KINDS.keys()):
+            text = f"{run.path} gives reasons unknown to this version: {', '.join(unknown)}"
+            raise SourceError(text)
+        reasons = [Reason(r.id, r.text) for r in said]
+        of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
+        estimates: dict[str, MethodSummary] | None = None
+        if bank is not None:
+            estimates, evidence = bank_summaries(bank)
+            rates_hz = run.rates_hz(pipeline.config.inputs[0])
+            assert rates_hz is not None  # there was a grid to make a bank for
+            verdict = bank_verdict(bank, evidence, rates_hz, of_the_log)
+        else:
+            verdict = Verdict.of(reasons if run.grid is None else of_the_log)
+        flight = pipeline.flight(of_the_log)
+        with run.path.open("rb") as stream:
+            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+        summary = RunSummary(
+            log=str(run.path.absolute()),
+            sha256=sha256,
+            source=before.source or before.own_source,
+            duration_s=before.duration_s,
+            vehicle=before.vehicle,
+            link=before.link,
+            channels=before.channels,
+            estimates=estimates,
+            verdict=as_summary(verdict),
+            manoeuvres=pipeline.manoeuvres,
+            flight=None if flight is None else flight[0],
+        )
+        return summary, verdict if flight is None else flight[1]
+
+    def close(self) -> None:
+        """Do nothing: the file is opened for each reading."""
+
+
+def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
+    """Return the configuration of a run with other settings.
+
+    Raises:
+        ConfigError: a setting asks for other samples than the run's file holds.
+    """
+    before = asdict(run.config)
+    for name, value in settings.items():
+        same = value == before[name]
+        if name == "rate" and run.grid is not None:
+            same = abs(value * run.grid.sample_time_s - 1.0) < 1e-9
+        if name not in CHANGEABLE and not same:
+            option = name.replace("_", "-")
+            raise ConfigError(
+                f"{run.path} holds samples made with --{option} {before[name]}: "
+                f"replay the log itself to have {value}"
+            )
+    config = RunConfig(**overruled(before, settings))
+    if not set(config.inputs) <= set(run.config.inputs):
+        raise ConfigError(
+            f"{run.path} holds no {' and '.join(config.inputs)}: replay the log itself"
+        )
+    return config
+
+
+def _nothing(run: McapRun, config: RunConfig) -> YawidError:
+    """Return what is to be said of a run without a sample where one was asked for."""
+    if config.from_s is None and config.to_s is None:
+        return SourceError(f"{run.path} holds no sample: replay the log itself")
+    t_us = [block.boot_us[[0, -1]] for block in run.samples() if len(block)]
+    covers = f"{np.min(t_us) / 1e6:.1f} to {np.max(t_us) / 1e6:.1f} s" if t_us else "nothing"
+    return outside(config, f"{run.path}, which covers {covers}")

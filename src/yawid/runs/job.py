@@ -1,0 +1,177 @@
+"""A run is composed here, once: a log or a finished run, the pipeline, sinks, a summary.
+
+with closing(open_log(path)) as source:
+    config = source.settled(settings)
+    summary, verdict = run(source, config, sinks).conclude()
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.channels.survey import Survey
+from yawid.config.run import RunConfig
+from yawid.pipeline import Pipeline
+from yawid.results.reasons import Verdict
+from yawid.results.run_summary import RunSummary
+from yawid.runs.recorded_log import RecordedLog
+from yawid.runs.stop import Interrupted, StopFlag
+from yawid.sinks.base import Sink
+from yawid.sources.formats import RUN, Format, format_of
+from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.sources.open_log import ReadOptions, Source
+
+if TYPE_CHECKING:
+    from yawid.sinks.mcap.reader import LogLine
+
+
+class Recording(Source, Protocol):
+    """What can be replayed: a log, or a finished run with what it kept of its log.
+
+    ``modes_of`` are autopilot and vehicle type where no message says them,
+    """
+
+    path: Path
+    modes_of: tuple[int, int]
+
+    @property
+    def log_lines(self) -> Sequence["LogLine"]:
+        """The lines for people, as they were written during the run."""
+
+    @property
+    def format(self) -> Format:
+        """Which kind of file it is."""
+
+    @property
+    def link(self) -> LinkStats:
+        """Counts of what has been read; of a finished run none."""
+
+    @property
+    def vehicle_id(self) -> str | None:
+        """What the file itself calls its vehicle, None where it does not."""
+
+    def settled(self, settings: Mapping[str, Any]) -> RunConfig:
+        """Return the configuration by what was given and by what the file says.
+
+        Raises:
+            ConfigError: a setting does not fit the file.
+            ChannelError, SourceError: a record is not understood.
+        """
+
+    def rates_hz(self, rudder: str) -> tuple[float, float] | None:
+        """Return the rates of the messages of yaw and rudder, None where the messages say them."""
+
+    def left_open(self, pipeline: Pipeline) -> list[str]:
+        """Return what is to be said to people once a replay is done."""
+
+    def parameters(self, pipeline: Pipeline) -> bytes:
+        """Return the vehicle's parameters, a line each."""
+
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
+        """Return the summary and the verdict of a pipeline that has had what was read.
+
+        Raises:
+            ConfigError, SourceError: there is nothing to conclude from.
+        """
+
+    def close(self) -> None:
+        """Remove what was kept to be read again."""
+
+
+def open_log(path: Path, options: ReadOptions | None = None, *, again: bool = False) -> Recording:
+    """Open a log or a finished run, known by its first bytes; ``again``: it is read repeatedly.
+
+    Raises:
+        SourceError: there is no such file, it cannot be read, or it is no log.
+    """
+    if format_of(path) is not RUN:
+        return RecordedLog(path, options, again=again)
+    from yawid.runs.finished_run import FinishedRun  # a log needs nothing of it
+
+    return FinishedRun(path)
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A source that has gone through a pipeline: ``read`` bytes of it, ``is_whole`` if all."""
+
+    source: Recording
+    pipeline: Pipeline
+    read: int
+    is_whole: bool
+
+    def conclude(self) -> tuple[RunSummary, Verdict]:
+        """Return the summary and the verdict that decides; see :meth:`Recording.conclude`."""
+        return self.source.conclude(self.pipeline, is_whole=self.is_whole)
+
+
+def run(
+    source: Recording,
+    config: RunConfig,
+    sinks: Sequence[Sink] = (),
+    stop: StopFlag | None = None,
+    advance: Callable[[int], None] = lambda size: None,
+    survey: Survey | None = None,
+) -> Job:
+    """Run a source through a pipeline; the sinks stay open. ``survey`` notes all messages.
+
+    Raises:
+        Interrupted: told to ``stop`` before there was anything to keep.
+        SourceError, ConfigError, SinkError: as :func:`feed_all`.
+    """
+    rates_hz = source.rates_hz(config.inputs[0])
+    pipeline = Pipeline(config, sinks, modes_of=source.modes_of, rates_hz=rates_hz)
+    if survey is not None:
+        pipeline.channels.watch = survey.note
+    read, is_whole = feed_all(source, pipeline, stop, advance)
+    if stop is not None and not is_whole and read == 0:
+        raise Interrupted(stop.exit_code)
+    return Job(source, pipeline, read, is_whole)
+
+
+def feed_all(
+    source: Source,
+    pipeline: Pipeline,
+    stop: StopFlag | None = None,
+    advance: Callable[[int], None] = lambda size: None,
+) -> tuple[int, bool]:
+    """Run a source through a pipeline, whose sinks stay open; return the bytes read, and if all.
+
+    Told to ``stop``, it ends before the next piece; ``advance`` is called with the size of each.
+
+    Raises:
+        SourceError: the source cannot be read.
+        ConfigError: what is asked for does not fit the source.
+        SinkError: a sink cannot write.
+    """
+    read, is_whole = 0, True
+    for size, block in source.read():
+        if size and stop is not None and stop.is_set:
+            is_whole = False
+            break
+        pipeline.feed(block)
+        read += size
+        advance(size)
+    pipeline.finish()
+    if is_whole:
+        pipeline.channels.boots.check(pipeline.config)
+    return read, is_whole
+
+
+class KeptSamples(Sink):
+    """A sink that keeps the samples, for what looks at a record as a whole."""
+
+    def __init__(self) -> None:
+        self._blocks: list[SampleBlock] = []
+
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :class:`Sink`."""
+        self._blocks.append(samples)
+
+    def joined(self) -> SampleBlock | None:
+        """Return all of them, None where there is none."""
+        return SampleBlock.joined(self._blocks) if self._blocks else None
