@@ -1,23 +1,21 @@
-"""Datagrams off a real socket: one by one and many at once are the same datagrams."""
+"""Datagrams off a real socket: whole, in order, with their senders and times."""
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import socket
 import struct
 import sys
 import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from yawid.sources.link.recvmmsg import MOST, NOTHING, ManyAtOnce, OneByOne, Receiver, make_receiver
+from yawid.sources.link.receiver import MOST, NOTHING, Receiver
 
 SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
-KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
+IS_TIMED = [True, False] if sys.platform == "linux" else [False]
+"""Whether a datagram comes with its time."""
 
 
 @pytest.fixture
@@ -37,28 +35,33 @@ def vehicles() -> Iterator[list[socket.socket]]:
         link.close()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("timed", IS_TIMED)
 def test_datagrams_of_any_size_come_whole_in_order_and_with_their_senders(
-    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket, vehicles: list[socket.socket]
+    timed: bool,
+    hearing: socket.socket,
+    vehicles: list[socket.socket],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("yawid.sources.link.receiver._HAS_TIME", timed)
     rng = np.random.default_rng(0)
     sent = []
     for i in range(3 * MOST // 2):
         link, data = vehicles[i % 2], rng.bytes(SIZES[i % len(SIZES)])
         link.sendto(data, hearing.getsockname())
         sent.append((data, ("127.0.0.1", link.getsockname()[1])))
-    receiver = kind(hearing)
+    receiver = Receiver(hearing)
     assert [(data, sender) for _, data, sender in everything(receiver)] == sent
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("timed", IS_TIMED)
 def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
-    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket
+    timed: bool, hearing: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("yawid.sources.link.receiver._HAS_TIME", timed)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
-    receiver = kind(hearing)
+    receiver = Receiver(hearing)
     assert receiver.wait() == receiver.get() == NOTHING
     hearing.connect(nobody)
     for ask in (receiver.wait, receiver.get):
@@ -70,8 +73,7 @@ def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
 def test_the_time_told_is_when_the_system_had_the_datagram(
     hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    receiver = make_receiver(hearing)
-    assert isinstance(receiver, ManyAtOnce)
+    receiver = Receiver(hearing)
     until_it_tells(receiver, hearing, vehicles[0])
     before_us = time.time_ns() // 1000
     for link in vehicles:
@@ -88,27 +90,12 @@ def test_the_time_told_is_when_the_system_had_the_datagram(
 def test_a_time_the_system_does_not_tell_is_not_the_one_before(
     hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    receiver = make_receiver(hearing)
+    receiver = Receiver(hearing)
     vehicles[0].sendto(b"told", hearing.getsockname())
     assert everything(receiver)[0][0] > 0
     hearing.setsockopt(socket.SOL_SOCKET, 29, 0)
     vehicles[0].sendto(b"not told", hearing.getsockname())
     assert [(told_us, data) for told_us, data, _ in everything(receiver)] == [(0, b"not told")]
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the call is Linux's")
-@pytest.mark.parametrize("code", [None, errno.ENOSYS, errno.EPERM])
-def test_a_system_that_has_no_such_call_or_refuses_it_is_asked_one_by_one(
-    code: int | None, hearing: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object) -> int:
-        assert code is not None
-        ctypes.set_errno(code)
-        return -1
-
-    library = SimpleNamespace() if code is None else SimpleNamespace(recvmmsg=refuse)
-    monkeypatch.setattr("yawid.sources.link.recvmmsg.ctypes.CDLL", lambda *_, **__: library)
-    assert isinstance(make_receiver(hearing), OneByOne)
 
 
 def until_it_tells(receiver: Receiver, hearing: socket.socket, link: socket.socket) -> None:
