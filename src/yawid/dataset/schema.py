@@ -16,6 +16,8 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from yawid.quantities.table import YAW_CHANNEL, quantity
+
 ANALYSIS_VERSION: Final = "3"
 """Raised where the same log gives other numbers than before: a fleet's logs are then run again."""
 FORMAT: Final = 1
@@ -31,6 +33,15 @@ NUMBERS, COUNTS, IDS = pa.list_(pa.float64()), pa.list_(pa.int64()), pa.list_(pa
 Column = tuple[str, Any, str]
 """Name, type, what it says."""
 
+
+def _columns(kind: Any, *names: str) -> tuple[Column, ...]:
+    """Return columns of one type; unit and words are the table's."""
+    rows = [(name, quantity(name)) for name in names]
+    return tuple(
+        (name, kind, ", ".join(filter(None, (row.words, row.unit_for())))) for name, row in rows
+    )
+
+
 _MADE_BY: Final[tuple[Column, ...]] = (
     ("yawid_version", ID, "version of yawid that made the row"),
     ("analysis_version", ID, "raised where the same log gives other numbers"),
@@ -39,81 +50,54 @@ _MADE_BY: Final[tuple[Column, ...]] = (
 _KEYS: Final[tuple[Column, ...]] = (("log_sha256", ID, "of the log's bytes: see logs"), *_MADE_BY)
 _WHOSE: Final[tuple[Column, ...]] = (
     ("vehicle", ID, "uuid:… or serial:… where the log tells one, else sysid:N"),
-    ("sysid", COUNT, "MAVLink system id; NULL where no vehicle was heard"),
-    ("boot", COUNT, "of the vehicle in the log, from 1"),
+    *_columns(COUNT, "sysid", "boot"),
 )
 _JUDGED: Final[tuple[Column, ...]] = (
-    ("usable", FLAG, "whether the answer may be used"),
+    *_columns(FLAG, "usable"),
     ("reasons", IDS, "ids of what forbids it, the first decides"),
     ("warnings", IDS, "ids of what it is warned of"),
     ("text", TEXT, "reasons and warnings in words"),
 )
-_ORDERS: Final[tuple[Column, ...]] = (
-    ("method", ID, "els or rml"),
-    ("na", COUNT, "order of A"),
-    ("nb", COUNT, "order of each B"),
-    ("nc", COUNT, "order of C"),
-    ("nk", COUNT, "delay in samples"),
+ORDERS: Final = _columns(COUNT, "na", "nb", "nc", "nk")
+DUTCH_ROLL: Final = (
+    *_columns(NUMBER, "wn_rad_s", "wn_std", "wn_std_noise", "zeta", "zeta_std", "zeta_std_noise"),
+    *_columns(COUNT, "level"),
 )
-_DUTCH_ROLL: Final[tuple[Column, ...]] = (
-    ("wn_rad_s", NUMBER, "Dutch roll, natural frequency"),
-    ("wn_std", NUMBER, "rad/s"),
-    ("wn_std_noise", NUMBER, "rad/s"),
-    ("zeta", NUMBER, "Dutch roll, damping ratio"),
-    ("zeta_std", NUMBER, "total sigma"),
-    ("zeta_std_noise", NUMBER, "sigma of noise alone"),
-    ("level", COUNT, "of MIL-F-8785C, 1 to 3; of the bare airframe alone"),
+_OVER_SPEED: Final = _columns(
+    NUMBER, "kappa_rad_m", "kappa_std", "kappa_std_noise",
+    "K_per_V", "K_per_V_std", "K_per_V_std_noise",
+)  # fmt: skip
+CONDITION: Final = (
+    *_columns(ID, "loop"),
+    *_columns(NUMBER, "airspeed_m_s"),
+    *_columns(ID, "airspeed_source", "airspeed_kind"),
+    *_columns(NUMBER, "altitude_m"),
 )
-_OVER_SPEED: Final[tuple[Column, ...]] = (
-    ("kappa_rad_m", NUMBER, "wn / V, V the equivalent airspeed; NULL without an airspeed"),
-    ("kappa_std", NUMBER, "rad/m"),
-    ("kappa_std_noise", NUMBER, "rad/m"),
-    ("K_per_V", NUMBER, "K / V, rad/m per unit of rudder (half its travel, or rad)"),
-    ("K_per_V_std", NUMBER, "as K_per_V"),
-    ("K_per_V_std_noise", NUMBER, "as K_per_V"),
+OF_MANOEUVRE: Final = (
+    *_columns(COUNT, "n"),
+    *_columns(TIME, "date"),
+    *_columns(NUMBER, "from_s", "to_s", "duration_s"),
+    *_columns(ID, "mode"),
+    *_columns(NUMBER, "airspeed_std_m_s"),
+    *CONDITION,
+    *_columns(IDS, "inputs"),
+    *_columns(FLAG, "turn_removed"),
 )
-_CONDITION: Final[tuple[Column, ...]] = (
-    ("loop", ID, "airframe, with_roll_loop or unknown: whose number it is"),
-    ("airspeed_m_s", NUMBER, "airspeed, or what airspeed_source says: a ground speed"),
-    ("airspeed_source", ID, "airspeed, or ground speed, which gives no kappa"),
-    ("airspeed_kind", ID, "which airspeed the source gives; of a true one the equivalent stands"),
-    ("altitude_m", NUMBER, "altitude"),
-)
-PHYSICS: Final = (
-    ("K", "rad/s per unit of rudder"),
-    ("T_theta_s", "s"),
-    ("omega_beta", "rad/s"),
-    ("xi_beta", "damping ratio"),
-    ("a_z_beta", "1/s"),
-    ("a_my_omega_y", "1/s"),
-    ("a_my_beta", "1/s²"),
-    ("a_my_delta_h", "1/s² per unit of rudder"),
-    ("servo_tau_s", "s"),
-)
-"""Of eq. 22-23: name in the summary and unit; each has its total sigma beside it."""
-FIT: Final = (
-    "one_step_pct",
-    "simulation_pct",
-    "simulation_held_back_pct",
-    "innovation_std",
-    "residual_std",
-    "whiteness_p",
-    "spr_margin",
-)
-_MODEL: Final[tuple[Column, ...]] = (
-    ("sample_time_s", NUMBER, "of the grid"),
-    ("forgetting_factor", NUMBER, "per sample"),
-    ("updates", COUNT, "samples that moved theta"),
+_MODEL: Final = (
+    *_columns(NUMBER, "sample_time_s", "forgetting_factor"),
+    *_columns(COUNT, "updates"),
     ("held", COUNT, "samples that did not"),
     ("theta_names", IDS, "names of theta's entries"),
     ("theta", NUMBERS, "the ARMAX model's parameters, in the order of theta_names"),
-    ("theta_std", NUMBERS, "their sigmas, of noise"),
-    *(
-        column
-        for name, unit in PHYSICS
-        for column in ((name, NUMBER, unit), (f"{name}_std", NUMBER, f"sigma, {unit}"))
+    *_columns(NUMBERS, "theta_std"),
+    *_columns(NUMBER, *(name + std for name in YAW_CHANNEL for std in ("", "_std"))),
+    *_columns(
+        NUMBER, "one_step_pct", "simulation_pct", "simulation_held_back_pct", "innovation_std",
+        "residual_std", "whiteness_p", "spr_margin",
     ),
-    *((name, NUMBER, "how well the model tells what was measured") for name in FIT),
+)  # fmt: skip
+_LINK: Final = _columns(
+    COUNT, "frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps"
 )
 
 
@@ -158,19 +142,7 @@ LOGS: Final = Table(
         ("kind", ID, "tlog, bin, ulg, csv, parquet or mcap"),
         ("date", TIME, "first record; NULL where the log does not know"),
         ("duration_s", NUMBER, "last record less first"),
-        *(
-            (name, COUNT, f"of the link: {says}")
-            for name, says in (
-                ("frames", "intact frames"),
-                ("skipped_bytes", "bytes outside of frames"),
-                ("bad_crc", "frames with a wrong CRC"),
-                ("unknown", "frames of unknown messages"),
-                ("lost", "lost by sequence number"),
-                ("reboots", "reboots of the vehicle"),
-                ("clock_steps", "steps of its clock"),
-                ("gaps", "gaps"),
-            )
-        ),
+        *_LINK,
         ("flights", COUNT, "rows of it in flights"),
         ("manoeuvres", COUNT, "rows of it in manoeuvres"),
     ),
@@ -184,15 +156,16 @@ FLIGHTS: Final = Table(
     (
         *_KEYS,
         *_WHOSE,
-        ("compid", COUNT, "MAVLink component id"),
+        *_columns(COUNT, "compid"),
         ("vehicle_type", COUNT, "MAV_TYPE"),
         ("autopilot", COUNT, "MAV_AUTOPILOT"),
         ("date", TIME, "of the first manoeuvre used, else of the boot's first record"),
         ("duration_s", NUMBER, "of the boot"),
         ("answer", ID, "manoeuvres, or stream where there was none; NULL: nothing estimated"),
-        *_ORDERS,
-        *_CONDITION,
-        *_DUTCH_ROLL,
+        *_columns(ID, "method"),
+        *ORDERS,
+        *CONDITION,
+        *DUTCH_ROLL,
         *_OVER_SPEED,
         ("between_wn_rad_s", NUMBER, "scatter of wn between manoeuvres"),
         ("between_zeta", NUMBER, "scatter of zeta between manoeuvres"),
@@ -214,9 +187,10 @@ RUNS: Final = Table(
         *_KEYS,
         *_WHOSE,
         ("date", TIME, "of the flight"),
-        *_ORDERS,
+        *_columns(ID, "method"),
+        *ORDERS,
         ("is_answer", FLAG, "whether the stream's verdict is of this method"),
-        *_DUTCH_ROLL,
+        *DUTCH_ROLL,
         *_MODEL,
         *_JUDGED,
     ),
@@ -229,18 +203,10 @@ MANOEUVRES: Final = Table(
     (
         *_KEYS,
         *_WHOSE,
-        ("n", COUNT, "number in the flight, from 1"),
-        ("date", TIME, "of its first sample"),
-        ("from_s", NUMBER, "since boot"),
-        ("to_s", NUMBER, "since boot"),
-        ("duration_s", NUMBER, "of the manoeuvre"),
-        ("mode", ID, "flight mode"),
-        ("airspeed_std_m_s", NUMBER, "scatter of the airspeed during it"),
-        *_CONDITION,
-        ("inputs", IDS, "of the model"),
-        ("turn_removed", FLAG, "whether the turn was removed"),
-        *_ORDERS,
-        *_DUTCH_ROLL,
+        *OF_MANOEUVRE,
+        *_columns(ID, "method"),
+        *ORDERS,
+        *DUTCH_ROLL,
         *_OVER_SPEED,
         ("check_wn_rad_s", NUMBER, "wn by the method that checks"),
         ("check_zeta", NUMBER, "zeta by the method that checks"),
@@ -259,12 +225,9 @@ MODES: Final = Table(
         *_WHOSE,
         ("date", TIME, "of the sample"),
         ("boot_s", NUMBER, "since boot"),
-        ("method", ID, "els or rml"),
+        *_columns(ID, "method"),
         ("held", FLAG, "whether the sample moved nothing"),
-        ("wn_rad_s", NUMBER, "natural frequency"),
-        ("wn_std_noise", NUMBER, "rad/s"),
-        ("zeta", NUMBER, "damping ratio"),
-        ("zeta_std_noise", NUMBER, "sigma of noise alone"),
+        *_columns(NUMBER, "wn_rad_s", "wn_std_noise", "zeta", "zeta_std_noise"),
     ),
     ("log_sha256", "sysid", "boot", "boot_s"),
     ("vehicle", "date", "log_sha256", "sysid", "boot", "boot_s"),

@@ -1,17 +1,17 @@
 """A run's summary as flat rows of the tables ``flights``, ``runs`` and ``manoeuvres``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
+from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, Column
 from yawid.dataset.values import known_date
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.results.run_summary import (
-    DutchRoll,
     Flight,
     Manoeuvre,
     MethodSummary,
-    Orders,
+    Part,
     RunSummary,
     Value,
     VerdictSummary,
@@ -43,7 +43,7 @@ def flight_row(summary: RunSummary, first_us: int | None, duration_s: float | No
         return row | _answer(flight, first_us)
     if stream is None:
         return row
-    return row | {"answer": "stream", **_orders(stream), **_dutch_roll(stream.dutch_roll)}
+    return row | {"answer": "stream", **_of_method(stream)}
 
 
 def _answer(flight: Flight, first_us: int | None) -> Row:
@@ -52,13 +52,9 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
         "date": first_us if flight.date is None else _us(flight.date),
         "answer": "manoeuvres",
         "method": flight.method,
-        **_order_columns(flight.orders),
-        "loop": flight.loop,
-        "airspeed_m_s": flight.airspeed_m_s,
-        "airspeed_source": flight.airspeed_source,
-        "airspeed_kind": flight.airspeed_kind,
-        "altitude_m": flight.altitude_m,
-        **_dutch_roll(flight.dutch_roll),
+        **_taken(flight.orders, ORDERS),
+        **_taken(flight, CONDITION),
+        **_taken(flight.dutch_roll, DUTCH_ROLL),
         **_value("kappa_rad_m", "kappa", flight.kappa_rad_m),
         **_value("K_per_V", "K_per_V", flight.K_per_V),
         "between_wn_rad_s": None if between is None else between.wn_rad_s,
@@ -75,7 +71,7 @@ def run_rows(summary: RunSummary) -> Iterator[Row]:
         judged = {"is_answer": is_answer, **_judged(summary.verdict)}
         if not is_answer:
             judged = {"is_answer": False}  # nobody judged it
-        yield _orders(method) | _dutch_roll(method.dutch_roll) | _model(method) | judged
+        yield _of_method(method) | _model(method) | judged
 
 
 def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
@@ -85,26 +81,14 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
     implausible = any(reason.id == "airspeed_implausible" for reason in reasons)
     for each in summary.manoeuvres or ():
         row: Row = {
-            "n": each.n,
+            **_taken(each, OF_MANOEUVRE),
+            **_taken(each.orders, ORDERS),
             "date": _us(each.date),
-            "from_s": each.from_s,
-            "to_s": each.to_s,
-            "duration_s": each.duration_s,
-            "mode": each.mode,
-            "loop": each.loop,
-            "airspeed_m_s": each.airspeed_m_s,
-            "airspeed_std_m_s": each.airspeed_std_m_s,
-            "airspeed_source": each.airspeed_source,
-            "airspeed_kind": each.airspeed_kind,
-            "altitude_m": each.altitude_m,
-            "inputs": each.inputs,
-            "turn_removed": each.turn_removed,
-            **_order_columns(each.orders),
             "used": each.n in used,
             **_judged(each.verdict),
         }
         if (answer := each.answer) is not None:
-            row |= _orders(answer) | _dutch_roll(answer.dutch_roll) | _model(answer)
+            row |= _of_method(answer) | _model(answer)
             row |= {} if implausible else _over_speed(each, answer)
         for name, other in each.estimates.items():
             if name != each.verdict.method and other.dutch_roll is not None:
@@ -126,21 +110,14 @@ def _over_speed(each: Manoeuvre, answer: MethodSummary) -> Row:
     return row | _value("K_per_V", "K_per_V", gain, 1.0 / speed)
 
 
-def _orders(method: MethodSummary) -> Row:
-    return {"method": method.method, **_order_columns(method.orders)}
+def _of_method(method: MethodSummary) -> Row:
+    roll = _taken(method.dutch_roll, DUTCH_ROLL)
+    return {"method": method.method, **_taken(method.orders, ORDERS), **roll}
 
 
-def _order_columns(orders: Orders | None) -> Row:
-    if orders is None:
-        return {}
-    return {"na": orders.na, "nb": orders.nb, "nc": orders.nc, "nk": orders.nk}
-
-
-def _dutch_roll(roll: DutchRoll | None) -> Row:
-    if roll is None:
-        return {}
-    names = ("wn_rad_s", "wn_std", "wn_std_noise", "zeta", "zeta_std", "zeta_std_noise", "level")
-    return {name: getattr(roll, name) for name in names}
+def _taken(of: Part | None, columns: Sequence[Column]) -> Row:
+    """Return the fields of an object that are called as columns."""
+    return {} if of is None else {name: getattr(of, name) for name, *_ in columns}
 
 
 def _value(column: str, stem: str, value: Value | None, scale: float = 1.0) -> Row:

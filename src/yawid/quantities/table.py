@@ -47,12 +47,14 @@ _CHANNELS: Final = (
         "held", True,
     ),
     Quantity(
-        "ground_speed", "m/s", "what the airspeed is held against; stands in for none",
+        "ground_speed", "m/s",
+        "what the airspeed is held against; stands in for none (airspeed_kind: ground)",
         "held", True,
     ),
     Quantity(
-        "airspeed_kind", "", "which airspeed the source gives, which stands here as the equivalent "
-        "one (an indicated or calibrated one is taken for it), or ground",
+        "airspeed_kind", "",
+        "which airspeed the source gives; the equivalent one made of it stands here, or the number "
+        "itself if it is indicated or calibrated",
         "held", True,
     ),
     Quantity("yaw", "rad", "heading, unwrapped", "linear", True),
@@ -130,8 +132,8 @@ _OTHERS: Final = (
     Quantity(
         "simulation_held_back_pct", "%", "fit run free over samples that the model has not seen"
     ),
-    Quantity("innovation_std", "rad/s", "of the a priori innovation"),
-    Quantity("residual_std", "rad/s", "of the a posteriori residual"),
+    Quantity("innovation_std", "rad/s", "standard deviation of the a priori innovation"),
+    Quantity("residual_std", "rad/s", "standard deviation of the a posteriori residual"),
     Quantity(
         "whiteness_p", "1", "probability of residuals as coloured as these, were they white "
         "(Ljung-Box)",
@@ -175,7 +177,7 @@ _OTHERS: Final = (
     Quantity("usable", "", "whether the answer may be used"),
     # Of the link.
     Quantity("frames", "", "intact frames"),
-    Quantity("skipped_bytes", "bytes", "bytes outside of frames"),
+    Quantity("skipped_bytes", "bytes", "outside of frames"),
     Quantity("bad_crc", "", "frames passed over for a wrong CRC"),
     Quantity("unknown", "", "frames of messages that are not known"),
     Quantity("lost", "", "frames missing by sequence number"),

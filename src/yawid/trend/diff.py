@@ -20,7 +20,7 @@ from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2
-from yawid.trend.history import NO_LOOP, QUANTITIES, read_flights
+from yawid.trend.history import FOLLOWED, NO_LOOP, read_flights
 from yawid.trend.moderated import two_sided
 from yawid.trend.trend import FALSE_ALARMS, Studied, study
 
@@ -29,7 +29,7 @@ LEAST_OWN: Final = 3
 ALL: Final = 1e9
 """Degrees of freedom of a sigma that is taken as it is."""
 SAME_SPEED: Final = 0.02
-_RUN_QUANTITIES: Final = {"wn_rad_s": "wn_std"} | {q: std for q, (std, *_) in QUANTITIES.items()}
+_RUN_QUANTITIES: Final = {"wn_rad_s": "wn_std"} | FOLLOWED
 
 
 class Difference(Part, frozen=True, kw_only=True):
@@ -139,7 +139,7 @@ def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) ->
     run.numbers = {
         (vehicle or old, loop, key[2]): value
         for key, value in run.numbers.items()
-        if key[2] in QUANTITIES
+        if key[2] in FOLLOWED
     }
     fleet.numbers, fleet.dof = {}, {}
     for key, value in run.numbers.items():
@@ -182,7 +182,7 @@ def _nothing(
     if not studied:
         return f"{fleet.path} has no usable flight with a date, a number and its sigma"
     if not run.numbers:
-        return f"{run.path} has none of {', '.join(QUANTITIES)} with its sigma"
+        return f"{run.path} has none of {', '.join(FOLLOWED)} with its sigma"
     if not own:
         loops = ", ".join(sorted({each.history.loop for each in studied}))
         return f"{fleet.path} has flights of the loop {loops}; {run.path} is of {loop}"

@@ -15,12 +15,8 @@ from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_table
 from yawid.trend.days import Track
 
-QUANTITIES: Final = {
-    "kappa_rad_m": ("kappa_std", "ωn/V", "rad/m"),
-    "zeta": ("zeta_std", "ζ", ""),
-    "K_per_V": ("K_per_V_std", "K/V", "rad/m per unit of rudder"),
-}
-"""What is followed, by its column: the column of its total sigma, name and unit for people."""
+FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
+"""What is followed, by its column, and the column of its total sigma."""
 MADE: Final = (
     "config_hash", "analysis_version", "yawid_version", "method", "na", "nb", "nc", "nk",
     "rudder_source", "yaw_source", "airspeed_source", "rate_hz",
@@ -58,7 +54,7 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
     Raises:
         SourceError: there is no data set, or it cannot be read.
     """
-    columns = [*_WHO, *MADE, *(name for q, (std, *_) in QUANTITIES.items() for name in (q, std))]
+    columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values()]
     table = read_table(folder, "flights", columns)
     dates = table["date"].cast("int64").to_pylist()
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
@@ -72,7 +68,7 @@ def flights_of(rows: list[dict[str, Any]]) -> Flights:
     left_out = {"not usable": 0, "without a date": 0, "without a number and its sigma": 0}
     by_whose: dict[tuple[str, str], list[int]] = {}
     for i, row in enumerate(rows):
-        has_number = any(_known(row, quantity) for quantity in QUANTITIES)
+        has_number = any(_known(row, quantity) for quantity in FOLLOWED)
         if not row["usable"]:
             left_out["not usable"] += 1
         elif row["date"] is None:
@@ -85,7 +81,7 @@ def flights_of(rows: list[dict[str, Any]]) -> Flights:
     histories = []
     for (vehicle, loop), found in sorted(by_whose.items(), key=lambda each: _natural(each[0])):
         found.sort(key=lambda i: (rows[i]["date"], rows[i]["log_sha256"] or "", rows[i]["boot"]))
-        for quantity in QUANTITIES:
+        for quantity in FOLLOWED:
             known = [i for i in found if _known(rows[i], quantity)]
             if known:
                 histories.append(_history(vehicle, loop, quantity, rows, known))
@@ -104,7 +100,7 @@ def _natural(whose: tuple[str, str]) -> list[tuple[int, str]]:
 
 
 def _known(row: Mapping[str, Any], quantity: str) -> bool:
-    return row[quantity] is not None and row[QUANTITIES[quantity][0]] is not None
+    return row[quantity] is not None and row[FOLLOWED[quantity]] is not None
 
 
 def _history(
@@ -120,7 +116,7 @@ def _history(
         quantity,
         rows[known[-1]]["vehicle_type"],
         rows[known[-1]]["sysid"],
-        Track(column(quantity), column(QUANTITIES[quantity][0]), dates),
+        Track(column(quantity), column(FOLLOWED[quantity]), dates),
         np.array(known, dtype=np.int64),
     )
 

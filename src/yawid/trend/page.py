@@ -9,12 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
+from yawid.quantities.table import QUANTITIES
 from yawid.report.html import Cell, note, page, pictures, safe, sheet
 from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, DATA, NEUTRAL
 from yawid.sinks.part_file import check_free, write_whole
 from yawid.trend.days import FAR
-from yawid.trend.history import QUANTITIES
+from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Followed, Studied, Trend
 from yawid.trend.words import (
     LIMITS,
@@ -181,12 +182,12 @@ def _draw_history(ax: Axes, each: Studied) -> None:
             if rows.any():
                 at = np.full(rows.sum(), place)
                 ax.plot(when[rows], at, marker, color=NEUTRAL, markersize=4)
-    unit = QUANTITIES[each.history.quantity][2].split(" ")[0]
+    unit = QUANTITIES[each.history.quantity].unit_for().split(" ")[0]
     ax.set_ylabel(f"{name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
 
 
 def _beside(studied: Sequence[Studied]) -> Iterator[Picture]:
-    for quantity in QUANTITIES:
+    for quantity in FOLLOWED:
         some = [each for each in studied if each.history.quantity == quantity]
         some = sorted(some, key=lambda each: each.level.value)
         if len(some) < 2:
@@ -206,7 +207,7 @@ def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
                         markersize=4, elinewidth=0.9, color=shade)  # fmt: skip
         ax.set_yticks(range(len(some)), [each.history.vehicle[:24] for each in some], fontsize=7)
         ax.axvline(float(np.median([each.level.value for each in some])), color=NEUTRAL, zorder=0)
-        ax.set_xlabel(f"{name_of(quantity)} {QUANTITIES[quantity][2]}".rstrip())
+        ax.set_xlabel(f"{name_of(quantity)} {QUANTITIES[quantity].unit_for()}".rstrip())
 
     look = "Levels as they stand now with 2 sigma; red: changed; the line is the median."
     size_in = 5.6, 1.0 + 0.17 * max(len(some), 6)

@@ -16,10 +16,11 @@ from typing import Final
 import numpy as np
 
 from yawid.errors import ConfigError
+from yawid.quantities.table import QUANTITIES
 from yawid.results.run_summary import Part, Value
 from yawid.trend.changes import Change, Fitted, fit_fleets, profile
 from yawid.trend.days import YEAR_US
-from yawid.trend.history import QUANTITIES, Flights, History, measured_otherwise, read_flights
+from yawid.trend.history import Flights, History, measured_otherwise, read_flights
 from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
 from yawid.trend.moderated import two_sided
 
@@ -247,7 +248,7 @@ def _told(
         vehicle=history.vehicle,
         loop=history.loop,
         quantity=history.quantity,
-        unit=QUANTITIES[history.quantity][2],
+        unit=QUANTITIES[history.quantity].unit_for(),
         flights=n,
         days=len(fit.days.value),
         first_date=date(dates[0]),

@@ -2,17 +2,18 @@
 
 from typing import Final
 
+from yawid.quantities.table import QUANTITIES
 from yawid.results.run_summary import Value
 from yawid.sinks.answers import with_sigma
 from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
 from yawid.trend.changes import SEASON
-from yawid.trend.history import QUANTITIES
+from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Changed, Followed, Outlier, Trend
 
 
 def name_of(quantity: str) -> str:
     """Return the name of a quantity for people."""
-    return QUANTITIES[quantity][1] if quantity in QUANTITIES else quantity
+    return QUANTITIES[quantity].symbol if quantity in FOLLOWED else quantity
 
 
 def spread(value: Value | None, unit: str = "") -> str:
