@@ -47,9 +47,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
     "tables": {"config", "results", "runs", "sources", WIRE}
     | {"sinks", "sinks/mcap", "sinks/terminal"},
-    "cli": {"config", "estimation", "fleet", "offline", "plant", "report", "results", "runs"}
-    | {"runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources", "tables"}
-    | {"trend"},
+    "cli": {"config", "dataset", "estimation", "fleet", "offline", "plant", "report", "results"}
+    | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
+    | {"tables", "trend"},
     "__main__": {"cli"},
 }
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""

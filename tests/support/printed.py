@@ -6,11 +6,9 @@ import json
 from functools import cache
 from typing import Any
 
-from places import SRC
+from yawid.cli.json_schema import document, of_command
 
-from yawid.cli.schema import of_command
-
-WHOLE: dict[str, Any] = json.loads((SRC / "cli" / "schema.json").read_text())
+WHOLE: dict[str, Any] = document()
 
 
 @cache

@@ -29,7 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
-DATA = {"yawid/py.typed", "yawid/report/report.css", "yawid/cli/schema.json"}
+DATA = {"yawid/py.typed", "yawid/report/report.css", "yawid/cli/json_keys.toml"}
 DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
 BESIDE = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 TESTS = (

@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
-from yawid.cli.completion import add_completion
 from yawid.cli.config_file import parsed
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
@@ -33,11 +32,10 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.cli.paper import add_commands
+from yawid.cli.program import add_completion, add_schema, add_warm
 from yawid.cli.regress import add_regress
-from yawid.cli.schema import add_schema
 from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
-from yawid.cli.warm import add_warm
 from yawid.errors import UNFORESEEN, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell_json, tell_page

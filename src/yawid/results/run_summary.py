@@ -222,7 +222,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     says whose number it is: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
     ``unknown`` without a mode.
     ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know;
-    ``airspeed_kind`` is a name of :class:`yawid.quantities.airspeed.Kind`, which the source gives.
+    ``airspeed_kind`` says which airspeed the source gives.
     """
 
     n: Count

@@ -1,0 +1,209 @@
+"""JSON Schema of all that ``--json`` prints, made of the types that are printed.
+
+What a key says and its unit is the table of quantities', or for keys that are none, or say more of
+one type, ``json_keys.toml``'s.
+"""
+
+import tomllib
+from contextlib import suppress
+from importlib.resources import files
+from typing import Any, Final
+
+import msgspec
+
+from yawid.config.run import RunConfig
+from yawid.dataset.schema import json_schema
+from yawid.errors import EXIT_CODES
+from yawid.estimation.methods import METHODS
+from yawid.quantities.airspeed import Kind
+from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, RUDDER, YAW_CHANNEL, quantity
+from yawid.results.inspection import Inspection
+from yawid.results.reasons import KINDS
+from yawid.results.reports import OrdersReport, RegressReport, StepReport
+from yawid.results.run_summary import RunSummary
+from yawid.trend.diff import Diff
+from yawid.trend.trend import Trend
+
+Schema = dict[str, Any]
+PRINTED: Final = {
+    "replay": RunSummary, "live": RunSummary, "inspect": Inspection, "orders": OrdersReport,
+    "step": StepReport, "regress": RegressReport, "trend": Trend, "diff": Diff,
+}  # fmt: skip
+"""Command to the type that it prints."""
+_ENDS: Final = {
+    "_rad_s": "rad/s", "_m_s": "m/s", "_rad_m": "rad/m", "_hz": "Hz", "_us": "us", "_ms": "ms",
+    "_pct": "%", "_s": "s", "_m": "m", "_deg": "deg",
+}  # fmt: skip
+"""Unit by a key's end."""
+
+
+class _Keys:
+    """What the keys say: by Type.key, by key, or by the table of quantities."""
+
+    def __init__(self) -> None:
+        text = (files("yawid.cli") / "json_keys.toml").read_text(encoding="utf-8")
+        self.all: Schema = tomllib.loads(text)
+        self.all["entries"]["estimates"] = {row.name: row.words for row in METHODS.values()}
+        self.all["values"] |= {
+            "method": list(METHODS), "airspeed_kind": [kind.name.lower() for kind in Kind],
+        }  # fmt: skip
+
+    def find(self, table: str, owner: str, key: str) -> Any:
+        """Return what one of the tables has of a key, None where it has nothing."""
+        found = self.all[table]
+        return found.get(f"{owner}.{key}", found.get(key))
+
+    def says(self, owner: str, key: str) -> str:
+        """Return what a key says.
+
+        Raises:
+            KeyError: nothing says it.
+        """
+        return str(self.find("says", owner, key) or quantity(key).words)
+
+    def unit(self, owner: str, key: str) -> str | None:
+        """Return the unit of a key's number, None of a count."""
+        if (own := self.find("units", owner, key)) is not None:
+            return str(own)
+        with suppress(KeyError):
+            if unit := quantity(key).unit:
+                return unit.replace(RUDDER, "unit of rudder")
+        return next((unit for end, unit in _ENDS.items() if key.endswith(end)), None)
+
+    def key(self, owner: str, key: str, schema: Schema) -> Schema:
+        """Return the schema of one key: without null where that is what has no key."""
+        if schema.pop("default", ...) is None:
+            kinds = [kind for kind in schema["anyOf"] if kind != {"type": "null"}]
+            schema = kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
+        found = {"description": self.says(owner, key)}
+        if (unit := self.unit(owner, key)) is not None and _is_number(schema):
+            found["x-unit"] = unit
+        if (values := self.find("values", owner, key)) is not None:
+            schema = {"enum": values}
+        elif key == "id":
+            schema = {"enum": list(KINDS)}
+        elif key == "recommend":
+            schema = self.options()
+        elif key == "physics":
+            schema = _physics()
+        elif "additionalProperties" in schema:
+            schema = self.alike(owner, key, schema["additionalProperties"])
+        return found | schema
+
+    def alike(self, owner: str, key: str, value: Schema) -> Schema:
+        """Return the schema of an object whose values are alike."""
+        if (inner := self.find("within", owner, key)) is not None:
+            value = _closed(
+                {name: {"description": self.says("", name)} | kind for name, kind in inner.items()}
+            )
+        if (pattern := self.find("patterns", owner, key)) is not None:
+            return _closed({pattern: value}, "patternProperties")
+        said = self.find("entries", owner, key).items()
+        return _closed({name: {"description": says} | value for name, says in said})
+
+    def options(self) -> Schema:
+        """Return the schema of ``recommend``: options of a replay by their names."""
+        _, defs = msgspec.json.schema_components([RunConfig])
+        found: Schema = {}
+        for option, schema in defs["RunConfig"]["properties"].items():
+            if option != "given":
+                name = {"from_s": "from", "to_s": "to"}.get(option, option.replace("_", "-"))
+                kinds = {each.get("type") for each in schema.get("anyOf", [schema])}
+                kind = next((k for k in ("number", "integer") if k in kinds), "string")
+                found[name] = {"description": f"as yawid replay --{name}", "type": kind}
+        found["record"] = {
+            "description": self.says("", "record"), "type": "array", "items": {"type": "string"},
+        }  # fmt: skip
+        return _closed(found)
+
+
+def document() -> Schema:
+    """Return the whole schema.
+
+    Raises:
+        KeyError: a key of which nothing is said.
+    """
+    keys = _Keys()
+    _, defs = msgspec.json.schema_components(PRINTED.values())
+    found = {name: _object(name, schema, keys) for name, schema in defs.items()}
+    tables = {f"{name}_row": table for name, table in json_schema()["$defs"].items()}
+    says = keys.all["commands"]
+    commands: Schema = {
+        name: {"description": says[name], "$ref": f"#/$defs/{kind.__name__}"}
+        for name, kind in PRINTED.items()
+    }
+    rows = [{"$ref": f"#/$defs/{name}"} for name in tables]
+    commands["fleet"] = {"description": says["fleet"], "anyOf": rows}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "yawid --json",
+        "description": says["all"],
+        "x-exit-codes": {str(code): each for code, each in EXIT_CODES.items()},
+        "x-reasons": {
+            kind.id: {"weight": kind.weight, "exit_code": kind.exit_code, "what_to_do": kind.now}
+            for kind in KINDS.values()
+        },
+        "anyOf": [{"$ref": f"#/$defs/{name}"} for name in commands],
+        "$defs": commands | found | tables,
+    }
+
+
+def _object(name: str, schema: Schema, keys: _Keys) -> Schema:
+    """Return one type's schema, with what each of its keys says."""
+    return {
+        "description": " ".join(schema.get("description", "").replace("``", "").split()),
+        "type": "object",
+        "additionalProperties": False,
+        "required": schema["required"],
+        "properties": {k: keys.key(name, k, each) for k, each in schema["properties"].items()},
+    }
+
+
+def _is_number(schema: Schema) -> bool:
+    if "additionalProperties" in schema:
+        return _is_number(schema["additionalProperties"])
+    return schema.get("type") in ("number", "integer") or schema.get("$ref", "").endswith(
+        ("Value", "Told")
+    )
+
+
+def _physics() -> Schema:
+    value = {"$ref": "#/$defs/Value"}
+    rows = (*YAW_CHANNEL.values(), QUANTITIES[REDUCTION_ERROR])
+    says = {row.name: ", ".join(filter(None, (row.words, row.unit_for()))) for row in rows}
+    return _closed({name: {"description": each} | value for name, each in says.items()})
+
+
+def _closed(properties: Schema, which: str = "properties") -> Schema:
+    return {"type": "object", "additionalProperties": False, which: properties}
+
+
+def of_command(schema: Schema, command: str) -> Schema:
+    """Return the schema of what one command prints, with the definitions that it needs."""
+    needed: set[str] = set()
+    _collect(schema["$defs"], command, needed)
+    defs = {name: each for name, each in schema["$defs"].items() if name in needed - {command}}
+    kept = {name: each for name, each in schema.items() if name not in ("anyOf", "$defs")}
+    return {
+        **kept,
+        "title": f"yawid {command} --json",
+        "description": f"{schema['$defs'][command]['description']}. {schema['description']}",
+        **{k: v for k, v in schema["$defs"][command].items() if k != "description"},
+        "$defs": defs,
+    }
+
+
+def _collect(defs: Schema, name: str, needed: set[str]) -> None:
+    """Add a definition and all that it refers to."""
+    if name in needed:
+        return
+    needed.add(name)
+    waiting: list[Any] = [defs[name]]
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, dict):
+            if isinstance(ref := each.get("$ref"), str):
+                _collect(defs, ref.removeprefix("#/$defs/"), needed)
+            waiting += each.values()
+        elif isinstance(each, list):
+            waiting += each

@@ -1,0 +1,106 @@
+"""The command lines about the program itself: ``yawid schema``, ``warm`` and ``completion``."""
+
+import argparse
+import json
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from yawid.cli.options import add_command
+from yawid.errors import SinkError
+from yawid.sinks.door import tell, tell_whole
+
+PRINTING = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "diff", "fleet")
+"""The commands whose output has a schema."""
+SHELLS = ("bash", "zsh")
+
+
+def add_schema(commands: Any) -> None:
+    """Add the command to the parser's."""
+    schema = add_command(
+        commands, "schema", "[COMMAND]",
+        "print the JSON Schema of what --json prints, and the exit codes",
+        "yawid schema replay\nyawid schema | jq '.[\"x-exit-codes\"]'",
+    )  # fmt: skip
+    schema.add_argument(
+        "command",
+        metavar="COMMAND",
+        nargs="?",
+        choices=PRINTING,
+        help=f"of one alone: {', '.join(PRINTING)} (all)",
+    )
+    schema.set_defaults(run=_schema)
+
+
+def _schema(arguments: argparse.Namespace) -> int:
+    from yawid.cli.json_schema import document, of_command
+
+    schema = document()
+    if arguments.command is not None:
+        schema = of_command(schema, arguments.command)
+    tell_whole(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
+    return 0
+
+
+def add_warm(commands: Any) -> None:
+    """Add the command to the parser's."""
+    warm = add_command(
+        commands, "warm", "", "compile the estimators, which the first replays would wait for",
+        "yawid warm\nNUMBA_CACHE_DIR=/var/cache/yawid yawid warm",
+    )  # fmt: skip
+    warm.set_defaults(run=_warm)
+
+
+def _warm(_: argparse.Namespace) -> int:
+    from yawid.estimation.machine.kept import folders, passed_by
+    from yawid.estimation.machine.runner import RUNNER, is_plain
+
+    if is_plain():
+        tell("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
+        return 0
+    if RUNNER.is_compiled():
+        tell("nothing to do: the estimators are compiled")
+        return 0
+    start = time.perf_counter()
+    folder = RUNNER.compile()
+    why = passed_by()
+    if folder is None:
+        tried = ", ".join(map(str, folders())) or "none"
+        raise SinkError(
+            f"compiled code cannot be kept: {why + '; ' if why else ''}no folder can be written to "
+            f"(tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
+        )
+    tell(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
+    if why:
+        tell(why)
+    return 0
+
+
+def add_completion(commands: Any, whole: argparse.ArgumentParser) -> None:
+    """Add the command to those of the whole parser, which is what it prints."""
+    completion = add_command(
+        commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",
+        'eval "$(yawid completion bash)"      in ~/.bashrc\n'
+        "yawid completion zsh > _yawid        in a folder of $fpath",
+    )  # fmt: skip
+    completion.add_argument("shell", choices=SHELLS, help="the shell that is to complete")
+    completion.set_defaults(run=partial(_completion, whole))
+
+
+def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+    import shtab
+
+    _complete_paths(whole, shtab.FILE)
+    tell_whole(shtab.complete(whole, arguments.shell) + "\n")
+    return 0
+
+
+def _complete_paths(parser: argparse.ArgumentParser, complete: Any) -> None:
+    """Tell shtab which arguments are files: those that become a Path."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                _complete_paths(command, complete)
+        elif action.type is Path:
+            action.complete = complete  # type: ignore[attr-defined] # shtab's own mark on an action
