@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks": {WIRE, "estimation", "results"},
     "sinks/mcap": {"config", "estimation", "physics", "results", "sinks"},
     "sinks/rerun": {"config", "physics", "results", "sinks"},
-    "sinks/terminal": {"channels", "results", "sinks", WIRE},
+    "sinks/terminal": {"results", "sinks", WIRE},
     "report": {"config", "estimation", "offline", "physics", "results"}
     | {"sinks", "sinks/mcap", "sinks/rerun"},
     "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},
@@ -45,8 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "dataset": {"results", "sinks"},
     "fleet": {"config", "dataset", "results", "runs", "sinks"} | {"sources"},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
-    "tables": {"config", "results", "runs", "sources", WIRE}
-    | {"sinks", "sinks/mcap", "sinks/terminal"},
+    "tables": {"config", "results", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "dataset", "estimation", "fleet", "offline", "plant", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
     | {"tables", "trend"},

@@ -36,10 +36,11 @@ from yawid.results.run_summary import (
     RunSummary,
     VerdictSummary,
 )
-from yawid.sinks.answers import cards, headline, percent, use
+from yawid.sinks.answers import cards, headline, use
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.terminal.summary_table import print_summary
+from yawid.sinks.words import percent
 
 LONG = (
     "the natural frequency went from 3.1 to 9.4 rad/s in the last third while its sigma was 0.02 "

@@ -60,7 +60,7 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
     assert lines[6].strip() == "wn = 0.4634 ± 0.0077 · V, V the equivalent airspeed"
     assert lines[7].startswith("   flown  2026-03-05 12:14:37 UTC, in FBWA, vehicle 1/1, fixed")
     stream = lines.index("the stream at its end (not the flight): not usable, not_converged")
-    assert any("13.5 ± 0.09" in line for line in lines[stream:])
+    assert any("13.500 ± 0.090" in line for line in lines[stream:])
     noise = ["of", "it", "noise,", "wn;", "zeta", *["±", "0.03;", "±", "0.004"] * 2]
     assert noise in [line.split() for line in lines[stream:]]
     assert not any("13.5" in line or "answers" in line for line in lines[:stream])
@@ -139,7 +139,7 @@ def test_each_row_says_which_aircraft_it_is_of_and_whose_speed() -> None:
     ]
     assert "* V is the ground speed" in text
     assert "bare is the airframe" in text
-    assert "? where no flight mode is known" in text
+    assert "? is the aircraft as flown (the flight mode is not known)" in text
     assert [" ".join(row[8:]) for row in rows] == ["other loop", "used", "other loop"]
 
 

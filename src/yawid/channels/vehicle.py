@@ -12,10 +12,11 @@ import numpy as np
 from yawid.blocks import FrameBlock, MessageBlock
 from yawid.sources.mavlink.enums import (
     AUTOPILOT_INVALID,
-    AUTOPILOT_NAMES,
     FIXED_WING,
     TYPE_NAMES,
     VTOL_TYPES,
+    autopilot_name,
+    type_name,
 )
 
 WITHOUT_RUDDER = frozenset({2, 3, 4, 10, 12, 13, 14, 15, 29, 35, 43})
@@ -41,7 +42,7 @@ class Vehicle:
     @property
     def autopilot_name(self) -> str:
         """The autopilot in words."""
-        return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot {self.autopilot}")
+        return autopilot_name(self.autopilot)
 
 
 def has_wings(vehicle: Vehicle) -> bool:
@@ -116,7 +117,7 @@ class VehicleLock:
         if not self.senders:
             return "no HEARTBEAT in the log: nobody says what vehicle this is"
         names = ", ".join(
-            f"{sysid}/{compid} {TYPE_NAMES.get(kind, f'type {kind}')}"
+            f"{sysid}/{compid} {type_name(kind)}"
             for (sysid, compid), (kind, _) in sorted(self.senders.items())
         )
         wanted = "" if self.sysid is None else f" with system id {self.sysid}"

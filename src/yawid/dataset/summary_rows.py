@@ -156,7 +156,7 @@ def _judged(verdict: VerdictSummary) -> Row:
         "usable": verdict.usable,
         "reasons": [each.id for each in verdict.fatal],
         "warnings": [each.id for each in verdict.reasons if each.weight != "fatal"],
-        "text": "; ".join(f"{each.id}: {each.text}" for each in verdict.reasons),
+        "text": "; ".join(map(str, verdict.reasons)),
     }
 
 

@@ -188,7 +188,7 @@ def _rows(summary: RunSummary, flights: list[_Flown], log: Mapping[str, Any], sp
         "outcome": "ok" if is_ok else "unusable",
         "reasons": fatal,
         "warnings": _ids(said, "warning"),
-        "text": "; ".join(dict.fromkeys(f"{each.id}: {each.text}" for each in said)),
+        "text": "; ".join(dict.fromkeys(map(str, said))),
         "duration_s": summary.duration_s,
         **{name: getattr(summary.link or LinkCounts(), name) for name in _LINK},
         "flights": len(rows["flights"]),

@@ -17,6 +17,8 @@ LEAST_M_S: Final = 0.1
 blocked pitot gives some tenths: that it cannot be true is for the plausibility check to say."""
 MOST_M_S: Final = 1000.0
 """Three times the speed of sound: what is faster is a damaged number."""
+GROUND_SPEED: Final = "ground speed"
+"""The source of an airspeed where a log knows nothing better."""
 
 
 class Kind(IntEnum):
@@ -35,7 +37,7 @@ def name_of(kind: float) -> str | None:
 
 def source_of(by_ground: Bools) -> str:
     """Return what airspeeds (n,) are that are the ground speed in places: what most of them are."""
-    return "ground speed" if 2 * np.count_nonzero(by_ground) > len(by_ground) else "airspeed"
+    return GROUND_SPEED if 2 * np.count_nonzero(by_ground) > len(by_ground) else "airspeed"
 
 
 def known(airspeed: Floats) -> Floats:

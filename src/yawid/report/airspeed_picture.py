@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from yawid.blocks import Bools, Floats
 from yawid.report.picture import Picture, band
 from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
-from yawid.sinks.answers import NOT_USED, outcome
 from yawid.sinks.palette import BAD, MANOEUVRE, MODEL, NEUTRAL
+from yawid.sinks.words import NOT_USED, outcome
 
 MOST_NUMBERED: Final = 12
 """Points that bear their numbers: of more, one would hide another."""

@@ -86,7 +86,7 @@ def _card(card: Card, kind: str) -> str:
 def _reasons(told: Sequence[Told]) -> str:
     items = [
         f'<li class="{"fatal" if reason.weight == "fatal" else "warning"}">'
-        f"<b>{safe(reason.id.replace('_', ' '))}</b>{prose(reason.text)}. "
+        f"<b>{safe(reason.name)}</b>{prose(reason.text)}. "
         f'<span class="advice">{prose(to_do)}</span></li>\n'
         for reason, to_do in told
     ]
@@ -127,7 +127,7 @@ def _void(section: str, against: Sequence[ReasonSummary]) -> str:
     """Return a section marked as not usable where reasons stand against it."""
     if not against:
         return section
-    ids = ", ".join(reason.id.replace("_", " ") for reason in against)
+    ids = ", ".join(reason.name for reason in against)
     head, _, rest = section.partition("\n")
     why = f'<p class="why">Not usable: {safe(ids)}. What is grey is for study only.</p>'
     return f'<div class="void">{head}\n{why}\n{rest}</div>'

@@ -13,19 +13,21 @@ from yawid.results.run_summary import (
     RunSummary,
     Value,
 )
-from yawid.sinks.answers import (
+from yawid.sinks.words import (
+    NONE,
+    in_brackets,
+    loop_of,
     no_manoeuvre,
+    of_value,
     outcome,
     percent,
+    plus_minus,
     sigma_means,
     utc,
-    whose,
-    with_sigma,
 )
 
 MOST_COLUMNS: Final = 2
 """Manoeuvres side by side: more do not fit beside their names."""
-_LOOPS: Final = {"airframe": "airframe", "with_roll_loop": "with roll loop", "unknown": "not known"}
 
 
 def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
@@ -50,7 +52,7 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         "axes. Fit: one step ahead / simulated / simulated on what was held back.",
     )
     reasons = {
-        f"{each.n}: {reason.id.replace('_', ' ')}": reason.text
+        f"{each.n}: {reason.name}": reason.text
         for each in manoeuvres
         for reason in each.verdict.reasons
     }
@@ -61,27 +63,27 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
     answer = each.answer
     yield str(each.n), ""
     yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
-    yield each.mode or "–", _LOOPS.get(each.loop, each.loop)
+    yield each.mode or NONE, loop_of(each.loop).name
     yield _speed(each), each.airspeed_source or ""
-    yield "–" if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
+    yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
     yield ", ".join(each.inputs), "turn removed" if each.turn_removed else ""
     mode = each.dutch_roll
     if mode is None:
         yield "none", ""
         yield "none", ""
     else:
-        yield _plus_minus(mode.wn_rad_s, mode.wn_std), _of_noise(mode.wn_std_noise)
-        yield _plus_minus(mode.zeta, mode.zeta_std), _of_noise(mode.zeta_std_noise)
+        yield plus_minus(mode.wn_rad_s, mode.wn_std), in_brackets(mode.wn_std_noise)
+        yield plus_minus(mode.zeta, mode.zeta_std), in_brackets(mode.zeta_std_noise)
     gain = Value() if answer is None else (answer.physics or {}).get("K", Value())
-    yield _plus_minus(gain.value, gain.std), _of_noise(gain.std_noise)
-    yield ("–", "") if answer is None else (_fits(answer), _method(each))
-    ids = [reason.id.replace("_", " ") for reason in each.verdict.reasons]
+    yield plus_minus(gain.value, gain.std), in_brackets(gain.std_noise)
+    yield (NONE, "") if answer is None else (_fits(answer), _method(each))
+    ids = [reason.name for reason in each.verdict.reasons]
     yield outcome(each, flight).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
 
 
 def _speed(each: Manoeuvre) -> str:
     if each.airspeed_m_s is None:
-        return "–"
+        return NONE
     spread = "" if each.airspeed_std_m_s is None else f" ± {each.airspeed_std_m_s:.2f}"
     return f"{each.airspeed_m_s:.2f}{spread}"
 
@@ -93,19 +95,7 @@ def _method(each: Manoeuvre) -> str:
 def _fits(answer: MethodSummary) -> str:
     fit = answer.fit
     every = (fit.one_step_pct, fit.simulation_pct, fit.simulation_held_back_pct)
-    return " / ".join("–" if value is None else percent(value, ".0f") for value in every)
-
-
-def _plus_minus(value: float | None, sigma: float | None) -> str:
-    return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
-
-
-def _of_noise(sigma: float | None) -> str:
-    return "" if sigma is None else f"({sigma:.2g})"
-
-
-def _with_noise(value: float | None, sigma: float | None, noise: float | None) -> str:
-    return f"{_plus_minus(value, sigma)} {_of_noise(noise)}".rstrip()
+    return " / ".join(NONE if value is None else percent(value, ".0f") for value in every)
 
 
 def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str) -> Iterator[str]:
@@ -124,9 +114,9 @@ def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str
 def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
     mode, between = flight.dutch_roll, flight.between_std
     if mode is not None:
-        yield "ωn, rad/s", _with_noise(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
-        yield "ζ", _with_noise(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
-        yield "of", whose(flight.loop)
+        yield "ωn, rad/s", plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
+        yield "ζ", plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
+        yield "of", loop_of(flight.loop).whose
     if flight.airspeed_m_s is not None:
         source = flight.airspeed_source or "the ground speed of some"
         yield "at", f"{flight.airspeed_m_s:.1f} m/s ({source}), the median of those used"
@@ -137,7 +127,7 @@ def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
         (f"K / V, rad/m per {rudder_unit}", flight.K_per_V),
     ):
         if each is not None:
-            yield name, _with_noise(each.value, each.std, each.std_noise)
+            yield name, of_value(each)
     if between is not None and between.wn_rad_s is not None:
         yield "scatter of ωn beyond σ, rad/s", f"{between.wn_rad_s:.2g}"
     if between is not None and between.zeta is not None:

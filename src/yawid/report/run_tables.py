@@ -7,9 +7,9 @@ from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
 from yawid.report.html import grid, note, symbol, table
 from yawid.results.run_summary import Fit, MethodSummary, RunSummary, Value
-from yawid.sinks.answers import percent, with_sigma
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun
+from yawid.sinks.words import NONE, of_value, percent, plus_minus
 
 PAPER: Final = (
     "M. T. Vu, Development of a kinematic identification framework for the directional motion of a "
@@ -25,7 +25,7 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
     answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
     methods = [m.upper() + ("" if m in others else answers) for m in estimates]
     rows = [
-        (name, *(_value(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
+        (name, *(plus_minus(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
         for name in run_grid.parameters
     ]
     yield grid("Parameters, ± one σ of noise", ("", *methods), rows)
@@ -43,7 +43,7 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
     ]
     yield grid("Fit", ("", *methods), [*rows, *counts])
     modes = [
-        (m.kind, _value(m.wn_rad_s, m.wn_std), _value(m.zeta, m.zeta_std))
+        (m.kind, plus_minus(m.wn_rad_s, m.wn_std), plus_minus(m.zeta, m.zeta_std))
         for m in answer.modes or ()
     ]
     yield grid(
@@ -61,7 +61,7 @@ def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> st
         if any(each.value is not None for each in found):
             text = ", ".join(filter(None, (row.words, row.unit_for(rudder_unit))))
             label = symbol(row.symbol, text)
-            rows.append((label, *map(_spread, found)))
+            rows.append((label, *map(of_value, found)))
     total = any(each.std_noise is not None for some in told.values() for each in some.values())
     sigma = "± one σ, in brackets of noise alone" if total else "± one σ, of noise alone"
     cited = note(
@@ -72,19 +72,8 @@ def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> st
     return f"{grid(f'Yaw channel, {sigma}', ('', *told), rows)}\n{cited}"
 
 
-def _spread(each: Value) -> str:
-    if each.value is None:
-        return "–"
-    of_noise = "" if each.std_noise is None else f"({each.std_noise:.2g})"
-    return " ".join(filter(None, (*with_sigma(each.value, each.std), of_noise)))
-
-
-def _value(value: float | None, sigma: float | None) -> str:
-    return "–" if value is None else " ".join(filter(None, with_sigma(value, sigma)))
-
-
 def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
+    return NONE if value is None else f"{value:.4g}"
 
 
 def _fit(fit: Fit, name: str) -> str:

@@ -22,9 +22,9 @@ from yawid.report.picture import (
     traced,
 )
 from yawid.results.run_summary import DutchRoll, Fit
-from yawid.sinks.answers import percent
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
+from yawid.sinks.words import percent
 
 PERIODS_SHOWN: Final = 12.0
 """Of the Dutch roll, in a picture of a fit: of many more each is too narrow to be compared."""

@@ -22,9 +22,10 @@ from yawid.report.time_pictures import (
 )
 from yawid.results.advice import to_do
 from yawid.results.run_summary import ReasonSummary, RunSummary
-from yawid.sinks.answers import cards, headline, sigma_means, utc
+from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole
+from yawid.sinks.words import sigma_means, utc
 
 
 def write_report(
@@ -189,11 +190,10 @@ def _origin(run: McapRun) -> str:
 
 def _stream(summary: RunSummary) -> str:
     """Return what stands between the flight's answer and the stream's."""
-    word = "usable" if summary.verdict.usable else "not usable"
-    ids = ", ".join(reason.id.replace("_", " ") for reason in summary.verdict.reasons)
+    ids = ", ".join(reason.name for reason in summary.verdict.reasons)
     return note(
         "The stream, sample by sample",
         "From here on everything is of the estimates as they ran through the log, and of where "
         "they stood at its end: not of the flight's answer above. By themselves they would be "
-        f"{word}{f' ({ids})' if ids else ''}.",
+        f"{summary.verdict.word}{f' ({ids})' if ids else ''}.",
     )

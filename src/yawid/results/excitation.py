@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Bools, Floats, shifted
-from yawid.channels.sample_flags import WINDOW_S, strokes, window_of
+from yawid.channels.sample_flags import WINDOW_S as WINDOW_S  # and who shows a stroke finds it here
+from yawid.channels.sample_flags import strokes, window_of
 from yawid.estimation.products import cross
 
 LEAST_STROKE = 0.1

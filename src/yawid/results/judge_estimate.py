@@ -291,7 +291,7 @@ def _checked(
         return
     if other in refused:
         why = next(reason for reason in refused[other] if reason.exit_code)
-        text = f"{other.upper()} beside it cannot be used ({why.id}: {why.text})"
+        text = f"{other.upper()} beside it cannot be used ({why})"
         yield Reason("els_rml_disagree", text)
         return
     first, second = (each for each in METHODS if each in (answers, other))

@@ -15,7 +15,7 @@ import numpy as np
 
 from yawid.blocks import Floats, Noted, SampleBlock
 from yawid.channels.vehicle import WITHOUT_RUDDER
-from yawid.quantities.airspeed import source_of
+from yawid.quantities.airspeed import GROUND_SPEED, source_of
 from yawid.results.flight_test_card import (
     ConditionsToFly,
     Expected,
@@ -37,7 +37,7 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
-from yawid.sources.mavlink.enums import ARDUPILOT, AUTOPILOT_NAMES, PX4, TYPE_NAMES
+from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 SAMPLES_PER_PERIOD: Final = 16.0
 ENOUGH: Final = 0.9
@@ -110,9 +110,8 @@ def why_no_card(vehicle: VehicleSeen | None, verdict: VerdictSummary) -> str | N
     if vehicle is None:
         unheard = any(reason.id == "no_vehicle" for reason in verdict.reasons)
         return "no card: the log holds no vehicle" if unheard else None
-    name = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
     if vehicle.type in WITHOUT_RUDDER:
-        return f"no card: a {name} has no rudder to be moved on its own"
+        return f"no card: a {vehicle.type_name} has no rudder to be moved on its own"
     return None
 
 
@@ -141,7 +140,7 @@ def make_card(
         for percent in (LOW_PCT, HIGH_PCT)
     ]
     return FlightTestCard(
-        vehicle=_vehicle(summary.vehicle),
+        vehicle="not known: a record" if summary.vehicle is None else summary.vehicle.kind,
         autopilot=autopilot,
         ask_hz=_ask_hz(wn),
         yaw_hz=rates_hz.get("yaw"),
@@ -171,7 +170,7 @@ def _conditions(
         airspeed_high_m_s=speeds[2],
         airspeed_least_m_s=limits[0],
         airspeed_most_m_s=limits[1],
-        airspeeds_m_s=[] if flown.airspeed_source == "ground speed" else _airspeeds(speeds, limits),
+        airspeeds_m_s=[] if flown.airspeed_source == GROUND_SPEED else _airspeeds(speeds, limits),
         altitude_low_m=heights[0],
         altitude_high_m=heights[2],
         modes=list(_modes(autopilot, used)),
@@ -199,13 +198,6 @@ def _manoeuvre(
         total_s=max(airspeeds, 1) * (MANOEUVRES * (manoeuvre_s + REST_S) + SETTLE_S),
         amplitude=amplitude,
     )
-
-
-def _vehicle(vehicle: VehicleSeen | None) -> str:
-    if vehicle is None:
-        return "not known: a record"
-    kind = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
-    return f"{kind} on {AUTOPILOT_NAMES.get(vehicle.autopilot, f'autopilot {vehicle.autopilot}')}"
 
 
 def _used(summary: RunSummary) -> list[Manoeuvre]:
@@ -350,7 +342,7 @@ def _lacks(summary: RunSummary, used: Sequence[Manoeuvre]) -> Iterator[str]:
     """Yield what the log leaves open."""
     if not summary.deciding.usable:
         for reason in summary.deciding.fatal[:MOST_REASONS]:
-            yield f"{reason.id}: {reason.text}"
+            yield str(reason)
     loops = {manoeuvre.loop for manoeuvre in used}
     if loops == {"unknown"}:
         yield "whose answer it is: the flight mode is not known"

@@ -195,6 +195,10 @@ class Reason:
     warns: bool = False
     moves: tuple[float, float] = field(default=(0.0, 0.0), compare=False)
 
+    def __str__(self) -> str:
+        """Return it in one line."""
+        return f"{self.id}: {self.text}"
+
     @property
     def kind(self) -> ReasonKind:
         """Its row of the table."""

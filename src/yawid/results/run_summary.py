@@ -13,6 +13,8 @@ from typing import Annotated, Any, Final, Self
 import msgspec
 from msgspec import Meta, Struct, field
 
+from yawid.sources.mavlink.enums import autopilot_name, type_name
+
 LARGEST: Final = 1e300
 """Of a number in a summary: an estimate that diverged is still shown, infinity is not."""
 Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
@@ -42,6 +44,21 @@ class VehicleSeen(Part, frozen=True):
     def address(self) -> tuple[int, int]:
         """Its system and component."""
         return self.sysid, self.compid
+
+    @property
+    def type_name(self) -> str:
+        """Its type in words."""
+        return type_name(self.type)
+
+    @property
+    def autopilot_name(self) -> str:
+        """Its autopilot in words."""
+        return autopilot_name(self.autopilot)
+
+    @property
+    def kind(self) -> str:
+        """What it is, and which autopilot flies it."""
+        return f"{self.type_name} on {self.autopilot_name}"
 
 
 class BootSpan(Part, frozen=True):
@@ -201,6 +218,15 @@ class ReasonSummary(Part, frozen=True):
     weight: str
     text: str
 
+    def __str__(self) -> str:
+        """Return it in one line."""
+        return f"{self.id}: {self.text}"
+
+    @property
+    def name(self) -> str:
+        """Its id in words."""
+        return self.id.replace("_", " ")
+
 
 class VerdictSummary(Part, frozen=True, kw_only=True):
     """Whether the answer may be used, why not, and the estimator that gives it."""
@@ -213,6 +239,16 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
     def fatal(self) -> list[ReasonSummary]:
         """The reasons for which it may not be used; the first decides."""
         return [reason for reason in self.reasons if reason.weight == "fatal"]
+
+    @property
+    def why(self) -> str | None:
+        """The id of the reason that decides, None where there is none."""
+        return self.fatal[0].id if self.fatal else None
+
+    @property
+    def word(self) -> str:
+        """Whether the answer may be used."""
+        return "usable" if self.usable else "not usable"
 
 
 class Manoeuvre(Part, frozen=True, kw_only=True):

@@ -95,7 +95,7 @@ def orders_report(
         if samples is None:
             first = job.conclude()[1].reasons[0]
             kind = ChannelError if first.exit_code == 3 else NotIdentifiable
-            raise kind(f"{log}: {first.id}: {first.text}")
+            raise kind(f"{log}: {first}")
         found, chosen = _compared(samples, config, bar)
         verdict = Trials(source, bar).of(_with(chosen, config)).verdict
     report = OrdersReport(

@@ -5,37 +5,26 @@ Where manoeuvres were found the answer is the flight's, else that of the stream 
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from msgspec.structs import replace
 
-from yawid.estimation.fit import WORST_PCT
 from yawid.results.reasons import KINDS
 from yawid.results.run_summary import (
     DutchRoll,
     Flight,
-    Manoeuvre,
     MethodSummary,
     ReasonSummary,
     RunSummary,
 )
+from yawid.sinks.words import GREEK, conditions, counted, dutch_roll, kappa, loop_of, with_sigma
 
 ROUGHLY: Final = "Roughly"
 Stretch = tuple[float | None, float | None]
 """From and to, in s since boot."""
-LARGEST_IN_FULL: Final = 1e6
-"""A larger number, of an estimate that diverged, is not written digit by digit."""
-MOST_DIGITS: Final = 6
-"""After the point: a smaller number is written with its power of ten."""
-NOT_USED: Final = "usable, not used"
 _NONE: Final = ("none found", "")
-_WHOSE: Final = {
-    "airframe": "the airframe",
-    "with_roll_loop": "the aircraft with its roll loop",
-    "unknown": "the aircraft as flown (the flight mode is not known)",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +35,6 @@ class Card:
     answer: str
     spread: str
     notes: tuple[str, ...]
-
-
-def percent(value: float, spec: str = ".1f") -> str:
-    """Return a fit in percent; of a model that explodes only that it does."""
-    return format(value, spec) if value > WORST_PCT else f"< {WORST_PCT:.0f}"
 
 
 def cards(summary: RunSummary) -> list[Card]:
@@ -65,7 +49,7 @@ def cards(summary: RunSummary) -> list[Card]:
         return [frequency, damping, _sure(summary), use(summary)]
     if mode is not None:
         slope = kappa(flight) and f"ωn = {kappa(flight)}"
-        frequency = _noting(frequency, conditions(flight), slope, whose(flight.loop))
+        frequency = _noting(frequency, conditions(flight), slope, loop_of(flight.loop).whose)
     return [frequency, damping, _sure_of_flight(summary, flight), use(summary)]
 
 
@@ -103,7 +87,11 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
     )
     if flight is None:
         return said
-    facts = (whose(flight.loop), conditions(flight), counted(flight, summary.manoeuvres or ()))
+    facts = (
+        loop_of(flight.loop).whose,
+        conditions(flight),
+        counted(flight, summary.manoeuvres or ()),
+    )
     return f"{said} It is that of {', '.join(fact for fact in facts if fact)}."
 
 
@@ -129,70 +117,9 @@ def _elsewhere(summary: RunSummary) -> str:
         some = f"manoeuvre{'s' if len(alone) > 1 else ''} {', '.join(alone)}"
         return f"By itself this can be used: {some}: see the table."
     if summary.verdict.usable and summary.dutch_roll is not None:
-        wn, zeta = (" ".join(filter(None, pair)) for pair in _both(summary.dutch_roll))
-        return f"The stream as it stood at the log's end can be used: ωn {wn} rad/s, ζ {zeta}."
+        said = dutch_roll(summary.dutch_roll, GREEK)
+        return f"The stream as it stood at the log's end can be used: {said}."
     return ""
-
-
-def _both(mode: DutchRoll) -> tuple[tuple[str, str], tuple[str, str]]:
-    return with_sigma(mode.wn_rad_s, mode.wn_std), with_sigma(mode.zeta, mode.zeta_std)
-
-
-def whose(loop: str | None) -> str:
-    """Say what it is that was identified, by ``loop`` of a manoeuvre or a flight."""
-    return _WHOSE[loop if loop in _WHOSE else "unknown"]
-
-
-def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
-    """Say in a word or two what came of a manoeuvre: the first fatal reason's id where refused."""
-    if not manoeuvre.verdict.usable:
-        return next((reason.id for reason in manoeuvre.verdict.fatal), "not usable")
-    if flight is not None and manoeuvre.n in flight.disagree:
-        return "disagrees"
-    if flight is not None and manoeuvre.n in flight.used:
-        return "used"
-    # A flight is told of one aircraft: with its roll loop or without.
-    return "other loop" if flight is not None and manoeuvre.loop != flight.loop else NOT_USED
-
-
-def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:
-    """Return how many of the manoeuvres the flight's answer rests on."""
-    total = len(manoeuvres)
-    return f"from {len(flight.used) or 'none'} of {total} manoeuvre{'s' if total > 1 else ''}"
-
-
-def conditions(flight: Flight) -> str:
-    """Return the airspeed and altitude that the flight's answer is told at, empty if unknown."""
-    speed, altitude = flight.airspeed_m_s, flight.altitude_m
-    source = "" if flight.airspeed_source is None else f" ({flight.airspeed_source})"
-    known = [] if speed is None else [f"{speed:.1f} m/s{source}"]
-    known += [] if altitude is None else [f"{altitude:.0f} m altitude"]
-    return f"at {' and '.join(known)}" if known else ""
-
-
-def kappa(flight: Flight) -> str:
-    """Return wn as it goes with the airspeed V, and its sigma; empty where not known."""
-    if flight.kappa_rad_m is None or flight.kappa_rad_m.value is None:
-        return ""
-    value, spread = with_sigma(flight.kappa_rad_m.value, flight.kappa_rad_m.std)
-    return " ".join(filter(None, (value, spread, "· V")))
-
-
-def utc(date: str | None) -> str:
-    """Return an ISO 8601 time in UTC as people read it, to the second."""
-    if date is None:
-        return "date unknown"
-    return f"{date[:19].replace('T', ' ')} UTC"
-
-
-def no_manoeuvre(summary: RunSummary) -> str:
-    """Say that manoeuvres were looked for in vain, and why that may be."""
-    if summary.estimates is None:
-        return "no manoeuvre found: rudder and yaw rate were never there together"
-    return (
-        "no manoeuvre found: the rudder never moved on its own for long enough, in the air and at "
-        "a steady airspeed"
-    )
 
 
 def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
@@ -201,34 +128,7 @@ def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
 
 
 def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
-    return tuple(reason.id.replace("_", " ") for reason in reasons)
-
-
-def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
-    """Return a value and one sigma, rounded to where that has two digits; empty if unknown."""
-    if sigma is None or not sigma > 0.0:
-        return f"{value:.4g}", ""
-    if max(abs(value), sigma) >= LARGEST_IN_FULL:
-        return f"{value:.4g}", f"± {sigma:.2g}"
-    digits = max(1 - math.floor(math.log10(sigma)), 0)
-    if digits > MOST_DIGITS:
-        return f"{value:.4g}", f"± {sigma:.2g}"
-    return f"{value:.{digits}f}", f"± {sigma:.{digits}f}"
-
-
-def noise_spreads(mode: DutchRoll | None) -> tuple[str, str] | None:
-    """Return the sigmas of wn and zeta that noise alone explains; None where not known."""
-    if mode is None or mode.wn_std_noise is None or mode.zeta_std_noise is None:
-        return None
-    return f"± {mode.wn_std_noise:.2g}", f"± {mode.zeta_std_noise:.2g}"
-
-
-def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
-    """Say what the sigmas of these are of, to stand after ``one sigma``; empty without any."""
-    told = [mode for mode in modes if mode is not None and mode.wn_std is not None]
-    if any(noise_spreads(mode) for mode in told):
-        return ": noise, scatter over the record, structure"
-    return " of noise alone" if told else ""
+    return tuple(reason.name for reason in reasons)
 
 
 def _frequency(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Card:

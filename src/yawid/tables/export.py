@@ -20,7 +20,6 @@ from yawid.errors import ConfigError, SourceError
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import written_whole
-from yawid.sources.mavlink.enums import AUTOPILOT_NAMES, TYPE_NAMES
 from yawid.tables.columns import Units, record_columns
 from yawid.tables.table import Column, filled
 from yawid.version import __version__
@@ -65,8 +64,8 @@ def facts_of(run: McapRun, known: Units) -> dict[str, str]:
         "yawid_version": run.metadata.get("versions", {}).get("yawid", __version__),
         "log": source.log,
         "log_sha256": source.sha256,
-        "vehicle": vehicle and TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}"),
-        "autopilot": vehicle and AUTOPILOT_NAMES.get(vehicle.autopilot, str(vehicle.autopilot)),
+        "vehicle": vehicle and vehicle.type_name,
+        "autopilot": vehicle and vehicle.autopilot_name,
         "rudder_unit": known.grid.rudder_unit,
         "sign": run.metadata.get("sign", {}).get("text"),
         "output": config.output,

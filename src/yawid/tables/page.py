@@ -5,8 +5,7 @@ from html import escape
 from pathlib import Path
 
 from yawid.results.run_summary import RunSummary
-from yawid.sinks.answers import with_sigma
-from yawid.sinks.terminal.flight_table import flight_rows
+from yawid.sinks.words import dutch_roll, flight_rows
 from yawid.tables.table import Table
 
 
@@ -44,7 +43,7 @@ def verdict(summary: RunSummary) -> str:
 
 def reasons(summary: RunSummary) -> list[str]:
     """Return why the answer may not be used, and what it is warned of."""
-    return [f"{reason.id}: {reason.text}" for reason in summary.deciding.reasons]
+    return [str(reason) for reason in summary.deciding.reasons]
 
 
 def answer(summary: RunSummary) -> list[str]:
@@ -52,8 +51,5 @@ def answer(summary: RunSummary) -> list[str]:
     lines = [f"{row.name:>6}  {row.text}" for row in flight_rows(summary)]
     mode = summary.dutch_roll
     if summary.flight is None and mode is not None and summary.answering is not None:
-        wn = " ".join(filter(None, with_sigma(mode.wn_rad_s, mode.wn_std)))
-        zeta = " ".join(filter(None, with_sigma(mode.zeta, mode.zeta_std)))
-        by = summary.answering.upper()
-        lines.append(f"stream  wn {wn} rad/s, zeta {zeta} at its end, by {by}")
+        lines.append(f"stream  {dutch_roll(mode)} at its end, by {summary.answering.upper()}")
     return [*lines, "        ± is one sigma"] if any("±" in line for line in lines) else lines

@@ -298,7 +298,7 @@ def _of_runs(a: _Side, b: _Side) -> Iterator[Fact]:
     assert b.run is not None
     one, other = a.run.summary, b.run.summary
     if one.deciding.usable != other.deciding.usable:
-        words = [_usable(each.usable) for each in (one.deciding, other.deciding)]
+        words = [each.deciding.word for each in (one, other)]
         yield Fact(what="verdict", a=words[0], b=words[1], changed=True)
     ids = [", ".join(reason.id for reason in each.deciding.reasons) or "none"
            for each in (one, other)]  # fmt: skip
@@ -321,7 +321,3 @@ def _settings(what: str, a: Mapping[str, str], b: Mapping[str, str]) -> Iterator
         one, other = a.get(name, "none"), b.get(name, "none")
         if one != other:
             yield Fact(what=f"{what} {name}", a=one, b=other, changed=False)
-
-
-def _usable(usable: bool) -> str:
-    return "usable" if usable else "not usable"

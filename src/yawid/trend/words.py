@@ -4,7 +4,7 @@ from typing import Final
 
 from yawid.quantities.table import QUANTITIES
 from yawid.results.run_summary import Value
-from yawid.sinks.answers import with_sigma
+from yawid.sinks.words import plus_minus
 from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
 from yawid.trend.changes import SEASON
 from yawid.trend.history import FOLLOWED
@@ -20,8 +20,7 @@ def spread(value: Value | None, unit: str = "") -> str:
     """Return a value with one sigma, ``-`` where there is none."""
     if value is None or value.value is None:
         return "-"
-    said = " ".join(filter(None, with_sigma(value.value, value.std)))
-    return f"{said} {unit}".rstrip()
+    return f"{plus_minus(value.value, value.std)} {unit}".rstrip()
 
 
 def change_line(change: Changed) -> str:

@@ -9,6 +9,7 @@ import threading
 import time
 from pathlib import Path
 
+import pytest
 from live_link import Screen, frames, listening, send
 from places import C172P
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -146,6 +147,7 @@ def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
     line = Standing().line(pipeline, source.link, int(pipeline.newest.received_us[-1]), "2")
 
     noise = answer.wn_std if answer.wn_std_noise is None else answer.wn_std_noise
-    assert f"wn {answer.wn_rad_s:.4g} ± {noise:.2g} rad/s" in line
+    assert noise == pytest.approx(0.0061, abs=5e-5)  # two digits, and wn to as many decimals
+    assert f"wn {answer.wn_rad_s:.4f} ± 0.0061 rad/s" in line
     assert line.endswith(f"by RML, {pipeline.samples} samples, ± is one sigma of noise alone")
     assert ", lost 0, dropped 2, wn " in line

@@ -288,7 +288,7 @@ def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     [table] = statics(flown, "/manoeuvres", "TextDocument:text")[-1]
     flight = (
         "The flight: **ωn 10.10 ± 0.15 rad/s, ζ 0.630 ± 0.020** (of it noise: ωn ± 0.02, "
-        "ζ ± 0.003) at 20.5 m/s, airframe, of manoeuvre 1, 3; 2 disagree: usable."
+        "ζ ± 0.003), at 20.5 m/s, the airframe, of manoeuvre 1, 3; 2 disagree: usable."
     )
     assert table.splitlines() == [
         flight,

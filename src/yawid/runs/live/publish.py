@@ -1,13 +1,15 @@
 """What is published of each session, and when: a round a second, a text where there is news."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from yawid.results.run_summary import DutchRoll, Manoeuvre
+from yawid.results.run_summary import Manoeuvre
 from yawid.runs.live.running_answer import Answer, RunningAnswer
 from yawid.runs.live.vehicle_session import LiveSession
 from yawid.runs.live.worker import Worker
+from yawid.sinks.words import dutch_roll, says
 from yawid.sources.link.publisher import INFO, LONGEST_TEXT, NOTICE, Publisher
 
 ROUND_S = 1.0
@@ -143,29 +145,20 @@ def values_of(answer: Answer | None) -> dict[str, float]:
 
 def manoeuvre_text(found: Manoeuvre) -> str:
     """Return the STATUSTEXT of a manoeuvre that has ended."""
-    fatal = next((reason.id for reason in found.verdict.fatal), None)
-    if fatal is not None or found.dutch_roll is None:
-        return f"yawid m{found.n}: not usable: {fatal}"
-    return _with_numbers(f"yawid m{found.n}:", found.dutch_roll)
+    return _fitting(f"yawid m{found.n}: {says(found)}")
 
 
 def verdict_text(answer: Answer) -> str:
     """Return the STATUSTEXT of a verdict."""
     if not answer.verdict.usable:
         return f"yawid: not usable: {answer.state}"
-    if answer.dutch_roll is None:
-        return "yawid: usable"
-    return _with_numbers("yawid: usable,", answer.dutch_roll)
+    roll = answer.dutch_roll
+    return _fitting(f"yawid: usable{'' if roll is None else f', {dutch_roll(roll)}'}")
 
 
-def _with_numbers(begin: str, roll: DutchRoll) -> str:
-    """Return a text with wn and zeta in ASCII, the unit left out where it has no room."""
-    wn, zeta = (
-        f"{value:.{digits}g}" + ("" if std is None else f"+-{std:.2g}")
-        for value, std, digits in (
-            (roll.wn_rad_s, roll.wn_std, 4),
-            (roll.zeta, roll.zeta_std, 3),
-        )
-    )
-    text = f"{begin} wn {wn} rad/s, zeta {zeta}"
-    return text if len(text) <= LONGEST_TEXT else f"{begin} wn {wn}, zeta {zeta}"
+def _fitting(text: str) -> str:
+    """Return a text in ASCII, without the unit and at last the sigmas where it has no room."""
+    text = text.replace(" ± ", "+-")
+    if len(text) > LONGEST_TEXT:
+        text = text.replace(" rad/s", "")
+    return text if len(text) <= LONGEST_TEXT else re.sub(r"\+-[^ ,]+", "", text)

@@ -1,6 +1,5 @@
 """What the live screen shows of a session, gathered from where it stands."""
 
-import math
 import time
 from collections import deque
 
@@ -10,10 +9,10 @@ from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Flight
 from yawid.results.summary import basis_of, of_the_log
 from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
-from yawid.runs.live.standing import SILENT, answering, dutch_roll
+from yawid.runs.live.standing import SILENT, answering, running
 from yawid.runs.live.worker import Worker
 from yawid.sinks.terminal.live_facts import VehicleFacts
-from yawid.sources.mavlink.enums import TYPE_NAMES
+from yawid.sources.mavlink.enums import type_name
 from yawid.sources.mavlink.link_stats import LinkStats
 
 WINDOW_S = 2.0
@@ -41,8 +40,8 @@ class Gatherer:
         flight, verdict = self._answer(pipeline, link)
         name = ""
         if vehicle is not None:
-            kind = TYPE_NAMES.get(vehicle.type, f"type {vehicle.type}")
-            name = f"{vehicle.sysid}/{vehicle.compid} {kind}, {vehicle.autopilot_name}"
+            kind = type_name(vehicle.type)
+            name = f"{vehicle.sysid}/{vehicle.compid} {kind} on {vehicle.autopilot_name}"
         reasons = () if verdict is None else verdict.reasons
         fatal = [reason for reason in reasons if reason.weight == "fatal"]
         return VehicleFacts(
@@ -68,7 +67,7 @@ class Gatherer:
             stream=_stream(pipeline) if closely else "",
             state=SILENT if quiet else _state(pipeline),
             verdict=None if verdict is None else verdict.usable,
-            why=tuple(f"{reason.id}: {reason.text}" for reason in fatal or reasons),
+            why=tuple(map(str, fatal or reasons)),
         )
 
     def _rates(self, pipeline: Pipeline, link: LinkStats) -> tuple[tuple[float, ...], bool]:
@@ -107,8 +106,8 @@ def _stream(pipeline: Pipeline) -> str:
     if pipeline.bank is None or not pipeline.bank.last:
         return ""
     method, status, roll = answering(pipeline.bank)
-    said = dutch_roll(*roll)
-    if math.isfinite(roll[0]):
+    said = running(roll)
+    if roll is not None:
         said += f" by {method.upper()} (± of noise)"
     return said if status == Status.TRACKING else f"{said}, {words(status)}"
 

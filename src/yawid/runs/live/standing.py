@@ -1,16 +1,17 @@
-"""Where a session stands and what a manoeuvre came to, each in one line; how long samples wait."""
+"""Where a session stands, in one line; how long samples wait."""
 
 import math
 import time
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats, Ints, Status, words
+from yawid.blocks import EstimateBlock, Ints, Status, words
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
 from yawid.results.judge_estimate import BETTER
-from yawid.results.run_summary import Manoeuvre
+from yawid.results.run_summary import DutchRoll
+from yawid.sinks.words import dutch_roll
 from yawid.sources.mavlink.link_stats import LinkStats
 
 SOUND = (Status.TRACKING, Status.HELD)
@@ -45,10 +46,10 @@ class Standing:
         if pipeline.bank is None or not pipeline.bank.last:
             return ", ".join([*parts, "waiting for rudder and yaw rate", samples])
         method, status, roll = answering(pipeline.bank)
-        parts.append(dutch_roll(*roll))
+        parts.append(running(roll))
         if not quiet:
             parts.append(words(status))
-        if math.isfinite(roll[0]):
+        if roll is not None:
             samples = f"by {method.upper()}, {samples}, ± is one sigma of noise alone"
         return ", ".join([*parts, samples])
 
@@ -74,43 +75,17 @@ class Standing:
         return f"no sample for {idle_s:.0f} s" if idle_s else ""
 
 
-def manoeuvre_line(found: Manoeuvre) -> str:
-    """Return the line on a manoeuvre that has ended: when and how it was flown, what it says.
-
-    After its ± stands one total sigma.
-    """
-    flown = [f"{found.from_s:.0f} to {found.to_s:.0f} s"]
-    if found.mode is not None:
-        flown.append(found.mode)
-    if found.airspeed_m_s is not None:
-        over_ground = " over ground" if found.airspeed_source == "ground speed" else ""
-        flown.append(f"{found.airspeed_m_s:.0f} m/s{over_ground}")
-    fatal = next((reason.id for reason in found.verdict.fatal), None)
-    roll = found.dutch_roll
-    if fatal is not None or roll is None:
-        answer = f"not usable: {fatal}"
-    else:
-        answer = dutch_roll(roll.wn_rad_s, roll.wn_std, roll.zeta, roll.zeta_std)
-    return f"manoeuvre {found.n} ({', '.join(flown)}): {answer}"
+def running(roll: DutchRoll | None) -> str:
+    """Return the line of a running estimate."""
+    return "wn: not yet" if roll is None else dutch_roll(roll)
 
 
-def dutch_roll(wn: float, wn_std: float | None, zeta: float, zeta_std: float | None) -> str:
-    """Return wn and zeta with one sigma each where that is known; NaN is no number to show."""
-    if not math.isfinite(wn):
-        return "wn: not yet"
-    said = [
-        f"{value:.{digits}g}" + (f" ± {std:.2g}" if std is not None and math.isfinite(std) else "")
-        for value, std, digits in ((wn, wn_std, 4), (zeta, zeta_std, 3))
-    ]
-    return f"wn {said[0]} rad/s, zeta {said[1]}"
+def answering(bank: Bank) -> tuple[str, Status, DutchRoll | None]:
+    """Return the method that answers just now, its status and its Dutch roll, sigmas of noise.
 
-
-def answering(bank: Bank) -> tuple[str, Status, Floats]:
-    """Return the method that answers just now, its status and its Dutch roll.
-
-    That is (4,): wn in rad/s, its sigma, zeta and its sigma. The method asked for answers unless it
-    has no Dutch roll or has diverged, or another knows wn better by the verdict's own measure. The
-    verdict at the end also weighs what would take too long here.
+    The method asked for answers unless it has no Dutch roll or has diverged, or another knows wn
+    better by the verdict's own measure. The verdict at the end also weighs what would take too long
+    here.
     """
     found = {}
     for method, block in bank.last.items():
@@ -124,7 +99,7 @@ def answering(bank: Bank) -> tuple[str, Status, Floats]:
     for method in sound[1:]:
         if found[method][2][1] < BETTER * found[chosen][2][1]:
             chosen = method
-    return found[chosen]
+    return chosen, found[chosen][1], DutchRoll.of(found[chosen][2])
 
 
 def _idle_s(pipeline: Pipeline, now_us: int) -> float:

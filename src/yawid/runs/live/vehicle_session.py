@@ -21,7 +21,7 @@ from yawid.runs.live.bulkhead import Bulkhead, cause_of
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.screen_facts import Gatherer
-from yawid.runs.live.standing import Latency, Standing, manoeuvre_line
+from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import (
@@ -35,6 +35,7 @@ from yawid.runs.outputs import (
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
+from yawid.sinks.words import flown, says
 from yawid.sources.open_log import ReadOptions
 
 MOST_EVENTS = 100
@@ -274,7 +275,7 @@ class LiveSession:
     def _tell_of(self, answered: list[Manoeuvre]) -> None:
         """Say a line of each manoeuvre that has been answered."""
         for found in answered:
-            self.tell(manoeuvre_line(found))
+            self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}")
 
     def _open(self) -> None:
         self._opened = True

@@ -16,7 +16,16 @@ from yawid.results.run_summary import (
     Value,
     VerdictSummary,
 )
-from yawid.sinks.answers import noise_spreads, sigma_means, with_sigma
+from yawid.sinks.words import (
+    GREEK,
+    conditions,
+    dutch_roll,
+    loop_of,
+    numbers,
+    of_noise,
+    plus_minus,
+    sigma_means,
+)
 
 _UNUSABLE = "The numbers are not to be used: they are shown to find out why."
 
@@ -51,7 +60,7 @@ def _methods(estimates: Mapping[str, MethodSummary]) -> Iterator[str]:
     if estimates:
         yield from ("", "| stream at its end | ωn rad/s | ζ | fit simulated |", "|-|-:|-:|-:|")
     for method, estimate in estimates.items():
-        wn, zeta = _with_sigmas(estimate.dutch_roll)
+        wn, zeta = numbers(estimate.dutch_roll)
         fit = estimate.fit.simulation_pct
         yield f"| {method.upper()} | {wn} | {zeta} | {'' if fit is None else f'{fit:.0f} %'} |"
 
@@ -74,8 +83,8 @@ def _numbers(physics: Mapping[str, Value], rudder_unit: str) -> Iterator[str]:
         row, found = YAW_CHANNEL[key], physics.get(key, Value())
         if found.value is None:
             continue
-        number = " ".join(filter(None, with_sigma(found.value, found.std)))
-        yield f"| {row.words} {row.symbol} | {number} {row.unit_for(rudder_unit)} |"
+        number = f"{plus_minus(found.value, found.std)} {row.unit_for(rudder_unit)}"
+        yield f"| {row.words} {row.symbol} | {number} |"
 
 
 def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None) -> str:
@@ -86,8 +95,8 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None
     lines += ["| | mode | loop | V m/s | ωn rad/s | ζ | usable |", "|-:|-|-|-:|-:|-:|-|"]
     for each in found:
         speed = "" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}"
-        cells = [str(each.n), each.mode or "", each.loop.replace("_", " "), speed]
-        cells += [*_with_sigmas(each.dutch_roll), _usable(each.verdict)]
+        cells = [str(each.n), each.mode or "", loop_of(each.loop).name, speed]
+        cells += [*numbers(each.dutch_roll), _usable(each.verdict)]
         lines.append(f"| {' | '.join(cells)} |")
     means = sigma_means(each.dutch_roll for each in found)
     return "\n".join([*lines, "", f"± is one sigma{means}."]) + "\n"
@@ -95,44 +104,24 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None
 
 def flight_line(flight: Flight) -> str:
     """Return what the manoeuvres of a flight say together."""
-    noise = noise_spreads(flight.dutch_roll)
-    of_noise = f" (of it noise: ωn {noise[0]}, ζ {noise[1]})" if noise else ""
     answer = _answer(flight.dutch_roll, usable=flight.verdict.usable)
-    said = f"The flight: {answer}{of_noise}"
-    if flight.airspeed_m_s is not None:
-        said += f" at {flight.airspeed_m_s:.1f} m/s"
-    if flight.loop is not None:
-        said += f", {flight.loop.replace('_', ' ')}"
-    if flight.used:
-        said += f", of manoeuvre {_listed(flight.used)}"
-    if flight.disagree:
-        said += f"; {_listed(flight.disagree)} disagree"
-    return f"{said}: {_usable(flight.verdict)}."
+    noise = of_noise(flight.dutch_roll, GREEK)
+    facts = [f"The flight: {answer}{f' ({noise})' if noise else ''}", conditions(flight)]
+    facts += [] if flight.loop is None else [loop_of(flight.loop).whose]
+    facts += [f"of manoeuvre {_listed(flight.used)}"] if flight.used else []
+    disagree = f"; {_listed(flight.disagree)} disagree" if flight.disagree else ""
+    return f"{', '.join(filter(None, facts))}{disagree}: {_usable(flight.verdict)}."
 
 
 def _answer(roll: DutchRoll | None, *, usable: bool) -> str:
     """Return wn and zeta, set in bold where they may be used."""
-    if roll is None:
-        return "no answer"
-    wn, zeta = _with_sigmas(roll)
     bold = "**" if usable else ""
-    return f"{bold}ωn {wn} rad/s, ζ {zeta}{bold}"
+    return "no answer" if roll is None else f"{bold}{dutch_roll(roll, GREEK)}{bold}"
 
 
 def _usable(verdict: VerdictSummary) -> str:
     """Return whether it is usable, else the reason that decides: the first fatal one."""
-    if verdict.usable:
-        return "usable"
-    why = [reason.id.replace("_", " ") for reason in verdict.fatal]
-    return f"not usable, {why[0]}" if why else "not usable"
-
-
-def _with_sigmas(roll: DutchRoll | None) -> tuple[str, str]:
-    if roll is None:
-        return "none", "none"
-    pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
-    wn, zeta = (" ".join(filter(None, with_sigma(*pair))) for pair in pairs)
-    return wn, zeta
+    return ", ".join((verdict.word, *(reason.name for reason in verdict.fatal[:1])))
 
 
 def _listed(found: Sequence[int]) -> str:

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
+from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.results.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
 from yawid.results.inspection import Inspection
 from yawid.results.make_card import why_no_card
-from yawid.sinks.answers import with_sigma
 from yawid.sinks.terminal.page import WIDTH
+from yawid.sinks.words import count, dutch_roll
 from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 BLANK = "________"
@@ -67,10 +68,8 @@ def _known(report: Inspection, card: FlightTestCard) -> Iterator[Row]:
     yield "aircraft", f"{card.vehicle}{address}  {BLANK}"
     yield "log", Path(report.log).name
     if card.answer is not None:
-        wn = " ".join(filter(None, with_sigma(card.answer.wn_rad_s, card.answer.wn_std)))
-        zeta = " ".join(filter(None, with_sigma(card.answer.zeta, card.answer.zeta_std)))
-        by = _count(len(card.answered), "manoeuvre") if card.answered else "the whole record"
-        yield "it says", f"wn {wn} rad/s, zeta {zeta} (one sigma), by {by}"
+        by = count(len(card.answered)) if card.answered else "the whole record"
+        yield "it says", f"{dutch_roll(card.answer)} (one sigma), by {by}"
     if card.expected:
         more = (f"± {each.wn_std:.2g} after {each.more}" for each in card.expected)
         yield "to expect", f"wn {', '.join(more)} more manoeuvres like these"
@@ -120,7 +119,7 @@ def _flight(card: FlightTestCard) -> Iterator[Row]:
     speeds += [f"[ ] {BLANK}"] * (1 if len(speeds) == 2 else 3 - len(speeds))
     yield "airspeed", "  ".join(speeds) + " m/s, each within 5 %"
     if flown.airspeed_low_m_s is not None and flown.airspeed_high_m_s is not None:
-        what = "" if flown.airspeed_source != "ground speed" else " over ground"
+        what = "" if flown.airspeed_source != GROUND_SPEED else " over ground"
         text = f"flown: {flown.airspeed_low_m_s:.1f} to {flown.airspeed_high_m_s:.1f} m/s{what}"
         if flown.airspeed_least_m_s is not None and flown.airspeed_most_m_s is not None:
             text += f"; limits {flown.airspeed_least_m_s:g} to {flown.airspeed_most_m_s:g}"
@@ -132,7 +131,7 @@ def _flight(card: FlightTestCard) -> Iterator[Row]:
     yield "height", height
     for each in flown.modes:
         whose = "bare airframe" if each.loop == "airframe" else "aircraft with its roll loop"
-        done = f" (this log: {_count(len(each.answered), 'manoeuvre')})" if each.answered else ""
+        done = f" (this log: {count(len(each.answered))})" if each.answered else ""
         yield "mode", f"[ ] {each.mode}: the {whose}{done}"
     if not flown.modes:
         yield "mode", f"[ ] {BLANK}: one in which the pedals move the rudder directly"
@@ -213,7 +212,3 @@ def _check(card: FlightTestCard) -> Iterator[Row]:
         yield "in the air", card.live
         yield "", "by MAVProxy: output add 127.0.0.1:14560; QGroundControl forwards, too"
     yield "landed", f"yawid inspect {BLANK} --card"
-
-
-def _count(n: int, what: str) -> str:
-    return f"one {what}" if n == 1 else f"{n} {what}s"

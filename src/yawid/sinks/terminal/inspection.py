@@ -8,8 +8,7 @@ import numpy as np
 from rich.text import Text
 
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
-from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, VehicleSeen
-from yawid.sinks.answers import with_sigma
+from yawid.results.run_summary import Flight, Manoeuvre, VehicleSeen
 from yawid.sinks.terminal.page import page_console
 from yawid.sinks.terminal.summary_table import (
     NAME_WIDTH,
@@ -17,7 +16,7 @@ from yawid.sinks.terminal.summary_table import (
     origin,
     print_verdict,
 )
-from yawid.sources.mavlink.enums import AUTOPILOT_NAMES, TYPE_NAMES
+from yawid.sinks.words import count, dutch_roll, flown, says
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
@@ -65,10 +64,7 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
 
 
 def _vehicle(vehicle: VehicleSeen, seconds: float) -> str:
-    kind = TYPE_NAMES.get(vehicle.type, "unknown")
-    autopilot = AUTOPILOT_NAMES.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}")
-    address = f"{vehicle.sysid}/{vehicle.compid}"
-    return f"{kind} (type {vehicle.type}) on {autopilot}, {address}, log of {seconds:.0f} s"
+    return f"{vehicle.kind}, {vehicle.sysid}/{vehicle.compid}, log of {seconds:.0f} s"
 
 
 def _sender(name: str, counts: Mapping[str, int]) -> str:
@@ -104,37 +100,16 @@ def _window(stretch: Span) -> str:
 def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[str, str]]:
     """Yield the flight's answer and its manoeuvres, or why none of these may be used."""
     if flight.dutch_roll is None:
-        fatal = Counter(_fatal(each) for each in manoeuvres)
-        why = ", ".join(f"{count} {reason}" for reason, count in fatal.most_common())
-        yield "flight", f"{_count(len(manoeuvres))}, none usable: {why}"
+        fatal = Counter(each.verdict.why for each in manoeuvres)
+        why = ", ".join(f"{n} {reason}" for reason, n in fatal.most_common())
+        yield "flight", f"{count(len(manoeuvres))}, none usable: {why}"
         return
-    yield "flight", f"{_roll(flight.dutch_roll)} (± is one sigma) by {_count(len(flight.used))}"
+    said = f"{dutch_roll(flight.dutch_roll)} (± is one sigma)"
+    yield "flight", f"{said} by {count(len(flight.used))}"
     for each in manoeuvres[:MOST_MANOEUVRES]:
-        yield f"#{each.n}", _manoeuvre(each)
+        yield f"#{each.n}", f"{flown(each)}: {says(each)}"
     if len(manoeuvres) > MOST_MANOEUVRES:
-        yield "", f"and {_count(len(manoeuvres) - MOST_MANOEUVRES)} more"
-
-
-def _fatal(each: Manoeuvre) -> str | None:
-    return next((reason.id for reason in each.verdict.fatal), None)
-
-
-def _roll(roll: DutchRoll) -> str:
-    wn = " ".join(filter(None, with_sigma(roll.wn_rad_s, roll.wn_std)))
-    zeta = " ".join(filter(None, with_sigma(roll.zeta, roll.zeta_std)))
-    return f"wn {wn} rad/s, zeta {zeta}"
-
-
-def _count(manoeuvres: int) -> str:
-    return "one manoeuvre" if manoeuvres == 1 else f"{manoeuvres} manoeuvres"
-
-
-def _manoeuvre(each: Manoeuvre) -> str:
-    """Describe a manoeuvre: when, how it was flown, what it says."""
-    speed = "" if each.airspeed_m_s is None else f" at {each.airspeed_m_s:.1f} m/s"
-    flown = f"{each.from_s:.0f} to {each.to_s:.0f} s {each.mode or 'in no known mode'}{speed}"
-    roll = each.dutch_roll
-    return f"{flown}: " + (_fatal(each) or ("usable" if roll is None else _roll(roll)))
+        yield "", f"and {count(len(manoeuvres) - MOST_MANOEUVRES)} more"
 
 
 def _boot(span: Span) -> str:

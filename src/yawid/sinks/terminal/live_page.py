@@ -10,12 +10,10 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from yawid.channels.sample_flags import WINDOW_S
-from yawid.results.excitation import LEAST_STROKE
-from yawid.results.run_summary import DutchRoll
-from yawid.sinks.answers import conditions, counted, with_sigma
-from yawid.sinks.terminal.flight_table import manoeuvres_table
+from yawid.results.excitation import LEAST_STROKE, WINDOW_S
+from yawid.sinks.terminal.flight_table import in_columns, manoeuvres_table
 from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
+from yawid.sinks.words import conditions, counted, dutch_roll
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page: it shows one line."""
@@ -151,20 +149,13 @@ def _cells(vehicle: VehicleFacts) -> Iterator[RenderableType]:
     flight = vehicle.flight
     usable = 0 if flight is None else len(flight.used)
     yield f"{usable}/{len(vehicle.manoeuvres)}" if vehicle.manoeuvres else "-"
-    yield from _numbers(None if flight is None else flight.dutch_roll)
+    yield from in_columns(None if flight is None else flight.dutch_roll)
     if vehicle.verdict is None:
         yield Text(vehicle.state, "dim")
     elif vehicle.verdict:
         yield Text("usable", "green")
     else:
         yield Text(vehicle.why[0].partition(":")[0] if vehicle.why else "not usable", "red")
-
-
-def _numbers(roll: DutchRoll | None) -> tuple[str, str]:
-    if roll is None:
-        return "-", "-"
-    wn, zeta = with_sigma(roll.wn_rad_s, roll.wn_std), with_sigma(roll.zeta, roll.zeta_std)
-    return "".join(wn).replace(" ", ""), "".join(zeta).replace(" ", "")
 
 
 def _now(vehicle: VehicleFacts) -> str:
@@ -254,9 +245,7 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
         count, roll = counted(flight, vehicle.manoeuvres), flight.dutch_roll
         told, where = "no answer", ""
         if roll is not None:
-            wn = " ".join(filter(None, with_sigma(roll.wn_rad_s, roll.wn_std)))
-            zeta = " ".join(filter(None, with_sigma(roll.zeta, roll.zeta_std)))
-            told, where = f"wn {wn} rad/s, zeta {zeta}", conditions(flight)
+            told, where = dutch_roll(roll), conditions(flight)
         yield _row("FLIGHT", Text().append(told, "bold").append("  (± is one sigma)"))
         yield from _wrapped("", ", ".join(filter(None, (where, count))), width)
     if vehicle.verdict is None:

@@ -17,10 +17,9 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
-from yawid.sinks.answers import noise_spreads, percent
-from yawid.sinks.terminal.flight_table import Row, flight_rows, manoeuvres_table, table_notes
+from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
 from yawid.sinks.terminal.page import page_console
-from yawid.sources.mavlink.enums import TYPE_NAMES
+from yawid.sinks.words import Row, flight_rows, noise_spreads, numbers, percent
 
 NAME_WIDTH = 9
 """Width of the column of names."""
@@ -71,9 +70,8 @@ def hanging(name: str, text: str, width: int) -> str:
 
 def _stream(verdict: VerdictSummary) -> str:
     """Return the heading of the stream's own estimates, beside which a flight's answer stands."""
-    word = "usable" if verdict.usable else "not usable"
-    ids = [reason.id for reason in verdict.reasons]
-    return f"the stream at its end (not the flight): {', '.join([word, *ids])}"
+    said = ", ".join([verdict.word, *(reason.id for reason in verdict.reasons)])
+    return f"the stream at its end (not the flight): {said}"
 
 
 def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]) -> Table:
@@ -93,8 +91,7 @@ def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]
 
 def _estimate_rows(estimate: MethodSummary, *, has_total: bool) -> list[Row]:
     mode, fit = estimate.dutch_roll, estimate.fit
-    wn = "none" if mode is None else _with_sigma(mode.wn_rad_s, mode.wn_std)
-    zeta = "none" if mode is None else _with_sigma(mode.zeta, mode.zeta_std)
+    wn, zeta = numbers(mode)
     noise = Row("  of it noise, wn; zeta", "; ".join(noise_spreads(mode) or ("-",)), "dim")
     return [
         Row("Dutch roll wn, rad/s", wn),
@@ -106,10 +103,6 @@ def _estimate_rows(estimate: MethodSummary, *, has_total: bool) -> list[Row]:
         Row("samples learnt from / others", f"{estimate.updates} / {estimate.held}"),
         Row("na,nb,nc,nk at rate", f"{estimate.orders} at {1.0 / estimate.sample_time_s:.3g} Hz"),
     ]
-
-
-def _with_sigma(value: float, sigma: float | None) -> str:
-    return f"{value:.4g}" + ("" if sigma is None else f" ± {sigma:.2g}")
 
 
 def _number(value: float | None, spec: str) -> str:
@@ -145,7 +138,7 @@ def origin(summary: Origin) -> Iterator[str]:
 def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> str:
     """Name every vehicle in the log, and which of them is answered."""
     named = [
-        f"{each.sysid}/{each.compid} {TYPE_NAMES.get(each.type, 'unknown')}"
+        f"{each.sysid}/{each.compid} {each.type_name}"
         + (" (answered)" if answered and each.address == answered.address else "")
         for each in vehicles
     ]

@@ -83,6 +83,16 @@ ARDUPLANE_HOVER = range(17, 24)
 """ArduPlane's modes that hover, QSTABILIZE to QACRO, as HEARTBEAT.custom_mode."""
 
 
+def type_name(number: int) -> str:
+    """Return a MAV_TYPE in words."""
+    return TYPE_NAMES.get(number, f"type {number}")
+
+
+def autopilot_name(number: int) -> str:
+    """Return a MAV_AUTOPILOT in words."""
+    return AUTOPILOT_NAMES.get(number, f"autopilot {number}")
+
+
 @lru_cache(maxsize=1024)  # a hostile link may name any mode
 def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
     """Return the name of HEARTBEAT.custom_mode, ``mode N`` where it has none.
