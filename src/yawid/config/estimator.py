@@ -5,15 +5,18 @@ A change is ``dataclasses.replace`` and a new estimator; nothing is ever reset.
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Literal
 
+from msgspec import Meta
+
+from yawid.config.fields import Count, NotNegative, Positive, Share, check_fields, one_of
 from yawid.errors import ConfigError
 
 Engine = Literal["numba", "filterpy"]
 ELS, RML = "els", "rml"
 RECURSIVE = (ELS, RML)
 """The methods that recurse. What else there is to say of them: ``estimation/methods.py``."""
-ENGINES: tuple[Engine, ...] = ("numba", "filterpy")
+Order = Annotated[int, Meta(ge=0, le=50, description="be an int from 0 to 50")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +31,16 @@ class ArmaxOrders:
         empty.
     """
 
-    na: int
-    nb: tuple[int, ...]
-    nc: int
-    nk: tuple[int, ...]
+    na: Order
+    nb: tuple[Order, ...]
+    nc: Order
+    nk: tuple[Order, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "nb", _entries("nb", self.nb))
-        object.__setattr__(self, "nk", _entries("nk", self.nk))
-        for name in ("na", "nc"):
-            _check_order(name, getattr(self, name))
+        for name in ("nb", "nk"):
+            each = getattr(self, name)
+            object.__setattr__(self, name, (each,) if isinstance(each, int) else tuple(each))
+        check_fields(self)
         if len(self.nb) != len(self.nk):
             raise ConfigError(
                 f"nb has {len(self.nb)} entries and nk {len(self.nk)}: one per input each"
@@ -69,18 +72,6 @@ def forgetting_factor(memory_s: float, sample_time_s: float) -> float:
     return math.exp(-sample_time_s / memory_s)
 
 
-def _entries(name: str, value: Any) -> tuple[int, ...]:
-    entries = (value,) if isinstance(value, int) else tuple(value)
-    for entry in entries:
-        _check_order(name, entry)
-    return entries
-
-
-def _check_order(name: str, value: Any) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 50:
-        raise ConfigError(f"{name} must be an int from 0 to 50, got {value!r}")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorConfig:
     """All that defines a :class:`yawid.RecursiveArmax`.
@@ -100,43 +91,24 @@ class EstimatorConfig:
     """
 
     orders: ArmaxOrders
-    sample_time_s: float
-    forgetting_factor: float = 1.0
-    method: str = ELS
+    sample_time_s: Positive
+    forgetting_factor: Share = 1.0
+    method: Annotated[str, one_of(*RECURSIVE)] = ELS
     bias: bool = True
-    P0: float = 100.0
-    forgetting_start: float = 0.95
-    forgetting_rate: float = 0.995
-    start_buffer: int = 0
-    information_floor: float | None = None
-    scale_window: int = 100
-    scale_minimum: float = 1e-3
-    residual_lags: int = 20
+    P0: Positive = 100.0
+    forgetting_start: Share = 0.95
+    forgetting_rate: Annotated[float, Meta(ge=0.0, lt=1.0, description="lie in [0, 1)")] = 0.995
+    start_buffer: Count = 0
+    information_floor: NotNegative | None = None
+    scale_window: Count = 100
+    scale_minimum: NotNegative = 1e-3
+    residual_lags: Count = 20
 
     def __post_init__(self) -> None:
-        if not isinstance(self.orders, ArmaxOrders):
-            raise ConfigError(f"orders must be ArmaxOrders, got {self.orders!r}")
-        if self.method not in RECURSIVE:
-            raise ConfigError(f"method must be one of {', '.join(RECURSIVE)}, got {self.method!r}")
-        for name in ("sample_time_s", "P0"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
-        for name in ("forgetting_factor", "forgetting_start"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise ConfigError(f"{name} must lie in (0, 1], got {getattr(self, name)!r}")
-        if not 0.0 <= self.forgetting_rate < 1.0:
-            raise ConfigError(f"forgetting_rate must lie in [0, 1), got {self.forgetting_rate!r}")
-        for name in ("start_buffer", "scale_window", "residual_lags"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-                raise ConfigError(f"{name} must be an int >= 0, got {value!r}")
-        if not 0.0 <= self.scale_minimum < math.inf:
-            raise ConfigError(f"scale_minimum must be >= 0, got {self.scale_minimum!r}")
+        check_fields(self)
         if self.information_floor is None:
             floor = 0.1 if self.forgetting_factor < 1.0 else 0.0
             object.__setattr__(self, "information_floor", floor)
-        elif not 0.0 <= self.information_floor < math.inf:
-            raise ConfigError(f"information_floor must be >= 0, got {self.information_floor!r}")
 
     @property
     def n_theta(self) -> int:

@@ -1,83 +1,57 @@
 """The configuration of a run, from the command line or a TOML file: complete and frozen."""
 
 import math
-import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import tomli_w
+from msgspec import Meta, ValidationError, convert
 
 from yawid.config.estimator import (
     ELS,
-    ENGINES,
     RECURSIVE,
     RML,
     ArmaxOrders,
+    Engine,
     EstimatorConfig,
     forgetting_factor,
 )
+from yawid.config.fields import Finite, Positive, Share, check_fields, fits, one_of
 from yawid.errors import ConfigError
 
-OUTPUTS = ("yaw-rate", "heading-rate", "yaw")
 BOTH = ("rudder", "aileron")
 INPUTS = (("rudder",), BOTH)
 _SERVO = r"([1-9]|[12]\d|3[0-2])"
-SELECTORS = {
-    "rudder": re.compile(
-        rf"auto|servo:{_SERVO}|vtail:{_SERVO},{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
-    ),
-    "aileron": re.compile(rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"),
-}
+_CHANNELS = rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
+_SAID = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
+Aileron = Annotated[str, Meta(pattern=rf"\A({_CHANNELS})\Z", description=f"be {_SAID}")]
+_VTAIL = rf"\A({_CHANNELS}|vtail:{_SERVO},{_SERVO})\Z"
+Rudder = Annotated[str, Meta(pattern=_VTAIL, description=f"be vtail:L,R, {_SAID}")]
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
-_INTEGERS = ("sysid", "boot")
 BINDING = ("orders", "inputs", "turn")
 """What is chosen for each manoeuvre unless the user gave it."""
 GIVEN = (*BINDING, "rudder_sign")
 """What it matters of whether the user gave it, even where it is what it would be anyway."""
-RUDDER_UNITS = ("half-travel", "rad", "deg")
-_LIMITS: dict[str, tuple[Callable[[float], bool], str]] = {
-    "memory": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
-    "forgetting": (lambda factor: 0.0 < factor <= 1.0, "lie in (0, 1]"),
-    "rate": (lambda hz: 0.1 <= hz <= 1000.0, "lie in 0.1 to 1000 Hz"),
-    "rudder_max_deg": (lambda deg: 0.0 < deg <= 90.0, "be > 0 and at most 90"),
-    "rudder_stroke_rad": (lambda rad: 0.0 < rad < math.inf, "be > 0 and finite"),
-    "servo_tau": (lambda s: 0.0 < s < math.inf, "be > 0 and finite"),
-    "from_s": (math.isfinite, "be finite"),
-    "to_s": (math.isfinite, "be finite"),
-    "sysid": (lambda number: 1 <= number <= 255, "be 1 to 255"),
-    "boot": (lambda number: number >= 1, "be at least 1: boots count from 1"),
+_SOME = Meta(min_length=1)
+_LISTS: dict[str, tuple[Any, str]] = {
+    "orders": (
+        Annotated[tuple[int, ...], _SOME],
+        "na,nb,nc,nk, four whole numbers (auto: only replay, inspect and fleet)",
+    ),
+    "inputs": (Annotated[tuple[str, ...], _SOME], "rudder or rudder,aileron"),
+    "given": (tuple[str, ...], "names of settings"),
+    "columns": (tuple[str, ...], "NAME=COLUMN,..."),
+    "band": (Annotated[tuple[float, ...], _SOME], "LO,HI in Hz"),
 }
-"""What a value given must satisfy, and how to say so."""
-_LISTS: dict[str, tuple[type, str]] = {
-    "orders": (int, "na,nb,nc,nk, four whole numbers (auto: only replay, inspect and fleet)"),
-    "inputs": (str, "rudder or rudder,aileron"),
-    "given": (str, "names of settings"),
-    "columns": (str, "NAME=COLUMN,..."),
-    "band": (float, "LO,HI in Hz"),
-}
-_CHOICES: dict[str, tuple[str | None, ...]] = {
-    "method": RECURSIVE,
-    "also": (*RECURSIVE, "none"),
-    "engine": ENGINES,
-    "output": OUTPUTS,
-    "turn": ("keep", "remove"),
-    "manoeuvres": ("auto", "off"),
-    "rudder_sign": ("nose-right", "nose-left"),
-    "rudder_unit": (*RUDDER_UNITS, None),
-    "units": ("rad", "deg", None),
-}
+"""Settings that are lists, or a text with commas."""
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
 KEPT_ONLY = frozenset({"given", "rudder_stroke_rad"})
 """Settings that a run's file holds and no option is."""
 FORGETTING = frozenset({"memory", "forgetting"})
-_FLOATS = (
-    *("memory", "forgetting", "rate", "rudder_max_deg", "rudder_stroke_rad"),
-    *("servo_tau", "from_s", "to_s"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,30 +77,32 @@ class RunConfig:
     """
 
     orders: tuple[int, int, int, int] | Literal["auto"] = (3, 3, 2, 1)
-    method: str = ELS
-    also: str = RML
-    engine: str = "numba"
-    memory: float | None = None
-    forgetting: float | None = None
-    rate: float | None = None
+    method: Annotated[str, one_of(*RECURSIVE)] = ELS
+    also: Annotated[str, one_of(*RECURSIVE, "none")] = RML
+    engine: Engine = "numba"
+    memory: Positive | None = None
+    forgetting: Share | None = None
+    rate: Annotated[float, Meta(ge=0.1, le=1e3, description="lie in 0.1 to 1000 Hz")] | None = None
     band: tuple[float, float] | None = None
     inputs: tuple[str, ...] = ("rudder",)
-    output: str = "yaw-rate"
-    turn: str = "keep"
-    rudder: str = "auto"
-    aileron: str = "auto"
-    rudder_sign: str = "nose-right"
-    rudder_max_deg: float | None = None
-    rudder_unit: str | None = None
-    rudder_stroke_rad: float | None = None
+    output: Annotated[str, one_of("yaw-rate", "heading-rate", "yaw")] = "yaw-rate"
+    turn: Annotated[str, one_of("keep", "remove")] = "keep"
+    rudder: Rudder = "auto"
+    aileron: Aileron = "auto"
+    rudder_sign: Annotated[str, one_of("nose-right", "nose-left")] = "nose-right"
+    rudder_max_deg: (
+        Annotated[float, Meta(gt=0.0, le=90.0, description="be > 0 and at most 90")] | None
+    ) = None
+    rudder_unit: Annotated[str, one_of("half-travel", "rad", "deg")] | None = None
+    rudder_stroke_rad: Positive | None = None
     columns: tuple[str, ...] = ()
-    units: str | None = None
-    servo_tau: float | None = None
-    from_s: float | None = None
-    to_s: float | None = None
-    sysid: int | None = None
-    boot: int | None = None
-    manoeuvres: str = "auto"
+    units: Annotated[str, one_of("rad", "deg")] | None = None
+    servo_tau: Positive | None = None
+    from_s: Finite | None = None
+    to_s: Finite | None = None
+    sysid: Annotated[int, Meta(ge=1, le=255, description="be 1 to 255")] | None = None
+    boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = None
+    manoeuvres: Annotated[str, one_of("auto", "off")] = "auto"
     given: tuple[str, ...] = ()
 
     def binds(self, name: str) -> bool:
@@ -142,58 +118,39 @@ class RunConfig:
         return low, high
 
     def __post_init__(self) -> None:
-        if self.orders != "auto":
-            object.__setattr__(self, "orders", tuple(self.orders))
-        object.__setattr__(self, "inputs", tuple(self.inputs))
-        object.__setattr__(self, "given", tuple(self.given))
-        object.__setattr__(self, "columns", tuple(self.columns))
-        self._check_model()
-        self._check_channels()
-        self._check_numbers()
-
-    def _check_model(self) -> None:
-        if self.orders != "auto" and len(self.orders) != 4:
-            raise ConfigError(
-                f"--orders must be na,nb,nc,nk, got {','.join(map(str, self.orders))}"
-            )
-        if self.orders[3] == 0:
-            text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
-            raise ConfigError(f"--orders: {text}")
-        for name, choices in _CHOICES.items():
-            if (value := getattr(self, name)) not in choices:
-                option, names = name.replace("_", "-"), ", ".join(filter(None, choices))
-                raise ConfigError(f"--{option} must be one of {names}, got {value!r}")
-        if unknown := set(self.given) - set(GIVEN):
-            raise ConfigError(f"given must name some of {', '.join(GIVEN)}, got {min(unknown)!r}")
+        for name in ("orders", "inputs", "given", "columns", "band"):
+            if not isinstance(each := getattr(self, name), str | None):
+                object.__setattr__(self, name, tuple(each))
+        self._check_lists()
+        check_fields(self, lambda name: f"--{name.removesuffix('_s').replace('_', '-')}")
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting say the same thing: give one of them")
+        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
+            raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
 
-    def _check_channels(self) -> None:
+    def _check_lists(self) -> None:
+        if unknown := set(self.given) - set(GIVEN):
+            raise ConfigError(f"given must name some of {', '.join(GIVEN)}, got {min(unknown)!r}")
         if self.inputs not in INPUTS:
             given = ",".join(self.inputs)
             raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
         if self.orders != "auto":
+            self._check_orders(self.orders)
             self.armax_orders()
-        for name, allowed in SELECTORS.items():
-            selector = getattr(self, name)
-            if allowed.fullmatch(selector) is None:
-                choices = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
-                choices = "vtail:L,R, " + choices if name == "rudder" else choices
-                raise ConfigError(f"--{name} must be {choices}, got {selector!r}")
+        if self.band is not None and (
+            len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf
+        ):
+            given = ",".join(f"{edge:g}" for edge in self.band)
+            raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {given}")
 
-    def _check_numbers(self) -> None:
-        for name, (is_sound, what) in _LIMITS.items():
-            value = getattr(self, name)
-            if value is not None and not is_sound(value):
-                option = name.removesuffix("_s").replace("_", "-")
-                raise ConfigError(f"--{option} must {what}, got {value!r}")
-        if self.band is not None:
-            object.__setattr__(self, "band", tuple(self.band))
-            if len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf:
-                given = ",".join(f"{edge:g}" for edge in self.band)
-                raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {given}")
-        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
-            raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
+    @staticmethod
+    def _check_orders(orders: tuple[int, ...]) -> None:
+        if len(orders) != 4:
+            given = ",".join(map(str, orders))
+            raise ConfigError(f"--orders must be na,nb,nc,nk, got {given}")
+        if orders[3] == 0:
+            text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
+            raise ConfigError(f"--orders: {text}")
 
     @property
     def half_travel(self) -> float:
@@ -336,21 +293,19 @@ def _typed(name: str, value: Any, where: str) -> Any:
     if (name, value) == ("orders", "auto"):
         return value
     if name in _LISTS:
-        kind, wanted_list = _LISTS[name]
+        kind, wanted = _LISTS[name]
+        is_text = isinstance(value, str)
+        parts = value.split(",") if is_text else value
+        if is_text and name in ("orders", "band"):
+            parts = [part.strip() for part in parts]
         try:
-            parts = value.split(",") if isinstance(value, str) else tuple(value)
-            typed = tuple(kind(part) for part in parts)
-        except (TypeError, ValueError):
-            parts = typed = ()
-        # 3.5 is no order, and 3 none to put in its place.
-        may_be_empty = name in ("given", "columns")
-        if not (typed or may_be_empty) or not (isinstance(value, str) or typed == parts):
-            raise ConfigError(f"{where}: {name} must be {wanted_list}, got {value!r}")
-        return typed
-    numeric = name in _FLOATS
-    wanted: tuple[type, ...] = (int, float) if numeric else (int,) if name in _INTEGERS else (str,)
-    if not isinstance(value, wanted) or isinstance(value, bool):
-        raise ConfigError(f"{where}: {name} must be {_KINDS[wanted[-1]]}, got {value!r}")
+            return convert(parts, kind, strict=not is_text)  # 3.5 is no order
+        except ValidationError:
+            raise ConfigError(f"{where}: {name} must be {wanted}, got {value!r}") from None
+    hint = get_type_hints(RunConfig)[name]
+    plain = next((each for each in (float, int) if each in (hint, *get_args(hint))), str)
+    if not fits(value, plain):
+        raise ConfigError(f"{where}: {name} must be {_KINDS[plain]}, got {value!r}")
     return value
 
 
