@@ -31,13 +31,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "results": {*STAGES, WIRE},
     "manoeuvres": {*STAGES, "results", WIRE},
     "sinks": {WIRE, "estimation", "results"},
-    "sinks/mcap": {"config", "estimation", "physics", "results", "sinks"},
+    "sinks/mcap": {"config", "estimation", "results", "sinks"},
     "sinks/rerun": {"config", "physics", "results", "sinks"},
     "sinks/terminal": {"results", "sinks", WIRE},
-    "report": {"config", "estimation", "offline", "physics", "results"}
-    | {"sinks", "sinks/mcap", "sinks/rerun"},
+    "report": {"config", "estimation", "offline", "physics", "results"} | {"sinks", "sinks/mcap"},
     "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},
-    "runs": {"config", "channels", "offline", "physics", "pipeline", "plant", "results"}
+    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
     | {"sources", WIRE, LOGS, RECORDS, *SINKS},
     "runs/live": {*STAGES, "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,14 @@ class Noted(IntFlag):
     GROUND_SPEED = 16
 
 
+AIRSPEED_SHARE: Final = 0.1
+"""An airspeed that differs by more than this from its mean is another one."""
+LEAST_TRAVEL: Final = 0.02
+"""A rudder that stays within this part of half its travel has not been moved."""
+WINDOW_S: Final = 5.0
+"""... in this time."""
+
+
 def words(member: IntEnum | IntFlag) -> str:
     """Return the name of a status or of one flag as a person reads it: ``on ground``."""
     return str(member.name).lower().replace("_", " ")
@@ -126,6 +134,11 @@ def words(member: IntEnum | IntFlag) -> str:
 def flag_names(flags: IntFlag) -> str:
     """Return the names of the flags that are set, by spaces: ``on_ground steep``."""
     return " ".join(str(flag.name).lower() for flag in flags)
+
+
+def finite(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries that are finite, as floats: in JSON absent means not applicable."""
+    return {name: float(value) for name, value in values.items() if np.isfinite(value)}
 
 
 @dataclass(frozen=True, slots=True)

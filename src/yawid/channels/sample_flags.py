@@ -8,15 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.blocks import Bools, Floats, Noted, SampleBlock
+from yawid.blocks import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, Bools, Floats, Noted, SampleBlock
 from yawid.config.run import DEFAULT_MEMORY_S
-
-AIRSPEED_SHARE = 0.1
-"""An airspeed that differs by more than this from its mean is another one."""
-LEAST_TRAVEL = 0.02
-"""A rudder that stays within this part of half its travel has not been moved."""
-WINDOW_S = 5.0
-"""... in this time."""
 
 
 def window_of(sample_time_s: float) -> int:

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from yawid.blocks import Floats, SampleBlock
-from yawid.channels.sample_flags import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S
+from yawid.blocks import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, Floats, SampleBlock
 from yawid.results.excitation import LEAST_STROKE
 
 LONGEST_S = 120.0

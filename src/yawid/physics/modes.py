@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawid.blocks import Columns, EstimateBlock, Floats, Ints, ModesBlock
+from yawid.blocks import Columns, EstimateBlock, Floats, Ints, ModesBlock, finite
 from yawid.config.estimator import ArmaxOrders
 
 Complexes = NDArray[np.complex128]
@@ -231,6 +231,15 @@ def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Flo
     return wn_std, zeta_std
 
 
+def damping_lines() -> list[Complexes]:
+    """Return the lines of zeta 0.1 to 0.9 in the upper half of the z plane, points (n,) each."""
+    lines = []
+    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
+        root = np.sqrt(1.0 - zeta**2)
+        lines.append(np.exp((-zeta + 1j * root) * np.linspace(0.0, np.pi / root, 60)))
+    return lines
+
+
 def mode_list(block: ModesBlock, row: int = -1) -> list[dict[str, Any]]:
     """Return one row's modes for the summary: pairs once, absent where not finite."""
     found = []
@@ -248,8 +257,3 @@ def mode_list(block: ModesBlock, row: int = -1) -> list[dict[str, Any]]:
         kind = "oscillatory" if s.imag > 0.0 else "real"
         found.append({"kind": kind} | finite(values))
     return found
-
-
-def finite(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries that are finite, as floats: in JSON absent means not applicable."""
-    return {name: float(value) for name, value in values.items() if np.isfinite(value)}

@@ -21,13 +21,12 @@ from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
 from yawid.offline.response_curves import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
-from yawid.physics.modes import Complexes, discrete_poles
+from yawid.physics.modes import Complexes, damping_lines, discrete_poles
 from yawid.report.model_data import Judged, Model
 from yawid.report.picture import Picture, band
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL
-from yawid.sinks.rerun.derived_panels import damping_lines
 
 LAGS = 25
 COHERENT = 0.6

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import Bools, Floats, shifted
-from yawid.channels.sample_flags import WINDOW_S as WINDOW_S  # and who shows a stroke finds it here
+from yawid.blocks import WINDOW_S, Bools, Floats, shifted
 from yawid.channels.sample_flags import strokes, window_of
 from yawid.estimation.products import cross
 

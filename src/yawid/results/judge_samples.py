@@ -9,9 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from yawid.blocks import Floats, shifted
+from yawid.blocks import AIRSPEED_SHARE, WINDOW_S, Floats, shifted
 from yawid.channels.conditioning import RATE_SLACK
-from yawid.channels.sample_flags import AIRSPEED_SHARE, WINDOW_S
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, History
 from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Excitation

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import convert
 from msgspec.structs import replace
 
-from yawid.blocks import Floats, words
+from yawid.blocks import Floats, finite, words
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US
@@ -27,7 +27,7 @@ from yawid.estimation.whiteness import largest_autocorrelation
 from yawid.physics.derivatives import summary_of
 from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
-from yawid.physics.modes import dutch_roll_of, finite, mode_list, modes
+from yawid.physics.modes import dutch_roll_of, mode_list, modes
 from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict

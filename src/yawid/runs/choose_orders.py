@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from yawid.blocks import SampleBlock
+from yawid.blocks import SampleBlock, finite
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable
-from yawid.physics.modes import finite
 from yawid.results.reasons import Verdict
 from yawid.results.reports import OrdersReport, OrdersTried
 from yawid.results.run_summary import DutchRoll, Orders

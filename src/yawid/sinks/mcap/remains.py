@@ -14,8 +14,8 @@ from typing import Any, Final
 from google.protobuf.message import DecodeError
 from msgspec.structs import replace
 
+from yawid.blocks import finite
 from yawid.config.run import RunConfig, check_settings
-from yawid.physics.modes import finite
 from yawid.results.run_summary import (
     DutchRoll,
     Fit,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 import rerun as rr
 import rerun.blueprint as rrb
 from yawid.blocks import Floats
+from yawid.physics.modes import damping_lines
 from yawid.sinks.palette import NEUTRAL, OF_METHODS, Rgba, rgba
-from yawid.sinks.rerun.derived_panels import damping_lines
 
 TIMELINE: Final = "boot_time"
 SHARED_TIME_AXIS: Final = UUID("5c0dca6a-e63f-9cf7-f657-2602590474cc")

@@ -72,15 +72,6 @@ class Whiteness:
     bound: float
 
 
-def damping_lines() -> list[NDArray[np.complex128]]:
-    """Return the lines of zeta 0.1 to 0.9 in the upper half of the z plane, points (n,) each."""
-    lines = []
-    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
-        root = math.sqrt(1.0 - zeta**2)
-        lines.append(np.exp((-zeta + 1j * root) * np.linspace(0.0, np.pi / root, 60)))
-    return lines
-
-
 class Marks:
     """Derives the marks of one run, block after block."""
 

@@ -10,7 +10,8 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from yawid.results.excitation import LEAST_STROKE, WINDOW_S
+from yawid.blocks import WINDOW_S
+from yawid.results.excitation import LEAST_STROKE
 from yawid.sinks.terminal.flight_table import in_columns, manoeuvres_table
 from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
 from yawid.sinks.words import conditions, counted, dutch_roll
