@@ -43,7 +43,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "runs/regress": {"config", "channels", "results", "runs", "sinks"} | {"sources", WIRE, LOGS},
     "dataset": {"results", "sinks"},
     "fleet": {"config", "dataset", "results", "runs", "sinks"} | {"sources"},
-    "trend": {"dataset", "report", "results", "sinks", "sinks/mcap", "sinks/terminal"},
+    "trend": {"dataset", "report", "results", "sinks", "sinks/mcap"},
     "tables": {"config", "results", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "dataset", "estimation", "fleet", "offline", "plant", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}

@@ -6,11 +6,13 @@ import io
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 from finished_runs import replayed
 from places import REPLAY_LOGS
 
 from yawid.cli.main import _parser, main
+from yawid.results.reports import OrdersReport
 from yawid.sinks.terminal.summary_table import print_orders
 
 QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")
@@ -183,7 +185,7 @@ def test_orders_recommends_nothing_for_a_log_that_cannot_answer(capsys):
     assert "recommended" not in told
     assert told["candidates"]
     page = io.StringIO()
-    print_orders(told, page)
+    print_orders(msgspec.convert(told, OrdersReport), page)
     assert "none is recommended" in page.getvalue()
     assert told["verdict"]["reasons"][0]["id"] in page.getvalue()
 

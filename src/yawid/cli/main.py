@@ -202,7 +202,7 @@ def _orders(arguments: argparse.Namespace) -> int:
     settings, read_options = settings_of(arguments), read_options_of(arguments)
     report, verdict = orders_report(arguments.log, settings, read_options)
     if arguments.json:
-        tell_json(report)
+        tell_json(report.to_json())
     else:
         tell_page(print_orders, report)
     return verdict.exit_code

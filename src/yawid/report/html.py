@@ -63,14 +63,20 @@ def first_screen(
     ``remark`` stands below the cards. The last card says whether the answer can be used.
     """
     kind = {"Yes": "yes", "No": "no"}.get(answers[-1].answer, "care")
-    usable = kind != "no"
     shown = [_card(card, f"use {kind}" if i == len(answers) - 1 else "") for i, card in
              enumerate(answers)]  # fmt: skip
+    cards = f'<div class="cards">\n{"".join(shown)}</div>\n'
+    below = f"{note('', remark) if remark else ''}\n"
+    items = ((reason.weight, reason.name, reason.text, to_do) for reason, to_do in told)
+    return head(name, origin, sentence, cards + below + listed(items), usable=kind != "no")
+
+
+def head(name: str, origin: str, sentence: str, body: str, *, usable: bool) -> str:
+    """Return the head of a page: its name, where it is from, the answer in a sentence, the rest."""
     return (
         f'<header class="{"usable" if usable else "unusable"}">\n<h1>{safe(name)}</h1>\n'
         f'<p class="origin">{safe(origin)}</p>\n<p class="headline">{prose(sentence)}</p>\n'
-        f'<div class="cards">\n{"".join(shown)}</div>\n'
-        f"{note('', remark) if remark else ''}\n{_reasons(told)}</header>"
+        f"{body}</header>"
     )
 
 
@@ -83,14 +89,14 @@ def _card(card: Card, kind: str) -> str:
     )
 
 
-def _reasons(told: Sequence[Told]) -> str:
-    items = [
-        f'<li class="{"fatal" if reason.weight == "fatal" else "warning"}">'
-        f"<b>{safe(reason.name)}</b>{prose(reason.text)}. "
+def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
+    """Return a list of what is to be known: of each its weight, name, text, and what to do."""
+    lines = [
+        f'<li class="{weight}"><b>{safe(name)}</b>{prose(text)}. '
         f'<span class="advice">{prose(to_do)}</span></li>\n'
-        for reason, to_do in told
+        for weight, name, text, to_do in items
     ]
-    return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
+    return f'<ul class="reasons">\n{"".join(lines)}</ul>\n' if lines else ""
 
 
 def pictures(title: str, shown: Sequence[Picture], against: Sequence[ReasonSummary] = ()) -> str:

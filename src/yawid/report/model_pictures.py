@@ -8,7 +8,6 @@ the delay and X = B/A u the model's answer,
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -159,11 +158,10 @@ def _draw_spectral(
     decibel = 20.0 * np.log10(gain)
     relative = np.minimum(2.0 * spectral.magnitude_std[good] / gain, 0.9)
     errors = [-20.0 * np.log10(1.0 - relative), 20.0 * np.log10(1.0 + relative)]
-    style: dict[str, Any] = {"fmt": ".", "color": DATA, "markersize": 4, "elinewidth": 0.8}
-    if len(f):
-        style["label"] = "measured (spectra)"
-    upper.errorbar(f, decibel, errors, **style)
-    lower.errorbar(f, np.degrees(phase), 2.0 * np.degrees(spectral.phase_std_rad[good]), **style)
+    phase_errors = 2.0 * np.degrees(spectral.phase_std_rad[good])
+    for ax, y, reach in ((upper, decibel, errors), (lower, np.degrees(phase), phase_errors)):
+        label = "measured (spectra)" if len(f) else None
+        ax.errorbar(f, y, reach, fmt=".", color=DATA, markersize=4, elinewidth=0.8, label=label)
 
 
 def _apart(frequency_hz: Floats, rows: Ints) -> Ints:

@@ -74,8 +74,8 @@ def _with(chosen: "Candidate", config: RunConfig) -> RunConfig:
 
 def orders_report(
     log: Path, settings: Mapping[str, Any], read_options: ReadOptions | None = None
-) -> tuple[dict[str, Any], Verdict]:
-    """Return what ``yawid orders --json`` prints, and the verdict of a replay with its best orders.
+) -> tuple[OrdersReport, Verdict]:
+    """Return what ``yawid orders`` says, and the verdict of a replay with its best orders.
 
     None are recommended where such a replay cannot be used: they would fit what is no answer.
 
@@ -103,7 +103,7 @@ def orders_report(
         candidates=[_described(candidate) for candidate in found],
         verdict=as_summary(verdict),
     )
-    return report.to_json(), verdict
+    return report, verdict
 
 
 def _orders(candidate: "Candidate") -> dict[str, int]:

@@ -15,9 +15,14 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Any, Final, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TextIO, TypeVar
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 _T = TypeVar("_T")
+WIDTH: Final = 80
+"""Of what is printed where there is no terminal."""
 DEBUG: Final = "YAWID_DEBUG"
 """Set to anything but 0 in the environment: where an unforeseen error was raised is shown."""
 _CONTROL: Final = re.compile(
@@ -108,6 +113,14 @@ def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
     text = _Page()
     page(cleaned(content), text)
     tell_whole(text.getvalue())
+
+
+def page_console(stream: TextIO) -> "Console":
+    """Return what prints a page: as wide as the terminal, or ``WIDTH``; ``[red]`` is a text."""
+    from rich.console import Console  # not every command prints a page
+
+    width = None if stream.isatty() else WIDTH
+    return Console(file=stream, highlight=False, markup=False, emoji=False, width=width)
 
 
 def tell_whole(text: str) -> None:

@@ -10,7 +10,7 @@ is one flight more: it scatters by tau too, and its own log is left out of the d
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2
-from yawid.trend.history import FOLLOWED, NO_LOOP, read_flights
+from yawid.trend.history import FOLLOWED, NO_LOOP, FlightRow, read_flights
 from yawid.trend.moderated import two_sided
 from yawid.trend.trend import FALSE_ALARMS, Studied, study
 
@@ -76,7 +76,7 @@ class _Side:
     path: Path
     numbers: dict[tuple[str, str, str], Value] = field(default_factory=dict)
     dof: dict[tuple[str, str, str], float] = field(default_factory=dict)
-    row: Mapping[str, Any] | None = None
+    row: FlightRow | None = None
     run: McapRun | None = None
     sha256: str | None = None
 
@@ -268,7 +268,7 @@ def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None
     return None
 
 
-def _airspeed(row: Mapping[str, Any]) -> float | None:
+def _airspeed(row: FlightRow) -> float | None:
     """Return the airspeed of a run; a ground speed is none."""
     return row.get("airspeed_m_s") if row.get("airspeed_source") == "airspeed" else None
 

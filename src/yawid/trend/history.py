@@ -24,6 +24,8 @@ MADE: Final = (
 """Columns that say how a flight was measured: where they change too, that may be why."""
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
 NO_LOOP: Final = "unknown"
+FlightRow = Mapping[str, Any]
+"""A row of ``flights`` by its columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class History:
 class Flights:
     """The rows of ``flights`` with what trends need, and how many were left out and why."""
 
-    rows: Sequence[Mapping[str, Any]]
+    rows: Sequence[FlightRow]
     left_out: dict[str, int]
     histories: list[History]
 
@@ -63,7 +65,7 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
     return flights_of(rows)
 
 
-def flights_of(rows: list[dict[str, Any]]) -> Flights:
+def flights_of(rows: Sequence[FlightRow]) -> Flights:
     """Return the histories in rows of ``flights``, whose dates are us since 1970."""
     left_out = {"not usable": 0, "without a date": 0, "without a number and its sigma": 0}
     by_whose: dict[tuple[str, str], list[int]] = {}
@@ -99,12 +101,12 @@ def _natural(whose: tuple[str, str]) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def _known(row: Mapping[str, Any], quantity: str) -> bool:
+def _known(row: FlightRow, quantity: str) -> bool:
     return row[quantity] is not None and row[FOLLOWED[quantity]] is not None
 
 
 def _history(
-    vehicle: str, loop: str, quantity: str, rows: list[dict[str, Any]], known: list[int]
+    vehicle: str, loop: str, quantity: str, rows: Sequence[FlightRow], known: list[int]
 ) -> History:
     def column(name: str) -> Floats:
         return np.array([rows[i][name] for i in known], dtype=float)
@@ -136,6 +138,6 @@ def measured_otherwise(flights: Flights, history: History, first: int, last: int
     return said
 
 
-def _most(rows: list[Mapping[str, Any]], name: str) -> object:
+def _most(rows: list[FlightRow], name: str) -> object:
     values = [row[name] for row in rows]
     return max(values, key=values.count)

@@ -10,24 +10,14 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from yawid.quantities.table import QUANTITIES
-from yawid.report.html import Cell, note, page, pictures, safe, sheet
+from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, DATA, NEUTRAL
 from yawid.sinks.part_file import check_free, write_whole
+from yawid.trend import words
 from yawid.trend.days import FAR
 from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Followed, Studied, Trend
-from yawid.trend.words import (
-    LIMITS,
-    came_of_it,
-    change_line,
-    flights_line,
-    name_of,
-    outlier_line,
-    rate_line,
-    season_line,
-    spread,
-)
 
 MOST_VEHICLES: Final = 12
 """Vehicles with a picture of their own: those that changed come first."""
@@ -53,12 +43,8 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
     sentence = f"{len(changed)} of {len(told.followed)} histories changed." if changed else (
         "Nothing changed beyond chance."
     )  # fmt: skip
-    yield (
-        f'<header class="{"unusable" if changed else "usable"}">\n'
-        f"<h1>{safe(Path(told.dataset).name)}</h1>\n"
-        f'<p class="origin">{safe(told.dataset)} · {safe(flights_line(told))}</p>\n'
-        f'<p class="headline">{safe(sentence)}</p>\n{_changes(changed)}{_seasons(told)}</header>'
-    )
+    name, origin = Path(told.dataset).name, f"{told.dataset} · {words.flights_line(told)}"
+    yield head(name, origin, sentence, listed(_changes(told)), usable=not changed)
     if studied:
         by_vehicle: dict[tuple[str, str], list[Studied]] = {}
         for each in studied:
@@ -86,53 +72,46 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         "",
         "± is one sigma. Now: the level after the last change. A year, a flight: slope of a "
         "straight line. Between flights: their scatter beyond their own sigmas. Next to others: "
-        f"sigmas off the median of the vehicles of its type. {rate_line(told)}.",
+        f"sigmas off the median of the vehicles of its type. {words.rate_line(told)}.",
     )
-    yield note("What this cannot do", " ".join(LIMITS))
+    yield note("What this cannot do", " ".join(words.LIMITS))
 
 
-def _changes(changed: Sequence[Followed]) -> str:
-    items = []
-    for each in changed:
-        assert each.change is not None
-        otherwise = "; ".join(each.change.measured_otherwise)
-        advice = f"Measured otherwise there too: {otherwise}." if otherwise else (
-            "Look at the flights on both sides of it, and at what was done to the aircraft."
-        )  # fmt: skip
-        items.append(
-            f'<li class="fatal"><b>{safe(each.vehicle)} {safe(name_of(each.quantity))}</b>'
-            f'{safe(change_line(each.change))}. <span class="advice">{safe(advice)}</span></li>\n'
-        )
-    return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
+def _changes(told: Trend) -> Iterator[tuple[str, str, str, str]]:
+    """Yield weight, name, text and advice of each change, then of what may be a season."""
+    for each in told.followed:
+        if each.change is not None:
+            otherwise = "; ".join(each.change.measured_otherwise)
+            advice = f"Measured otherwise there too: {otherwise}." if otherwise else (
+                "Look at the flights on both sides of it, and at what was done to the aircraft."
+            )  # fmt: skip
+            yield "fatal", _whose(each), words.change_line(each.change), advice
+    for each in told.followed:
+        if each.may_be_season is not None:
+            yield "", _whose(each), words.season_line(each.may_be_season), ""
+
+
+def _whose(each: Followed) -> str:
+    return f"{each.vehicle} {words.name_of(each.quantity)}"
 
 
 def _season_cell(each: Followed) -> Cell:
     if each.season is None:
         return "–", ""
-    return spread(each.season.amplitude), f"highest on {each.season.peak}"
-
-
-def _seasons(told: Trend) -> str:
-    items = [
-        f"<li><b>{safe(each.vehicle)} {safe(name_of(each.quantity))}</b>"
-        f"{safe(season_line(each.may_be_season))}.</li>\n"
-        for each in told.followed
-        if each.may_be_season is not None
-    ]
-    return f'<ul class="reasons">\n{"".join(items)}</ul>\n' if items else ""
+    return words.spread(each.season.amplitude), f"highest on {each.season.peak}"
 
 
 def _row(each: Followed) -> Iterator[Cell]:
     yield each.vehicle, each.loop.replace("_", " ")
-    yield name_of(each.quantity), each.unit
+    yield words.name_of(each.quantity), each.unit
     yield str(each.flights), f"{each.first_date[:10]} to {each.last_date[:10]}"
-    yield spread(each.now), ""
-    yield spread(each.slope_per_year), ""
+    yield words.spread(each.now), ""
+    yield words.spread(each.slope_per_year), ""
     yield _season_cell(each)
-    yield spread(each.slope_per_flight), ""
+    yield words.spread(each.slope_per_flight), ""
     yield "–" if each.between_std is None else f"{each.between_std:.2g}", ""
     yield "–" if each.beside is None else f"{each.beside.sigmas:+.1f}", ""
-    yield came_of_it(each), "; ".join(outlier_line(one) for one in each.outliers)
+    yield words.came_of_it(each), "; ".join(words.outlier_line(one) for one in each.outliers)
 
 
 def _picture(i: int, some: Sequence[Studied]) -> Picture:
@@ -151,7 +130,9 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
         formatter = ConciseDateFormatter(locator)  # type: ignore[no-untyped-call]  # likewise
         axes[-1].xaxis.set_major_formatter(formatter)
 
-    look = "; ".join(f"{name_of(each.history.quantity)}: {came_of_it(each.told)}" for each in some)
+    look = "; ".join(
+        f"{words.name_of(each.history.quantity)}: {words.came_of_it(each.told)}" for each in some
+    )
     size_in = 5.6, 1.2 + 1.35 * len(some)
     return Picture(f"trend{i}", f"{vehicle} ({loop.replace('_', ' ')})", look, draw, size_in)
 
@@ -183,7 +164,7 @@ def _draw_history(ax: Axes, each: Studied) -> None:
                 at = np.full(rows.sum(), place)
                 ax.plot(when[rows], at, marker, color=NEUTRAL, markersize=4)
     unit = QUANTITIES[each.history.quantity].unit_for().split(" ")[0]
-    ax.set_ylabel(f"{name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
+    ax.set_ylabel(f"{words.name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
 
 
 def _beside(studied: Sequence[Studied]) -> Iterator[Picture]:
@@ -207,8 +188,8 @@ def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
                         markersize=4, elinewidth=0.9, color=shade)  # fmt: skip
         ax.set_yticks(range(len(some)), [each.history.vehicle[:24] for each in some], fontsize=7)
         ax.axvline(float(np.median([each.level.value for each in some])), color=NEUTRAL, zorder=0)
-        ax.set_xlabel(f"{name_of(quantity)} {QUANTITIES[quantity].unit_for()}".rstrip())
+        ax.set_xlabel(f"{words.name_of(quantity)} {QUANTITIES[quantity].unit_for()}".rstrip())
 
     look = "Levels as they stand now with 2 sigma; red: changed; the line is the median."
     size_in = 5.6, 1.0 + 0.17 * max(len(some), 6)
-    return Picture(f"beside-{quantity}", name_of(quantity), look, draw, size_in)
+    return Picture(f"beside-{quantity}", words.name_of(quantity), look, draw, size_in)

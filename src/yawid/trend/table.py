@@ -7,20 +7,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from yawid.sinks.terminal.page import page_console
+from yawid.sinks.door import page_console
+from yawid.trend import words
 from yawid.trend.diff import Diff
 from yawid.trend.history import shown
 from yawid.trend.trend import Followed, Trend
-from yawid.trend.words import (
-    came_of_it,
-    change_line,
-    flights_line,
-    name_of,
-    outlier_line,
-    rate_line,
-    season_line,
-    spread,
-)
 
 MOST_ROWS: Final = 60
 """Of histories without a change; the others are left to --json."""
@@ -36,26 +27,29 @@ def print_trend(told: Trend, stream: TextIO) -> None:
     console.print(Text("verdict  ") + word)
     for each in changed:
         assert each.change is not None
-        _say(console, f"{each.vehicle} ({each.loop}) {name_of(each.quantity)} "
-             f"{change_line(each.change)}", "red")  # fmt: skip
+        _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
+             f"{words.change_line(each.change)}", "red")  # fmt: skip
         for line in each.change.measured_otherwise:
             _say(console, f"measured otherwise there too: {line}", "yellow")
     for each in told.followed:
         if each.may_be_season is not None:
-            _say(console, f"{each.vehicle} ({each.loop}) {name_of(each.quantity)} "
-                 f"{season_line(each.may_be_season)}", "yellow")  # fmt: skip
-    _say(console, flights_line(told))
+            _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
+                 f"{words.season_line(each.may_be_season)}", "yellow")  # fmt: skip
+    _say(console, words.flights_line(told))
     steady = {id(each) for each in [e for e in told.followed if e.change is None][:MOST_ROWS]}
     rows = [each for each in told.followed if each.change is not None or id(each) in steady]
     if rows:
         console.print(_histories(rows))
     outliers = [(each, one) for each in told.followed for one in each.outliers]
     for each, one in outliers[:MOST_OUTLIERS]:
-        _say(console, f"outlier: {each.vehicle} {name_of(each.quantity)} {outlier_line(one)}")
+        _say(
+            console,
+            f"outlier: {each.vehicle} {words.name_of(each.quantity)} {words.outlier_line(one)}",
+        )
     notes = [
         "± is one sigma; now: after the last change; a year: slope of a straight line; "
         "between: scatter of flights beyond their own sigmas",
-        rate_line(told),
+        words.rate_line(told),
     ]
     left = len(told.followed) - len(rows), len(outliers) - MOST_OUTLIERS
     for count, what in zip(left, ("histories", "outliers"), strict=True):
@@ -72,12 +66,12 @@ def _histories(rows: list[Followed]) -> Table:
         loop = {"airframe": "", "with_roll_loop": " roll"}.get(each.loop, " ?")
         table.add_row(
             "" if whose == last else f"{each.vehicle}{loop}",
-            name_of(each.quantity),
+            words.name_of(each.quantity),
             str(each.flights),
-            spread(each.now),
-            spread(each.slope_per_year),
+            words.spread(each.now),
+            words.spread(each.slope_per_year),
             "-" if each.between_std is None else f"{each.between_std:.2g}",
-            came_of_it(each),
+            words.came_of_it(each),
             style="" if each.change is None else "red",
         )
         last = whose
@@ -100,7 +94,7 @@ def print_diff(told: Diff, stream: TextIO) -> None:
         came = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
         came = "CHANGED" if each.changed else came
         table.add_row(
-            each.vehicle, name_of(each.quantity), spread(each.a), spread(each.b),
+            each.vehicle, words.name_of(each.quantity), words.spread(each.a), words.spread(each.b),
             f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",
             came, style="red" if each.changed else "",
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """The first picture of a run in Rerun: the panels, their order and what stays as it is."""
 
-from typing import Any, Final
+from typing import Final
 from uuid import UUID
 
 import numpy as np
@@ -103,7 +103,7 @@ def log_furniture(recording: rr.RecordingStream) -> None:
     _log_strips(recording, "z_plane/zeta", dampings, rgba(NEUTRAL, 100), 0.6)
 
 
-def points(z: NDArray[Any]) -> Floats:
+def points(z: NDArray[np.complex128] | Floats) -> Floats:
     """Return points (n, 2) of z (n,), imaginary axis up: Rerun's own y axis points down."""
     return np.column_stack([np.real(z), -np.imag(z)])
 

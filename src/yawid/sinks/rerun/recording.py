@@ -10,7 +10,7 @@ import socket
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -27,6 +27,7 @@ from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, poin
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
 from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
 from yawid.sinks.rerun.series import (
+    Style,
     group_rows,
     is_known,
     manoeuvre_rows,
@@ -163,12 +164,17 @@ class RerunView(Sink):
         self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
         self._recording.disconnect()
 
-    def _style(self, entity: str, style: Mapping[str, Any]) -> None:
+    def _style(self, entity: str, style: Style) -> None:
         """Name and colour lines; each is drawn over all it reaches within a pixel.
 
         Left to itself the viewer draws the mean: a doublet far too small, noise within its bounds.
         """
-        lines = rr.SeriesLines(**style, aggregation_policy=rr.components.AggregationPolicy.MinMax)
+        lines = rr.SeriesLines(
+            names=style.names,
+            colors=style.colours,
+            widths=style.widths,
+            aggregation_policy=rr.components.AggregationPolicy.MinMax,
+        )
         self._recording.log(entity, lines, static=True)
 
     def _show(self, entity: str, markdown: str) -> None:

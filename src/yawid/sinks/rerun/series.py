@@ -1,7 +1,7 @@
 """What the viewer draws: the lines of each entity, their names, colours and values."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,19 +38,21 @@ ZETA_LEVELS: Final = {
 """Least damping ratios of MIL-F-8785C, category B: indicative for an unmanned aircraft."""
 
 
+class Style(NamedTuple):
+    """Names, colours and widths of the lines of an entity, in column order."""
+
+    names: list[str]
+    colours: list[Rgba]
+    widths: list[float]
+
+
 def _pale(colour: Rgba) -> Rgba:
     return (*colour[:3], PALE_ALPHA)
 
 
-def _style(names: list[str], colours: list[Rgba], widths: list[float]) -> dict[str, Any]:
-    return {"names": names, "colors": colours, "widths": widths}
-
-
-def _banded(
-    name: str, colour: Rgba, width: float = LINE_WIDTH, bound: str = BAND
-) -> dict[str, Any]:
+def _banded(name: str, colour: Rgba, width: float = LINE_WIDTH, bound: str = BAND) -> Style:
     """Style of a line with its lower and upper 2 sigma bound."""
-    return _style(
+    return Style(
         [name, bound, bound],
         [colour, _pale(colour), _pale(colour)],
         [width, BAND_WIDTH, BAND_WIDTH],
@@ -66,19 +68,19 @@ def groups(parameters: Sequence[str]) -> dict[str, list[int]]:
     return found
 
 
-def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
+def series_styles(grid: Grid) -> dict[str, Style]:
     """Return names, colours and widths of the lines of every entity, in column order.
 
     What comes later lies above: measured above predicted, which is the wider line.
     """
     first, *others = grid.methods
     styles = {
-        "input": _style(
+        "input": Style(
             [f"{name} [{grid.unit_of(name)}]" for name in grid.inputs],
             [rgba(INPUTS.get(name, NEUTRAL)) for name in grid.inputs],
             [LINE_WIDTH] * len(grid.inputs),
         ),
-        "yaw_rate": _style(
+        "yaw_rate": Style(
             ["predicted [rad/s]", "measured [rad/s]"],
             [rgba(MODEL, UNDER_ALPHA), rgba(DATA)],
             [UNDER_WIDTH, LINE_WIDTH],
@@ -86,16 +88,16 @@ def series_styles(grid: Grid) -> dict[str, dict[str, Any]]:
         "innovation": _banded("innovation [rad/s]", rgba(MODEL)),
         "dutch_roll/wn": _banded(f"wn of {first.upper()} [rad/s]", _of_method(first)),
         "dutch_roll/zeta": _banded(f"zeta of {first.upper()}", _of_method(first)),
-        "dutch_roll/zeta/level": _style(list(ZETA_LEVELS), [rgba(NEUTRAL)] * 2, [BAND_WIDTH] * 2),
+        "dutch_roll/zeta/level": Style(list(ZETA_LEVELS), [rgba(NEUTRAL)] * 2, [BAND_WIDTH] * 2),
     }
     for method in others:
         for entity, unit in (("wn", " [rad/s]"), ("zeta", "")):
             name = f"{entity} of {method.upper()}{unit}"
-            style = _style([name], [_of_method(method)], [LINE_WIDTH])
+            style = Style([name], [_of_method(method)], [LINE_WIDTH])
             styles[f"dutch_roll/{entity}/{method}"] = style
     for letter, columns in groups(grid.parameters).items():
         colours = [rgba(LINES[i % len(LINES)]) for i in range(len(columns))]
-        styles[f"parameters/{letter}"] = _style(
+        styles[f"parameters/{letter}"] = Style(
             [*(grid.parameters[i] for i in columns), *[BAND] * (2 * len(columns))],
             [*colours, *[_pale(colour) for colour in colours] * 2],
             [*[LINE_WIDTH] * len(columns), *[BAND_WIDTH] * (2 * len(columns))],
@@ -107,7 +109,7 @@ def _of_method(method: str) -> Rgba:
     return rgba(METHODS.get(method, NEUTRAL))
 
 
-def manoeuvre_styles(method: str) -> dict[str, dict[str, Any]]:
+def manoeuvre_styles(method: str) -> dict[str, Style]:
     """Return the style of what :func:`manoeuvre_rows` draws beside the lines of the stream.
 
     ``method`` is whose answer it is; where that is not usable, the bar is of one colour for all.
@@ -118,7 +120,7 @@ def manoeuvre_styles(method: str) -> dict[str, dict[str, Any]]:
     for entity, name in names.items():
         used, refused = (f"dutch_roll/{entity}/{kind}" for kind in ("manoeuvre", "refused"))
         styles[used] = _banded(name, bar, BAR_WIDTH, BAND_OF_MANOEUVRE)
-        styles[refused] = _style([f"{name}, not usable"], [rgba(BAD, BAR_ALPHA)], [BAR_WIDTH])
+        styles[refused] = Style([f"{name}, not usable"], [rgba(BAD, BAR_ALPHA)], [BAR_WIDTH])
     return styles
 
 

@@ -10,7 +10,7 @@ from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.results.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
 from yawid.results.inspection import Inspection
 from yawid.results.make_card import why_no_card
-from yawid.sinks.terminal.page import WIDTH
+from yawid.sinks.door import WIDTH
 from yawid.sinks.words import count, dutch_roll
 from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 

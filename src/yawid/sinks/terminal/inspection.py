@@ -9,7 +9,7 @@ from rich.text import Text
 
 from yawid.results.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.results.run_summary import Flight, Manoeuvre, VehicleSeen
-from yawid.sinks.terminal.page import page_console
+from yawid.sinks.door import page_console
 from yawid.sinks.terminal.summary_table import (
     NAME_WIDTH,
     hanging,

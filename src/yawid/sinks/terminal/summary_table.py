@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import fill
-from typing import Any, TextIO
+from typing import TextIO
 
 from msgspec.structs import replace
 from rich.console import Console
@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from yawid.results.reports import OrdersReport
 from yawid.results.run_summary import (
     MethodSummary,
     Origin,
@@ -17,8 +18,8 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
+from yawid.sinks.door import page_console
 from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
-from yawid.sinks.terminal.page import page_console
 from yawid.sinks.words import Row, flight_rows, noise_spreads, numbers, percent
 
 NAME_WIDTH = 9
@@ -145,32 +146,30 @@ def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> 
     return f"{', '.join(named)}: choose another by --sysid"
 
 
-def print_orders(report: Mapping[str, Any], stream: TextIO, most: int = 12) -> None:
+def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
     """Print the best structures of a log as a table, and the one to use."""
     console = page_console(stream)
-    console.print(Text(str(report["log"]), style="bold"))
+    console.print(Text(report.log, style="bold"))
     table = Table(box=None, pad_edge=False)
     for heading in ("na,nb,nc,nk", "simulated %", "BIC", "AIC", "white p", "wn", "zeta", "ns"):
         table.add_column(heading, justify="right")
-    for candidate in report["candidates"][:most]:
-        mode = candidate.get("dutch_roll", {})
+    for tried in report.candidates[:most]:
+        roll = tried.dutch_roll
         table.add_row(
-            ",".join(str(candidate[name]) for name in ("na", "nb", "nc", "nk")),
-            _percent(candidate.get("simulation_pct")),
-            _number(candidate.get("bic"), ".0f"),
-            _number(candidate.get("aic"), ".0f"),
-            _number(candidate.get("whiteness_p"), ".2g"),
-            _number(mode.get("wn_rad_s"), ".3f"),
-            _number(mode.get("zeta"), ".3f"),
-            _number(candidate.get("update_ns"), ".0f"),
+            str(tried),
+            _percent(tried.simulation_pct),
+            _number(tried.bic, ".0f"),
+            _number(tried.aic, ".0f"),
+            _number(tried.whiteness_p, ".2g"),
+            _number(None if roll is None else roll.wn_rad_s, ".3f"),
+            _number(None if roll is None else roll.zeta, ".3f"),
+            _number(tried.update_ns, ".0f"),
         )
     console.print(table)
-    if "recommended" in report:
-        chosen = ",".join(str(value) for value in report["recommended"].values())
-        console.print(Text(f"recommended  --orders {chosen}", style="bold"))
+    if report.recommended is not None:
+        console.print(Text(f"recommended  --orders {report.recommended}", style="bold"))
         return
     console.print(Text("none is recommended: no replay of this log can be used", style="bold red"))
-    for reason in report["verdict"]["reasons"]:
-        if reason["weight"] == "fatal":
-            console.print(Text(f"  {reason['id']}: {reason['text']}"))
+    for reason in report.verdict.fatal:
+        console.print(Text(f"  {reason}"))
     console.print(Text("yawid inspect says what would help"))
