@@ -16,7 +16,7 @@ from yawid.channels.surface import Part, Surface
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 
 def servo_block(pwm: list[int]) -> MessageBlock:

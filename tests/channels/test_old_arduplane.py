@@ -11,7 +11,7 @@ from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import Part
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 RUDDER = {"RC4_MIN": 1000.0, "RC4_TRIM": 1520.0, "RC4_MAX": 1950.0, "RC4_REV": -1.0}
 AILERON = {"RC1_MIN": 1050.0, "RC1_TRIM": 1490.0, "RC1_MAX": 1900.0, "RC1_REV": 1.0}

@@ -13,7 +13,7 @@ from yawid.channels.find_surface import find_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
-from yawid.sources.mavlink.enums import PX4
+from yawid.quantities.vehicles import PX4
 
 FUNCTIONS = {"SERVO2_FUNCTION": 21, "SERVO4_FUNCTION": 21, "SERVO4_REVERSED": 1}
 FUNCTIONS |= {f"SERVO{n}_{end}": us for n in (2, 4) for end, us in (("MIN", 1100), ("MAX", 1900))}

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.blocks import Held
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
+from yawid.quantities.vehicles import ARDUPLANE_HOVER
 from yawid.runs.job import open_log
-from yawid.sources.mavlink.enums import ARDUPLANE_HOVER
 
 FORWARD, HALFWAY_S, SECONDS = 5, 20.0, 40.0
 ARDUPILOT, PX4, PLANE, TILT_ROTOR = 3, 12, 1, 21

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.blocks import Noted
 from yawid.config.run import RunConfig
 from yawid.manoeuvres.conditions import conditions, loop_of
-from yawid.sources.mavlink.enums import mode_name
+from yawid.quantities.vehicles import mode_name
 
 ARDUPILOT, PX4, OTHER = 3, 12, 8
 PLANE = (ARDUPILOT, 1)

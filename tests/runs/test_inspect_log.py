@@ -25,7 +25,7 @@ from yawid.channels.series import Series
 from yawid.channels.survey import Survey
 from yawid.channels.yaw_reader import AIRSPEED, COLUMNS, MODE, ON_GROUND
 from yawid.cli.main import main
-from yawid.sources.mavlink.enums import mode_name
+from yawid.quantities.vehicles import mode_name
 
 RECORDED = sorted(
     [*FLIGHTS.glob("*.tlog"), *FLIGHTS.glob("*.ulg"), *ROOT.glob("replay_logs/*/log.tlog")]

@@ -17,7 +17,7 @@ from yawid.channels.surface import raw_outputs
 from yawid.channels.vehicle import Vehicle
 from yawid.channels.yaw_reader import ON_GROUND
 from yawid.config.run import RunConfig
-from yawid.sources.mavlink.enums import ARMED
+from yawid.quantities.vehicles import ARMED
 
 MOVED = 0.002
 """An output whose values differ by more than this part of them has moved: 3 us of a servo."""

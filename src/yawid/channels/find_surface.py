@@ -12,7 +12,7 @@ from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
 from yawid.channels.stick_fallback import stick, stick_part
 from yawid.channels.surface import STICKS, Part, Surface
 from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle, has_wings
-from yawid.sources.mavlink.enums import ARDUPILOT, FIXED_WING
+from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING
 
 AP_VTAIL, AP_ELEVON, AP_FLAPERON = (79, 80), (77, 78), (24, 25)
 """SERVOn_FUNCTION of left and right."""

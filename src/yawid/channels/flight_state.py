@@ -19,7 +19,7 @@ from yawid.channels.series import Latest
 from yawid.channels.surface import raw_output
 from yawid.channels.vehicle import Vehicle, has_wings
 from yawid.quantities.airspeed import known, over_ground
-from yawid.sources.mavlink.enums import (
+from yawid.quantities.vehicles import (
     AIRSPEED_GIVEN,
     ARDUPILOT,
     ARDUPLANE_HOVER,

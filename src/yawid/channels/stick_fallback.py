@@ -14,7 +14,7 @@ from yawid.blocks import Ints, MessageBlock
 from yawid.channels.clock import boot_us
 from yawid.channels.parameters import PX4_TRAVEL_US, STOCK_TRAVEL_US, ParameterTable
 from yawid.channels.surface import OUTPUTS, STICKS, Part, Surface
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 WAIT_US = 5_000_000
 """How long what is stood in for has to show up, on the vehicle's clock."""

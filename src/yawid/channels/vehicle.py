@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import FrameBlock, MessageBlock
-from yawid.sources.mavlink.enums import (
+from yawid.quantities.vehicles import (
     AUTOPILOT_INVALID,
     FIXED_WING,
     TYPE_NAMES,

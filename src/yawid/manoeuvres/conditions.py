@@ -8,7 +8,7 @@ import numpy as np
 
 from yawid.blocks import FIRST_DATE_NS, Floats, Noted, SampleBlock
 from yawid.quantities.airspeed import name_of, source_of
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4, mode_name
+from yawid.quantities.vehicles import ARDUPILOT, PX4, mode_name
 
 AIRFRAME, WITH_ROLL_LOOP, UNKNOWN = "airframe", "with_roll_loop", "unknown"
 BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}

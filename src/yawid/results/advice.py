@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 
 from yawid.channels.stage import Channels
 from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle
+from yawid.quantities.vehicles import ARDUPILOT
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
 from yawid.results.run_summary import ReasonSummary, RunSummary
-from yawid.sources.mavlink.enums import ARDUPILOT
 
 _OFTEN = 3
 """Manoeuvres, after which more of the same are no advice."""

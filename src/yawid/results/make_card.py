@@ -16,6 +16,7 @@ import numpy as np
 from yawid.blocks import Floats, Noted, SampleBlock
 from yawid.channels.vehicle import WITHOUT_RUDDER
 from yawid.quantities.airspeed import GROUND_SPEED, source_of
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 from yawid.results.flight_test_card import (
     ConditionsToFly,
     Expected,
@@ -37,7 +38,6 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 SAMPLES_PER_PERIOD: Final = 16.0
 ENOUGH: Final = 0.9

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 ASK_HZ: Final = 25
 

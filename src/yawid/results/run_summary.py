@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Self
 import msgspec
 from msgspec import Meta, Struct, field
 
-from yawid.sources.mavlink.enums import autopilot_name, type_name
+from yawid.quantities.vehicles import autopilot_name, type_name
 
 LARGEST: Final = 1e300
 """Of a number in a summary: an estimate that diverged is still shown, infinity is not."""

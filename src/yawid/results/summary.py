@@ -28,6 +28,7 @@ from yawid.physics.derivatives import summary_of
 from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, mode_list, modes
+from yawid.quantities.link import LinkStats
 from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
@@ -57,7 +58,6 @@ from yawid.results.structures import (
     Spread,
     spread_of,
 )
-from yawid.sources.mavlink.link_stats import LinkStats
 
 TRAINING = 2.0 / 3.0
 """The model as it stood after this part of the usable samples is tried on the rest."""

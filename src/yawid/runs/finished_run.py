@@ -17,13 +17,13 @@ from yawid.channels.segments import outside
 from yawid.config.run import RunConfig, overruled
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.pipeline import Pipeline
+from yawid.quantities.link import LinkStats
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.results.summary import as_summary, bank_summaries
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sources.formats import RUN
-from yawid.sources.mavlink.link_stats import LinkStats
 
 CHANGEABLE = (
     "orders",

@@ -21,6 +21,8 @@ from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
 from yawid.config.run import BOTH, KEPT_ONLY, RunConfig
 from yawid.errors import ConfigError
+from yawid.quantities.link import SenderStats
+from yawid.quantities.vehicles import FIXED_WING, GENERIC, mode_name
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.flight_test_card import FlightTestCard
@@ -39,8 +41,6 @@ from yawid.runs.job import KeptSamples, run
 from yawid.runs.recorded_log import RecordedLog
 from yawid.runs.trials import Trial, Trials
 from yawid.sinks.terminal.progress import Bar, progress
-from yawid.sources.mavlink.enums import FIXED_WING, GENERIC, mode_name
-from yawid.sources.mavlink.sequence import SenderStats
 from yawid.sources.open_log import ReadOptions
 
 BRIDGE_S = 20.0

@@ -14,13 +14,13 @@ from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.channels.survey import Survey
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
+from yawid.quantities.link import LinkStats
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import RunSummary
 from yawid.runs.recorded_log import RecordedLog
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
 from yawid.sources.formats import RUN, Format, format_of
-from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.open_log import ReadOptions, Source
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Literal
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.quantities.units import HALF_TRAVEL
+from yawid.quantities.vehicles import mode_name
 from yawid.results.run_summary import Manoeuvre, RunSummary
-from yawid.sources.mavlink.enums import mode_name
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
     from yawid.blocks import FrameBlock, RecordBlock
+    from yawid.quantities.link import LinkStats
     from yawid.sources.logs.tlog import Digest
-    from yawid.sources.mavlink.link_stats import LinkStats
     from yawid.sources.open_log import ReadOptions
 
 HEAD: Final = 1 << 14

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Protocol
 
 from yawid.blocks import FrameBlock, RecordBlock, SampleBlock
 from yawid.errors import ConfigError, SourceError
+from yawid.quantities.link import LinkStats
 from yawid.sources.formats import TLOG, format_of
 from yawid.sources.logs.tlog import FORMS, Form
 from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.mavlink.signing import Signing, SigningKey
 
 if TYPE_CHECKING:

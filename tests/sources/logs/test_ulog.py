@@ -36,6 +36,7 @@ from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
 from yawid.quantities.airspeed import Kind
+from yawid.quantities.vehicles import PX4, mode_name, px4_custom_modes
 from yawid.results.run_summary import VehicleSeen
 from yawid.runs.inspect_log import inspect
 from yawid.runs.job import open_log
@@ -43,7 +44,6 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.logs.as_mavlink import table
 from yawid.sources.logs.ulog import UlogReader
-from yawid.sources.mavlink.enums import PX4, mode_name, px4_custom_modes
 
 NAN = math.nan
 

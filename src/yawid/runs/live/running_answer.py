@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
+from yawid.quantities.link import LinkStats
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import DutchRoll
 from yawid.results.summary import Basis, bank_summaries, basis_of, of_the_log
 from yawid.runs.live.worker import Worker
-from yawid.sources.mavlink.link_stats import LinkStats
 
 AGAIN_S, SHARE = 2.0, 0.05
 """A stream is judged so far apart at least, and so that judging takes this part of the time."""

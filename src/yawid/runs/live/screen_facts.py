@@ -5,6 +5,8 @@ from collections import deque
 
 from yawid.blocks import EstimateBlock, Held, Status, words
 from yawid.pipeline import Pipeline
+from yawid.quantities.link import LinkStats
+from yawid.quantities.vehicles import type_name
 from yawid.results.reasons import Verdict
 from yawid.results.run_summary import Flight
 from yawid.results.summary import basis_of, of_the_log
@@ -12,8 +14,6 @@ from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
 from yawid.runs.live.standing import SILENT, answering, running
 from yawid.runs.live.worker import Worker
 from yawid.sinks.terminal.live_facts import VehicleFacts
-from yawid.sources.mavlink.enums import type_name
-from yawid.sources.mavlink.link_stats import LinkStats
 
 WINDOW_S = 2.0
 """Rates are of so long, and so long no sample is used before it is said why."""

@@ -9,10 +9,10 @@ from yawid.blocks import EstimateBlock, Ints, Status, words
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
 from yawid.pipeline import Pipeline
+from yawid.quantities.link import LinkStats
 from yawid.results.judge_estimate import BETTER
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.words import dutch_roll
-from yawid.sources.mavlink.link_stats import LinkStats
 
 SOUND = (Status.TRACKING, Status.HELD)
 """An estimator that says this of itself may answer."""

@@ -8,6 +8,7 @@ from functools import partial
 
 from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.errors import ConfigError
+from yawid.quantities.vehicles import AUTOPILOT_INVALID
 from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.bulkhead import cause_of
 from yawid.runs.live.saved_state import check_states
@@ -15,7 +16,6 @@ from yawid.runs.live.standing import SILENT
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.link.tap import sysid_of
-from yawid.sources.mavlink.enums import AUTOPILOT_INVALID
 from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
 
 KEPT = 8192

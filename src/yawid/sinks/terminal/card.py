@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TextIO
 
 from yawid.quantities.airspeed import GROUND_SPEED
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 from yawid.results.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
 from yawid.results.inspection import Inspection
 from yawid.results.make_card import why_no_card
 from yawid.sinks.door import WIDTH
 from yawid.sinks.words import count, dutch_roll
-from yawid.sources.mavlink.enums import ARDUPILOT, PX4
 
 BLANK = "________"
 HAND_S = 0.25

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
+from yawid.quantities.link import LinkStats
+from yawid.quantities.vehicles import AIRSPEED_GIVEN, ARDUPILOT, ARMED, IN_AIR, LANDED
 from yawid.sources.logs.as_mavlink import (
     COMPID,
     DTYPES,
@@ -30,8 +32,6 @@ from yawid.sources.logs.as_mavlink import (
 )
 from yawid.sources.logs.dataflash_index import DataflashIndex
 from yawid.sources.logs.tlog import CHUNK, Digest
-from yawid.sources.mavlink.enums import AIRSPEED_GIVEN, ARDUPILOT, ARMED, IN_AIR, LANDED
-from yawid.sources.mavlink.link_stats import LinkStats
 
 _RATES = {"RATE": ("R", "P", "Y"), "IMU": ("GyrX", "GyrY", "GyrZ")}
 _TIMED = ("ATT", "RCOU", "RCIN", *_RATES, "GPS", "CTUN", "ARSP", "NTUN", "POS", "STAT")

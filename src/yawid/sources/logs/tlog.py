@@ -11,11 +11,11 @@ import numpy as np
 
 from yawid.blocks import FrameBlock
 from yawid.errors import SourceError
+from yawid.quantities.link import LinkStats
 from yawid.sources.logs.bare_frames import Stamper
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
 from yawid.sources.mavlink.framing import SLACK, find_frames
-from yawid.sources.mavlink.link_stats import LinkStats
 
 Form = Literal["auto", "tlog", "raw"]
 FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")

@@ -25,20 +25,8 @@ from numpy.typing import NDArray
 from yawid.blocks import FIRST_DATE_US, Floats, FrameBlock, Ints, MessageBlock, euler
 from yawid.errors import SourceError
 from yawid.quantities.airspeed import density_ratio, equivalent_of_true, known
-from yawid.sources.logs.as_mavlink import (
-    COMPID,
-    PlacedFields,
-    angles_at,
-    frame_block,
-    merged,
-    message,
-    quiet,
-    steady,
-    table,
-    within,
-)
-from yawid.sources.logs.tlog import CHUNK, Digest
-from yawid.sources.mavlink.enums import (
+from yawid.quantities.link import LinkStats
+from yawid.quantities.vehicles import (
     AIRSPEED_GIVEN,
     ARMED,
     FIXED_WING,
@@ -52,7 +40,19 @@ from yawid.sources.mavlink.enums import (
     WINGS,
     px4_custom_modes,
 )
-from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.sources.logs.as_mavlink import (
+    COMPID,
+    PlacedFields,
+    angles_at,
+    frame_block,
+    merged,
+    message,
+    quiet,
+    steady,
+    table,
+    within,
+)
+from yawid.sources.logs.tlog import CHUNK, Digest
 
 _AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
 _TRUE = "true_airspeed_m_s"

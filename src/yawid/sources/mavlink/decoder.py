@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
+from yawid.quantities.link import LinkStats
 from yawid.sources.mavlink.definitions import definitions, dtype_of
 from yawid.sources.mavlink.fast_path import STAMP, PlainReader, PlainRecord, plain_messages
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, Frames, find_frames
-from yawid.sources.mavlink.link_stats import LinkStats, Tally
 from yawid.sources.mavlink.resync import Chain, StampFilter, Stretch, stamps_of
 from yawid.sources.mavlink.sequence import Records
 from yawid.sources.mavlink.signing import Signing
+from yawid.sources.mavlink.tally import Tally
 
 _SLICE = 1 << 20  # bytes worked on at once: what is hostile takes thirty times as much
 FEW = 1 << 13

@@ -15,24 +15,6 @@ _WORD = 8
 
 
 @dataclass(frozen=True, slots=True)
-class SenderStats:
-    """Counts of one sender.
-
-    ``frames`` are all that are intact, ``duplicates`` and ``rejected`` (by signing) those of them
-    that count no further, ``lost`` what is missing by sequence number: 0 for ground stations, whose
-    frames a log holds only in part. ``bad_crc`` and ``unknown`` are frames passed over whole whose
-    headers, which nothing protects, name the sender.
-    """
-
-    frames: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    rejected: int = 0
-    bad_crc: int = 0
-    unknown: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class Records(Columns):
     """Records in an array of bytes, a row each: their frames, stamps and what the headers say.
 

@@ -7,7 +7,6 @@ A signature stands behind the CRC: link id (1 byte), time stamp (6, little-endia
 import hashlib
 import hmac
 import re
-from enum import IntEnum
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from yawid.blocks import Bytes
 from yawid.errors import ConfigError
+from yawid.quantities.link import Check
 from yawid.sources.mavlink.framing import CRC_SIZE, MAGIC_V2, SIGNATURE_SIZE, SIGNED, Frames
 
 KEY_SIZE = 32
@@ -24,15 +24,6 @@ _HASH_SIZE = 6
 _NEW_STREAM_MAY_LAG = 60 * TICKS_PER_S
 _LARGEST_FILE = 4096
 _HEX = re.compile(rb"[0-9a-fA-F]{64}")
-
-
-class Check(IntEnum):
-    """What came of checking one frame."""
-
-    ACCEPTED = 0
-    UNSIGNED = 1
-    WRONG = 2
-    REPLAYED = 3
 
 
 class SigningKey:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.sources.mavlink.enums import (
+from yawid.quantities.vehicles import (
     ARDUPILOT,
     AUTOPILOT_NAMES,
     FIXED_WING,

@@ -14,9 +14,9 @@ import numpy as np
 
 from yawid.blocks import Floats, RecordBlock
 from yawid.errors import ChannelError, SourceError
+from yawid.quantities.link import LinkStats
 from yawid.quantities.table import CHANNELS
 from yawid.sources.logs.tlog import CHUNK, Digest
-from yawid.sources.mavlink.link_stats import LinkStats
 from yawid.sources.records.airspeeds import airspeed_of
 from yawid.sources.records.column_values import (
     Settled,

@@ -1,59 +1,22 @@
 """What a link carried, counted per sender."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 
 from yawid.blocks import Bytes, Ints
+from yawid.quantities.link import Check, LinkStats, SenderStats
+from yawid.quantities.vehicles import GROUND_STATION
 from yawid.sources.mavlink.definitions import HEARTBEAT, Definitions
-from yawid.sources.mavlink.enums import GROUND_STATION
 from yawid.sources.mavlink.fast_path import PlainRecord
 from yawid.sources.mavlink.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE
-from yawid.sources.mavlink.sequence import Records, SenderCount, SenderStats
-from yawid.sources.mavlink.signing import Check, Signing
+from yawid.sources.mavlink.sequence import Records, SenderCount
+from yawid.sources.mavlink.signing import Signing
 
-Sender = tuple[int, int]
 GCS_SYSID = 255
 _REFUSALS = (Check.UNSIGNED, Check.WRONG, Check.REPLAYED)
 _TYPE_OFFSET = 4  # of HEARTBEAT.type in the payload
-
-
-@dataclass(frozen=True, slots=True)
-class LinkStats:
-    """What has been read so far.
-
-    ``frames`` counts the records whose stamp and frame are intact, of all senders, ``signed`` those
-    of them that carry a signature (which was checked only with a key) and ``senders`` splits them
-    by (sysid, compid). ``bad_crc`` and ``unknown`` count records passed over whole because the CRC
-    was wrong or the message id unknown; ``skipped_bytes`` are the bytes in no record of these three
-    kinds. ``lost`` counts the frames missing by sequence number, ground stations left out.
-    ``first_us`` and ``last_us`` are the receive stamps of the first and last record, None before
-    there is one.
-
-    Two kinds of ``frames`` count no further: ``duplicates`` are those a second link carried too,
-    ``rejected`` by kind those without a right signature (none without a key). ``by_sender`` has it
-    all for each sender.
-    """
-
-    frames: int = 0
-    skipped_bytes: int = 0
-    bad_crc: int = 0
-    unknown: int = 0
-    lost: int = 0
-    signed: int = 0
-    first_us: int | None = None
-    last_us: int | None = None
-    senders: Mapping[Sender, int] = field(default_factory=dict)
-    duplicates: int = 0
-    rejected: Mapping[Check, int] = field(default_factory=dict)
-    by_sender: Mapping[Sender, SenderStats] = field(default_factory=dict)
-
-    @property
-    def unsigned_rejected(self) -> int:
-        """Frames refused by signing: unsigned, wrongly signed and replayed ones."""
-        return sum(self.rejected.values())
 
 
 class Tally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pymavlink import mavutil
 
-from yawid.sources.mavlink.enums import ARDUPILOT, mode_name
+from yawid.quantities.vehicles import ARDUPILOT, mode_name
 
 
 def test_arduplanes_modes_are_called_as_pymavlink_calls_them() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from sources.tlog_records import BY_NAME, START_US, message, pack, record, run, sender
 
-from yawid.sources.mavlink.link_stats import LinkStats
+from yawid.quantities.link import LinkStats
 
 
 def heartbeat(kind: int) -> Any:
