@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from bench import truth as bench
-from bench import truth_rows
+from checks.judge import Row, compared
 from places import ROOT
 
 from yawid.results.run_summary import (
@@ -55,7 +55,7 @@ def found(n: int, airspeed: float, wn: float, of: VerdictSummary) -> Manoeuvre:
     )  # fmt: skip
 
 
-def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[truth_rows.Row]:
+def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[Row]:
     """The rows of a flight: wn is 2.0 at 40 m/s and 2.5 at 50, zeta .2, each with its sigma."""
     truth = {
         "manoeuvres": [
@@ -68,7 +68,7 @@ def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[truth_r
         log="", duration_s=300.0, link=LinkCounts(), channels={}, verdict=verdict(),
         manoeuvres=list(manoeuvres), flight=flight,
     )  # fmt: skip
-    rows = truth_rows.compared(summary, truth, None)
+    rows = compared(summary, truth)
     return [{"number": number} | CONDITIONS | row for row in rows]
 
 
@@ -86,7 +86,7 @@ def refused() -> Flight:
 def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
     pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
 
-    rml, els, _, _, flight = rows_of(0, answered(2.295, 0.03), *pair)
+    rml, els, _, _, _, _, flight = rows_of(0, answered(2.295, 0.03), *pair)
 
     assert rml["wn_error_pct"] == pytest.approx(6.4)
     assert rml["wn_z"] == pytest.approx(0.128 / 0.0640312, rel=1e-5)  # .05 and the truth's .04
@@ -133,12 +133,13 @@ def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() 
 
 
 def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
-    rows = truth_rows.flight_rows(tmp_path, 161, 2)
+    rows = bench.flight_rows(tmp_path, 161, 2)
     stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
-    again = truth_rows.flight_rows(tmp_path, 161, 2)
+    again = bench.flight_rows(tmp_path, 161, 2)
     bench.write(tmp_path / "rows.csv", rows)
 
-    assert {row["kind"] for row in rows} == {"rml", "els", "flight", "stream rml", "stream els"}
+    streams = {"stream rml", "stream els"}
+    assert {row["kind"] for row in rows} == {"rml", "els", "manoeuvre", "flight"} | streams
     assert again == rows
     assert (tmp_path / "002.tlog").stat().st_mtime_ns == stamp
     flight = next(row for row in rows if row["kind"] == "flight")
@@ -150,14 +151,14 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
             [row["wn_true"] for row in rows], rel=1e-5
         )
     with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
-        truth_rows.flight_rows(tmp_path, 162, 2)
+        bench.flight_rows(tmp_path, 162, 2)
 
 
 def test_a_record_has_its_truth_and_one_that_cannot_be_read_its_error(tmp_path: Path) -> None:
     (tmp_path / "empty.tlog").touch()
 
-    *_, flight = truth_rows.record_rows(ROOT / "replay_logs" / "c172p_3211" / "log.tlog")
-    (broken,) = truth_rows.record_rows(tmp_path / "empty.tlog")
+    *_, flight = bench.record_rows(ROOT / "replay_logs" / "c172p_3211" / "log.tlog")
+    (broken,) = bench.record_rows(tmp_path / "empty.tlog")
     lines = list(bench.record_lines([flight, broken]))
 
     assert lines[2].startswith("| c172p_3211 (replay_logs) | 2.4")

@@ -1,21 +1,20 @@
 """The corpora: true, repeatable, and a quiet log's rudder has nothing of its own."""
 
-import csv
-import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from checks import corpus
-from checks import corpus_judge as judge
-from flights import flight as jsbsim_flight
-from flights import free as flights
+from bench import verdict
+from checks.judge import judged, replayed
 from flights import quiet
 from flights import truth as jsbsim_truth
-from flights.flight import FlightPlan
+from flights.drawn import ARMED
+from flights.flight import Hands
+from flights.fly import fly
+from flights.moved import ALL_SHAPES, CONDITIONS
+from flights.plan import FlightPlan, excitation
 from flights.surgery import split
 from flights.telemetry import Link
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -52,7 +51,7 @@ def flown() -> dict[str, Any]:
 def test_the_truth_of_a_calm_flight_is_the_linearisation_that_a_pulse_confirms() -> None:
     plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
 
-    told = flights.flown_log(plan, Link(attitude_hz=10.0, servo_hz=10.0), flights.Hands()).truth
+    told = fly(plan, Link(attitude_hz=10.0, servo_hz=10.0), Hands()).truth
 
     found = jsbsim_truth.truth(plan, np.array([[10.0, plan.speed_kt, plan.altitude_ft]]))
     assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
@@ -67,8 +66,8 @@ def test_the_truth_of_a_calm_flight_is_the_linearisation_that_a_pulse_confirms()
 
 
 def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() -> None:
-    slowed = flights.Hands(bank=np.full(12_001, 0.9))  # steep: the nose held, it slows down
-    made = flights.flown_log(SHORT, Link(attitude_hz=10.0, servo_hz=10.0), slowed)
+    slowed = Hands(bank=np.full(12_001, 0.9))  # steep: the nose held, it slows down
+    made = fly(SHORT, Link(attitude_hz=10.0, servo_hz=10.0), slowed)
 
     speeds = columns(made.log, "VFR_HUD", "airspeed")[20:, 0]  # four a second, after the lead-in
     told = made.truth
@@ -83,9 +82,7 @@ def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() ->
 def test_the_same_number_gives_the_same_bytes_and_another_number_others() -> None:
     link = Link(attitude_hz=10.0, servo_hz=10.0)
 
-    first, again, calm = (
-        flights.flown_log(SHORT, link, flights.Hands(), severity).log for severity in (3, 3, 0)
-    )
+    first, again, calm = (fly(SHORT, link, Hands(), severity).log for severity in (3, 3, 0))
 
     assert first == again != calm
     assert made_of("parked").log == made_of("parked").log
@@ -95,20 +92,17 @@ def test_the_same_number_gives_the_same_bytes_and_another_number_others() -> Non
 def test_turbulence_grows_with_its_severity() -> None:
     link = Link(attitude_hz=10.0, servo_hz=10.0)
     spreads = [
-        columns(
-            flights.flown_log(SHORT, link, flights.Hands(), s).log, "ATTITUDE", "yawspeed"
-        ).std()
-        for s in (0, 1, 4)
+        columns(fly(SHORT, link, Hands(), s).log, "ATTITUDE", "yawspeed").std() for s in (0, 1, 4)
     ]
 
     assert spreads[0] < 0.5 * spreads[1] < 0.25 * spreads[2]
 
 
-@pytest.mark.parametrize("manoeuvre", flights.SHAPES)
+@pytest.mark.parametrize("manoeuvre", ALL_SHAPES)
 def test_every_manoeuvre_moves_the_rudder_as_far_as_told_both_ways(manoeuvre: str) -> None:
     plan = FlightPlan(seconds=60.0, manoeuvre=manoeuvre, amplitude=0.15)
 
-    rudder = jsbsim_flight.excitation(plan)
+    rudder = excitation(plan)
 
     assert not rudder[:5000].any()
     assert rudder.max() == pytest.approx(0.15, rel=1e-3)
@@ -119,11 +113,11 @@ def test_excited_flights_come_calm_and_turbulent_in_every_severity_with_every_ma
     half = range(100)
     severities = {1 + number % 4 for number in half}
     pairs = {
-        (number % len(flights.CONDITIONS), 1 + number % 4, (number + 2 * (number // 25)) % 4)
+        (number % len(CONDITIONS), 1 + number % 4, (number + 2 * (number // 25)) % 4)
         for number in half
     }
 
-    assert len(flights.CONDITIONS) == 25
+    assert len(CONDITIONS) == 25
     assert severities == {1, 2, 3, 4}
     assert len({(condition, shape) for condition, _, shape in pairs}) == 100
 
@@ -146,8 +140,8 @@ def test_a_copied_rudder_moves_and_has_nothing_of_its_own(
 
 
 def test_an_excited_rudder_has_much_of_its_own() -> None:
-    hands = flights.Hands(rudder=jsbsim_flight.excitation(replace(SHORT, seconds=25.0)))
-    made = flights.flown_log(replace(SHORT, seconds=25.0), Link(), hands, severity=1)
+    hands = Hands(rudder=excitation(replace(SHORT, seconds=25.0)))
+    made = fly(replace(SHORT, seconds=25.0), Link(), hands, severity=1)
 
     for damped in (False, True):
         assert rudder_and_its_own_part(made.log, damped=damped)[1] > 0.3
@@ -211,7 +205,7 @@ def test_what_stands_does_not_turn_however_the_rudder_moves() -> None:
     for group in ("parked", "disarmed"):
         log = made_of(group).log
         rudder = columns(log, "SERVO_OUTPUT_RAW", "servo4_raw")
-        armed = columns(log, "HEARTBEAT", "base_mode")[:, 0].astype(int) & flights.ARMED
+        armed = columns(log, "HEARTBEAT", "base_mode")[:, 0].astype(int) & ARMED
 
         assert np.ptp(rudder) > 0.3 * 400
         assert columns(log, "VFR_HUD", "groundspeed").max() < 0.5
@@ -221,9 +215,7 @@ def test_what_stands_does_not_turn_however_the_rudder_moves() -> None:
 
 
 def test_a_line_has_the_share_of_the_power_asked_for() -> None:
-    made = flights.flown_log(
-        SHORT, Link(attitude_hz=50.0, servo_hz=10.0), flights.Hands(), severity=2
-    )
+    made = fly(SHORT, Link(attitude_hz=50.0, servo_hz=10.0), Hands(), severity=2)
 
     shaken = quiet.with_line(made.log, 2.4, 0.5, np.random.default_rng(3))
 
@@ -243,8 +235,7 @@ def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path:
 
     hz, power = welch(yaw_rate, fs=25.0, nperseg=512)
     config = RunConfig(rate=5.0, forgetting=1.0, band=(0.05, 1.0))
-    pipeline, source = judge.finished(log, config)
-    summary, _ = judge.summarise(pipeline, source.link, "", "")
+    summary = replayed(log, config)
 
     line = (hz > 2.2) & (hz < 2.6)
     assert power[line].sum() / power.sum() == pytest.approx(0.17, abs=0.03)
@@ -256,59 +247,54 @@ def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path:
         assert found.zeta == pytest.approx(true["zeta"], abs=0.03)
 
 
-def test_made_logs_are_judged_into_a_table_beside_their_truth(
-    tmp_path: Path, flown: dict[str, Any]
+def test_made_logs_are_judged_into_rows_beside_their_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flown: dict[str, Any]
 ) -> None:
-    link = Link(attitude_hz=20.0, servo_hz=20.0)
     plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=40.0, step_s=0.64)
-    made = flights.flown_log(
-        plan, link, flights.Hands(rudder=jsbsim_flight.excitation(plan)), group="calm"
-    )
-    (tmp_path / "excited_000.tlog").write_bytes(made.log)
-    truth = {"name": "excited_000", "kind": "excited", **made.truth}
-    (tmp_path / "excited_000.json").write_text(json.dumps(truth))
-    corpus.save(tmp_path, "unexcited_003", "unexcited", flown["mixed"])
-    corpus.write(tmp_path, ("unexcited", list(quiet.KINDS).index("parked")))
+    made = fly(plan, Link(20.0, 20.0), Hands(excitation(plan)), group="calm")
+    makers = {"excited": lambda number: made, "unexcited": lambda number: flown["mixed"]}
+    monkeypatch.setattr(verdict, "MAKERS", makers)
 
-    rows = corpus.judge(tmp_path, ["forgetting"], jobs=1)
+    rows = [verdict.rows_of(tmp_path, ("forgetting",), (kind, 3)) for kind in makers]
 
-    flight, mixed, ground = rows
+    (flight,), (mixed,) = rows
     assert flight["usable"]
-    assert abs(flight["error"]) < 0.05
-    assert flight["coherence_margin_rml"] > 0.0
-    assert flight["true_wn"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-5)
-    assert flight["stroke_pct"] > 20.0
-    assert mixed["stroke_pct"] < 5.0
-    assert not ground["usable"]
-    assert ground["group"] == "parked"
-    with (tmp_path / "judged.csv").open(newline="") as file:
-        names = [row["name"] for row in csv.DictReader(file)]
-    assert names == ["excited_000", "unexcited_003", "unexcited_011"]
+    assert abs(flight["wn_error_pct"]) < 5.0
+    assert flight["wn_true"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-2)
+    assert (mixed["group"], mixed["run"]) == ("mixed", "forgetting")
+    assert not mixed["usable"]
+    assert (tmp_path / "excited_003.tlog").read_bytes() == made.log
 
 
-def test_the_counts_tell_both_errors_and_what_another_rule_would_change() -> None:
-    def row(kind: str, usable: bool, error: float | None, coherence: float) -> dict[str, Any]:
+def test_the_counts_tell_both_errors_and_which_reason_refuses_what_is_right() -> None:
+    def row(kind: str, usable: bool, off_pct: float | None) -> dict[str, Any]:
         return {
-            "name": f"{kind}{coherence}", "kind": kind, "group": "g", "run": "default",
-            "usable": usable, "reasons": "poor_fit", "error": error,
-            "coherence_margin_els": coherence - 0.7,
-            "method": "rml", "true_wn": 2.0, "wn_std_rml": 0.1,
-            "wn_rml": 2.0 * (1.0 + (error or 0.0)),
+            "name": f"{kind}_{off_pct}", "log": kind, "group": "g", "run": "default",
+            "usable": usable, "fatal": "" if usable else "poor_fit", "wn_error_pct": off_pct,
         }  # fmt: skip
 
     rows = [
-        row("unexcited", True, None, 0.1),
-        row("unexcited", False, None, 0.2),
-        row("excited", True, 0.01, 0.95),
-        row("excited", False, 0.02, 0.9),
-        row("excited", True, 0.5, 0.3),
-        row("excited", False, math.inf, 0.05),
+        row("unexcited", True, None),
+        row("unexcited", False, None),
+        row("excited", True, 1.0),
+        row("excited", False, -2.0),
+        row("excited", True, 50.0),
+        row("excited", False, None),
     ]
 
-    told = [" ".join(line.split()) for line in judge.counts(rows).splitlines()]
+    _, _, counts, _, *others = verdict.table(rows)
 
-    assert "g 1 of 2 unexcited0.1" in told
-    assert "g 4 2 1 1 1 excited0.3 [poor_fit]" in told
-    assert "none 1 1 1" in told
-    assert "coherence below chance 0 1 0" in told
-    assert judge.table(rows).splitlines()[2] == "| default | 1 of 2 | 2 of 4 | 1 | 1 |"
+    assert counts == "| default | 1 of 2 | 2 of 4 | 1 | 1 |"
+    assert others == [
+        "default: unexcited_None (g) is usable",
+        "default: excited_50.0 (g) is usable",
+        "default: poor_fit refuses 1 right ones",
+    ]
+
+
+def test_a_log_that_cannot_be_read_is_refused_and_judged(tmp_path: Path) -> None:
+    (tmp_path / "empty.tlog").touch()
+
+    (row,) = judged(tmp_path / "empty.tlog", {})
+
+    assert (row["kind"], row["usable"], row["fatal"]) == ("flight", False, "SourceError")

@@ -4,7 +4,7 @@ import json
 import socket
 import struct
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from flights import command as fly_jsbsim
-from flights import flight as jsbsim_flight
-from flights.flight import FlightPlan, Servo
-from flights.telemetry import Link
+from flights.flight import Flight, Hands, trimmed
+from flights.fly import flight_of
+from flights.plan import FlightPlan, Servo, excitation
+from flights.send_tlog import send
+from flights.telemetry import Link, telemetry
 from hypothesis import given
 from hypothesis import strategies as st
 from places import REPLAY_LOGS
@@ -23,6 +25,10 @@ from pymavlink.dialects.v20 import ardupilotmega as v2
 
 Frames = list[tuple[int, bytes]]
 SHORT = FlightPlan(seconds=12.0)
+
+
+def fly(plan: FlightPlan, link: Link) -> Iterator[tuple[int, bytes]]:
+    return telemetry(link, flight_of(plan, link))
 
 
 def decoded(frames: Iterable[tuple[int, bytes]], dialect: Any = v2) -> list[Any]:
@@ -37,7 +43,7 @@ def named(messages: list[Any], name: str) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def frames() -> Frames:
-    return list(fly_jsbsim.fly(SHORT, Link()))
+    return list(fly(SHORT, Link()))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +52,7 @@ def messages(frames: Frames) -> list[Any]:
 
 
 def test_positive_rudder_turns_the_nose_right() -> None:
-    flight = jsbsim_flight.Flight(SHORT, np.full(1001, 0.2))
+    flight = Flight(SHORT, Hands(np.full(1001, 0.2)))
 
     flight.advance_to(1000)
 
@@ -54,9 +60,7 @@ def test_positive_rudder_turns_the_nose_right() -> None:
 
 
 def test_a_command_acts_from_its_own_millisecond_on() -> None:
-    still, moved = (
-        jsbsim_flight.Flight(SHORT, np.r_[np.zeros(100), np.full(10, x)]) for x in (0.0, 0.2)
-    )
+    still, moved = (Flight(SHORT, Hands(np.r_[np.zeros(100), np.full(10, x)])) for x in (0.0, 0.2))
     yaw_rates = []
     for ms in (100, 101):
         still.advance_to(ms)
@@ -68,12 +72,12 @@ def test_a_command_acts_from_its_own_millisecond_on() -> None:
 
 
 def test_the_same_plan_and_link_give_the_same_bytes(frames: Frames) -> None:
-    assert frames == list(fly_jsbsim.fly(SHORT, Link()))
-    assert frames != list(fly_jsbsim.fly(SHORT, Link(seed=2)))
+    assert frames == list(fly(SHORT, Link()))
+    assert frames != list(fly(SHORT, Link(seed=2)))
 
 
 def test_a_flight_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    next(fly_jsbsim.fly(SHORT, Link()))
+    next(fly(SHORT, Link()))
 
     assert capfd.readouterr() == ("", "")
 
@@ -105,7 +109,7 @@ def test_each_sender_counts_its_own_frames(messages: list[Any]) -> None:
 
 @pytest.mark.parametrize(("attitude_hz", "servo_hz"), [(50.0, 50.0), (10.0, 5.0), (33.0, 4.0)])
 def test_the_rates_are_those_asked_for(attitude_hz: float, servo_hz: float) -> None:
-    sent = decoded(fly_jsbsim.fly(SHORT, Link(attitude_hz=attitude_hz, servo_hz=servo_hz)))
+    sent = decoded(fly(SHORT, Link(attitude_hz=attitude_hz, servo_hz=servo_hz)))
     counts = Counter(m.get_type() for m in sent)
 
     assert counts["ATTITUDE"] == pytest.approx(12 * attitude_hz, abs=1)
@@ -113,7 +117,7 @@ def test_the_rates_are_those_asked_for(attitude_hz: float, servo_hz: float) -> N
 
 
 def test_receive_stamps_never_decrease_and_stalls_make_bursts() -> None:
-    stamps = [stamp for stamp, _ in fly_jsbsim.fly(replace(SHORT, seconds=30.0), Link())]
+    stamps = [stamp for stamp, _ in fly(replace(SHORT, seconds=30.0), Link())]
 
     assert np.all(np.diff(stamps) >= 0)
     assert max(Counter(stamps).values()) >= 4
@@ -121,10 +125,10 @@ def test_receive_stamps_never_decrease_and_stalls_make_bursts() -> None:
 
 def test_a_servo_message_says_what_the_rudder_is_told_at_its_stamp() -> None:
     plan = replace(SHORT, rudder=Servo(1050, 1480, 1950, reverse=True))
-    told = jsbsim_flight.excitation(plan)
-    trim = -jsbsim_flight.trimmed(plan)["fcs/rudder-cmd-norm"]
+    told = excitation(plan)
+    trim = -trimmed(plan)["fcs/rudder-cmd-norm"]
 
-    servo = named(decoded(fly_jsbsim.fly(plan, Link(boot_s=0.0))), "SERVO_OUTPUT_RAW")
+    servo = named(decoded(fly(plan, Link(boot_s=0.0))), "SERVO_OUTPUT_RAW")
 
     expected = [plan.rudder.pulse(trim + told[m.time_usec // 1000]) for m in servo]
     assert [m.servo4_raw for m in servo] == expected
@@ -133,7 +137,7 @@ def test_a_servo_message_says_what_the_rudder_is_told_at_its_stamp() -> None:
 
 def test_the_quantised_pulse_is_what_is_flown() -> None:
     plan = replace(SHORT, rudder=Servo(1490, 1500, 1510))
-    flight = jsbsim_flight.Flight(plan, np.full(11, 0.234))
+    flight = Flight(plan, Hands(np.full(11, 0.234)))
 
     flight.advance_to(10)
 
@@ -144,17 +148,38 @@ def test_the_quantised_pulse_is_what_is_flown() -> None:
 def test_the_attitude_is_the_flight_s_within_the_sensor_noise() -> None:
     clean = Link(rate_noise=0.0, angle_noise=0.0, boot_s=0.0)
     plan = replace(SHORT, heading_deg=180.0)
-    flight = jsbsim_flight.Flight(plan, jsbsim_flight.excitation(plan))
-    sent = named(decoded(fly_jsbsim.fly(plan, clean)), "ATTITUDE")
+    flight = flight_of(plan, clean)
+    sent = named(decoded(fly(plan, clean)), "ATTITUDE")
 
     for message in sent[::50]:
         flight.advance_to(message.time_boot_ms)
         assert message.yawspeed == np.float32(flight["velocities/r-rad_sec"])
         assert message.roll == np.float32(flight["attitude/phi-rad"])
     assert {m.yaw > 0 for m in sent} == {True, False}  # wrapped within +-pi
-    noisy = named(decoded(fly_jsbsim.fly(plan, replace(clean, rate_noise=0.01))), "ATTITUDE")
+    noisy = named(decoded(fly(plan, replace(clean, rate_noise=0.01))), "ATTITUDE")
     noise = [a.yawspeed - b.yawspeed for a, b in zip(noisy, sent, strict=True)]
     assert np.std(noise) == pytest.approx(0.01, rel=0.1)
+
+
+def test_the_autopilot_hears_the_noise_that_attitude_tells_unless_asked_for_the_true_signals() -> (
+    None
+):
+    plan = replace(SHORT, manoeuvre="none", roll_gain=0.0, roll_rate_gain=0.5)
+    strokes = {}
+    for feedback in (False, True):
+        flight = flight_of(replace(plan, true_feedback=feedback), Link(rate_noise=0.02))
+        pulses, heard = [], []
+        for ms in range(1, 4001):
+            heard.append(flight.sensed(3))
+            flight.advance_to(ms)
+            pulses.append(flight.aileron_us)
+        aileron = np.array([plan.aileron.unit(pulse) for pulse in pulses])
+        expected = -0.5 * (np.array(heard) - np.mean(heard))
+        assert np.max(np.abs(aileron - aileron.mean() - expected)) < 0.004  # whole us of 400
+        strokes[feedback] = aileron.std()
+
+    assert strokes[False] == pytest.approx(0.5 * 0.02, rel=0.15)
+    assert strokes[True] < 0.001
 
 
 def test_attitude_and_servo_messages_leave_at_different_instants(messages: list[Any]) -> None:
@@ -166,7 +191,7 @@ def test_attitude_and_servo_messages_leave_at_different_instants(messages: list[
 
 
 def test_servo_time_rolls_over_at_32_bits_while_boot_time_goes_on() -> None:
-    sent = decoded(fly_jsbsim.fly(replace(SHORT, seconds=6.0), Link(boot_s=4290.0)))
+    sent = decoded(fly(replace(SHORT, seconds=6.0), Link(boot_s=4290.0)))
     servo_us = [m.time_usec for m in named(sent, "SERVO_OUTPUT_RAW")]
     boot_ms = [m.time_boot_ms for m in named(sent, "ATTITUDE")]
 
@@ -175,7 +200,7 @@ def test_servo_time_rolls_over_at_32_bits_while_boot_time_goes_on() -> None:
 
 
 def test_mavlink_1_frames_are_genuine() -> None:
-    frames = list(fly_jsbsim.fly(replace(SHORT, seconds=2.0), Link(mavlink1=True)))
+    frames = list(fly(replace(SHORT, seconds=2.0), Link(mavlink1=True)))
     sent = decoded(frames, v1)
 
     assert {frame[0] for _, frame in frames} == {0xFE}
@@ -201,22 +226,22 @@ def test_a_pulse_stands_for_its_unit_to_half_a_microsecond(
 
 @pytest.mark.parametrize("manoeuvre", ["3211", "doublets", "prbs"])
 def test_a_manoeuvre_goes_both_ways_and_starts_after_the_lead_in(manoeuvre: str) -> None:
-    rudder = jsbsim_flight.excitation(FlightPlan(manoeuvre=manoeuvre, amplitude=0.15))
+    rudder = excitation(FlightPlan(manoeuvre=manoeuvre, amplitude=0.15))
 
     assert len(rudder) == 120_001
     assert not rudder[:5000].any()
     assert set(np.round(rudder[5000:], 9)) - {0.0} == {-0.15, 0.15}
     assert abs(np.mean(rudder)) < 0.02
-    assert not jsbsim_flight.excitation(FlightPlan(manoeuvre="none")).any()
+    assert not excitation(FlightPlan(manoeuvre="none")).any()
 
 
 def test_frames_sent_over_udp_arrive_as_they_were_flown() -> None:
-    frames = list(fly_jsbsim.fly(replace(SHORT, seconds=2.0), Link(attitude_hz=10, servo_hz=5)))
+    frames = list(fly(replace(SHORT, seconds=2.0), Link(attitude_hz=10, servo_hz=5)))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5.0)
 
-        sent = fly_jsbsim.send(frames, receiver.getsockname(), speedup=1000.0)
+        sent = send(frames, receiver.getsockname(), speedup=1000.0)
 
         assert [receiver.recv(300) for _ in range(sent)] == [frame for _, frame in frames]
 
@@ -228,7 +253,7 @@ def test_the_command_writes_a_tlog_and_its_truth(
 
     code = fly_jsbsim.main(["--seconds", "12", "--out", str(log), "--truth", str(truth)])
 
-    frames = list(fly_jsbsim.fly(SHORT, Link()))
+    frames = list(fly(SHORT, Link()))
     assert code == 0
     assert log.read_bytes() == b"".join(struct.pack(">Q", stamp) + f for stamp, f in frames)
     found = json.loads(truth.read_text())

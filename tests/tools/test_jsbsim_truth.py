@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flights import truth as jsbsim_truth
-from flights.flight import FlightPlan
+from flights.plan import FlightPlan
 
 
 def steady(plan: Any) -> Any:

@@ -5,8 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from checks import judge_manoeuvres as judge
+from bench import speeds, upset
+from checks import judge
+from flights.fly import fly
 from flights.legs import PLANS, Leg, LegPlan
+from flights.telemetry import Link
 
 from yawid.results.run_summary import (
     DutchRoll,
@@ -75,7 +78,7 @@ def summary(*manoeuvres: Manoeuvre, flight: Flight | None = None) -> RunSummary:
 
 def counted(*manoeuvres: Manoeuvre) -> tuple[int, ...]:
     rows = [{"seed": 1} | row for row in judge.compared(summary(*manoeuvres), TRUTH)]
-    return judge.counts(rows)
+    return speeds.counts(rows)
 
 
 @pytest.mark.parametrize(
@@ -109,49 +112,40 @@ def test_the_flight_is_held_to_the_truth_at_its_airspeed_and_in_its_sigmas() -> 
         dutch_roll=DutchRoll(wn_rad_s=2.295, wn_std=0.03, zeta=0.26, zeta_std=0.02),
         kappa_rad_m=Value(0.0505, 0.001),
     )  # fmt: skip
+    pair = (found(100.0 * n, 2.0, 0.25, n=n, airspeed_m_s=30.0 + 10.0 * n) for n in (1, 2))
 
-    rows = judge.compared(summary(flight=flight), TRUTH)
-    told = rows[-1]
-    lines = list(judge.speeds_lines([{"severity": 3, "seed": 1} | row for row in rows]))
+    told = judge.compared(summary(*pair, flight=flight), TRUTH)[-1]
 
-    assert told["wn_off"] == pytest.approx(0.02)  # of 2.25, between 2.0 at 40 and 2.5 at 50 m/s
-    assert told["zeta_off"] == pytest.approx(0.01)
-    assert told["kappa_off"] == pytest.approx(0.01)
-    assert lines[-1] == (
-        "| 3 | 1 | 1 | +2.0% to +2.0% | +0.010 to +0.010 | +1.0% to +1.0% | +0.5 to +1.5 | 1 |"
-    )
+    assert told["wn_error_pct"] == pytest.approx(2.0)  # of 2.25: 2.0 at 40 m/s, 2.5 at 50
+    assert speeds.flight_cells([told]) == (
+        "1", "1", "+2.0 to +2.0", "+0.010 to +0.010", "+1.0 to +1.0", "+0.5 to +1.5", "1",
+    )  # fmt: skip
 
 
 def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = LegPlan("c172p", 90.0, (Leg("idle", 2.0), Leg("gust", 4.0, gust_m_s=6.0)))
     monkeypatch.setitem(PLANS, "upset", short)
-    monkeypatch.setattr(judge, "replayed", lambda log: summary(found(33.0, 2.6, 0.1)))
-    argv = ["upset", "--seeds", "2", "--keep", str(tmp_path)]
+    monkeypatch.setattr(judge, "replayed", lambda *_: summary(found(33.0, 2.6, 0.1)))
 
-    assert judge.main(argv) == 0
-    logs = sorted(tmp_path.glob("*.tlog"))
-    first = [(log.name, log.stat().st_mtime_ns) for log in logs]
-    assert judge.main(argv) == 0
+    (row,) = upset.rows_of(tmp_path, 2)
+    stamp = (tmp_path / "upset_002.tlog").stat().st_mtime_ns
+    assert upset.rows_of(tmp_path, 2) == [row]
 
-    lines = capsys.readouterr().out.splitlines()
-    assert [name for name, _ in first] == ["upset_001.tlog", "upset_002.tlog"]
-    assert first == [(log.name, log.stat().st_mtime_ns) for log in logs]
-    assert lines[1].startswith("1 1 33 71 gust FBWA 45 2.6 0.1 2.1")
-    assert lines[3] == "2 flights: 2 found, 2 usable in 2 flights, 0 replays broke off"
-    assert lines[4].startswith("of those 2 are off by more than 10%")
-    truth = json.loads((tmp_path / "upset_001.truth.json").read_text())
+    assert (row["usable"], row["leg"], row["wn"]) == (True, "gust", 2.6)
+    assert stamp == (tmp_path / "upset_002.tlog").stat().st_mtime_ns
+    truth = json.loads((tmp_path / "upset_002.json").read_text())
     assert truth["manoeuvres"] == []
 
 
 def test_a_replay_of_a_flown_log_gives_its_summary(tmp_path: Path) -> None:
     plan = LegPlan("c172p", 95.0, (Leg("idle", 2.0), Leg("manoeuvre", 30.0, shape="prbs")))
-    log = judge.flown(tmp_path, "short", judge.turbulent(plan, 2), 1)
+    made = fly(speeds.turbulent(plan, 2), Link())
+    log, truth = judge.kept(tmp_path, "short", lambda: made)
 
     told = judge.replayed(log)
 
     assert told.estimates is not None
     assert 30.0 < told.duration_s < 33.0
-    truth = json.loads(log.with_suffix(".truth.json").read_text())
     assert [m["kind"] for m in truth["manoeuvres"]] == ["prbs"]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flights import trim_tlog
+from flights.surgery import split
 from places import REPLAY_LOGS
 from places import SHARED_FLIGHTS as SHARED
 from pymavlink.dialects.v20 import ardupilotmega
@@ -32,11 +33,11 @@ def log() -> bytes:
 def test_trimming_keeps_whole_records_of_the_window_and_the_messages_named(log: bytes) -> None:
     part = trim_tlog.trim(log + b"torn", 33.0, 36.0, ["ATTITUDE", "HEARTBEAT"])
 
-    records = [record for _, _, record in trim_tlog.records(part)]
+    records = split(part)
     decoder = ardupilotmega.MAVLink(None)
-    kept = [decoder.decode(bytearray(record[8:])) for record in records]
+    kept = [decoder.decode(bytearray(frame)) for _, frame in records]
     boot_ms = [m.time_boot_ms for m in kept if m.get_type() == "ATTITUDE"]
-    assert b"".join(records) == part
+    assert b"".join(struct.pack(">Q", s) + frame for s, frame in records) == part
     assert boot_ms == list(range(33_000, 36_000, 20))
     assert sum(m.get_type() == "HEARTBEAT" for m in kept) == 3
     assert len(kept) == 153
@@ -55,7 +56,7 @@ def test_mavlink_1_and_signed_records_are_kept_whole() -> None:
     sender.signing.sign_outgoing = True
     log = bytes(8) + old + bytes(8) + attitude.pack(sender)
 
-    assert [len(record) for _, _, record in trim_tlog.records(log)] == [8 + len(old), len(log) - 44]
+    assert [8 + len(frame) for _, frame in split(log)] == [8 + len(old), len(log) - 44]
     assert trim_tlog.trim(log, 4.0, 6.0) == log
 
 

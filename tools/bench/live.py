@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from checks.children import LONG_S, child
-from flights.send_tlog import stamped_frames
+from flights.surgery import split
 
 from bench.live_kill import kill_once
 from yawid.channels.stage import WANTED
@@ -213,7 +213,7 @@ def _latency(summary: dict[str, Any]) -> str:
 
 def bench_kill(options: argparse.Namespace) -> Iterator[str]:
     """kill -9 at random moments."""
-    frames = list(stamped_frames(options.log.read_bytes()))
+    frames = split(options.log.read_bytes())
     rng = np.random.default_rng(0)
     losses = []
     for moment_s in rng.uniform(7.0, 15.0, options.kills):

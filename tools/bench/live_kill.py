@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from checks.children import LEAVE_S, child
-from flights.command import Stamped
-from flights.send_tlog import stamped_frames
+from flights.surgery import Record, split
 from mcap.reader import make_reader
 
 from yawid.estimation.machine.runner import RUNNER
@@ -41,7 +40,7 @@ class Loss:
 class Sender(threading.Thread):
     """Sends frames at ``speed`` times the pace of their stamps and notes when each went."""
 
-    def __init__(self, frames: Sequence[Stamped], port: int, speed: float) -> None:
+    def __init__(self, frames: Sequence[Record], port: int, speed: float) -> None:
         super().__init__(daemon=True)
         self.sent_s: list[float] = []
         self._frames, self._port, self._speed = frames, port, speed
@@ -64,7 +63,7 @@ class Sender(threading.Thread):
         self.join(LEAVE_S)
 
 
-def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: float = 1.0) -> Loss:
+def kill_once(frames: Sequence[Record], moment_s: float, folder: Path, speed: float = 1.0) -> Loss:
     """Listen, send, kill -9 ``moment_s`` after the first frame; return what is missing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -95,9 +94,7 @@ def kill_once(frames: Sequence[Stamped], moment_s: float, folder: Path, speed: f
 def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
     """Replay the torn tlog, recover the torn MCAP, and compare."""
     [tlog], [mcap] = folder.glob("*.tlog.part"), folder.glob("*.mcap.part")
-    data = tlog.read_bytes()
-    whole = list(stamped_frames(data))
-    frames = len(whole) - (sum(8 + len(frame) for _, frame in whole) > len(data))
+    frames = len(split(tlog.read_bytes()))
     recover(mcap, folder / "recovered.mcap")
     replay(tlog, {}, Outputs(folder, "again"), StopFlag())
     rescued, again = rows(folder / "recovered.mcap"), rows(folder / "again.mcap")

@@ -21,11 +21,11 @@ from itertools import cycle
 from pathlib import Path
 from statistics import median
 
-from checks.judge_manoeuvres import replayed
-from flights.flight import Flight, FlightPlan, excitation
-from flights.guided import LegFlight
+from checks.judge import replayed
+from flights.fly import flight_of
 from flights.legs import Leg, LegPlan
 from flights.long_log import write_log
+from flights.plan import FlightPlan
 from flights.surgery import join
 from flights.telemetry import Link, telemetry
 
@@ -65,13 +65,13 @@ def flown_tenth(path: Path, minutes: float) -> None:
             break
         legs += [Leg("manoeuvre", 48.0, shape=shape, amplitude=0.1), *BETWEEN]
     plan = LegPlan("c172p", 95.0, tuple(legs))
-    path.write_bytes(join(telemetry(plan.trim_plan(), Link(), LegFlight(plan, 1))))
+    path.write_bytes(join(telemetry(Link(), flight_of(plan, Link()))))
 
 
 def flown_throughout(path: Path, minutes: float) -> None:
     """Fly one long PRBS."""
     plan = FlightPlan(speed_kt=95.0, seconds=60.0 * minutes, manoeuvre="prbs", amplitude=0.1)
-    path.write_bytes(join(telemetry(plan, Link(), Flight(plan, excitation(plan)))))
+    path.write_bytes(join(telemetry(Link(), flight_of(plan, Link()))))
 
 
 Log = tuple[str, Callable[[Path, float], None], float]

@@ -26,6 +26,9 @@ BENCHES = (
     "aliasing",
     "manoeuvres",
     "truth",
+    "verdict",
+    "speeds",
+    "upset",
     "start",
 )
 PLACES = {"truth": ("truth", "truth_by", "truth_short")}

@@ -3,10 +3,9 @@
     python tools/bench.py truth [--seed 162] [--flights N] [--logs DIR] [--jobs 2]
                                 [--records DIR] [--csv FILE] [--readme]
 
-The flights are those of tools/flights/grid.py, replayed with the default options; with --logs they
-stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, kinds of
-answer, warnings, and what is said of the logs in replay_logs/ and of the recorded flights in DIR,
-where there are any.
+The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
+stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, and what is
+said of the logs in replay_logs/ and of the recorded flights in DIR, where there are any.
 The exit code is 1 where a criterion fails. --csv has a row for each flight and estimate.
 
 z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). Figures of RML and ELS are of every
@@ -17,20 +16,32 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import math
-import sys
-import tempfile
+import tomllib
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from checks.corpus import in_processes
-from flights.grid import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE
+from checks.judge import METHODS, Row, folder_of, in_processes, judged, kept, options_of
+from flights.moved import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE, of_grid
 
-from bench.truth_rows import METHODS, ROOT, Row, flight_rows, record_rows, records
-from yawid.results.reasons import KINDS
+from yawid.config.run import RunConfig
 
+ROOT = Path(__file__).resolve().parents[2]
+CASES = ROOT / "replay_logs"
+SUFFIXES = (".tlog", ".ulg", ".bin")
+SAME_AIRCRAFT = {
+    "sitl_fbwa_50hz": "sitl_fbwa_50hz",
+    "sitl_fbwa_stock_33hz": "sitl_fbwa_stock_33hz",
+    "sitl_fbwa_gcs_4hz": "sitl_fbwa_50hz",
+}
+"""The case whose truth.json holds for a recorded flight."""
+CONDITIONS = (
+    "number", "aircraft", "speed_kt", "manoeuvre", "severity", "gyro", "rate_hz", "amplitude",
+    "seconds",
+)  # fmt: skip
 STRIDE = 97
 """Coprime to COUNT: a few flights are of all conditions, too."""
 RIGHT_PCT, WRONG_PCT, WRONG_Z = 1.0, 3.0, 4.0
@@ -179,7 +190,7 @@ def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
     A flight that is refused is one of the wrong ones where any of its manoeuvres, as its answering
     method tells it, is.
     """
-    manoeuvres = [row for row in of_kind(rows, *METHODS) if row["answers"]]
+    manoeuvres = of_kind(rows, "manoeuvre")
     would = {row["number"] for row in manoeuvres if _wrong(row)}
     flights = of_kind(rows, "flight")
     for name, each in (("flights", flights), ("manoeuvres", manoeuvres)):
@@ -236,37 +247,6 @@ def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
         yield _line(what, (needed, said, ("yes" if met else "NO") if needed else ""))
 
 
-def answer_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table of the kinds of answer, each by its total sigma and by noise alone."""
-    yield _line("answer", ("usable", "with wn", *COLUMNS[2:]))
-    yield "|---" * (1 + len(COLUMNS)) + "|"
-    for kind in (*METHODS, "flight", "stream rml", "stream els"):
-        usable = [row for row in of_kind(rows, kind) if row["usable"]]
-        counted = [len(usable), sum(row["wn"] is not None for row in usable)]
-        for name, z in ((kind, "z"), (f"{kind}, noise alone", "z_noise")):
-            yield _line(name, [*counted, *cells(rows, [kind], z)])
-
-
-def warning_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table: on how many flights a warning stands, how right they are with and without."""
-    flights = estimates(rows, "flight")
-    right, wrong = f"< {RIGHT_PCT:g} % off", f"> {WRONG_PCT:g} % and {WRONG_Z:g} sigma off"
-    yield _line("warning on a flight", ("flights", right, wrong, "off %", "without it: off %"))
-    yield "|---" * 6 + "|"
-    for name in [None, *KINDS]:
-        said = [name in row["warnings"].split() if name else not row["warnings"] for row in flights]
-        on = [row for row, it_is in zip(flights, said, strict=True) if it_is]
-        rest = [row for row, it_is in zip(flights, said, strict=True) if not it_is]
-        if on:
-            counted = [len(on), sum(map(_right, on)), sum(map(_wrong, on))]
-            off = [cells(each, ["flight"])[0] for each in (on, rest)]
-            yield _line(name or "none", [*counted, *off])
-    refused = [row for row in of_kind(rows, "flight") if not row["usable"]]
-    for name in dict.fromkeys(name for row in refused for name in row["fatal"].split()[:1]):
-        count = sum(row["fatal"].split()[:1] == [name] for row in refused)
-        yield _line(f"refused: {name}", (count, "", "", "", ""))
-
-
 def record_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Yield what is said of each log of replay_logs and of the recorded flights, and the truth."""
     yield "| log | wn and zeta, true | flight's answer | wn off, % | z of wn, zeta | verdict |"
@@ -305,20 +285,48 @@ def _short(value: object) -> object:
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
-def measured(options: argparse.Namespace, folder: Path) -> tuple[list[Row], list[Row]]:
+def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
+    """Return the rows of one flight of the grid; fly it where it is not in the folder yet.
+
+    Raises:
+        SystemExit: the flight of that name is another one.
+    """
+    log, truth = kept(folder, f"{number:03d}", partial(of_grid, seed, number))
+    if (truth["seed"], truth["number"]) != (seed, number):
+        raise SystemExit(f"{log} is flight {truth['number']} of seed {truth['seed']}, not {seed}")
+    conditions = {name: truth[name] for name in CONDITIONS}
+    return [conditions | row for row in judged(log, truth)]
+
+
+def record_rows(log: Path) -> list[Row]:
+    """Return the rows of a recorded flight or of a case's log, with its name."""
+    of_case = log.name == "log.tlog"
+    name = log.parent.name if of_case else log.stem
+    path = CASES / (name if of_case else SAME_AIRCRAFT.get(name, name)) / "truth.json"
+    known = path.exists() and (of_case or name in SAME_AIRCRAFT)
+    truth = json.loads(path.read_text(encoding="utf-8")) if known else {}
+    told = {"record": name, "from": "replay_logs" if of_case else "records"}
+    # The default options, and which vehicle where its case says so.
+    case = log.with_name("case.toml")
+    options = tomllib.loads(case.read_text(encoding="utf-8"))["options"] if case.exists() else {}
+    return [told | row for row in judged(log, truth, RunConfig(sysid=options.get("sysid")))]
+
+
+def records(folder: Path) -> list[Path]:
+    """Return the logs with a truth in replay_logs, then those of a folder, which may be absent."""
+    cases = sorted(path.with_name("log.tlog") for path in CASES.glob("*/truth.json"))
+    flown = sorted(path for path in folder.glob("*") if path.suffix in SUFFIXES)
+    return cases + flown
+
+
+def measured(options: argparse.Namespace) -> tuple[list[Row], list[Row]]:
     """Return the rows of the flights, and those of cases and recorded flights."""
     numbers = sorted(i * STRIDE % COUNT for i in range(options.flights))
-    found: tuple[list[Row], list[Row]] = [], []
-    tasks: tuple[tuple[Callable[..., list[Row]], Sequence[object]], ...] = (
-        (partial(flight_rows, folder, options.seed), numbers),
-        (record_rows, records(options.records)),
-    )
-    for rows, (of_one, each) in zip(found, tasks, strict=True):
-        for done, some in enumerate(in_processes(of_one, each, options.jobs), 1):
-            rows += some
-            print(f"\r{done} of {len(each)} ", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    return found
+    with folder_of(options.logs) as folder:
+        one = partial(flight_rows, folder, options.seed)
+        rows = [row for some in in_processes(one, numbers, options.jobs) for row in some]
+    logs = records(options.records)
+    return rows, [row for some in in_processes(record_rows, logs, options.jobs) for row in some]
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -330,8 +338,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--seed", type=int, default=TABLE)
     parser.add_argument("--flights", type=int, default=COUNT, help=f"1 to {COUNT}: fewer, mixed")
-    parser.add_argument("--logs", type=Path, metavar="DIR", help="where flights stay")
-    parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
+    options_of(parser)
     parser.add_argument("--records", type=Path, metavar="DIR", help="recorded flights",
                         default=ROOT.parent / "shared" / "flights")  # fmt: skip
     parser.add_argument("--csv", type=Path, metavar="FILE", help="every row")
@@ -347,10 +354,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     Returns which criteria fail, None where all are met.
     """
     options = parse(arguments)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = options.logs or Path(scratch)
-        folder.mkdir(parents=True, exist_ok=True)
-        rows, recorded = measured(options, folder)
+    rows, recorded = measured(options)
     if options.csv:
         write(options.csv, [*rows, *recorded])
     found = list(criteria(rows))
@@ -361,9 +365,8 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield from across_lines(rows, [name for name in GROUPS if name not in air])
     yield ""
     yield from condition_lines(" JSBSim, RML / ELS ", rows, air)
-    for lines in (criteria_lines(found), answer_lines(rows), warning_lines(rows)):
-        yield ""
-        yield from lines
+    yield ""
+    yield from criteria_lines(found)
     yield ""
     yield from record_lines(recorded)
     failed = [what for what, _, _, met in found if not met]

@@ -29,10 +29,9 @@ from typing import IO, Any
 
 import numpy as np
 from flights.drawn import Drawn
-from flights.flight import STEP_S, FlightPlan
-from flights.free import count
-from flights.send_tlog import stamped_frames
-from flights.surgery import join
+from flights.hands import count
+from flights.plan import STEP_S, FlightPlan
+from flights.surgery import Record, join, split
 from flights.telemetry import GCS, Link, telemetry
 
 from bench.live import ENDING_S, TOOLS, session
@@ -42,7 +41,6 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sources.link.tap import sysid_of
 
-Stamped = tuple[int, bytes]
 SECONDS, STARTS_S, DOUBLET_S = 30.0, 5.0, 14.0
 BURST_S = 0.001
 WARM_S = 3.0
@@ -53,7 +51,7 @@ LATE_S = 0.2
 TOLD = re.compile(r"system (\d+): manoeuvre 1 \(\d+ to (\d+) s")
 
 
-def vehicle(sysid: int) -> Iterator[Stamped]:
+def vehicle(sysid: int) -> Iterator[Record]:
     """Yield what one of the vehicles sends: a Dutch roll of its own, excited by a doublet.
 
     They come up one after the other within some seconds, and fly their doublets at once.
@@ -70,14 +68,14 @@ def vehicle(sysid: int) -> Iterator[Stamped]:
     columns = {"r": r, "rudder": u, "airspeed": np.full(n, 20.0), "groundspeed": np.full(n, 20.0)}
     plan = FlightPlan(seconds=seconds, manoeuvre="none")
     link = Link(boot_s=Link().boot_s + start_s, seed=sysid, sysid=sysid)
-    for stamp_us, frame in telemetry(plan, link, Drawn(plan, columns)):
+    for stamp_us, frame in telemetry(link, Drawn(plan, columns)):
         if sysid == 1 or sysid_of(frame) != GCS[0]:  # one ground station is enough
             yield stamp_us + round(1e6 * start_s), frame
 
 
 def send_in_bursts(log: Path, port: int) -> None:
     """Send a log's frames at the pace of their stamps, those of a millisecond at once."""
-    frames = list(stamped_frames(log.read_bytes()))
+    frames = split(log.read_bytes())
     latest_s, first_us = 0.0, frames[0][0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.connect(("127.0.0.1", port))
@@ -136,11 +134,11 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
 
 def lost(summaries: list[dict[str, Any]], log: Path) -> int:
     """Return how many frames of the vehicles are in no tlog of theirs."""
-    sent = Counter(sysid_of(frame) for _, frame in stamped_frames(log.read_bytes()))
+    sent = Counter(sysid_of(frame) for _, frame in split(log.read_bytes()))
     del sent[GCS[0]]
     for each in summaries:
         sysid, tlog = each["vehicle"]["sysid"], Path(each["files"]["tlog"])
-        sent[sysid] -= sum(sysid_of(f) == sysid for _, f in stamped_frames(tlog.read_bytes()))
+        sent[sysid] -= sum(sysid_of(f) == sysid for _, f in split(tlog.read_bytes()))
     return sum(sent.values())
 
 
@@ -161,7 +159,7 @@ def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
     return all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
 
 
-def row(vehicles: list[list[Stamped]], options: argparse.Namespace) -> str:
+def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
     """Return the row of these vehicles."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -20,7 +20,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cases.recipes import RECIPES, Made, Recipe
+from flights.fly import Made
+
+from cases.recipes import RECIPES, Recipe
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_BYTES = 1_000_000

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 from flights import command as fly_jsbsim
-from flights.flight import Flight, FlightPlan, excitation
+from flights.flight import Hands
+from flights.fly import Made, flight_of
+from flights.plan import FlightPlan, excitation
 from flights.surgery import Record, after, join, littered, rewrite, split
 from flights.telemetry import Link, telemetry
 from flights.trim_tlog import ESSENTIAL, trim
@@ -25,14 +27,6 @@ MIT = "MIT (made for yawid)"
 KEY = bytes(range(32))
 """Signs the frames of the signed case: no secret."""
 UINT32_WRAP_S = 2**32 / 1e6
-
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """What a recipe gives: the log, and the truth where there is one."""
-
-    log: bytes
-    truth: Truth | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,30 +102,19 @@ def cut(name: str, low_s: float, high_s: float, told: Truth | None, *rest: Path)
     return Made(trim(log, low_s, high_s, ESSENTIAL), told and told | {"command": command})
 
 
-class StirredFlight(Flight):
-    """A flight whose aileron is moved on purpose too, about what the roll hold commands."""
-
-    def __init__(self, plan: FlightPlan, amplitude: float, seed: int) -> None:
-        super().__init__(plan, excitation(plan))
-        rng = np.random.default_rng(seed)
-        pulses = rng.choice([-amplitude, amplitude], size=round(plan.seconds / 0.3) + 2)
-        pulses[: round(5.0 / 0.3)] = 0.0
-        self._level, self._pulses = self._aileron_trim, pulses.tolist()
-
-    def _step(self) -> None:
-        self._aileron_trim = self._level + self._pulses[self._ms // 300]
-        super()._step()
-
-
 def with_aileron(scratch: Path, flights: Path) -> Made:
     """Fly with rudder and aileron both moved on purpose: each moves the yaw on its own.
 
     The aileron is an input then, so that the Dutch roll to be found is the bare airframe's.
     """
-    plan = FlightPlan(seconds=100.0, roll_gain=0.3, roll_rate_gain=0.0)
+    plan = FlightPlan(seconds=100.0, roll_gain=0.3, roll_rate_gain=0.0, true_feedback=True)
     link = Link(attitude_hz=25.0, servo_hz=25.0, seed=11)
-    flight = StirredFlight(plan, 0.12, 12)
-    log = join(telemetry(plan, link, flight))
+    pulses = np.random.default_rng(12).choice([-0.12, 0.12], size=round(plan.seconds / 0.3) + 2)
+    pulses[: round(5.0 / 0.3)] = 0.0
+    rudder = excitation(plan)
+    hands = Hands(rudder, np.repeat(pulses, 300)[: len(rudder)], nose_held=False)
+    flight = flight_of(plan, link, hands)
+    log = join(telemetry(link, flight))
     found = truth(plan, after_lead_in(flight.flown))
     bare = {
         "dutch_roll": found["dutch_roll_open_loop"],
@@ -140,13 +123,13 @@ def with_aileron(scratch: Path, flights: Path) -> Made:
     return Made(log, found | bare | {"seed": link.seed})
 
 
-FLY = "--manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"
+FLY = "--true-feedback --manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"
 SITL = "ArduPlane V4.6-dev SITL"
 SITL_MIT = "MIT (recorded for yawid)"
-_FIRST = "--manoeuvre 3211 --seconds 120"
+_FIRST = "--true-feedback --manoeuvre 3211 --seconds 120"
 _GCS = f"{_FIRST} --attitude-hz 10 --servo-hz 5 --heading-deg 180 --seed 2"
 _EXCITED = {"rate": 25, "forgetting": 1.0}
-_SPEEDS = "--plan three_speeds --attitude-hz 10 --servo-hz 10 --seed 21"
+_SPEEDS = "--true-feedback --plan three_speeds --attitude-hz 10 --servo-hz 10 --seed 21"
 SITL_TRUTH: Truth = {
     "aircraft": f"{SITL}, built-in plane model",
     "flown": "FBWA at 22.00 +- 0.03 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",

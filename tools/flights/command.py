@@ -6,7 +6,7 @@
 
 writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found in it; or sends
 the same frames to a UDP endpoint at the pace of the flight. The same command gives the same bytes.
-A plan (flight_legs.py) is a whole flight; its truth, manoeuvre by manoeuvre, is written beside the
+A plan (flights/legs.py) is a whole flight; its truth, manoeuvre by manoeuvre, is written beside the
 log as log.truth.json unless --truth says where.
 """
 
@@ -15,21 +15,21 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-import socket
-import struct
 import sys
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from flights.flight import MANOEUVRES, Flight, FlightError, FlightPlan, Servo, excitation
+from flights.fly import flight_of
 from flights.guided import LegFlight, leg_truth
 from flights.legs import PLANS, LegPlan, read_plan
+from flights.plan import MANOEUVRES, FlightError, FlightPlan, Servo
+from flights.send_tlog import endpoint, send
+from flights.surgery import Record, join
 from flights.telemetry import Link, telemetry
 from flights.truth import after_lead_in, disagreement, truth
 
-Stamped = tuple[int, bytes]
 PLAN_NUMBERS = {
     "speed_kt": "calibrated airspeed",
     "altitude_ft": "above sea level",
@@ -48,53 +48,15 @@ LINK_NUMBERS = {
     "boot_s": "vehicle time at the start",
 }
 SERVO_HELP = "MIN,TRIM,MAX[,REVERSED] in us"
-OWN = (
-    "out",
-    "truth",
-    "udp",
-    "speedup",
-    "plan",
-)  # neither the flight's options nor the link's
+OWN = ("out", "truth", "udp", "speedup", "plan")  # neither the flight's options nor the link's
 
 
-def fly(plan: FlightPlan, link: Link) -> Iterator[Stamped]:
-    """Yield (receive stamp in us of Unix time, MAVLink frame) of a flight, as it is flown.
-
-    Raises:
-        FlightError: the aircraft cannot be loaded or trimmed, or trim and amplitude pass the stops.
-    """
-    return telemetry(plan, link, Flight(plan, excitation(plan)))
-
-
-def record(frames: Iterable[Stamped], path: Path) -> Iterator[Stamped]:
+def record(frames: Iterable[Record], path: Path) -> Iterator[Record]:
     """Pass frames on and write them to a tlog: 8 bytes of stamp, big-endian, then the frame."""
     with path.open("wb") as log:
         for stamp_us, frame in frames:
-            log.write(struct.pack(">Q", stamp_us) + frame)
+            log.write(join([(stamp_us, frame)]))
             yield stamp_us, frame
-
-
-def send(frames: Iterable[Stamped], endpoint: tuple[str, int], speedup: float = 1.0) -> int:
-    """Send each frame as a datagram at the pace of its stamps; return how many were sent."""
-    sent = 0
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        start_s, first_us = time.monotonic(), None
-        for stamp_us, frame in frames:
-            first_us = stamp_us if first_us is None else first_us
-            ahead_s = (stamp_us - first_us) / (1e6 * speedup) - (time.monotonic() - start_s)
-            if ahead_s > 0.0:
-                time.sleep(ahead_s)
-            sock.sendto(frame, endpoint)
-            sent += 1
-    return sent
-
-
-def endpoint(text: str) -> tuple[str, int]:
-    """Return (host, port) of ``HOST:PORT``."""
-    host, colon, port = text.rpartition(":")
-    if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
-        raise argparse.ArgumentTypeError(f"expected HOST:PORT, got {text!r}")
-    return host, int(port)
 
 
 def servo(text: str) -> Servo:
@@ -123,6 +85,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     plan.add_argument("--aircraft", default=FlightPlan().aircraft, help="any that JSBSim brings")
     plan.add_argument("--manoeuvre", choices=MANOEUVRES, default=FlightPlan().manoeuvre, help=" ")
     _add_numbers(plan, FlightPlan(), PLAN_NUMBERS)
+    heard = "the autopilot hears no sensor's noise, as when the cases were recorded"
+    plan.add_argument("--true-feedback", action="store_true", help=heard)
     for name in ("rudder", "aileron"):
         plan.add_argument(f"--{name}", type=servo, default="1100,1500,1900", help=SERVO_HELP)
     link = parser.add_argument_group("link")
@@ -159,53 +123,34 @@ def main(argv: Sequence[str]) -> int:
     link_names = {*LINK_NUMBERS, "mavlink1", "seed"}
     try:
         link = Link(**{name: options.pop(name) for name in link_names})
+        plan: FlightPlan | LegPlan
         if own["plan"]:
-            fly_legs(read_plan(own["plan"]), link, own, argv)
-            return 0
-        plan = FlightPlan(**options)
-        flight = Flight(plan, excitation(plan))
-        deliver(telemetry(plan, link, flight), own)
-        if own["truth"]:
-            write_truth(plan, link, flight, own["truth"], argv)
+            plan = replace(read_plan(own["plan"]), true_feedback=options["true_feedback"])
+        else:
+            plan = FlightPlan(**options)
+        flight = flight_of(plan, link)
+        deliver(telemetry(link, flight), own)
+        if isinstance(plan, LegPlan) and isinstance(flight, LegFlight):
+            found = leg_truth(plan, link, flight) | {"plan": own["plan"]}
+            path = own["truth"] or (own["out"] and own["out"].with_suffix(".truth.json"))
+        elif (path := own["truth"]) and isinstance(plan, FlightPlan):
+            found = truth(plan, after_lead_in(flight.flown))
+            if warning := disagreement(found):
+                print(f"fly_jsbsim: {warning}", file=sys.stderr)
+            names = {"seconds": plan.seconds, "manoeuvre": plan.manoeuvre, "seed": link.seed}
+            found |= names
+        if path:
+            found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
+            path.write_text(json.dumps(found, indent=1) + "\n")
     except (FlightError, ValueError, OSError) as error:
         print(f"fly_jsbsim: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def fly_legs(plan: LegPlan, link: Link, own: dict[str, Any], argv: Sequence[str]) -> None:
-    """Fly a plan, deliver it, and write its truth, which is known when it has been flown."""
-    flight = LegFlight(plan, link.seed)
-    deliver(telemetry(plan.trim_plan(), link, flight), own)
-    path = own["truth"] or (own["out"] and own["out"].with_suffix(".truth.json"))
-    if path:
-        write_json(leg_truth(plan, link, flight) | {"plan": own["plan"]}, path, argv)
-
-
-def write_truth(
-    plan: FlightPlan, link: Link, flight: Flight, path: Path, argv: Sequence[str]
-) -> None:
-    """Write the truth of a finished flight and how the log beside it was made."""
-    found = truth(plan, after_lead_in(flight.flown))
-    if warning := disagreement(found):
-        print(f"fly_jsbsim: {warning}", file=sys.stderr)
-    found["seconds"], found["manoeuvre"], found["seed"] = plan.seconds, plan.manoeuvre, link.seed
-    write_json(found, path, argv)
-
-
-def write_json(found: dict[str, Any], path: Path, argv: Sequence[str]) -> None:
-    """Write a truth and the command that flies it again."""
-    found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
-    path.write_text(json.dumps(found, indent=1) + "\n")
-
-
-def deliver(frames: Iterator[Stamped], own: dict[str, Any]) -> None:
+def deliver(frames: Iterator[Record], own: dict[str, Any]) -> None:
     """Fly, write and send as asked, and say how much."""
     if own["out"]:
         frames = record(frames, own["out"])
     count = send(frames, own["udp"], own["speedup"]) if own["udp"] else sum(1 for _ in frames)
     print(f"fly_jsbsim: {count} frames", file=sys.stderr)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

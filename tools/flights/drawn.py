@@ -10,16 +10,21 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from cases.recipes import Made
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
-from flights.flight import STEP_S, FlightPlan
-from flights.free import ARMED, LENGTHS_S, Floats, by_hand, count, drawn_link, wander
+from flights.flight import Floats
+from flights.fly import Made
+from flights.hands import by_hand, count, wander
+from flights.moved import drawn_link
+from flights.plan import STEP_S, FlightPlan
 from flights.surgery import Record, join, rewrite, split
 from flights.telemetry import FOOT, KNOT, Link, telemetry
 
 MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
+ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+LENGTHS_S = (60.0, 80.0, 100.0)
+"""Of the logs without excitation."""
 FIRST_LIFT_MOTOR = 33  # SERVOn_FUNCTION of the first of four
 
 
@@ -50,16 +55,17 @@ class Drawn:
             "fcs/throttle-cmd-norm": np.full(n, 0.3),
             "velocities/h-dot-fps": zero,
         }
-        self._plan, self._ms = plan, 0
+        self.plan, self._ms = plan, 0
         self._rudder, self._aileron = columns.get("rudder", zero), columns.get("aileron", zero)
         self.rudder_us = self.aileron_us = 1500
+        self.noise: list[float] | None = None
         self.advance_to(0)
 
     def advance_to(self, ms: int) -> None:
         """Go on to a millisecond after the start."""
         self._ms = ms
-        self.rudder_us = self._plan.rudder.pulse(float(self._rudder[ms]))
-        self.aileron_us = self._plan.aileron.pulse(float(self._aileron[ms]))
+        self.rudder_us = self.plan.rudder.pulse(float(self._rudder[ms]))
+        self.aileron_us = self.plan.aileron.pulse(float(self._aileron[ms]))
 
     def __getitem__(self, name: str) -> float:
         """Return a property of JSBSim's name now."""
@@ -72,7 +78,7 @@ def told_log(
     """Tell a motion whose columns ``draw`` returns for a length in s."""
     seconds = float(rng.choice(LENGTHS_S))
     plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
-    log = join(telemetry(plan, link, Drawn(plan, draw(seconds))))
+    log = join(telemetry(link, Drawn(plan, draw(seconds))))
     known: dict[str, Any] = {"aircraft": "drawn", "dutch_roll": None, "severity": 0}
     return Made(log, known | _of(link, seconds) | told)
 

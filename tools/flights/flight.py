@@ -1,95 +1,54 @@
-"""An aircraft nobody here wrote: JSBSim trimmed, wings held level, its rudder moved on purpose.
+"""An aircraft of JSBSim in flight: trimmed, held by an autopilot, its controls moved on purpose.
 
-Signs: outside :func:`jsbsim_rudder` a positive rudder turns the nose right, as ArduPilot has it.
-In JSBSim a positive ``fcs/rudder-cmd-norm`` turns it left. Ailerons agree: positive rolls right.
+The autopilot hears what its sensors say, noise included, as ATTITUDE tells it; a plan with
+``true_feedback`` hears the true ones, as the recorded cases of replay_logs/ were flown. Signs:
+outside :func:`jsbsim_rudder` a positive rudder turns the nose right, as ArduPilot has it. In JSBSim
+a positive ``fcs/rudder-cmd-norm`` turns it left. Ailerons agree: positive rolls right.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
-from itertools import cycle
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import jsbsim
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import max_len_seq
 
-STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
+from flights.plan import STEP_S, FlightError, FlightPlan
+from flights.telemetry import Link
+
+Floats = NDArray[np.float64]
 NOTED_MS = 250
-LEAD_IN_S = 5.0  # at trim, while a receiver finds the vehicle and its parameters
 FULL_TRIM = 1
-MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
-SWEEP_S = 45.0  # of one sweep
+MILSPEC = 3
+"""JSBSim's atmosphere/turb-type of MIL-F-8785C."""
+PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
+"""Elevator units per rad and rad/s that keep the nose where it was trimmed, and so the airspeed."""
+SENSED_MS = 20
+"""The sensors are read at 50 Hz, ArduPlane's own loop: their noise stays for so long."""
+SENSED = (
+    *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
+    *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
+)
+"""What ATTITUDE tells and the autopilot hears, in that order."""
 
 
-class FlightError(RuntimeError):
-    """An aircraft that cannot be loaded, trimmed or flown as asked."""
+@dataclass(slots=True)
+class Hands:
+    """What moves the controls besides the holds, by the millisecond.
 
-
-@dataclass(frozen=True, slots=True)
-class Servo:
-    """One servo output: travel in us, as SERVOn_MIN, _TRIM, _MAX and _REVERSED give it."""
-
-    min_us: int = 1100
-    trim_us: int = 1500
-    max_us: int = 1900
-    reverse: bool = False
-
-    def __post_init__(self) -> None:
-        if not 0 < self.min_us < self.trim_us < self.max_us < 65535:
-            raise ValueError(f"servo travel must rise, got {self}")
-
-    def pulse(self, unit: float) -> int:
-        """Return the pulse in whole us for a deflection of -1..1; what lies outside is clipped."""
-        shaft = -unit if self.reverse else unit
-        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
-        return min(max(self.trim_us + round(shaft * travel), self.min_us), self.max_us)
-
-    def unit(self, pulse_us: int) -> float:
-        """Return the deflection a pulse stands for: ArduPilot's pwm_from_angle inverted."""
-        shaft = pulse_us - self.trim_us
-        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
-        return (-shaft if self.reverse else shaft) / travel
-
-
-@dataclass(frozen=True, slots=True)
-class FlightPlan:
-    """All that decides a flight.
-
-    ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and per
-    rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time,
-    best 0.3 periods of the Dutch roll.
-
-    Raises:
-        ValueError: a manoeuvre or number that is none.
+    ``rudder`` and ``aileron`` in units about trim, ``bank`` the roll in rad that is held, each (n,)
+    or nothing; ``react`` is asked each millisecond for more rudder, knowing the flight. With
+    ``nose_held`` the elevator keeps the nose where it was trimmed, otherwise it stays.
     """
 
-    aircraft: str = "c172p"
-    speed_kt: float = 100.0
-    altitude_ft: float = 3000.0
-    heading_deg: float = 90.0
-    seconds: float = 120.0
-    manoeuvre: str = "3211"
-    amplitude: float = 0.2
-    step_s: float = 0.78
-    roll_gain: float = 1.0
-    roll_rate_gain: float = 0.3
-    rudder: Servo = field(default_factory=Servo)
-    aileron: Servo = field(default_factory=Servo)
-
-    def __post_init__(self) -> None:
-        if self.manoeuvre not in MANOEUVRES:
-            raise ValueError(f"manoeuvre must be one of {', '.join(MANOEUVRES)}")
-        for name in ("speed_kt", "seconds", "amplitude", "step_s"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
-        if self.step_s < 0.02:
-            raise ValueError(f"step_s must be at least 0.02, got {self.step_s!r}")
-        for name in ("altitude_ft", "heading_deg", "roll_gain", "roll_rate_gain"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} must be finite, got {getattr(self, name)!r}")
+    rudder: Floats | None = None
+    aileron: Floats | None = None
+    bank: Floats | None = None
+    react: Callable[[Flight], float] | None = None
+    nose_held: bool = True
 
 
 def jsbsim_rudder(unit: float) -> float:
@@ -125,74 +84,44 @@ def trimmed(plan: FlightPlan) -> Any:
     return fdm
 
 
-def excitation(plan: FlightPlan) -> NDArray[np.float64]:
-    """Return the rudder about trim for every simulation step, (n,), in units."""
-    n = round(plan.seconds / STEP_S) + 1
-    rudder = np.zeros(n)
-    start = round(LEAD_IN_S / STEP_S)
-    if plan.manoeuvre == "sweep":
-        rudder[start:] = plan.amplitude * _sweep(max(n - start, 0), plan.step_s)
-        return rudder
-    for length_s, value in cycle(manoeuvre_pieces(plan.manoeuvre, plan.step_s)):
-        stop = start + round(length_s / STEP_S)
-        rudder[start:stop] = value * plan.amplitude
-        start = stop
-        if start >= n:
-            break
-    return rudder
-
-
-def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
-    """Return sines (n,) from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``.
-
-    The frequency rises exponentially, again and again; every other sweep begins to the left.
-    """
-    t = np.arange(n) * STEP_S
-    low_hz, octaves = 0.3 * 0.3 / step_s, np.log(2.5 / 0.3)
-    phase = math.tau * low_hz * SWEEP_S / octaves * np.expm1(octaves * (t % SWEEP_S) / SWEEP_S)
-    return np.asarray(np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0) * np.sin(phase))
-
-
-def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
-    """Return the pieces (seconds, -1 | 0 | 1) of one round of a manoeuvre."""
-    if manoeuvre == "none":
-        return []
-    if manoeuvre == "prbs":
-        bits, _ = max_len_seq(9)
-        return [(step_s / 2, 2.0 * bit - 1.0) for bit in bits]
-    one = [(5 / 3, 1), (5 / 3, -1), (5, 0)]  # half a period each way
-    if manoeuvre == "3211":
-        one = [(3, 1), (2, -1), (1, 1), (1, -1), (4, 0)]
-    # Both signs, and three tempos so that no repetition excites quite the same band.
-    turns = [(sign, tempo) for tempo in (1.0, 0.7, 1.3) for sign in (1, -1)]
-    return [
-        (length * tempo * step_s, float(value * sign))
-        for sign, tempo in turns
-        for length, value in one
-    ]
-
-
 class Flight:
     """A flight in progress: ``advance_to`` a millisecond after the start, then read.
 
-    ``rudder`` (n,) is the rudder about trim, in units, for every simulation step. ``flown``
-    collects seconds, calibrated airspeed in kt, altitude in ft and equivalent airspeed in kt, four
-    times a second from the start.
+    ``hands`` move the controls, ``severity`` is that of the turbulence (MIL-F-8785C, 0: calm).
+    ``flown`` collects seconds, calibrated airspeed in kt, altitude in ft and equivalent airspeed in
+    kt, four times a second from the start. ``noise`` is what the sensors say too much, in the order
+    of ``SENSED``; None where the autopilot hears the true signals.
 
     The command of an instant is set before the run that arrives there: JSBSim propagates first and
     evaluates controls and forces at the new state, so that the command acts from that instant on.
+
+    Raises:
+        FlightError: the aircraft cannot be loaded or trimmed, or trim and moves pass the stops.
     """
 
-    def __init__(self, plan: FlightPlan, rudder: NDArray[np.float64]) -> None:
-        self._fdm = trimmed(plan)
-        self._plan = plan
-        self._aileron_trim = self._fdm["fcs/aileron-cmd-norm"]
-        rudder_trim = jsbsim_rudder(self._fdm["fcs/rudder-cmd-norm"])
-        self._rudder = (rudder_trim + rudder).tolist()
-        self._roll_trim = self._fdm["attitude/phi-rad"]
+    def __init__(
+        self, plan: FlightPlan, hands: Hands, link: Link | None = None, severity: int = 0
+    ) -> None:
+        link = link or Link()
+        self._fdm = fdm = trimmed(plan)
+        self.plan, self._hands = plan, hands
+        n = round(plan.seconds / STEP_S) + 1
+        trim = jsbsim_rudder(fdm["fcs/rudder-cmd-norm"])
+        self._rudder = [trim + move for move in _column(hands.rudder, n)]
         if max(map(abs, self._rudder)) > 1.0:
             raise FlightError("trim and amplitude together pass the rudder's stop")
-        self._ms = 0
+        self._aileron, self._bank = _column(hands.aileron, n), _column(hands.bank, n)
+        self._aileron_trim, self._roll_trim = fdm["fcs/aileron-cmd-norm"], fdm["attitude/phi-rad"]
+        self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
+        if severity:
+            fdm["atmosphere/randomseed"] = link.seed
+            fdm["atmosphere/turb-type"] = MILSPEC
+            fdm["atmosphere/turbulence/milspec/severity"] = severity
+        sigmas = [link.angle_noise] * 3 + [link.rate_noise] * 3
+        drawn = np.random.default_rng([link.seed, 43]).normal(size=(n // SENSED_MS + 1, 6)) * sigmas
+        self._noises = [] if plan.true_feedback else drawn.tolist()
+        self.noise: list[float] | None = self._noises[0] if self._noises else None
+        self.ms = 0
         self.flown: list[tuple[float, float, float, float]] = []
         self._note()
         self.rudder_us = plan.rudder.pulse(self._rudder[0])
@@ -200,28 +129,58 @@ class Flight:
 
     def advance_to(self, ms: int) -> None:
         """Fly on to a millisecond after the start."""
-        while self._ms < ms:
-            self._ms += 1
+        while self.ms < ms:
+            self.ms += 1
             self._step()
-            if self._ms % NOTED_MS == 0:
+            if self.ms % NOTED_MS == 0:
                 self._note()
 
     def _note(self) -> None:
         names = "velocities/vc-kts", "position/h-sl-ft", "velocities/ve-kts"
         calibrated, feet, equivalent = (self[name] for name in names)
-        self.flown.append((self._ms * STEP_S, calibrated, feet, equivalent))
+        self.flown.append((self.ms * STEP_S, calibrated, feet, equivalent))
 
     def _step(self) -> None:
-        fdm, plan = self._fdm, self._plan
-        self.rudder_us = plan.rudder.pulse(self._rudder[self._ms])
-        roll = fdm["attitude/phi-rad"] - self._roll_trim
-        hold = plan.roll_gain * roll + plan.roll_rate_gain * fdm["velocities/p-rad_sec"]
-        self.aileron_us = plan.aileron.pulse(self._aileron_trim - hold)
+        fdm, plan = self._fdm, self.plan
+        rudder, aileron, elevator = self._commands()
+        self.rudder_us, self.aileron_us = plan.rudder.pulse(rudder), plan.aileron.pulse(aileron)
         # What the servos are told is what is flown, quantised as it is.
         fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
         fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
+        fdm["fcs/elevator-cmd-norm"] = elevator
         fdm.run()
+        if self._noises and self.ms % SENSED_MS == 0:
+            self.noise = self._noises[self.ms // SENSED_MS]
+
+    def _commands(self) -> tuple[float, float, float]:
+        """Return what rudder, aileron and elevator are told in this millisecond."""
+        ms, hands = self.ms, self._hands
+        rudder = self._rudder[ms] + (0.0 if hands.react is None else hands.react(self))
+        aileron = self._aileron_trim + self._aileron[ms]
+        aileron -= self._roll_hold(self.sensed(0) - (self._roll_trim + self._bank[ms]))
+        elevator = self._elevator
+        if hands.nose_held:
+            elevator += PITCH_GAIN * (self.sensed(1) - self._pitch)
+            elevator += PITCH_RATE_GAIN * self.sensed(4)
+        return rudder, aileron, elevator
+
+    def _roll_hold(self, roll: float) -> float:
+        return self.plan.roll_gain * roll + self.plan.roll_rate_gain * self.sensed(3)
+
+    def sensed(self, number: int) -> float:
+        """Return one of ``SENSED`` as the autopilot hears it."""
+        true = self._fdm[SENSED[number]]
+        return float(true if self.noise is None else true + self.noise[number])
+
+    @property
+    def aileron(self) -> float:
+        """The aileron about trim in units, as its servo was told last."""
+        return float(self.plan.aileron.unit(self.aileron_us) - self._aileron_trim)
 
     def __getitem__(self, name: str) -> float:
         """Return a JSBSim property now."""
         return float(self._fdm[name])
+
+
+def _column(moves: Floats | None, n: int) -> list[float]:
+    return [0.0] * n if moves is None else moves.tolist()

@@ -17,20 +17,17 @@ from typing import Any
 import jsbsim
 import numpy as np
 
-from flights.flight import STEP_S, Flight, jsbsim_rudder
+from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Flight, Hands
 from flights.legs import MODES, Floats, Leg, LegPlan, aileron_moves, rudder_moves
+from flights.plan import STEP_S
 from flights.telemetry import FOOT, KNOT, Link
 from flights.truth import flown_yaw_channels, linear_dutch_rolls, yaw_channels
 
 GUIDE_MS = 20
 LEVEL = ("idle", "climb", "speed")
 """Legs in which the aileron that keeps the wings level is learnt, which MANUAL leaves it at."""
-MILSPEC = 3
-"""JSBSim's atmosphere/turb-type of MIL-F-8785C."""
 LOW_WIND_FPS = 8.0
 """Per severity: below 2000 ft it is the wind near the ground that makes turbulence."""
-PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
-"""Elevator units per rad and rad/s at the airspeed of the start; they go with 1/V^2."""
 THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
 """Throttle per kt, per kt and second, and per rad of the climb that is wanted."""
 SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
@@ -40,29 +37,30 @@ WINDOW_S = (1.0, 4.0)
 
 
 class LegFlight(Flight):
-    """A flight of legs in progress; ``seed`` draws turbulence and gusts.
+    """A flight of legs in progress; the link's seed draws turbulence, gusts and noise.
+
+    The gains of the nose are those of the airspeed at the start; they go with 1/V^2.
 
     ``starts_ms`` are the legs' beginnings and the end of the last.
     """
 
-    def __init__(self, plan: LegPlan, seed: int) -> None:
+    def __init__(self, plan: LegPlan, link: Link) -> None:
         self.legs = plan.legs
-        self.rudder_moves, self.aileron_moves = moves(plan)
-        super().__init__(plan.trim_plan(), np.append(self.rudder_moves, 0.0))
+        self.rudder_moves, aileron_moves = moves(plan)
+        hands = Hands(np.append(self.rudder_moves, 0.0), np.append(aileron_moves, 0.0))
+        super().__init__(plan.trim_plan(), hands, link)
         fdm = self._fdm
         lengths = [round(leg.seconds / STEP_S) for leg in plan.legs]
         self.starts_ms = np.concatenate([[0], np.cumsum(lengths)]).tolist()
-        self._stir = np.append(self.aileron_moves, 0.0).tolist()
         self._number, self._speeds = -1, plan.speeds_kt()
         self._speed, self._height = plan.speed_kt, plan.altitude_ft
         self._throttle = fdm["fcs/throttle-cmd-norm"]
-        self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
-        self._lift = self._nose = self._bank = self._feet = 0.0
+        self._lift = self._nose = self._bank_held = self._feet = 0.0
         self._slow_aileron = self._aileron_trim
         self._runway: float | None = None
-        self._drawn = np.random.default_rng([seed, 41])
+        self._drawn = np.random.default_rng([link.seed, 41])
         fdm["propulsion/fuel_freeze"] = 1.0  # the mass stays that of the truth
-        fdm["atmosphere/randomseed"] = seed
+        fdm["atmosphere/randomseed"] = link.seed
         fdm["atmosphere/turb-type"] = MILSPEC
         self._enter(0)
 
@@ -86,36 +84,32 @@ class LegFlight(Flight):
         )
 
     def _step(self) -> None:
-        fdm, ms, plan = self._fdm, self._ms, self._plan
+        ms = self.ms
         if ms > self.starts_ms[self._number + 1] and self._number + 1 < len(self.legs):
             self._enter(self._number + 1)
         if ms % GUIDE_MS == 0:
             self._guide()
         if self._leg.gust_m_s:
             self._blow()
-        self.rudder_us = plan.rudder.pulse(self._rudder[ms] + self._feet)
-        aileron = self._slow_aileron
+        super()._step()
+
+    def _commands(self) -> tuple[float, float, float]:
+        rudder, aileron = self._rudder[self.ms] + self._feet, self._slow_aileron
         if self._leg.mode != "MANUAL":
-            roll = fdm["attitude/phi-rad"] - self._roll_trim - self._bank
-            hold = plan.roll_gain * roll + plan.roll_rate_gain * fdm["velocities/p-rad_sec"]
-            aileron = self._aileron_trim - hold
+            roll = self.sensed(0) - self._roll_trim - self._bank_held
+            aileron = self._aileron_trim - self._roll_hold(roll)
             if self._leg.kind in LEVEL and abs(roll) < 0.03:
                 self._slow_aileron += STEP_S / 3.0 * (aileron - self._slow_aileron)
-        self.aileron_us = plan.aileron.pulse(aileron + self._stir[ms])
-        nose = fdm["attitude/theta-rad"] - self._pitch - self._nose
-        damping = PITCH_RATE_GAIN * fdm["velocities/q-rad_sec"]
-        stiffness = min((plan.speed_kt / max(fdm["velocities/vc-kts"], 1.0)) ** 2, 4.0)
-        fdm["fcs/elevator-cmd-norm"] = self._elevator + stiffness * (PITCH_GAIN * nose + damping)
-        # What the servos are told is what is flown, quantised as it is.
-        fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
-        fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
-        fdm.run()
+        nose = self.sensed(1) - self._pitch - self._nose
+        stiffness = min((self.plan.speed_kt / max(self["velocities/vc-kts"], 1.0)) ** 2, 4.0)
+        held = stiffness * (PITCH_GAIN * nose + PITCH_RATE_GAIN * self.sensed(4))
+        return rudder, aileron + self._aileron[self.ms], self._elevator + held
 
     def _guide(self) -> None:
         """Say what nose, throttle and bank are to be, fifty times a second."""
         leg = self._leg
         bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
-        self._bank += _within(bank - self._bank, BANK_STEP)
+        self._bank_held += _within(bank - self._bank_held, BANK_STEP)
         fdm, dt = self._fdm, GUIDE_MS / 1000
         if leg.kind in ("manoeuvre", "aileron"):
             self._nose += (self._lift - self._nose) * dt
@@ -153,7 +147,7 @@ class LegFlight(Flight):
         if self._runway is None and fdm["gear/unit[1]/WOW"] + fdm["gear/unit[2]/WOW"] == 0.0:
             self._climb(-1.5 - max(over_ft, 0.0) / 4.0, dt)
             return
-        heading = fdm["attitude/psi-rad"]
+        heading = self.sensed(2)
         if self._runway is None:
             self._runway = heading + math.radians(self._drawn.uniform(-6.0, 6.0))
         self._nose += _within(-self._nose, 0.03 * dt)
@@ -163,11 +157,11 @@ class LegFlight(Flight):
 
     def _ends_soon(self) -> bool:
         """Say whether it is time to roll out of the leg's bank."""
-        return bool(self.starts_ms[self._number + 1] - self._ms < 3000)
+        return bool(self.starts_ms[self._number + 1] - self.ms < 3000)
 
     def _blow(self) -> None:
         """Set the side gust: (1 - cos) across the heading."""
-        fdm, share = self._fdm, (self._ms - self._gust_ms) / (1000.0 * self._leg.gust_s)
+        fdm, share = self._fdm, (self.ms - self._gust_ms) / (1000.0 * self._leg.gust_s)
         size = self._gust_fps * 0.5 * (1.0 - math.cos(math.tau * min(max(share, 0.0), 1.0)))
         heading = fdm["attitude/psi-rad"]
         fdm["atmosphere/gust-north-fps"] = -size * math.sin(heading)

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flights.flight import (
+from flights.plan import (
     LEAD_IN_S,
     STEP_S,
     FlightPlan,
@@ -107,6 +107,7 @@ class LegPlan:
     heading_deg: float = 90.0
     roll_gain: float = FlightPlan().roll_gain
     roll_rate_gain: float = FlightPlan().roll_rate_gain
+    true_feedback: bool = False
 
     def __post_init__(self) -> None:
         if not self.legs:
@@ -114,7 +115,7 @@ class LegPlan:
         self.trim_plan()
 
     def trim_plan(self) -> FlightPlan:
-        """Return the plan of :mod:`jsbsim_flight` with the same start and length."""
+        """Return the plan of :mod:`flights.plan` with the same start and length."""
         names = [field.name for field in fields(self) if field.name != "legs"]
         same: dict[str, Any] = {name: getattr(self, name) for name in names}
         seconds = sum(leg.seconds for leg in self.legs)

@@ -1,7 +1,7 @@
 """Logs in which nothing excites the rudder, a dozen ways: none may pass for an answer.
 
 In the air by JSBSim (turns, gusts, mixed and damped rudders, a vibration, an autopilot that is only
-a passenger); hovering, tumbling, parked and rolling by simple motions (tools/flights/drawn.py).
+a passenger); hovering, tumbling, parked and rolling by simple motions (flights/drawn.py).
 """
 
 from __future__ import annotations
@@ -12,29 +12,17 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from cases.recipes import Made
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
-from flights.drawn import disarmed, hovering, parked, quadrotor, taxiing, tumbling
-from flights.flight import FlightPlan
-from flights.free import (
-    ARMED,
-    LENGTHS_S,
-    SEED,
-    Damper,
-    Floats,
-    Hands,
-    Mixed,
-    by_hand,
-    count,
-    drawn_link,
-    flown_log,
-    wander,
-)
-from flights.surgery import Record, join, rewrite, split
+from flights.drawn import ARMED, LENGTHS_S, disarmed, hovering, parked, quadrotor, taxiing, tumbling
+from flights.flight import Floats, Hands
+from flights.fly import Made, fly
+from flights.hands import Damper, Mixed, by_hand, count, wander
+from flights.moved import SEED, drawn_link
+from flights.plan import FlightPlan
+from flights.surgery import Record, join, message_id, payload, rewrite, split
 from flights.telemetry import Link
-from flights.trim_tlog import message_id, records
 
 GENTLE = (
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
@@ -78,7 +66,7 @@ def in_the_air(
         manoeuvre="none",
     )
     severity = int(rng.choice(severities))
-    return flown_log(plan, drawn_link(rng), hands(seconds), severity, **told)
+    return fly(plan, drawn_link(rng), hands(seconds), severity, **told)
 
 
 def turning(rng: np.random.Generator) -> Made:
@@ -153,9 +141,9 @@ def vibrating(rng: np.random.Generator) -> Made:
 def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator) -> bytes:
     """Add a narrow line (0.05 Hz) to the yaw rate of ATTITUDE, then ``share`` of its power."""
     rates = [
-        struct.unpack_from("<f", payload.ljust(28, b"\0"), 24)[0]
-        for ident, payload, _ in records(log)
-        if ident == message_id("ATTITUDE")
+        struct.unpack_from("<f", payload(frame, 28), 24)[0]
+        for _, frame in split(log)
+        if message_id(frame) == mavlink.MAVLINK_MSG_ID_ATTITUDE
     ]
     amplitude = math.sqrt(2.0 * share / (1.0 - share) * float(np.var(rates)))
     phase, before_s = float(rng.uniform(0.0, math.tau)), 0.0
@@ -177,14 +165,15 @@ def lined() -> Made:
     """Fly by hand a Dutch roll near 1.3 rad/s, and put a line of 2.4 Hz on the gyro.
 
     The line has 17 % of the yaw rate's power and is no mode of the aircraft: 15.1 rad/s is no
-    answer.
+    answer. The flight is kept as it was when that was found, its autopilot hearing true signals.
     """
     rng = np.random.default_rng([SEED, 2])
     plan = FlightPlan(
-        aircraft="t6texan2", speed_kt=138.0, altitude_ft=5000.0, seconds=120.0, manoeuvre="none"
-    )
+        aircraft="t6texan2", speed_kt=138.0, altitude_ft=5000.0, seconds=120.0, manoeuvre="none",
+        true_feedback=True,
+    )  # fmt: skip
     hands = Hands(rudder=by_hand(rng, plan.seconds, amplitude=0.12, unit_s=1.5))
-    made = flown_log(plan, Link(attitude_hz=25.0, servo_hz=25.0), hands, group="line", line_hz=2.4)
+    made = fly(plan, Link(attitude_hz=25.0, servo_hz=25.0), hands, group="line", line_hz=2.4)
     return Made(with_line(made.log, 2.4, 0.17, rng), made.truth)
 
 

@@ -15,29 +15,35 @@ import json
 import socket
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from flights.command import Stamped, endpoint, send
-from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size
+from flights.surgery import Record, split
 
 PAUSE_S = 0.0005
 
 
-def stamped_frames(log: bytes) -> Iterator[Stamped]:
-    """Yield (stamp in us, frame) of each record.
+def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> int:
+    """Send each frame as a datagram at the pace of its stamps; return how many were sent."""
+    sent = 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        start_s, first_us = time.monotonic(), None
+        for stamp_us, frame in frames:
+            first_us = stamp_us if first_us is None else first_us
+            ahead_s = (stamp_us - first_us) / (1e6 * speedup) - (time.monotonic() - start_s)
+            if ahead_s > 0.0:
+                time.sleep(ahead_s)
+            sock.sendto(frame, endpoint)
+            sent += 1
+    return sent
 
-    Raises:
-        ValueError: a record does not begin with a MAVLink frame.
-    """
-    at = 0
-    while at + STAMP_SIZE < len(log):
-        begin = at + STAMP_SIZE
-        size = frame_size(log[begin : begin + 3])
-        if size is None:
-            raise ValueError(f"no MAVLink frame at byte {begin}")
-        yield int.from_bytes(log[at:begin], "big"), log[begin : begin + size]
-        at = begin + size
+
+def endpoint(text: str) -> tuple[str, int]:
+    """Return (host, port) of ``HOST:PORT``."""
+    host, colon, port = text.rpartition(":")
+    if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, got {text!r}")
+    return host, int(port)
 
 
 def flood(frames: Sequence[bytes], where: tuple[str, int], rate: float, count: int) -> None:
@@ -67,7 +73,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--rate", type=float, help="datagrams a second instead")
     parser.add_argument("--count", type=int, default=100_000, help="of --rate")
     options = parser.parse_args(argv)
-    frames = list(stamped_frames(options.log.read_bytes()))
+    frames = split(options.log.read_bytes())
     if options.rate is not None:
         flood([frame for _, frame in frames], options.endpoint, options.rate, options.count)
     else:

@@ -13,17 +13,32 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flights.trim_tlog import STAMP_SIZE
-from flights.trim_tlog import records as tlog_records
-
 Record = tuple[int, bytes]
+STAMP_SIZE = 8
 FIRST_SIGNATURE = 10_000_000
 
 
 def split(log: bytes) -> list[Record]:
-    """Return the records of an intact log."""
-    found = [record for _, _, record in tlog_records(log)]
-    return [(int.from_bytes(r[:STAMP_SIZE], "big"), r[STAMP_SIZE:]) for r in found]
+    """Return the records of an intact log; a torn last one is left out.
+
+    Raises:
+        ValueError: a record does not begin with a MAVLink frame.
+    """
+    found, at = [], 0
+    while at + STAMP_SIZE + 12 <= len(log):
+        begin = at + STAMP_SIZE
+        size = log[begin + 1]
+        if log[begin] == 0xFD:
+            end = begin + 12 + size + 13 * (log[begin + 2] & 1)
+        elif log[begin] == 0xFE:
+            end = begin + 8 + size
+        else:
+            raise ValueError(f"no MAVLink frame at byte {begin}")
+        if end > len(log):
+            break
+        found.append((int.from_bytes(log[at:begin], "big"), log[begin:end]))
+        at = end
+    return found
 
 
 def join(records: Iterable[Record]) -> bytes:
@@ -34,6 +49,12 @@ def join(records: Iterable[Record]) -> bytes:
 def message_id(frame: bytes) -> int:
     """Return the number of a frame's message."""
     return frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
+
+
+def payload(frame: bytes, size: int) -> bytes:
+    """Return the first bytes of a frame's payload; MAVLink 2 leaves trailing zeros out."""
+    head = 6 if frame[0] == 0xFE else 10
+    return frame[head : head + frame[1]].ljust(size, b"\0")[:size]
 
 
 def sender(frame: bytes) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from flights.flight import FlightPlan, Servo
+from flights.plan import FlightPlan, Servo
 
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
 GCS = (255, 190)
@@ -20,10 +20,15 @@ AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos
 
 
 class Flying(Protocol):
-    """What is told of: a flight of JSBSim, or what gives the properties that are asked for."""
+    """What is told of: a flight of JSBSim, or what gives the properties that are asked for.
 
+    ``noise`` (6,) is that of its sensors, angles and rates; None: the link draws it.
+    """
+
+    plan: FlightPlan
     rudder_us: int
     aileron_us: int
+    noise: list[float] | None
 
     def advance_to(self, ms: int) -> None:
         """Go on to a millisecond after the start."""
@@ -90,16 +95,16 @@ class Receiver:
         return self._last_us
 
 
-def telemetry(plan: FlightPlan, link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
+def telemetry(link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
     """Fly and yield (receive stamp in us of Unix time, MAVLink frame), stamps never decreasing."""
     rng = np.random.default_rng(link.seed)
     version = "v10" if link.mavlink1 else "v20"
     dialect = importlib.import_module(f"pymavlink.dialects.{version}.ardupilotmega")
-    messages = Messages(dialect, plan, link, flight, rng)
+    messages = Messages(dialect, link, flight, rng)
     vehicle = link.sysid, 1
     senders = {ids: Sender(dialect, ids) for ids in (vehicle, GCS)}
     receiver = Receiver(rng)
-    for ms, name, index in schedule(plan, link, rng):
+    for ms, name, index in schedule(flight.plan, link, rng):
         flight.advance_to(ms)
         ids = GCS if name == "gcs_heartbeat" else vehicle
         frame = senders[ids].frame(getattr(messages, name)(ms, index))
@@ -146,11 +151,9 @@ def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
 class Messages:
     """Each message as the vehicle (or the ground station) would say it now."""
 
-    def __init__(
-        self, dialect: Any, plan: FlightPlan, link: Link, flight: Flying, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, dialect: Any, link: Link, flight: Flying, rng: np.random.Generator) -> None:
         self._dialect, self._link, self._flight, self._rng = dialect, link, flight, rng
-        self._parameters = parameters(plan)
+        self._parameters = parameters(flight.plan)
 
     def heartbeat(self, ms: int, index: int) -> Any:
         """HEARTBEAT of the armed aeroplane."""
@@ -181,8 +184,11 @@ class Messages:
         yaw = math.remainder(flight["attitude/psi-rad"], math.tau)
         angles = np.array([flight["attitude/phi-rad"], flight["attitude/theta-rad"], yaw])
         rates = np.array([flight[f"velocities/{axis}-rad_sec"] for axis in "pqr"])
-        angles = angles + self._rng.normal(0.0, link.angle_noise, 3)
-        rates = rates + self._rng.normal(0.0, link.rate_noise, 3)
+        noise = flight.noise or [
+            *self._rng.normal(0.0, link.angle_noise, 3),
+            *self._rng.normal(0.0, link.rate_noise, 3),
+        ]
+        angles, rates = angles + noise[:3], rates + noise[3:]
         angles[2] = math.remainder(angles[2], math.tau)
         boot_ms = (ms + round(1000 * link.boot_s)) % 2**32
         return self._dialect.MAVLink_attitude_message(boot_ms, *angles, *rates)

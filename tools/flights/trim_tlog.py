@@ -10,55 +10,29 @@ from __future__ import annotations
 import argparse
 import struct
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega
 
+from flights.surgery import join, message_id, payload, split
+
 ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALUE", "STATUSTEXT")
-STAMP_SIZE = 8
-
-
-def records(log: bytes) -> Iterator[tuple[int, bytes, bytes]]:
-    """Yield (message id, payload, whole record); a torn last record is left out.
-
-    Raises:
-        ValueError: a record does not begin with a MAVLink frame.
-    """
-    at = 0
-    while at + STAMP_SIZE + 12 <= len(log):
-        frame = at + STAMP_SIZE
-        size = log[frame + 1]
-        if log[frame] == 0xFD:
-            signature = 13 * (log[frame + 2] & 1)
-            header, end, id_at = 10, frame + 12 + size + signature, slice(frame + 7, frame + 10)
-        elif log[frame] == 0xFE:
-            header, end, id_at = 6, frame + 8 + size, slice(frame + 5, frame + 6)
-        else:
-            raise ValueError(f"no MAVLink frame at byte {frame}")
-        if end > len(log):
-            return
-        payload = log[frame + header : frame + header + size]
-        yield int.from_bytes(log[id_at], "little"), payload, log[at:end]
-        at = end
 
 
 def trim(log: bytes, start_s: float, stop_s: float, only: Collection[str] | None = None) -> bytes:
     """Return the records with ``start_s <= boot time < stop_s``, only of the messages named."""
-    wanted = None if only is None else {message_id(name) for name in only}
-    attitude = message_id("ATTITUDE")
-    boot_s = -1.0
-    kept = []
-    for ident, payload, record in records(log):
-        if ident == attitude:
-            # MAVLink 2 leaves trailing zeros of a payload out.
-            boot_s = struct.unpack("<I", payload[:4].ljust(4, b"\0"))[0] / 1000.0
+    wanted = None if only is None else {number(name) for name in only}
+    attitude, boot_s, kept = number("ATTITUDE"), -1.0, []
+    for stamp, frame in split(log):
+        if (ident := message_id(frame)) == attitude:
+            boot_s = struct.unpack("<I", payload(frame, 4))[0] / 1000.0
         if start_s <= boot_s < stop_s and (wanted is None or ident in wanted):
-            kept.append(record)
-    return b"".join(kept)
+            kept.append((stamp, frame))
+    return join(kept)
 
 
-def message_id(name: str) -> int:
+def number(name: str) -> int:
     """Return a message's number.
 
     Raises:

@@ -17,7 +17,8 @@ import jsbsim
 import numpy as np
 from numpy.typing import NDArray
 
-from flights.flight import LEAD_IN_S, STEP_S, Flight, FlightPlan, Servo, trimmed
+from flights.flight import Flight, Hands, trimmed
+from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Servo
 
 Floats = NDArray[np.float64]
 Mode = dict[str, float]
@@ -78,11 +79,16 @@ def mean_plan(plan: FlightPlan, flown: Floats) -> FlightPlan:
 
 def flown_dutch_rolls(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]:
     """Return the two Dutch rolls of a flight: wn_rad_s, wn_std, zeta, zeta_std; None: no such."""
+    return modes_at(truth_lines(plan, flown), flown[:, 1])
+
+
+def modes_at(lines: dict[str, Line | None], knots: Floats) -> dict[str, Mode | None]:
+    """Return the Dutch rolls of :func:`truth_lines` at airspeeds (n,)."""
     modes: dict[str, Mode | None] = {}
-    for name, line in truth_lines(plan, flown).items():
+    for name, line in lines.items():
         modes[name] = None
         if line is not None:
-            (wn, zeta), (wn_std, zeta_std) = (x.tolist() for x in at_airspeeds(line, flown[:, 1]))
+            (wn, zeta), (wn_std, zeta_std) = (x.tolist() for x in at_airspeeds(line, knots))
             modes[name] = {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
     return modes
 
@@ -233,12 +239,12 @@ def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> Floats:
     servos have 32 766 steps of travel a side: quantisation would hide the end of the decay.
     """
     fine = Servo(1, 32_767, 65_533)
-    plan = replace(plan, rudder=fine, aileron=fine)
+    plan = replace(plan, seconds=seconds + 1.0, rudder=fine, aileron=fine, true_feedback=True)
     every_ms, pulse_ms = 50, 200
     rudder = np.zeros(round(seconds / STEP_S) + pulse_ms + 1)
-    still = Flight(plan, rudder)
+    still = Flight(plan, Hands(rudder, nose_held=False))
     rudder[1 : pulse_ms + 1] = 0.02
-    moved = Flight(plan, rudder)
+    moved = Flight(plan, Hands(rudder, nose_held=False))
     response = []
     for ms in range(pulse_ms + every_ms, len(rudder), every_ms):
         still.advance_to(ms)

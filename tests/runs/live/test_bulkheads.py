@@ -14,7 +14,7 @@ from pkgutil import resolve_name
 from typing import Any
 
 import pytest
-from flights.send_tlog import stamped_frames
+from flights.surgery import split
 from live_link import CONFIG, Session, frames, free_port, listening, send, tlog_size, wait_for_size
 
 from yawid.errors import ConfigError
@@ -57,7 +57,7 @@ def fly_two(session: Session) -> None:
 
 def whole(path: Path, sysid: int) -> bool:
     """Whether a tlog holds every frame that the vehicle sent."""
-    recorded = [frame for _, frame in stamped_frames(path.read_bytes())]
+    recorded = [frame for _, frame in split(path.read_bytes())]
     return [frame for frame in recorded if frame[5] == sysid] == SENT[sysid]
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from checks.children import LEAVE_S, child
-from flights.send_tlog import stamped_frames
+from flights.surgery import split
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from sinks.rerun.rerun_reading import VIEWER
 from sinks.rerun.test_viewer import viewer
@@ -110,7 +110,7 @@ def test_a_clock_that_is_set_is_one_line_and_no_stamp_moves(
     [ended] = session.ended
     assert lines_with(f"this machine's clock jumped by {jump_s:+.1f} s", session.screen) != []
     assert len(lines_with("clock jumped", session.screen)) == 1
-    stamped = [us for us, _ in stamped_frames((tmp_path / "live.tlog").read_bytes())]
+    stamped = [us for us, _ in split((tmp_path / "live.tlog").read_bytes())]
     assert stamped == sorted(stamped)
     assert stamped[-1] - stamped[0] < 60_000_000
     assert (

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from finished_runs import messages
-from flights.send_tlog import stamped_frames
+from flights.surgery import split
 from live_link import (
     CONFIG,
     attend,
@@ -32,7 +32,7 @@ from yawid.runs.live import Ended
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 
-GAPS = [f for _, f in stamped_frames((REPLAY_LOGS / "c172p_gaps" / "log.tlog").read_bytes())]
+GAPS = [f for _, f in split((REPLAY_LOGS / "c172p_gaps" / "log.tlog").read_bytes())]
 """Four manoeuvres of a Cessna, of which three end before the flight does."""
 TOLD_S = 2.0
 

@@ -1,0 +1,106 @@
+"""Whole flights at three speeds: what is found in them, and how right each answer is.
+
+    python tools/bench.py speeds [--seeds 4] [--severities 0,1,2,3] [--logs DIR] [--jobs 2]
+
+The plan three_speeds (flights/legs.py) in turbulence of each severity, replayed with the default
+options: every manoeuvre against the truth at the airspeed flown, then the flight's answer. A usable
+manoeuvre is right (2 % of wn and .02 of zeta), fair (wn within 5 %), wrong (more than 10 % off) or
+neither.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from checks.judge import Row, folder_of, in_processes, judged, kept, options_of
+from flights.fly import fly
+from flights.legs import PLANS, LegPlan
+from flights.telemetry import Link
+
+RIGHT_PCT, RIGHT_ZETA, FAIR_PCT, WRONG_PCT = 2.0, 0.02, 5.0, 10.0
+Task = tuple[int, int]
+"""Severity of the turbulence, and seed."""
+
+
+def turbulent(plan: LegPlan, severity: int) -> LegPlan:
+    """Return the plan in turbulence of one severity throughout."""
+    return replace(plan, legs=tuple(replace(leg, severity=severity) for leg in plan.legs))
+
+
+def rows_of(folder: Path, task: Task) -> list[Row]:
+    """Fly the three speeds once, where they are not in the folder yet; return the flight's rows."""
+    severity, seed = task
+    plan = turbulent(PLANS["three_speeds"], severity)
+    make = partial(fly, plan, Link(seed=seed))
+    found = judged(*kept(folder, f"three_speeds_s{severity}_{seed:03d}", make))
+    return [{"severity": severity, "seed": seed} | row for row in found]
+
+
+def counts(rows: Sequence[Row]) -> tuple[int, ...]:
+    """Return how many manoeuvres were flown, missed, found elsewhere, refused, and how right."""
+    found = [row for row in rows if row["kind"] == "manoeuvre"]
+    missed = [row for row in rows if row["kind"] == "missed"]
+    own = [row for row in found if row["of"] is not None]
+    flown = {(row["seed"], row["of"]) for row in [*own, *missed]}
+    usable = [row for row in own if row["usable"]]
+    kinds = [how_right(row) for row in usable]
+    told = [kinds.count(kind) for kind in ("right", "fair", "neither", "wrong")]
+    return len(flown), len(missed), len(found) - len(own), len(own) - len(usable), *told
+
+
+def how_right(row: Row) -> str:
+    """Say how right a usable row is."""
+    if row["wn_error_pct"] is None:
+        return "wrong"
+    wn_pct, zeta = abs(row["wn_error_pct"]), abs(row["zeta"] - row["zeta_true"])
+    if wn_pct <= RIGHT_PCT and zeta <= RIGHT_ZETA:
+        return "right"
+    return "fair" if wn_pct <= FAIR_PCT else "wrong" if wn_pct > WRONG_PCT else "neither"
+
+
+def flight_cells(flights: Sequence[Row]) -> tuple[str, ...]:
+    """Return how many flights are usable, and how far they and their kappa are off."""
+    usable = [row for row in flights if row["usable"] and row["wn_error_pct"] is not None]
+    kappa = [row for row in usable if "kappa_true" in row]
+    return (
+        str(len(flights)),
+        str(len(usable)),
+        _span([row["wn_error_pct"] for row in usable], "+.1f"),
+        _span([row["zeta"] - row["zeta_true"] for row in usable], "+.3f"),
+        _span([100.0 * (row["kappa"] / row["kappa_true"] - 1.0) for row in kappa], "+.1f"),
+        _span([row[z] for row in usable for z in ("wn_z", "zeta_z") if row[z] is not None], "+.1f"),
+        str(sum(row["disagree"] for row in usable)),
+    )
+
+
+def _span(values: Sequence[float], form: str) -> str:
+    return f"{min(values):{form}} to {max(values):{form}}" if values else "-"
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield a table of manoeuvres, then one of flights, a row for each severity."""
+    parser = argparse.ArgumentParser(prog="bench.py speeds", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=4, help="of each severity")
+    parser.add_argument("--severities", default="0,1,2,3", help="0 to 7")
+    options_of(parser)
+    options = parser.parse_args(arguments)
+    severities = [int(each) for each in options.severities.split(",")]
+    tasks = [(severity, 1 + n) for severity in severities for n in range(options.seeds)]
+    with folder_of(options.logs) as folder:
+        found = list(in_processes(partial(rows_of, folder), tasks, options.jobs))
+    by = {severity: [r for some in found for r in some if r["severity"] == severity]
+          for severity in severities}  # fmt: skip
+    yield "| | flown | missed | elsewhere | refused | right | fair | neither | wrong |"
+    yield "|---" * 9 + "|"
+    for severity, rows in by.items():
+        yield f"| severity {severity} | " + " | ".join(map(str, counts(rows))) + " |"
+    yield ""
+    yield "| | flights | usable | wn off, % | zeta off | kappa off, % | z | disagree |"
+    yield "|---" * 8 + "|"
+    for severity, rows in by.items():
+        cells = flight_cells([row for row in rows if row["kind"] == "flight"])
+        yield f"| severity {severity} | {' | '.join(cells)} |"

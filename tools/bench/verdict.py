@@ -1,0 +1,106 @@
+"""How often the verdict errs, each way, on logs with a known answer and on logs that have none.
+
+    python tools/bench.py verdict [--excited 120] [--unexcited 210] [--runs default,inspect]
+                                  [--logs DIR] [--jobs 2] [--readme]
+
+Flights of JSBSim whose rudder is moved on purpose, half of them in turbulence (flights/moved.py),
+and logs in which nothing excites it (flights/quiet.py), each replayed with the options of a run.
+Below the table: which logs were judged wrongly, and by which reasons right answers were refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from checks.judge import Row, folder_of, in_processes, judged, kept, options_of
+from flights.fly import Made
+from flights.moved import excited
+from flights.quiet import unexcited
+
+from yawid.config.run import RunConfig, check_settings
+from yawid.runs.inspect_log import inspect
+
+RIGHT_PCT, WRONG_PCT = 5.0, 10.0
+"""Errors of wn: an answer below the first is right, one above the second is wrong."""
+MAKERS: dict[str, Callable[[int], Made]] = {"excited": excited, "unexcited": unexcited}
+
+
+def _recommended(log: Path) -> RunConfig | None:
+    report, _ = inspect(log, {})
+    options = {key: value for key, value in report.recommend.items() if key != "record"}
+    return RunConfig(**check_settings(options, "inspect")) if options else None
+
+
+RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
+    "default": lambda log: RunConfig(),
+    "forgetting": lambda log: RunConfig(forgetting=1.0),
+    "remedy": lambda log: RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0)),
+    "inspect": _recommended,
+}
+"""What a run's configuration is, None where inspect recommends none; ``remedy`` is what a refusal
+of turns advises."""
+
+
+def rows_of(folder: Path, runs: tuple[str, ...], task: tuple[str, int]) -> list[Row]:
+    """Return the row of each run on one log."""
+    kind, number = task
+    name = f"{kind}_{number:03d}"
+    log, truth = kept(folder, name, partial(MAKERS[kind], number))
+    rows = []
+    for run in runs:
+        row: Row = {"usable": False, "fatal": "no_run_recommended", "wn_error_pct": None}
+        if (config := RUNS[run](log)) is not None:
+            (row,) = (row for row in judged(log, truth, config) if row["kind"] == "flight")
+        rows.append(row | {"name": name, "log": kind, "group": truth["group"], "run": run})
+    return rows
+
+
+def off_pct(row: Row) -> float:
+    """Return by how many % an answer is wrong, infinitely where there is none."""
+    error = row.get("wn_error_pct")
+    return math.inf if error is None else abs(error)
+
+
+def table(rows: list[Row]) -> Iterator[str]:
+    """Yield a table of both errors, a row for each run; then what was judged wrongly."""
+    yield "| | usable without excitation | right | right, refused | usable, wrong |"
+    yield "|---|---|---|---|---|"
+    others = []
+    for run in dict.fromkeys(row["run"] for row in rows):
+        quiet, flights = (
+            [row for row in rows if row["run"] == run and row["log"] == kind]
+            for kind in ("unexcited", "excited")
+        )
+        false = [row for row in quiet if row["usable"]]
+        right = [row for row in flights if off_pct(row) < RIGHT_PCT]
+        refused = [row for row in right if not row["usable"]]
+        wrong = [row for row in flights if row["usable"] and off_pct(row) > WRONG_PCT]
+        counts = (f"{len(false)} of {len(quiet)}", f"{len(right)} of {len(flights)}")
+        yield f"| {run} | {' | '.join(counts)} | {len(refused)} | {len(wrong)} |"
+        others += [f"{run}: {row['name']} ({row['group']}) is usable" for row in [*false, *wrong]]
+        reasons = Counter(reason for row in refused for reason in row["fatal"].split())
+        others += [f"{run}: {reason} refuses {n} right ones" for reason, n in reasons.items()]
+    yield ""
+    yield from others
+
+
+def main(arguments: list[str]) -> Iterator[str]:
+    """Yield the table."""
+    parser = argparse.ArgumentParser(prog="bench.py verdict", description=__doc__)
+    parser.add_argument("--excited", type=int, default=120)
+    parser.add_argument("--unexcited", type=int, default=210)
+    parser.add_argument("--runs", default="default,inspect", help=f"of {', '.join(RUNS)}")
+    options_of(parser)
+    options = parser.parse_args(arguments)
+    runs = tuple(options.runs.split(","))
+    if unknown := set(runs) - RUNS.keys():
+        parser.error(f"no such run: {', '.join(sorted(unknown))}")
+    tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
+    with folder_of(options.logs) as folder:
+        one = partial(rows_of, folder, runs)
+        yield from table([row for some in in_processes(one, tasks, options.jobs) for row in some])

@@ -1,0 +1,244 @@
+"""What yawid answers of a log next to what is true: the rows that every judge of flights counts.
+
+A row is one estimate: of a manoeuvre by each method (kind ``rml``, ``els``) and as it is answered
+(``manoeuvre``), of the flight (``flight``), of the stream at its end (``stream rml``, ``stream
+els``); or a manoeuvre of the truth that was not found (``missed``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flights.fly import Made
+from flights.truth import at_airspeeds
+from numpy.typing import NDArray
+
+from yawid.config.run import RunConfig
+from yawid.errors import YawidError
+from yawid.pipeline import Pipeline
+from yawid.results.run_summary import DutchRoll, Manoeuvre, RunSummary, VerdictSummary
+from yawid.results.summary import summarise
+from yawid.runs.job import feed_all, open_log
+
+Row = dict[str, Any]
+Truth = dict[str, Any]
+Floats = NDArray[np.float64]
+Known = tuple[Floats, Floats]
+"""True wn in rad/s and zeta (2,), and their sigmas (2,)."""
+METHODS = ("rml", "els")
+MEMORY_S = 60.0
+"""The default memory: what the stream's estimate at its end is of."""
+MOST_JOBS = 2
+
+
+def options_of(parser: argparse.ArgumentParser) -> None:
+    """Add the options that all judges have."""
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="where flights stay")
+    parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
+
+
+@contextmanager
+def folder_of(logs: Path | None) -> Iterator[Path]:
+    """Yield the folder where flights stay, or one that goes away."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = logs or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+
+
+def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth]:
+    """Return a log and its truth; make them where they are not in the folder yet."""
+    log, told = folder / f"{name}.tlog", folder / f"{name}.json"
+    if not told.exists():  # written last: who has it has the whole log
+        made = make()
+        log.write_bytes(made.log)
+        told.write_text(json.dumps(made.truth, indent=1) + "\n", encoding="utf-8")
+    return log, json.loads(told.read_text(encoding="utf-8"))
+
+
+def in_processes(
+    do: Callable[[Any], list[Row]], tasks: Sequence[Any], jobs: int
+) -> Iterator[list[Row]]:
+    """Yield what ``do`` returns of each task, in their order, and say how many are done."""
+    with ExitStack() as stack:
+        found: Iterator[list[Row]] = map(do, tasks)
+        if jobs > 1:
+            pool = ProcessPoolExecutor(MOST_JOBS, get_context("spawn"))
+            found = stack.enter_context(pool).map(do, tasks)
+        for done, rows in enumerate(found, 1):
+            print(f"\r{done} of {len(tasks)} ", end="", file=sys.stderr, flush=True)
+            yield rows
+    print(file=sys.stderr)
+
+
+def replayed(log: Path, config: RunConfig | None = None) -> RunSummary:
+    """Return the summary of a log, with the default options unless others are given."""
+    source, pipeline = open_log(log), Pipeline(config or RunConfig())
+    feed_all(source, pipeline)
+    return summarise(pipeline, source.link, str(log), "")[0]
+
+
+def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row]:
+    """Replay a log; return its rows. Of one that cannot be read the flight's, refused."""
+    config = config or RunConfig()
+    try:
+        return compared(replayed(log, config), truth, config)
+    except YawidError as error:
+        verdict = VerdictSummary(usable=False, reasons=[])
+        return [{"kind": "flight"} | _told(None, None, verdict) | {"fatal": type(error).__name__}]
+
+
+def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> Known | None:
+    """Return what is true between two boot times, None where it is not known.
+
+    With the aileron as an input the roll hold is outside the model: then the bare airframe is true.
+    """
+    bare = "aileron" in inputs
+    if "lines" in truth:
+        line = truth["lines"]["dutch_roll_open_loop" if bare else "dutch_roll"]
+        flown = np.array(truth["flown"])
+        inside = (flown[:, 0] >= from_s) & (flown[:, 0] <= to_s)
+        return line and at_airspeeds(line, flown[inside, 1])
+    of: Truth | None = truth
+    if "manoeuvres" in truth:
+        of = _manoeuvre_at(truth, from_s, to_s)
+    names = ("airframe", "dutch_roll_open_loop") if bare else ("dutch_roll",)
+    mode = next((of[name] for name in names if name in of), None) if of else None
+    if of is None or mode is None:
+        return None
+    value = np.array([mode["wn_rad_s"], mode["zeta"]])
+    if "wn_std" in mode:
+        return value, np.array([mode["wn_std"], mode["zeta_std"]])
+    seen = None if bare else of.get("dutch_roll_pulse")
+    pulse = value if seen is None else np.array([seen["wn_rad_s"], seen["zeta"]])
+    return value, np.abs(pulse - value)
+
+
+def _manoeuvre_at(truth: Truth, from_s: float, to_s: float) -> Truth | None:
+    """Return the first of the truth's manoeuvres that lies between two boot times in part."""
+    meant = (m for m in truth.get("manoeuvres", ()) if m["from_s"] < to_s and from_s < m["to_s"])
+    return next(meant, None)
+
+
+def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None) -> list[Row]:
+    """Return the rows of one flight.
+
+    The stream has rows where the truth says which airspeeds were ``flown``. The flight's row is
+    that of the deciding verdict: of the stream where no manoeuvre was found. Its estimate is absent
+    where it is refused.
+    """
+    config = config or RunConfig()
+    rows: list[Row] = []
+    known: dict[int, Known | None] = {}
+    missed = {each["n"]: each["kind"] for each in truth.get("manoeuvres", ()) if "n" in each}
+    for found in summary.manoeuvres or []:
+        known[found.n] = true_at(truth, found.from_s, found.to_s, found.inputs)
+        of = (_manoeuvre_at(truth, found.from_s, found.to_s) or {}).get("n")
+        missed.pop(of, None)
+        rows += _manoeuvre_rows(found, known[found.n], truth, of)
+    rows += [{"kind": "missed", "of": n, "leg": kind} for n, kind in missed.items()]
+    end_s = truth["flown"][-1][0] if "flown" in truth else None
+    memory_s = math.inf if config.forgetting == 1.0 else MEMORY_S
+    at_end = None if end_s is None else true_at(truth, end_s - memory_s, end_s, config.inputs)
+    rows.append(_flight_row(summary, truth, known, at_end))
+    for method in METHODS if end_s is not None else ():
+        estimate = (summary.estimates or {}).get(method)
+        roll = None if estimate is None else estimate.dutch_roll
+        rows.append({"kind": f"stream {method}"} | _told(roll, at_end, summary.verdict))
+    return rows
+
+
+def _manoeuvre_rows(
+    found: Manoeuvre, known: Known | None, truth: Truth, of: int | None
+) -> Iterator[Row]:
+    first, last = found.from_s, found.to_s
+    legs = (leg for leg in truth.get("legs", ()) if first < leg["to_s"] and leg["from_s"] < last)
+    where: Row = {
+        "n": found.n,
+        "of": of,
+        "from_s": found.from_s,
+        "to_s": found.to_s,
+        "leg": "+".join(leg["kind"] for leg in legs),
+        "mode": found.mode,
+        "inputs": "+".join(found.inputs),
+    }
+    for method in METHODS:
+        estimate = found.estimates.get(method)
+        roll = None if estimate is None else estimate.dutch_roll
+        yield {"kind": method} | where | _told(roll, known, found.verdict)
+    yield {"kind": "manoeuvre"} | where | _told(found.dutch_roll, known, found.verdict)
+
+
+def _flight_row(
+    summary: RunSummary, truth: Truth, known: Mapping[int, Known | None], at_end: Known | None
+) -> Row:
+    flight, verdict = summary.flight, summary.deciding
+    if flight is None:
+        roll = summary.dutch_roll if verdict.usable else None
+        return {"kind": "flight"} | _told(roll, at_end, verdict)
+    roll = flight.dutch_roll if verdict.usable else None
+    at_speed = flight.airspeed_m_s if {"lines", "manoeuvres"} & truth.keys() else None
+    used = [m for m in summary.manoeuvres or [] if m.n in flight.used or not flight.used]
+    row: Row = {"kind": "flight"} | _told(roll, _together(used, known, at_speed), verdict)
+    row["disagree"] = len(flight.disagree)
+    true = truth.get("kappa_rad_m", {}).get(flight.loop)
+    if true and flight.kappa_rad_m is not None:
+        row |= {"kappa": flight.kappa_rad_m.value, "kappa_sigma": flight.kappa_rad_m.std}
+        row["kappa_true"] = true["mean"]
+    return row
+
+
+def _together(
+    used: Sequence[Manoeuvre], known: Mapping[int, Known | None], at_speed: float | None
+) -> Known | None:
+    """Return the mean truth of manoeuvres and its sigma: that of each, and how they scatter.
+
+    wn is scaled to an airspeed in m/s, unless the truth is one for all of them: None.
+    """
+    values, sigmas = [], []
+    for each in used:
+        one, scale = known[each.n], np.ones(2)
+        if one is None:
+            return None
+        if at_speed and each.airspeed_m_s:
+            scale[0] = at_speed / each.airspeed_m_s
+        values.append(scale * one[0])
+        sigmas.append(scale * one[1])
+    squares = np.mean(np.square(sigmas), axis=0) + np.var(values, axis=0)
+    return np.mean(values, axis=0), np.sqrt(squares)
+
+
+def _told(roll: DutchRoll | None, known: Known | None, verdict: VerdictSummary) -> Row:
+    """Return verdict, truth, estimate, error in %, sigmas and z; None for what there is not."""
+    row: Row = {
+        "usable": verdict.usable,
+        "warnings": " ".join(r.id for r in verdict.reasons if r.weight == "warning"),
+        "fatal": " ".join(r.id for r in verdict.fatal),
+    }
+    for i, (name, key) in enumerate((("wn", "wn_rad_s"), ("zeta", "zeta"))):
+        true, true_sigma = (None, None) if known is None else (float(x[i]) for x in known)
+        value = None if roll is None else getattr(roll, key)
+        sigma = None if roll is None else getattr(roll, f"{name}_std")
+        noise = None if roll is None else getattr(roll, f"{name}_std_noise")
+        noise = sigma if noise is None else noise
+        row |= {f"{name}_true": true, f"{name}_true_sigma": true_sigma}
+        row |= {name: value, f"{name}_sigma": sigma, f"{name}_sigma_noise": noise}
+        row |= {f"{name}_error_pct": None, f"{name}_z": None, f"{name}_z_noise": None}
+        if value is None or true is None or true_sigma is None:
+            continue
+        row[f"{name}_error_pct"] = 100.0 * (value / true - 1.0)
+        for what, of in (("z", sigma), ("z_noise", noise)):
+            if of is not None and (total := math.hypot(of, true_sigma)) > 0.0:
+                row[f"{name}_{what}"] = (value - true) / total
+    return row

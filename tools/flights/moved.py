@@ -1,0 +1,122 @@
+"""Flights whose rudder is moved on purpose, half of them in turbulence: those of the benches.
+
+Everything that is drawn has the generator of a flight's own seed: the same numbers give the same
+bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flights.flight import Hands
+from flights.fly import Made, fly
+from flights.hands import pulses
+from flights.plan import STEP_S, FlightPlan, excitation
+from flights.telemetry import Link
+from flights.truth import linear_dutch_rolls
+
+AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
+    ("c172p", 3000.0, (80.0, 90.0, 100.0, 110.0)),
+    ("J3Cub", 2000.0, (50.0, 60.0, 70.0)),
+    ("T37", 5000.0, (160.0, 200.0, 220.0)),
+    ("t6texan2", 5000.0, (150.0, 180.0, 200.0)),
+    ("OV10", 5000.0, (140.0, 180.0)),
+    ("c172r", 3000.0, (80.0, 100.0)),
+    ("737", 10000.0, (200.0, 250.0)),
+    ("F80C", 8000.0, (220.0, 250.0)),
+    ("T38", 10000.0, (270.0, 300.0)),
+    ("A320", 10000.0, (220.0, 250.0)),
+)
+"""Name, altitude in ft, calibrated airspeeds in kt: where JSBSim trims, and pulse and linearisation
+agree (flights/truth.py), so that the linearisation is the truth."""
+CONDITIONS = [(name, feet, knots) for name, feet, speeds in AIRCRAFT for knots in speeds]
+PLACES = [(name, feet, knots) for name, feet, ends in AIRCRAFT for knots in (ends[0], ends[-1])]
+TUNING, TABLE = 161, 162
+"""Seeds of the grid: thresholds were chosen on the first, the table is of the second."""
+SEED = 13
+"""Of the corpus: a log's generator is that of (SEED, kind, number)."""
+SHAPES = ("3211", "doublets", "sweep")
+ALL_SHAPES = ("3211", "doublets", "prbs", "sweep")
+SEVERITIES = (0, 1, 2, 3)
+"""Of MIL-F-8785C, in the grid: every other flight is calm, the others have 1, 2 and 3 in turn."""
+GYROS = {"clean": 0.0005, "noisy": 0.008}
+"""Standard deviation of what the gyro says, in rad/s."""
+RATES_HZ = (10, 25, 50)
+LINK_RATES_HZ = ((50, 50), (25, 25), (10, 10), (20, 20), (50, 25), (25, 10), (20, 10))
+"""Of ATTITUDE and SERVO_OUTPUT_RAW."""
+COUNT = len(PLACES) * len(SHAPES) * 2 * len(GYROS)
+REST_S = 8.0
+"""At the end of a flight of the grid, the rudder at trim."""
+
+
+def of_grid(seed: int, number: int) -> Made:
+    """Return flight ``number`` (0 to COUNT - 1) of a seed's grid.
+
+    Aircraft, speed, manoeuvre, air and gyro are a full grid, rates and severities come in turn;
+    amplitude (10 to 30 % of travel), length and heading are the seed's.
+    """
+    rng = np.random.default_rng([seed, number])
+    rest, place = divmod(number, len(PLACES))
+    rest, shape = divmod(rest, len(SHAPES))
+    gyro, gusty = divmod(rest, 2)
+    turn = place + shape + gyro + gusty
+    severity = 1 + (turn + place // 2) % 3 if gusty else 0
+    plan = _plan(rng, PLACES[place], SHAPES[shape], (70.0, 85.0, 100.0))
+    rudder = excitation(plan)
+    rudder[-round(REST_S / STEP_S) :] = 0.0
+    hz, name = RATES_HZ[turn % len(RATES_HZ)], list(GYROS)[gyro]
+    link = Link(hz, hz, rate_noise=GYROS[name], seed=int(rng.integers(1, 2**31)))
+    told: dict[str, Any] = {"gyro": name, "rate_hz": hz, "seed": seed, "number": number}
+    return fly(plan, link, Hands(rudder), severity, **told)
+
+
+def excited(number: int) -> Made:
+    """Return flight ``number`` of the excited corpus; even ones are calm, odd ones turbulent.
+
+    Aircraft, speeds and manoeuvres come in turn; amplitude, length, rates, noise and whether the
+    aileron is moved too (in every fourth) by chance.
+    """
+    rng = np.random.default_rng([SEED, 0, number])
+    half, shapes = number // 2, len(ALL_SHAPES)
+    manoeuvre = ALL_SHAPES[(half + 2 * (half // len(CONDITIONS))) % shapes]
+    place = CONDITIONS[half % len(CONDITIONS)]
+    severity = 0 if number % 2 == 0 else 1 + half % 4
+    plan = _plan(rng, place, manoeuvre, (60.0, 80.0, 100.0, 120.0))
+    hands, stirred = Hands(excitation(plan)), bool(rng.random() < 0.25)
+    if stirred:
+        hands.aileron = pulses(rng, plan.seconds, float(rng.uniform(0.03, 0.08)), 0.4)
+    group = f"severity {severity}" if severity else "calm"
+    return fly(plan, drawn_link(rng), hands, severity, group=group, aileron_too=stirred)
+
+
+def _plan(
+    rng: np.random.Generator,
+    place: tuple[str, float, float],
+    manoeuvre: str,
+    lengths_s: tuple[float, ...],
+) -> FlightPlan:
+    aircraft, altitude_ft, speed_kt = place
+    plan = FlightPlan(
+        aircraft=aircraft,
+        speed_kt=speed_kt,
+        altitude_ft=altitude_ft,
+        heading_deg=float(rng.integers(0, 360)),
+        seconds=float(rng.choice(lengths_s)),
+        manoeuvre=manoeuvre,
+        amplitude=round(float(rng.uniform(0.1, 0.3)), 3),
+    )
+    mode = linear_dutch_rolls(plan)["dutch_roll"]
+    assert mode is not None, plan
+    return replace(plan, step_s=round(0.3 * math.tau / mode["wn_rad_s"], 3))
+
+
+def drawn_link(rng: np.random.Generator) -> Link:
+    """Return a link: its rates, its gyro's noise and its seed by chance."""
+    attitude_hz, servo_hz = LINK_RATES_HZ[rng.integers(len(LINK_RATES_HZ))]
+    noise = float(rng.choice([0.001, 0.002, 0.004, 0.008]))
+    seed = int(rng.integers(1, 2**31))
+    return Link(attitude_hz=attitude_hz, servo_hz=servo_hz, rate_noise=noise, seed=seed)

@@ -1,0 +1,132 @@
+"""A flight of one manoeuvre as data: the aircraft, its trim, its servos, how the rudder moves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import cycle
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import max_len_seq
+
+STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
+LEAD_IN_S = 5.0  # at trim, while a receiver finds the vehicle and its parameters
+MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
+SWEEP_S = 45.0  # of one sweep
+
+
+class FlightError(RuntimeError):
+    """An aircraft that cannot be loaded, trimmed or flown as asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """One servo output: travel in us, as SERVOn_MIN, _TRIM, _MAX and _REVERSED give it."""
+
+    min_us: int = 1100
+    trim_us: int = 1500
+    max_us: int = 1900
+    reverse: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.min_us < self.trim_us < self.max_us < 65535:
+            raise ValueError(f"servo travel must rise, got {self}")
+
+    def pulse(self, unit: float) -> int:
+        """Return the pulse in whole us for a deflection of -1..1; what lies outside is clipped."""
+        shaft = -unit if self.reverse else unit
+        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
+        return min(max(self.trim_us + round(shaft * travel), self.min_us), self.max_us)
+
+    def unit(self, pulse_us: int) -> float:
+        """Return the deflection a pulse stands for: ArduPilot's pwm_from_angle inverted."""
+        shaft = pulse_us - self.trim_us
+        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
+        return (-shaft if self.reverse else shaft) / travel
+
+
+@dataclass(frozen=True, slots=True)
+class FlightPlan:
+    """All that decides a flight.
+
+    ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and per
+    rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time,
+    best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot hears no noise.
+
+    Raises:
+        ValueError: a manoeuvre or number that is none.
+    """
+
+    aircraft: str = "c172p"
+    speed_kt: float = 100.0
+    altitude_ft: float = 3000.0
+    heading_deg: float = 90.0
+    seconds: float = 120.0
+    manoeuvre: str = "3211"
+    amplitude: float = 0.2
+    step_s: float = 0.78
+    roll_gain: float = 1.0
+    roll_rate_gain: float = 0.3
+    true_feedback: bool = False
+    rudder: Servo = field(default_factory=Servo)
+    aileron: Servo = field(default_factory=Servo)
+
+    def __post_init__(self) -> None:
+        if self.manoeuvre not in MANOEUVRES:
+            raise ValueError(f"manoeuvre must be one of {', '.join(MANOEUVRES)}")
+        for name in ("speed_kt", "seconds", "amplitude", "step_s"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
+        if self.step_s < 0.02:
+            raise ValueError(f"step_s must be at least 0.02, got {self.step_s!r}")
+        for name in ("altitude_ft", "heading_deg", "roll_gain", "roll_rate_gain"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} must be finite, got {getattr(self, name)!r}")
+
+
+def excitation(plan: FlightPlan) -> NDArray[np.float64]:
+    """Return the rudder about trim for every simulation step, (n,), in units."""
+    n = round(plan.seconds / STEP_S) + 1
+    rudder = np.zeros(n)
+    start = round(LEAD_IN_S / STEP_S)
+    if plan.manoeuvre == "sweep":
+        rudder[start:] = plan.amplitude * _sweep(max(n - start, 0), plan.step_s)
+        return rudder
+    for length_s, value in cycle(manoeuvre_pieces(plan.manoeuvre, plan.step_s)):
+        stop = start + round(length_s / STEP_S)
+        rudder[start:stop] = value * plan.amplitude
+        start = stop
+        if start >= n:
+            break
+    return rudder
+
+
+def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
+    """Return sines (n,) from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``.
+
+    The frequency rises exponentially, again and again; every other sweep begins to the left.
+    """
+    t = np.arange(n) * STEP_S
+    low_hz, octaves = 0.3 * 0.3 / step_s, np.log(2.5 / 0.3)
+    phase = math.tau * low_hz * SWEEP_S / octaves * np.expm1(octaves * (t % SWEEP_S) / SWEEP_S)
+    return np.asarray(np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0) * np.sin(phase))
+
+
+def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
+    """Return the pieces (seconds, -1 | 0 | 1) of one round of a manoeuvre."""
+    if manoeuvre == "none":
+        return []
+    if manoeuvre == "prbs":
+        bits, _ = max_len_seq(9)
+        return [(step_s / 2, 2.0 * bit - 1.0) for bit in bits]
+    one = [(5 / 3, 1), (5 / 3, -1), (5, 0)]  # half a period each way
+    if manoeuvre == "3211":
+        one = [(3, 1), (2, -1), (1, 1), (1, -1), (4, 0)]
+    # Both signs, and three tempos so that no repetition excites quite the same band.
+    turns = [(sign, tempo) for tempo in (1.0, 0.7, 1.3) for sign in (1, -1)]
+    return [
+        (length * tempo * step_s, float(value * sign))
+        for sign, tempo in turns
+        for length, value in one
+    ]
