@@ -47,6 +47,33 @@ def euler(w: Floats, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats, F
     return roll, pitch, yaw
 
 
+def window_of(sample_time_s: float) -> int:
+    """Return the samples in a window of excitation."""
+    return max(2, round(WINDOW_S / sample_time_s))
+
+
+def strokes(u: Floats, window: int, before: Floats | None = None) -> Floats:
+    """Return how far ``u`` (n,) moved within the last ``window`` samples, at each of them (n,).
+
+    ``before`` (m,) are the values that came before; where there are fewer than a window, the first
+    is taken to have lasted.
+    """
+    carried = u[:0] if before is None else before[-(window - 1) :]
+    known = np.concatenate([carried, u])
+    padded = np.concatenate([np.full(window - 1 - len(carried), known[0]), known])
+    return extremes(np.maximum, padded, window) - extremes(np.minimum, padded, window)
+
+
+def extremes(of_two: np.ufunc, x: Floats, window: int) -> Floats:
+    """Return the extreme of each ``window`` values of x (n,), (n - window + 1,), by doubling."""
+    width = 1
+    while 2 * width <= window:
+        x, width = of_two(x[:-width], x[width:]), 2 * width
+    rest = window - width
+    found: Floats = of_two(x[: len(x) - rest], x[rest:])
+    return found
+
+
 class Columns:
     """A struct of arrays, a row each; what is no array is common to all rows."""
 

@@ -9,11 +9,13 @@ The only module that knows all stages; where messages come from, a file or a soc
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from yawid.blocks import FrameBlock, ModesBlock, RecordBlock, SampleBlock
-from yawid.channels.stage import Channels
+from yawid.channels.report import ChannelReport, report_of
+from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
@@ -43,6 +45,9 @@ class Pipeline:
         SinkError: a sink cannot write.
     """
 
+    reads: Final = WANTED
+    """The messages that it needs, by name."""
+
     def __init__(
         self,
         config: RunConfig,
@@ -64,6 +69,10 @@ class Pipeline:
         self._rates_hz = rates_hz
         self._worker = worker
         self._manoeuvres: Manoeuvres | None = None
+
+    def report(self) -> ChannelReport:
+        """Return what the channels have to say as they stand."""
+        return report_of(self.channels)
 
     @property
     def manoeuvres(self) -> list[Manoeuvre] | None:

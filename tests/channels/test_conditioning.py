@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import butter, sosfreqz
 
-from yawid.blocks import Held, Noted, SampleBlock
-from yawid.channels.conditioning import band_pass
-from yawid.channels.sample_flags import AIRSPEED_SHARE, Notes, strokes
+from yawid.blocks import AIRSPEED_SHARE, Held, Noted, SampleBlock, strokes
+from yawid.channels.conditioning import Notes, band_pass
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 

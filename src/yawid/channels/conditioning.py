@@ -14,16 +14,25 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.blocks import Floats, Held, Ints, Noted, SampleBlock, runs_of
-from yawid.channels.sample_flags import Notes
-from yawid.config.run import RunConfig
+from yawid.blocks import (
+    AIRSPEED_SHARE,
+    LEAST_TRAVEL,
+    Bools,
+    Floats,
+    Held,
+    Ints,
+    Noted,
+    SampleBlock,
+    runs_of,
+    strokes,
+    window_of,
+)
+from yawid.config.run import DEFAULT_MEMORY_S, RATE_SLACK, RunConfig
 from yawid.errors import ConfigError
 
 FULL_TRAVEL = 0.99
 BAND_ORDER = 2
 """Order of the Butterworth at either end of the band."""
-RATE_SLACK = 0.98
-"""Measured message rates jitter: 4.95 Hz counts as 5."""
 
 
 def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
@@ -57,7 +66,7 @@ class Conditioner:
     _filter: "GridFilter | None" = field(default=None, init=False)
     _decimator: "Decimator | None" = field(default=None, init=False)
     _last: tuple[int, float, float] | None = field(default=None, init=False)
-    _notes: Notes = field(init=False)
+    _notes: "Notes" = field(init=False)
 
     def __post_init__(self) -> None:
         self._notes = Notes(self.sample_time_s, self.config.half_travel)
@@ -207,3 +216,54 @@ class Decimator:
         )
         kept = (held != 0) | (sizes == self.count)
         return block.select(kept) if kept.any() else None
+
+
+@dataclass(slots=True)
+class Notes:
+    """Adds the notes to conditioned samples; carries the mean airspeed and the newest rudder.
+
+    The airspeed is compared with its mean over the minute before, older ones counting
+    exponentially less: as long as a default estimator remembers, whatever this one does.
+    ``travel_unit`` is half the rudder's travel in the unit of ``u``.
+    """
+
+    sample_time_s: float
+    travel_unit: float
+    _sums: tuple[float, float] = (0.0, 0.0)
+    _rudder: Floats = field(default_factory=lambda: np.zeros(0))
+    _epoch: int = -1
+
+    def feed(self, block: SampleBlock) -> SampleBlock:
+        """Return the block with AIRSPEED_CHANGED and NOT_EXCITED noted."""
+        used = block.held == 0
+        noted = block.noted.copy()
+        noted[used & self._other_airspeed(block, used)] |= int(Noted.AIRSPEED_CHANGED)
+        noted[used & self._at_rest(block, used)] |= int(Noted.NOT_EXCITED)
+        return replace(block, noted=noted)
+
+    def _other_airspeed(self, block: SampleBlock, used: Bools) -> Bools:
+        rows = used & np.isfinite(block.airspeed)
+        other = np.zeros(len(block), bool)
+        if not rows.any():
+            return other
+        speed = block.airspeed[rows]
+        forgetting = math.exp(-self.sample_time_s / DEFAULT_MEMORY_S)
+        total, weight = self._sums
+        means = []
+        for x in speed.tolist():
+            total, weight = forgetting * total + x, forgetting * weight + 1.0
+            means.append(total / weight)
+        self._sums, mean = (total, weight), np.array(means)
+        other[rows] = np.abs(speed - mean) > AIRSPEED_SHARE * mean
+        return other
+
+    def _at_rest(self, block: SampleBlock, used: Bools) -> Bools:
+        if block.epoch[0] != self._epoch:
+            self._epoch, self._rudder = int(block.epoch[0]), np.zeros(0)
+        at_rest = np.zeros(len(block), bool)
+        if not used.any():
+            return at_rest
+        u, window = block.u[used, 0] / self.travel_unit, window_of(self.sample_time_s)
+        at_rest[used] = strokes(u, window, self._rudder) < LEAST_TRAVEL
+        self._rudder = np.concatenate([self._rudder, u])[-(window - 1) :]
+        return at_rest

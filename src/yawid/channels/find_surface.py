@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
 from yawid.channels.stick_fallback import stick, stick_part
 from yawid.channels.surface import STICKS, Part, Surface
-from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle, has_wings
-from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING
+from yawid.channels.vehicle import Vehicle, has_wings
+from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER
 
 AP_VTAIL, AP_ELEVON, AP_FLAPERON = (79, 80), (77, 78), (24, 25)
 """SERVOn_FUNCTION of left and right."""

@@ -13,15 +13,12 @@ from yawid.blocks import FrameBlock, MessageBlock
 from yawid.quantities.vehicles import (
     AUTOPILOT_INVALID,
     FIXED_WING,
+    NOT_A_VEHICLE,
     TYPE_NAMES,
     VTOL_TYPES,
     autopilot_name,
     type_name,
 )
-
-WITHOUT_RUDDER = frozenset({2, 3, 4, 10, 12, 13, 14, 15, 29, 35, 43})
-"""MAV_TYPE of helicopters and multirotors, ground rover and submarine: what turns them is none."""
-NOT_A_VEHICLE = frozenset({5, 6, 18, 26, 27, 30, 31, 32, 33, 34, 36, 37, 38, 39})
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,8 @@ from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
-from yawid.quantities.airspeed import known, over_ground
+from yawid.quantities.airspeed import GRAVITY, known, over_ground
 
-GRAVITY = 9.80665
 ABSURD_RAD_S = 50.0
 """No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
 STEEPEST = np.deg2rad(80.0)

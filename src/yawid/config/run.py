@@ -32,6 +32,8 @@ _VTAIL = rf"\A({_CHANNELS}|vtail:{_SERVO},{_SERVO})\Z"
 Rudder = Annotated[str, Meta(pattern=_VTAIL, description=f"be vtail:L,R, {_SAID}")]
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
+RATE_SLACK = 0.98
+"""Measured message rates jitter: 4.95 Hz counts as 5."""
 BINDING = ("orders", "inputs", "turn")
 """What is chosen for each manoeuvre unless the user gave it."""
 GIVEN = (*BINDING, "rudder_sign")

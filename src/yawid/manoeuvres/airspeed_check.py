@@ -16,8 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from yawid.blocks import Floats, Held, Noted, SampleBlock
-from yawid.channels.yaw_reader import GRAVITY
-from yawid.quantities.airspeed import density_ratio
+from yawid.quantities.airspeed import GRAVITY, density_ratio
 from yawid.results.reasons import Reason
 
 STRIDE_S: Final = 1.0

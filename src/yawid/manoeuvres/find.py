@@ -10,8 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import WINDOW_S, Bools, Floats, SampleBlock, shifted
-from yawid.channels.sample_flags import extremes
+from yawid.blocks import WINDOW_S, Bools, Floats, SampleBlock, extremes, shifted
 from yawid.manoeuvres.candidate import MOVES, Candidate, Progress, flown_in
 from yawid.results.excitation import (
     CHUNK_S,

@@ -17,7 +17,6 @@ from yawid.blocks import Bools, Floats
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
 from yawid.manoeuvres.conditions import AIRFRAME
-from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.results.judge_estimate import DISAGREE_SIGMAS
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import (
@@ -173,7 +172,6 @@ def _together(
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
     verdict = Verdict.of(reasons, used[0].verdict.method)
     loop = used[0].found.loop
-    level = dutch_roll_level(wn.mean * unit, zeta.mean) if loop == AIRFRAME else None
     flight = Flight(
         method=verdict.method,
         orders=Orders(*orders),
@@ -185,8 +183,8 @@ def _together(
         loop=loop,
         dutch_roll=DutchRoll.of(
             (wn.mean * unit, wn.std * unit, zeta.mean, zeta.std),
-            level,
             (wn.noise * unit, zeta.noise),
+            has_level=loop == AIRFRAME,
         ),
         kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if has_kappa else None,
         K_per_V=_gain(np.array([(*each.gain, each.beyond[2]) for each in told])[agree], by[agree])

@@ -19,6 +19,8 @@ MOST_M_S: Final = 1000.0
 """Three times the speed of sound: what is faster is a damaged number."""
 GROUND_SPEED: Final = "ground speed"
 """The source of an airspeed where a log knows nothing better."""
+GRAVITY: Final = 9.80665
+"""In m/s^2: a bank at an airspeed V turns by g / V times its sine."""
 
 
 class Kind(IntEnum):

@@ -30,36 +30,19 @@ column says it by its unit."""
 GENERIC, FIXED_WING, GROUND_STATION = 0, 1, 6
 """MAV_TYPE."""
 TYPE_NAMES = {
-    0: "generic",
-    1: "fixed wing",
-    2: "quadrotor",
-    3: "coaxial helicopter",
-    4: "helicopter",
-    5: "antenna tracker",
-    6: "ground station",
-    7: "airship",
-    8: "balloon",
-    9: "rocket",
-    10: "ground rover",
-    11: "boat",
-    12: "submarine",
-    13: "hexarotor",
-    14: "octorotor",
-    15: "tricopter",
-    18: "onboard controller",
-    19: "VTOL duo-rotor tailsitter",
-    20: "VTOL quad tailsitter",
-    21: "VTOL tiltrotor",
-    22: "VTOL fixed-rotor",
-    26: "gimbal",
-    27: "ADS-B receiver",
-    29: "dodecarotor",
-    30: "camera",
-    35: "decarotor",
-    43: "multirotor",
-}
+    0: "generic", 1: "fixed wing", 2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter",
+    5: "antenna tracker", 6: "ground station", 7: "airship", 8: "balloon", 9: "rocket",
+    10: "ground rover", 11: "boat", 12: "submarine", 13: "hexarotor", 14: "octorotor",
+    15: "tricopter", 18: "onboard controller", 19: "VTOL duo-rotor tailsitter",
+    20: "VTOL quad tailsitter", 21: "VTOL tiltrotor", 22: "VTOL fixed-rotor", 26: "gimbal",
+    27: "ADS-B receiver", 29: "dodecarotor", 30: "camera", 35: "decarotor", 43: "multirotor",
+}  # fmt: skip
 VTOL_TYPES = range(19, 26)
 """MAV_TYPE of what hovers and flies on wings."""
+WITHOUT_RUDDER = frozenset({2, 3, 4, 10, 12, 13, 14, 15, 29, 35, 43})
+"""MAV_TYPE of helicopters and multirotors, ground rover and submarine: what turns them is none."""
+NOT_A_VEHICLE = frozenset({5, 6, 18, 26, 27, 30, 31, 32, 33, 34, 36, 37, 38, 39})
+"""MAV_TYPE of ground stations, radios, gimbals, cameras and other parts."""
 ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
 LANDED, IN_AIR = 1, 2

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
-from yawid.channels.stage import Channels
-from yawid.channels.vehicle import WITHOUT_RUDDER, Vehicle
-from yawid.quantities.vehicles import ARDUPILOT
+from yawid.channels.report import ChannelReport
+from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
 from yawid.results.run_summary import ReasonSummary, RunSummary
 
@@ -20,28 +19,29 @@ _FLOWN_ENOUGH = {
 }
 
 
-def what_to_record(reasons: Iterable[str], channels: Channels) -> list[str]:
+def what_to_record(reasons: Iterable[str], report: ChannelReport) -> list[str]:
     """Return what to do about each of the reasons of a verdict, in the order given."""
-    return list(dict.fromkeys(_advice(reasons, channels)))
+    return list(dict.fromkeys(_advice(reasons, report)))
 
 
-def _advice(reasons: Iterable[str], channels: Channels) -> Iterator[str]:
-    vehicle = channels.lock.vehicle
+def _advice(reasons: Iterable[str], report: ChannelReport) -> Iterator[str]:
+    vehicle = report.vehicle
     for reason in reasons:
         if reason == "no_rudder" and vehicle is not None:
-            yield _no_rudder(channels, vehicle)
+            yield _no_rudder(report)
         elif text := KINDS[reason].to_record(None if vehicle is None else vehicle.autopilot):
             yield text
 
 
-def _no_rudder(channels: Channels, vehicle: Vehicle) -> str:
+def _no_rudder(report: ChannelReport) -> str:
     """Say what names a rudder; it depends on what the log holds instead."""
-    if channels.surfaces:
-        message = channels.surfaces[0].message
+    vehicle, message = report.vehicle, report.rudder_message
+    assert vehicle is not None  # it was asked for
+    if message is not None:
         return f"ask for {message} at {ASK_HZ} Hz or more: it tells where the rudder is"
     if vehicle.type in WITHOUT_RUDDER:
         return f"a {vehicle.type_name} has no rudder to learn from: record an aircraft that has one"
-    if vehicle.autopilot == ARDUPILOT and any(channels.parameters.functions().values()):
+    if vehicle.autopilot == ARDUPILOT and report.has_functions:
         return (
             "if a servo does move a rudder, give it SERVOn_FUNCTION = 21 (V-tail: 79 and 80), or "
             "name it: --rudder servo:N"

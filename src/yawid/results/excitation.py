@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import WINDOW_S, Bools, Floats, shifted
-from yawid.channels.sample_flags import strokes, window_of
+from yawid.blocks import WINDOW_S, Bools, Floats, shifted, strokes, window_of
 from yawid.estimation.products import cross
 
 LEAST_STROKE = 0.1

@@ -9,8 +9,9 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import History
+from yawid.estimation.bank import Bank, History
 from yawid.estimation.methods import METHODS
+from yawid.physics.modes import modes
 from yawid.results.coherence import Coherence, coherence_at
 from yawid.results.excitation import Excitation, around, excitation
 from yawid.results.judge_samples import (
@@ -25,6 +26,7 @@ from yawid.results.judge_samples import (
     reaction_shares,
 )
 from yawid.results.reasons import Reason, Verdict
+from yawid.results.run_summary import DutchRoll
 
 LEAST_SIMULATION_PCT = 40.0
 LEAST_HELD_BACK_PCT = 30.0
@@ -52,6 +54,8 @@ ALIKE = 1.1
 BETTER = 0.5
 """Another method answers in place of the first where its sigma of wn is below this part of it, of
 noise or in all: what structures leave open is much the same for both."""
+SOUND = (Status.TRACKING, Status.HELD)
+"""An estimator that says this of itself may answer."""
 
 
 class Estimates(Protocol):
@@ -393,3 +397,25 @@ def bank_verdict(
     if not (first_answers and answers in judged.refused):
         reasons += agreement_reasons(evidence, judged.refused, answers)
     return Verdict.of(reasons, answers)
+
+
+def answering(bank: Bank) -> tuple[str, Status, DutchRoll | None]:
+    """Return the method that answers just now, its status and its Dutch roll, sigmas of noise.
+
+    The method asked for answers unless it has no Dutch roll or has diverged, or another knows wn
+    better by the verdict's own measure. The verdict at the end also weighs what would take too long
+    here.
+    """
+    found = {}
+    for method, block in bank.last.items():
+        newest = EstimateBlock(block.rows[-1:], block.p)
+        orders = bank.config.armax_orders()
+        mean_output = bank.config.output == "yaw"
+        roll = modes(newest, orders, bank.sample_time_s, mean_output=mean_output).dutch_roll[0]
+        found[method] = method, Status(int(newest.status[0])), roll
+    sound = [m for m, (_, s, roll) in found.items() if s in SOUND and math.isfinite(roll[0])]
+    chosen = sound[0] if sound else bank.config.method
+    for method in sound[1:]:
+        if found[method][2][1] < BETTER * found[chosen][2][1]:
+            chosen = method
+    return chosen, found[chosen][1], DutchRoll.of(found[chosen][2])

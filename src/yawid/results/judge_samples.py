@@ -10,8 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from yawid.blocks import AIRSPEED_SHARE, WINDOW_S, Floats, shifted
-from yawid.channels.conditioning import RATE_SLACK
-from yawid.config.run import RunConfig
+from yawid.config.run import RATE_SLACK, RunConfig
 from yawid.estimation.bank import Bank, History
 from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Excitation
 from yawid.results.reasons import Reason

@@ -14,9 +14,8 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Floats, Noted, SampleBlock
-from yawid.channels.vehicle import WITHOUT_RUDDER
 from yawid.quantities.airspeed import GROUND_SPEED, source_of
-from yawid.quantities.vehicles import ARDUPILOT, PX4
+from yawid.quantities.vehicles import ARDUPILOT, PX4, WITHOUT_RUDDER
 from yawid.results.flight_test_card import (
     ConditionsToFly,
     Expected,

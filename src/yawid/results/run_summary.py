@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, Self
 import msgspec
 from msgspec import Meta, Struct, field
 
+from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.quantities.vehicles import autopilot_name, type_name
 
 LARGEST: Final = 1e300
@@ -148,7 +149,7 @@ class DutchRoll(Part, frozen=True, kw_only=True):
 
     @staticmethod
     def of(
-        row: Sequence[float], level: int | None = None, noise: Sequence[float] = (math.nan,) * 2
+        row: Sequence[float], noise: Sequence[float] = (math.nan,) * 2, *, has_level: bool = False
     ) -> "DutchRoll | None":
         """Return it of wn, its sigma, zeta and its sigma, None where wn or zeta is unknown: NaN.
 
@@ -160,7 +161,8 @@ class DutchRoll(Part, frozen=True, kw_only=True):
             return None
         return DutchRoll(
             wn_rad_s=wn, wn_std=wn_std, wn_std_noise=wn_noise,
-            zeta=zeta, zeta_std=zeta_std, zeta_std_noise=zeta_noise, level=level,
+            zeta=zeta, zeta_std=zeta_std, zeta_std_noise=zeta_noise,
+            level=dutch_roll_level(wn, zeta) if has_level else None,
         )  # fmt: skip
 
 

@@ -17,9 +17,8 @@ from functools import partial
 import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats
-from yawid.channels.conditioning import RATE_SLACK
 from yawid.config.estimator import EstimatorConfig
-from yawid.config.run import RunConfig
+from yawid.config.run import RATE_SLACK, RunConfig
 from yawid.estimation.methods import OF_STRUCTURES
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import summary_of

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Protocol
 
@@ -10,22 +10,14 @@ import numpy as np
 from msgspec import convert
 from msgspec.structs import replace
 
-from yawid.blocks import Floats, finite, words
-from yawid.channels.find_surface import why_no_surface
-from yawid.channels.grid_rate import RATE_TOLERANCE
-from yawid.channels.parameters import STOCK_TRAVEL_US
-from yawid.channels.sample_flags import strokes, window_of
-from yawid.channels.stage import Channels
-from yawid.channels.surface import STICKS, Surface
-from yawid.channels.surface_reader import LEAST_SHARE, TOLERANCE, Twins
-from yawid.channels.yaw_reader import COARSE, SOURCES
+from yawid.blocks import Floats, finite, strokes, window_of, words
+from yawid.channels.report import ChannelReport
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, History, PastModels
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.estimation.whiteness import largest_autocorrelation
 from yawid.physics.derivatives import summary_of
-from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, mode_list, modes
 from yawid.quantities.link import LinkStats
@@ -66,11 +58,13 @@ LEAST_SAMPLES = 200
 
 
 class Finished(Protocol):
-    """A finished run: its channels, its estimators (None without a sample), what was asked for."""
+    """A finished run: its estimators (None without a sample), and what was asked for."""
 
-    channels: Channels
     bank: Bank | None
     config: RunConfig
+
+    def report(self) -> ChannelReport:
+        """Return what its channels have to say."""
 
     @property
     def manoeuvres(self) -> list[Manoeuvre] | None:
@@ -87,30 +81,28 @@ def summarise(
 
     ``link`` counts what was read.
     """
-    channels, bank = pipeline.channels, pipeline.bank
-    vehicle, vehicles = channels.lock.vehicle, channels.lock.vehicles
+    bank, report = pipeline.bank, pipeline.report()
     boots = [
         BootSpan(boot=number, from_s=first / 1e6, to_s=last / 1e6)
-        for number, (first, last) in channels.boots.spans_us.items()
+        for number, (first, last) in report.boots_us.items()
     ]
-    estimates: dict[str, MethodSummary] = {}
+    estimates: dict[str, MethodSummary] | None = None
     evidence: dict[str, Evidence] = {}
-    has_estimates = bank is not None and bool(channels.surfaces)
-    if bank is not None and channels.surfaces:
+    if bank is not None and report.rudder_message is not None:
         estimates, evidence = bank_summaries(bank)
-    basis = basis_of(pipeline, link)
+    basis = _basis(pipeline, report, link)
     verdict = Verdict.of(basis.reasons) if bank is None else basis.verdict(bank, evidence)
     flight = pipeline.flight(of_the_log(verdict.reasons))
     summary = RunSummary(
         log=log,
         sha256=sha256,
         duration_s=max((link.last_us or 0) - (link.first_us or 0), 0) / 1e6,
-        vehicle=None if vehicle is None else convert(vehicle, VehicleSeen, from_attributes=True),
-        vehicles=convert(vehicles, list[VehicleSeen]) if len(vehicles) > 1 else None,
+        vehicle=convert(report.vehicle, VehicleSeen | None, from_attributes=True),
+        vehicles=convert(report.vehicles, list[VehicleSeen]) if len(report.vehicles) > 1 else None,
         boots=boots if len(boots) > 1 else None,
-        link=_link(link, channels),
-        channels=_channels(channels),
-        estimates=estimates if has_estimates else None,
+        link=_link(link, report),
+        channels={name: ChannelFound(**asdict(each)) for name, each in report.channels.items()},
+        estimates=estimates,
         verdict=as_summary(verdict),
         manoeuvres=pipeline.manoeuvres,
         flight=None if flight is None else flight[0],
@@ -129,15 +121,14 @@ def as_summary(verdict: Verdict) -> VerdictSummary:
     return VerdictSummary(method=verdict.method, usable=verdict.usable, reasons=reasons)
 
 
-def _link(link: LinkStats, channels: Channels) -> LinkCounts:
-    segmenter, aligner = channels.segmenter, channels.aligner
+def _link(link: LinkStats, report: ChannelReport) -> LinkCounts:
     breaks = LinkCounts(
-        reboots=segmenter.reboots,
-        clock_steps=segmenter.clock_steps,
-        gaps=segmenter.silences + (0 if aligner is None else aligner.gaps),
-        clock_leap_s=segmenter.leap_us / 1e6 if segmenter.leap_us else None,
+        reboots=report.reboots,
+        clock_steps=report.clock_steps,
+        gaps=report.gaps,
+        clock_leap_s=report.leap_us / 1e6 if report.leap_us else None,
     )
-    if channels.is_record:
+    if report.is_record:
         return breaks
     return replace(
         breaks,
@@ -148,44 +139,6 @@ def _link(link: LinkStats, channels: Channels) -> LinkCounts:
         lost=link.lost,
         unsigned_rejected=link.unsigned_rejected,
     )
-
-
-def _channels(channels: Channels) -> dict[str, ChannelFound]:
-    yaw_rate, surface_rate = _rates(channels)
-    found = {
-        name: _surface(surface, channels.twins, surface_rate)
-        for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False)
-    }
-    if channels.yaw.rows:
-        found["yaw"] = replace(yaw_rate, source=channels.yaw.label)
-    return found
-
-
-def _rates(channels: Channels) -> list[ChannelFound]:
-    """Return what to say of the message rates of yaw and surfaces, without their names.
-
-    ``rate_hz`` is that of the first seconds, which chose the grid, unless the whole run's is
-    another by more than their jitter: then it is the whole run's, and the other one stands beside
-    it.
-    """
-    if channels.intervals_us is None:
-        return [ChannelFound(""), ChannelFound("")]
-    told = []
-    for flow, interval_us in zip(channels.flows, channels.intervals_us, strict=True):
-        first_hz, whole_hz = 1e6 / interval_us, flow.rate_hz
-        changed = abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz
-        rates = (whole_hz, first_hz) if changed else (first_hz, None)
-        told.append(ChannelFound("", rate_hz=rates[0], first_rate_hz=rates[1]))
-    return told
-
-
-def _surface(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFound:
-    found = replace(rate, source=surface.source, how=twins.how(surface))
-    first = surface.parts[0]
-    if first.travel_us is None:
-        return found
-    low, trim, high = first.travel_us
-    return replace(found, min_us=low, trim_us=trim, max_us=high, reversed=first.reversed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,85 +161,33 @@ class Basis:
 
 def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
     """Return what there is to say of link and channels; it is cheap, at any time of a run."""
-    channels, bank = pipeline.channels, pipeline.bank
-    missing = list(_missing(pipeline, link))
-    if missing:
+    return _basis(pipeline, pipeline.report(), link)
+
+
+def _basis(pipeline: Finished, report: ChannelReport, link: LinkStats) -> Basis:
+    if missing := list(_missing(report, link)):
         return Basis(missing)
-    believed, vehicle = partial(why_believed, pipeline.config, bank), channels.lock.vehicle
-    found = [Reason(*each) for each in channels.command.texts(vehicle, believed)]
-    found += _surface_reasons(channels)
-    if bank is None or channels.intervals_us is None:
+    believed = partial(why_believed, pipeline.config, pipeline.bank)
+    found = [Reason(*each) for each in (*report.commands(believed), *report.reasons)]
+    if pipeline.bank is None or report.rates_hz is None:
         text = "rudder and yaw rate never flow together for as long as an answer needs"
         return Basis([*found, Reason("not_excited", text)])
-    if channels.used == 0:
-        why = ", ".join(words(flag) for flag in channels.held)
+    if report.used == 0:
+        why = ", ".join(words(flag) for flag in report.held)
         found.append(Reason("not_excited", f"every sample is held: {why}"))
-    yaw_hz, rudder_hz = (1e6 / interval for interval in channels.intervals_us)
-    found += changed_rates(yaw_hz, rudder_hz, *(flow.rate_hz for flow in channels.flows))
-    return Basis(found, (yaw_hz, rudder_hz))
+    found += changed_rates(*report.rates_hz, *report.later_hz)
+    return Basis(found, report.rates_hz)
 
 
-def _missing(pipeline: Finished, link: LinkStats) -> Iterator[Reason]:
+def _missing(report: ChannelReport, link: LinkStats) -> Iterator[Reason]:
     """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
-    channels, config = pipeline.channels, pipeline.config
-    vehicle = channels.lock.vehicle
-    if channels.is_record:
-        return  # it was refused, or has both
-    if vehicle is None:
+    if report.vehicle is None and not report.is_record:
         rejected = link.unsigned_rejected
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
         nothing = "not one MAVLink frame came: is it the right address or file?"
-        why = channels.lock.why_none() if link.frames or rejected else nothing
+        why = report.why_no_vehicle if link.frames or rejected else nothing
         yield Reason("no_vehicle", why + keyed)
-        return
-    # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.
-    unheard = channels.surface_rows == 0 and channels.yaw.rows > 0
-    if unheard or not channels.surfaces:
-        missing = " or ".join(config.inputs)
-        if channels.surfaces:
-            text = f"no message carries {channels.surfaces[0].source}"
-        else:
-            text = why_no_surface(missing, vehicle, channels.parameters)
-        yield Reason("no_rudder", text)
-    if channels.yaw.rows == 0:
-        yield Reason("no_yaw", f"none of {', '.join(SOURCES)} comes from the vehicle")
-
-
-def _surface_reasons(channels: Channels) -> list[Reason]:
-    """Return what is said of the channels, all texts of one id in one reason."""
-    texts: dict[str, list[str]] = {}
-    if channels.yaw.source in COARSE:
-        texts["channel_stand_in"] = [
-            f"the yaw rate is made from {channels.yaw.label}: coarse, slow"
-        ]
-    if channels.units_assumed:
-        text = f"nothing says the unit of {', '.join(channels.units_assumed)}: rad and rad/s are"
-        texts["unit_assumed"] = [f"{text} assumed"]
-    for name, surface in zip(channels.config.inputs, channels.surfaces, strict=True):
-        for id_, text in _surface_texts(name, surface, channels.twins):
-            texts.setdefault(id_, []).append(text)
-    return [Reason(id_, "; ".join(found)) for id_, found in texts.items()]
-
-
-def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[tuple[str, str]]:
-    if "assumed" in surface.how:
-        low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
-        yield (
-            "rudder_assumed",
-            f"the log does not say which channel moves the {name}, or how far: "
-            f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
-        )
-    for twin in surface.twins:
-        share = twins.share_apart(surface, twin)
-        if share > LEAST_SHARE:
-            yield (
-                "rudder_assumed",
-                f"{surface.name_of(twin)} is a {name} too and differs from {surface.source} by "
-                f"more than {100 * TOLERANCE:.0f} % of half the travel in {100 * share:.0f} % of "
-                f"the messages: {surface.source} is assumed",
-            )
-    if surface.message in STICKS:
-        yield "channel_stand_in", f"{surface.source} is the pilot's stick, not the {name} itself"
+    yield from (Reason(*each) for each in report.missing)
 
 
 def bank_summaries(bank: Bank) -> tuple[dict[str, MethodSummary], dict[str, Evidence]]:
@@ -344,7 +245,7 @@ def described(
         theta_std=finite(dict(zip(names, last.theta_std[-1], strict=True))),
         modes=[Mode(**each) for each in mode_list(found)],
         dutch_roll=DutchRoll.of(
-            (wn, total[0], zeta, total[1]), dutch_roll_level(wn, zeta), (wn_noise, zeta_noise)
+            (wn, total[0], zeta, total[1]), (wn_noise, zeta_noise), has_level=True
         ),
         physics={n: _value(method, n, each, spread) for n, each in physics.items()} or None,
         fit=Fit(**finite(fit)),

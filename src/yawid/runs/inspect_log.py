@@ -16,10 +16,9 @@ import numpy as np
 from msgspec import structs
 
 from yawid.blocks import Floats, Ints, SampleBlock
-from yawid.channels.conditioning import RATE_SLACK
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
-from yawid.config.run import BOTH, KEPT_ONLY, RunConfig
+from yawid.config.run import BOTH, KEPT_ONLY, RATE_SLACK, RunConfig
 from yawid.errors import ConfigError
 from yawid.quantities.link import SenderStats
 from yawid.quantities.vehicles import FIXED_WING, GENERIC, mode_name
@@ -109,7 +108,7 @@ def _inspected(
         recommend = said_options(chosen.config)
         command = command_line(log, chosen.config, source.options)
     ids = [r.id for r in chosen.verdict.reasons if r.exit_code or r.id in WORTH_SAYING]
-    if record := what_to_record(ids, channels):
+    if record := what_to_record(ids, job.pipeline.report()):
         recommend["record"] = record
     origin = {name: getattr(whole.summary, name) for name in Origin.__struct_fields__}
     counted = {key: SenderStats(n) for key, n in link.senders.items()} | dict(link.by_sender)

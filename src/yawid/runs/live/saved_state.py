@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SinkError
 from yawid.estimation.armax import RecursiveArmax
@@ -57,12 +56,12 @@ class StateFile:
             if reason:
                 raise ConfigError(f"the state in {path} does not fit: {reason}")
 
-    def resume(self, bank: Bank, channels: Channels) -> None:
+    def resume(self, bank: Bank, pipeline: Pipeline) -> None:
         """Put the saved estimators into a new bank, if they fit; say which it is."""
         if self._head is None:
             return
         head, self._head = self._head, None
-        reason = _difference(_key(bank, channels), head["key"])
+        reason = _difference(_key(bank, pipeline), head["key"])
         estimators = self._saved
         if not reason and {m: e.config for m, e in estimators.items()} != {
             m: e.config for m, e in bank.estimators.items()
@@ -119,7 +118,7 @@ class StateFile:
         # The reference engine, which has no bytes, was refused when this was built.
         head = {
             "version": VERSION,
-            "key": _key(bank, pipeline.channels),
+            "key": _key(bank, pipeline),
             "saved_s": time.time(),
             "sizes": {method: len(data) for method, data in saved.items()},
         }
@@ -198,9 +197,9 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]
     return head, saved
 
 
-def _key(bank: Bank, channels: Channels) -> dict[str, Any]:
+def _key(bank: Bank, pipeline: Pipeline) -> dict[str, Any]:
     """Return all that must agree for a state to be resumed, in JSON's own types."""
-    vehicle = channels.lock.vehicle
+    channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
     assert vehicle is not None
     key = {
         "vehicle": f"{vehicle.sysid}/{vehicle.compid}, type {vehicle.type}",

@@ -1,21 +1,16 @@
 """Where a session stands, in one line; how long samples wait."""
 
-import math
 import time
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Ints, Status, words
-from yawid.estimation.bank import Bank
-from yawid.physics.modes import modes
+from yawid.blocks import Ints, Status, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
-from yawid.results.judge_estimate import BETTER
+from yawid.results.judge_estimate import answering
 from yawid.results.run_summary import DutchRoll
 from yawid.sinks.words import dutch_roll
 
-SOUND = (Status.TRACKING, Status.HELD)
-"""An estimator that says this of itself may answer."""
 QUIET_S = 1.5
 """So long without anything, and what was last estimated is no longer how things stand."""
 SILENT = "silent"
@@ -78,28 +73,6 @@ class Standing:
 def running(roll: DutchRoll | None) -> str:
     """Return the line of a running estimate."""
     return "wn: not yet" if roll is None else dutch_roll(roll)
-
-
-def answering(bank: Bank) -> tuple[str, Status, DutchRoll | None]:
-    """Return the method that answers just now, its status and its Dutch roll, sigmas of noise.
-
-    The method asked for answers unless it has no Dutch roll or has diverged, or another knows wn
-    better by the verdict's own measure. The verdict at the end also weighs what would take too long
-    here.
-    """
-    found = {}
-    for method, block in bank.last.items():
-        newest = EstimateBlock(block.rows[-1:], block.p)
-        orders = bank.config.armax_orders()
-        mean_output = bank.config.output == "yaw"
-        roll = modes(newest, orders, bank.sample_time_s, mean_output=mean_output).dutch_roll[0]
-        found[method] = method, Status(int(newest.status[0])), roll
-    sound = [m for m, (_, s, roll) in found.items() if s in SOUND and math.isfinite(roll[0])]
-    chosen = sound[0] if sound else bank.config.method
-    for method in sound[1:]:
-        if found[method][2][1] < BETTER * found[chosen][2][1]:
-            chosen = method
-    return chosen, found[chosen][1], DutchRoll.of(found[chosen][2])
 
 
 def _idle_s(pipeline: Pipeline, now_us: int) -> float:

@@ -8,12 +8,11 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from yawid.channels.stage import WANTED
-from yawid.channels.vehicle import NOT_A_VEHICLE
 from yawid.config.run import RunConfig
 from yawid.errors import UNFORESEEN, ConfigError, SinkError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
+from yawid.quantities.vehicles import NOT_A_VEHICLE
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import LiveFacts, Manoeuvre, RunSummary
 from yawid.results.summary import summarise
@@ -94,7 +93,7 @@ class LiveSession:
             self._state = StateFile(setting.state, setting.config, self.tell)
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
-        self.decoder = setting.read_options.decoder(WANTED)
+        self.decoder = setting.read_options.decoder(Pipeline.reads)
         self.pipeline = Pipeline(setting.config, self._sinks, self._make_bank, worker=setting.fits)
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
@@ -337,7 +336,7 @@ class LiveSession:
     def _make_bank(self, config: RunConfig, sample_time_s: float) -> Bank:
         bank = Bank(config, sample_time_s)
         if self._state is not None:
-            self._state.resume(bank, self.pipeline.channels)
+            self._state.resume(bank, self.pipeline)
         return bank
 
     def _misfit(self, error: Exception) -> bool:

@@ -20,7 +20,7 @@ MARKS: Final = int(Held.GAP | Held.REBOOT)
 PIECE: Final = 1 << 16
 """Rows that are laid out at a time."""
 STRETCH_S: Final = 1.0
-STROKE_S: Final = 5.0
+WINDOW_S: Final = 5.0
 
 
 def same(value: float, count: int) -> Any:
@@ -165,9 +165,9 @@ def largest_stroke(t_us: Ints, values: Floats) -> float:
     starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
     high, low = np.maximum.reduceat(high, starts), np.minimum.reduceat(low, starts)
     when, most = second[starts], 0.0
-    for count in range(min(round(STROKE_S / STRETCH_S), len(starts))):  # so many stretches on
+    for count in range(min(round(WINDOW_S / STRETCH_S), len(starts))):  # so many stretches on
         n = len(starts) - count
-        near = (when[count:] - when[:n] >= 0) & (when[count:] - when[:n] < STROKE_S / STRETCH_S)
+        near = (when[count:] - when[:n] >= 0) & (when[count:] - when[:n] < WINDOW_S / STRETCH_S)
         reach = np.maximum(high[count:] - low[:n], high[:n] - low[count:])[near]
         most = max(most, float(reach.max(initial=0.0)))
     return most
