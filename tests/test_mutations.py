@@ -1,10 +1,9 @@
-"""The seeded defects (tools/checks/defects.py), and the test that must notice each."""
+"""The seeded defects (tools/checks/defects.toml), and the test that must notice each."""
 
 from __future__ import annotations
 
 import pytest
-from checks.defect import Defect
-from checks.defects import DEFECTS
+from checks.defects import DEFECTS, Defect
 from checks.mutate import Copy, misplaced
 
 

@@ -1,7 +1,24 @@
-"""Small defects as a hurried change might bring them in: where, what, and why."""
+"""Small defects as a hurried change might bring them in: those of defects.toml."""
 
-from checks.defect import Defect
-from checks.defects_above import ABOVE
-from checks.defects_below import BELOW
+from __future__ import annotations
 
-DEFECTS: tuple[Defect, ...] = (*BELOW, *ABOVE)
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Defect:
+    """``old``, once in ``file`` (below src/yawid), becomes ``new``; then ``test`` must fail."""
+
+    what: str
+    file: str
+    old: str
+    new: str
+    test: str
+
+
+DEFECTS: tuple[Defect, ...] = tuple(
+    Defect(**each)
+    for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))["defect"]
+)

@@ -1,6 +1,6 @@
 """Seed small defects one at a time in a copy of the tree, and see whether the tests notice.
 
-    python tools/mutate.py                # all of checks/defects.py, a Markdown table at the end
+    python tools/mutate.py                # all of checks/defects.toml, a Markdown table at the end
     python tools/mutate.py --only jury    # those whose description holds a word
 
 tests/test_mutations.py, marked ``long``, does the same. Each defect names one test
@@ -22,8 +22,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from checks.defect import Defect
-from checks.defects import DEFECTS
+from checks.defects import DEFECTS, Defect
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("src", "tests", "tools", "replay_logs")

@@ -45,7 +45,7 @@ def written(name: str) -> str:
 
 
 def mutations() -> str:
-    """Return the defects of checks/defects.py, each with the test that must fail; names alone."""
+    """Return the defects of checks/defects.toml, each with the test that must fail; names alone."""
     rows = [
         f"| {d.what} | {Path(d.file).stem} | {Path(d.test.replace('.py', '')).name[5:]} |"
         for d in DEFECTS
