@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_flights import estimate, manoeuvre
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
@@ -17,11 +18,7 @@ from yawid.manoeuvres.flight import TAU_WN_SHARE, TAU_ZETA, flight_of
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.run_summary import (
     DutchRoll,
-    Fit,
     Flight,
-    Manoeuvre,
-    MethodSummary,
-    Orders,
 )
 from yawid.results.summary import as_summary
 
@@ -51,33 +48,18 @@ def answered(
     """
     verdict = Verdict.of([Reason(reason, f"about {reason}") for reason in reasons], "rml")
     roll = (wn, wn_std, zeta, zeta_std)
-    told = MethodSummary(
-        method="rml",
-        orders=Orders(*OWN),
-        sample_time_s=0.05,
-        updates=500,
-        held=0,
-        theta={},
-        theta_std={},
-        dutch_roll=DutchRoll.of(roll),
-        fit=Fit(),
-    )
-    found = Manoeuvre(
-        n=n,
+    found = manoeuvre(
+        n,
+        speed=speed,
         from_s=100.0 * n,
         to_s=100.0 * n + 30.0,
         duration_s=30.0,
         date=f"2026-11-22T07:0{n % 10}:00.000Z",
         mode="MANUAL",
         loop=loop,
-        airspeed_m_s=speed,
-        airspeed_std_m_s=None if speed is None else 0.1,
         airspeed_source=source,
         altitude_m=altitude,
-        inputs=["rudder"],
-        orders=Orders(*OWN),
-        turn_removed=False,
-        estimates={"rml": told},
+        estimates={"rml": estimate("rml", DutchRoll.of(roll), physics=None)},
         verdict=as_summary(verdict),
     )
     structures = {OWN: Structure(np.array(roll), gain, held_back[0], beyond)}

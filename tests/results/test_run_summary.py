@@ -6,45 +6,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import hand_flights
 import numpy as np
 import pytest
 from hand_flights import four_of_a_flight, of_older_version
+from hand_flights import plain_summary as summary
 from places import REPLAY_LOGS
 
-from yawid.results.run_summary import (
-    DutchRoll,
-    Fit,
-    LinkCounts,
-    MethodSummary,
-    Orders,
-    RunSummary,
-    VerdictSummary,
-)
-
-
-def summary(**changes: Any) -> RunSummary:
-    plain = {
-        "log": "a.tlog",
-        "duration_s": 1.0,
-        "link": LinkCounts(),
-        "channels": {},
-        "verdict": VerdictSummary(usable=True, reasons=[]),
-    }
-    return RunSummary(**(plain | changes))
+from yawid.results.run_summary import DutchRoll, MethodSummary, RunSummary, VerdictSummary
 
 
 def estimate(theta: dict[str, Any], roll: DutchRoll | None = None) -> MethodSummary:
-    return MethodSummary(
-        method="els",
-        orders=Orders(3, 3, 2, 1),
-        sample_time_s=0.1,
-        updates=9,
-        held=1,
-        theta=theta,
-        theta_std={},
-        dutch_roll=roll,
-        fit=Fit(),
-    )
+    return hand_flights.estimate("els", roll, theta=theta, theta_std={})
 
 
 @pytest.mark.parametrize(

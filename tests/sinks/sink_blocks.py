@@ -11,20 +11,19 @@ from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from typing import Any
 
+import hand_flights
 import msgspec
 import numpy as np
+from hand_flights import roll_of
 
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.results.run_summary import (
     ChannelFound,
-    DutchRoll,
     Fit,
     Flight,
     LinkCounts,
     Manoeuvre,
-    MethodSummary,
-    Orders,
     ReasonSummary,
     RunSummary,
     Value,
@@ -57,14 +56,7 @@ FLIGHT = Flight(
     method="rml",
     airspeed_m_s=20.5,
     loop="airframe",
-    dutch_roll=DutchRoll(
-        wn_rad_s=10.1,
-        wn_std=0.15,
-        wn_std_noise=0.02,
-        zeta=0.63,
-        zeta_std=0.02,
-        zeta_std_noise=0.003,
-    ),
+    dutch_roll=roll_of(10.1, 0.63, 0.15, 0.02, (0.02, 0.003)),
     used=[1, 3],
     disagree=[2],
     verdict=VerdictSummary(method="rml", usable=True, reasons=[]),
@@ -141,40 +133,23 @@ def make_manoeuvre(
     from_s, to_s = (float(samples.boot_us[row]) / 1e6 for row in (first, last))
     span_ns = int(samples.unix_ns[first]), int(samples.unix_ns[last])
     date = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=span_ns[0] // 1000)
-    rml = MethodSummary(
-        method="rml",
-        orders=Orders(3, 3, 2, 1),
-        sample_time_s=SAMPLE_TIME_S,
-        updates=last + 1 - first,
-        held=0,
-        theta={},
-        theta_std={},
-        dutch_roll=DutchRoll(
-            wn_rad_s=10.2,
-            wn_std=0.2,
-            wn_std_noise=0.05,
-            zeta=0.62,
-            zeta_std=0.03,
-            zeta_std_noise=0.01,
-        ),
+    rml = hand_flights.estimate(
+        "rml",
+        roll_of(10.2, 0.62, 0.2, 0.03, (0.05, 0.01)),
         physics={"K": Value(-1.5, 0.1, 0.04)},
         fit=Fit(simulation_pct=87.0, simulation_held_back_pct=81.5),
     )
-    return Manoeuvre(
-        n=n,
+    return hand_flights.manoeuvre(
+        n,
+        speed=21.5,
         from_s=from_s,
         to_s=to_s,
         duration_s=to_s - from_s,
         date=date.isoformat(timespec="seconds"),
-        mode="FBWA",
-        loop="with_roll_loop",
-        airspeed_m_s=21.5,
         airspeed_std_m_s=0.5,
-        airspeed_source="airspeed",
         airspeed_kind="equivalent",
         altitude_m=120.0,
         inputs=["rudder", "aileron"],
-        orders=Orders(3, 3, 2, 1),
         turn_removed=True,
         estimates={"rml": rml},
         verdict=VerdictSummary(method="rml", usable=True, reasons=VERDICT.reasons[1:]),

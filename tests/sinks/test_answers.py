@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import hand_flights
 import msgspec
 import numpy as np
 import pytest
@@ -29,9 +30,7 @@ from yawid.report.write import report
 from yawid.results.run_summary import (
     DutchRoll,
     Fit,
-    LinkCounts,
     MethodSummary,
-    Orders,
     ReasonSummary,
     RunSummary,
     VerdictSummary,
@@ -92,26 +91,13 @@ def test_the_terminal_marks_its_column_and_the_viewer_shows_its_numbers(by_rml: 
 
 
 def estimate(wn: float) -> MethodSummary:
-    return MethodSummary(
-        method="els",
-        orders=Orders(2, 2, 1, 1),
-        sample_time_s=0.1,
-        updates=9,
-        held=1,
-        theta={},
-        theta_std={},
-        dutch_roll=DutchRoll(wn_rad_s=wn, wn_std=0.01, zeta=0.2, zeta_std=0.01),
-        fit=Fit(simulation_pct=90.0),
-    )
+    roll = DutchRoll(wn_rad_s=wn, wn_std=0.01, zeta=0.2, zeta_std=0.01)
+    return hand_flights.estimate("els", roll)
 
 
 def summary_of(reason: str | None = None, method: str | None = None) -> RunSummary:
     reasons = [ReasonSummary("not_converged", "fatal", reason)] if reason else []
-    return RunSummary(
-        log="a",
-        duration_s=1.0,
-        link=LinkCounts(frames=1),
-        channels={},
+    return hand_flights.plain_summary(
         estimates={"els": estimate(2.0), "rml": estimate(3.0)},
         verdict=VerdictSummary(method=method, usable=reason is None, reasons=reasons),
     )

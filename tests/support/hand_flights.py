@@ -34,27 +34,48 @@ NOT_CONVERGED = ReasonSummary(
 )
 
 
-def estimate(method: str, roll: DutchRoll | None, fit_pct: float | None = 91.3) -> MethodSummary:
-    return MethodSummary(
-        method=method,
-        orders=ORDERS,
-        sample_time_s=0.04,
-        updates=575,
-        held=4,
-        theta={"a1": -1.9},
-        theta_std={"a1": 0.01},
-        modes=[Mode(kind="dutch_roll", wn_rad_s=10.2, zeta=0.62)],
-        dutch_roll=roll,
-        physics={"K": Value(0.308, 0.006, 0.002), "T_theta_s": Value(0.85, 0.04)},
-        fit=Fit(one_step_pct=98.1, simulation_pct=fit_pct, simulation_held_back_pct=88.2),
-    )
+def estimate(
+    method: str, roll: DutchRoll | None, fit_pct: float | None = 91.3, **more: Any
+) -> MethodSummary:
+    given: dict[str, Any] = {
+        "method": method,
+        "orders": ORDERS,
+        "sample_time_s": 0.04,
+        "updates": 575,
+        "held": 4,
+        "theta": {"a1": -1.9},
+        "theta_std": {"a1": 0.01},
+        "modes": [Mode(kind="dutch_roll", wn_rad_s=10.2, zeta=0.62)],
+        "dutch_roll": roll,
+        "physics": {"K": Value(0.308, 0.006, 0.002), "T_theta_s": Value(0.85, 0.04)},
+        "fit": Fit(one_step_pct=98.1, simulation_pct=fit_pct, simulation_held_back_pct=88.2),
+    }
+    return MethodSummary(**(given | more))
 
 
-def roll_of(wn: float, zeta: float, wn_std: float = 0.11, zeta_std: float = 0.012) -> DutchRoll:
+def roll_of(
+    wn: float,
+    zeta: float,
+    wn_std: float = 0.11,
+    zeta_std: float = 0.012,
+    noise: tuple[float, float] = (0.03, 0.004),
+) -> DutchRoll:
     return DutchRoll(
-        wn_rad_s=wn, wn_std=wn_std, wn_std_noise=0.03, zeta=zeta, zeta_std=zeta_std,
-        zeta_std_noise=0.004,
+        wn_rad_s=wn, wn_std=wn_std, wn_std_noise=noise[0], zeta=zeta, zeta_std=zeta_std,
+        zeta_std_noise=noise[1],
     )  # fmt: skip
+
+
+def verdict(*reasons: str, weight: str = "fatal") -> VerdictSummary:
+    told = [ReasonSummary(each, weight, "") for each in reasons]
+    usable = not told or weight == "warning"
+    return VerdictSummary(method="rml", usable=usable, reasons=told)
+
+
+def plain_summary(**more: Any) -> RunSummary:
+    """Return a summary that says as little as one may."""
+    given = {"log": "a.tlog", "duration_s": 1.0, "link": LinkCounts(), "channels": {}}
+    return RunSummary(**(given | {"verdict": VerdictSummary(usable=True, reasons=[])} | more))
 
 
 def manoeuvre(

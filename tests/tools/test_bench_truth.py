@@ -9,49 +9,32 @@ from typing import Any
 import pytest
 from bench import truth as bench
 from checks.judge import Row, compared
+from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
 from places import ROOT
 
 from yawid.results.run_summary import (
     DutchRoll,
-    Fit,
     Flight,
-    LinkCounts,
     Manoeuvre,
-    MethodSummary,
-    Orders,
-    ReasonSummary,
-    RunSummary,
     VerdictSummary,
 )
 
-ORDERS = Orders(3, 3, 2, 1)
 CONDITIONS: dict[str, Any] = {
     "aircraft": "c172p", "severity": 0, "gyro": "clean", "rate_hz": 25, "manoeuvre": "3211",
 }  # fmt: skip
 
 
-def verdict(*reasons: str, weight: str = "warning") -> VerdictSummary:
-    told = [ReasonSummary(each, weight, "") for each in reasons]
-    usable = not told or weight == "warning"
-    return VerdictSummary(method="rml", usable=usable, reasons=told)
+def warned(*reasons: str) -> VerdictSummary:
+    return verdict(*reasons, weight="warning")
 
 
 def found(n: int, airspeed: float, wn: float, of: VerdictSummary) -> Manoeuvre:
     """A manoeuvre whose RML has a total sigma of .05, .03 of noise; ELS found no Dutch roll."""
-    roll = DutchRoll(
-        wn_rad_s=wn, wn_std=0.05, wn_std_noise=0.03, zeta=0.2, zeta_std=0.04, zeta_std_noise=0.01
-    )
-    rml, els = (
-        MethodSummary(
-            method=method, orders=ORDERS, sample_time_s=0.05, updates=800, held=0, theta={},
-            theta_std={}, dutch_roll=mode, fit=Fit(),
-        )
-        for method, mode in (("rml", roll), ("els", None))
-    )  # fmt: skip
-    return Manoeuvre(
-        n=n, from_s=100.0 * n, to_s=100.0 * n + 40.0, duration_s=40.0, date="", loop="unknown",
-        airspeed_m_s=airspeed, inputs=["rudder"], orders=ORDERS, turn_removed=False,
-        estimates={"rml": rml, "els": els}, verdict=of,
+    roll = roll_of(wn, 0.2, 0.05, 0.04, (0.03, 0.01))
+    both = {"rml": estimate("rml", roll), "els": estimate("els", None)}
+    return manoeuvre(
+        n, speed=airspeed, from_s=100.0 * n, to_s=100.0 * n + 40.0, duration_s=40.0, date="",
+        loop="unknown", estimates=both, verdict=of,
     )  # fmt: skip
 
 
@@ -64,10 +47,7 @@ def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[Row]:
             for mode in [{"wn_rad_s": wn, "wn_std": 0.04, "zeta": 0.2, "zeta_std": 0.03}]
         ]
     }
-    summary = RunSummary(
-        log="", duration_s=300.0, link=LinkCounts(), channels={}, verdict=verdict(),
-        manoeuvres=list(manoeuvres), flight=flight,
-    )  # fmt: skip
+    summary = plain_summary(manoeuvres=list(manoeuvres), flight=flight)
     rows = compared(summary, truth)
     return [{"number": number} | CONDITIONS | row for row in rows]
 
@@ -75,12 +55,12 @@ def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[Row]:
 def answered(wn: float, wn_std: float, *warnings: str) -> Flight:
     roll = DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=0.2, zeta_std=0.04)
     return Flight(
-        airspeed_m_s=45.0, dutch_roll=roll, used=[1, 2], disagree=[], verdict=verdict(*warnings)
+        airspeed_m_s=45.0, dutch_roll=roll, used=[1, 2], disagree=[], verdict=warned(*warnings)
     )
 
 
 def refused() -> Flight:
-    return Flight(used=[], disagree=[], verdict=verdict("poor_fit", weight="fatal"))
+    return Flight(used=[], disagree=[], verdict=verdict("poor_fit"))
 
 
 def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
@@ -99,7 +79,7 @@ def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
 
 def test_the_figures_of_two_rows_are_those_by_hand() -> None:
     pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
-    unfit = found(1, 40.0, 2.128, verdict("poor_fit", weight="fatal"))
+    unfit = found(1, 40.0, 2.128, verdict("poor_fit"))
     rows = rows_of(0, answered(2.295, 0.03), *pair) + rows_of(1, refused(), unfit)
 
     line = bench.condition_line("two", rows)
@@ -118,7 +98,7 @@ def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() 
     silent = rows_of(0, answered(2.6, 0.03), wrong)
     told = rows_of(1, answered(2.6, 0.03, "poor_fit"), wrong)
     gone = rows_of(2, refused(), wrong)
-    right = rows_of(3, answered(2.26, 0.03), found(1, 40.0, 2.0, verdict("coloured_residuals")))
+    right = rows_of(3, answered(2.26, 0.03), found(1, 40.0, 2.0, warned("coloured_residuals")))
     right_and_told = rows_of(4, answered(2.26, 0.03, "rate_low"), found(1, 40.0, 2.0, verdict()))
 
     said = list(bench.warning_criteria([*silent, *told, *gone, *right, *right_and_told]))

@@ -10,22 +10,17 @@ from checks import judge
 from flights.fly import fly
 from flights.legs import PLANS, Leg, LegPlan
 from flights.telemetry import Link
+from hand_flights import estimate, manoeuvre, plain_summary, verdict
 
 from yawid.results.run_summary import (
     DutchRoll,
     Fit,
     Flight,
-    LinkCounts,
     Manoeuvre,
-    MethodSummary,
-    Orders,
-    ReasonSummary,
     RunSummary,
     Value,
-    VerdictSummary,
 )
 
-ORDERS = Orders(3, 3, 2, 1)
 TRUTH: dict[str, Any] = {
     "manoeuvres": [
         {
@@ -50,30 +45,16 @@ TRUTH: dict[str, Any] = {
 }
 
 
-def verdict(*reasons: str) -> VerdictSummary:
-    told = [ReasonSummary(each, "fatal", "") for each in reasons]
-    return VerdictSummary(method="rml", usable=not reasons, reasons=told)
-
-
 def found(first_s: float, wn: float, zeta: float, *reasons: str, **told: Any) -> Manoeuvre:
-    answer = MethodSummary(
-        method="rml", orders=ORDERS, sample_time_s=0.05, updates=800, held=0, theta={},
-        theta_std={}, dutch_roll=DutchRoll(wn_rad_s=wn, zeta=zeta), fit=Fit(),
-    )  # fmt: skip
-    usual: dict[str, Any] = {
-        "n": 1, "duration_s": 38.0, "date": "2026-11-22T00:00:00Z", "mode": "FBWA",
-        "loop": "with_roll_loop", "airspeed_m_s": 45.0, "altitude_m": 900.0,
-        "inputs": ["rudder"], "orders": ORDERS, "turn_removed": False,
-        "estimates": {"rml": answer}, "verdict": verdict(*reasons),
-    }  # fmt: skip
-    return Manoeuvre(from_s=first_s, to_s=first_s + 38.0, **usual | told)
+    """A manoeuvre answered by RML, without sigmas."""
+    answer = estimate("rml", DutchRoll(wn_rad_s=wn, zeta=zeta), None, physics=None, fit=Fit())
+    of = {"from_s": first_s, "to_s": first_s + 38.0, "duration_s": 38.0, "altitude_m": 900.0}
+    own = {"estimates": {"rml": answer}, "verdict": verdict(*reasons)}
+    return manoeuvre(told.pop("n", 1), speed=45.0, **of | own | told)
 
 
 def summary(*manoeuvres: Manoeuvre, flight: Flight | None = None) -> RunSummary:
-    return RunSummary(
-        log="", duration_s=300.0, link=LinkCounts(), channels={}, verdict=verdict(),
-        manoeuvres=list(manoeuvres), flight=flight,
-    )  # fmt: skip
+    return plain_summary(manoeuvres=list(manoeuvres), flight=flight)
 
 
 def counted(*manoeuvres: Manoeuvre) -> tuple[int, ...]:
