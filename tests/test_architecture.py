@@ -45,7 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "fleet": {"config", "dataset", "results", "runs", "sinks"} | {"sources"},
     "trend": {"dataset", "report", "results", "sinks", "sinks/mcap"},
     "tables": {"config", "results", "runs", "sources", "sinks", "sinks/mcap"},
-    "cli": {"config", "dataset", "estimation", "fleet", "offline", "plant", "report", "results"}
+    "cli": {"config", "dataset", "estimation", "fleet", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
     | {"tables", "trend"},
     "__main__": {"cli"},

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,34 +10,28 @@ from yawid.cli.options import add_command
 from yawid.cli.standard_streams import hush
 from yawid.sinks.door import say, tell
 
-_RUN = "the file of a finished run"
+Run = Callable[[argparse.Namespace], int]
 
 
 def add_finished_run(commands: Any) -> None:
     """Add the commands to the parser's."""
-    view = add_command(
-        commands, "view", "RUN.mcap", "show a finished run in Rerun, PlotJuggler or Foxglove",
+    view = _on_run(
+        commands, "view", "show a finished run in Rerun, PlotJuggler or Foxglove",
         "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --in plotjuggler",
     )  # fmt: skip
-    view.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
     view.add_argument(
-        "--in",
-        dest="viewer",
-        choices=("rerun", "plotjuggler", "foxglove"),
-        default="rerun",
+        "--in", dest="viewer", choices=("rerun", "plotjuggler", "foxglove"), default="rerun",
         help="the program to show it in (default: rerun)",
-    )
+    )  # fmt: skip
     view.add_argument("--save", type=Path, metavar="X.rrd", help="write a recording instead")
     view.add_argument(
         "--to", metavar="URL", help="send it to a viewer: rerun+http://HOST:PORT/proxy"
     )
-    view.add_argument("--force", action="store_true", help="overwrite a recording that exists")
-    view.set_defaults(run=_view)
-    report = add_command(
-        commands, "report", "RUN.mcap", "write a report of a finished run: one HTML file",
+    _add_force(view, _view, "a recording that exists")
+    report = _on_run(
+        commands, "report", "write a report of a finished run: one HTML file",
         "yawid report yawid-out/flight.mcap\nyawid report flight.mcap -o flight.html --force",
     )  # fmt: skip
-    report.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
     report.add_argument(
         "-o", "--out", type=Path, metavar="R.html",
         help="(default: beside the MCAP, under its name)",
@@ -44,19 +39,16 @@ def add_finished_run(commands: Any) -> None:
     report.add_argument(
         "--png", type=Path, metavar="DIR", help="also write its pictures, a PNG each, into DIR"
     )
-    report.add_argument("--force", action="store_true", help="overwrite files that exist")
-    report.set_defaults(run=_report)
-    export = add_command(
-        commands, "export", "RUN.mcap", "write a finished run's samples and results as a table",
+    _add_force(report, _report, "files that exist")
+    export = _on_run(
+        commands, "export", "write a finished run's samples and results as a table",
         "yawid export yawid-out/flight.mcap\nyawid export flight.mcap -o flight.csv --force",
     )  # fmt: skip
-    export.add_argument("mcap", metavar="RUN.mcap", type=Path, help=_RUN)
     export.add_argument(
         "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz",
         help="(default: Parquet beside the MCAP, under its name)",
     )  # fmt: skip
-    export.add_argument("--force", action="store_true", help="overwrite a file that exists")
-    export.set_defaults(run=_export)
+    _add_force(export, _export, "a file that exists")
     recover = add_command(
         commands, "recover", "BROKEN.mcap -o OUT.mcap",
         "make a proper MCAP of one that was cut off",
@@ -69,8 +61,20 @@ def add_finished_run(commands: Any) -> None:
     recover.add_argument(
         "-o", "--out", metavar="OUT.mcap", type=Path, required=True, help="the file to write"
     )
-    recover.add_argument("--force", action="store_true", help="overwrite a file that exists")
-    recover.set_defaults(run=_recover)
+    _add_force(recover, _recover, "a file that exists")
+
+
+def _on_run(commands: Any, name: str, what: str, examples: str) -> argparse.ArgumentParser:
+    """Add a command that takes the file of a finished run."""
+    command = add_command(commands, name, "RUN.mcap", what, examples)
+    command.add_argument("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
+    return command
+
+
+def _add_force(command: argparse.ArgumentParser, run: Run, what: str) -> None:
+    """Add the option that overwrites, and what the command does."""
+    command.add_argument("--force", action="store_true", help=f"overwrite {what}")
+    command.set_defaults(run=run)
 
 
 def _view(arguments: argparse.Namespace) -> int:

@@ -76,65 +76,37 @@ SAMPLES: tuple[Option, ...] = (
 CHANNELS: tuple[Option, ...] = (
     ("--rudder", str, "CHANNEL", "auto, servo:N, vtail:L,R, control:K or rc:N (default: auto)"),
     ("--aileron", str, "CHANNEL", "the same for the aileron, without vtail (default: auto)"),
-    (
-        "--rudder-sign",
-        str,
-        "nose-right|nose-left",
-        "where positive rudder turns the nose (default: nose-right)",
-    ),
-    (
-        "--rudder-max-deg",
-        float,
-        "DEG",
-        "rudder at full travel in deg, to have gains per rad (default: per half of the travel)",
-    ),
-    (
-        "--sysid",
-        _sysid,
-        "N",
-        "system id of the vehicle, 1 to 255; live: or all (default: the first fixed wing)",
-    ),
-)
+    ("--rudder-sign", str, "nose-right|nose-left",
+     "where positive rudder turns the nose (default: nose-right)"),
+    ("--rudder-max-deg", float, "DEG",
+     "rudder at full travel in deg, to have gains per rad (default: per half of the travel)"),
+    ("--sysid", _sysid, "N",
+     "system id of the vehicle, 1 to 255; live: or all (default: the first fixed wing)"),
+)  # fmt: skip
 MODEL: tuple[Option, ...] = (
-    (
-        "--orders",
-        str,
-        "NA,NB,NC,NK",
-        "orders, nb and nk for every input; replay, inspect: or auto (default: 3,3,2,1)",
-    ),
+    ("--orders", str, "NA,NB,NC,NK",
+     "orders, nb and nk for every input; replay, inspect: or auto (default: 3,3,2,1)"),
     ("--method", str, "|".join(RECURSIVE), f"the stream's estimator (default: {ELS})"),
     ("--also", str, "METHOD|none", f"a second one beside it (default: {RML})"),
     ("--engine", str, "numba|filterpy", "what computes the recursion (default: numba)"),
     ("--memory", float, "SECONDS", "forgetting by a memory of so many s (default: 60)"),
-    (
-        "--forgetting",
-        float,
-        "LAMBDA",
-        "forgetting factor in place of a memory; 1 keeps all (default: by it)",
-    ),
+    ("--forgetting", float, "LAMBDA",
+     "forgetting factor in place of a memory; 1 keeps all (default: by it)"),
     ("--servo-tau", float, "SECONDS", "the servo's lag in s (default: the fastest real pole)"),
     ("--manoeuvres", str, "auto|off", "find manoeuvres, answer each of them (default: auto)"),
     ("--inputs", str, "rudder[,aileron]", "inputs of the model (default: rudder)"),
     ("--output", str, "yaw-rate|heading-rate|yaw", "the model's output (default: yaw-rate)"),
-    (
-        "--rate",
-        float,
-        "HZ",
-        "the grid's rate (default: 20, or the slower channel's where that is lower)",
-    ),
+    ("--rate", float, "HZ",
+     "the grid's rate (default: 20, or the slower channel's where that is lower)"),
     ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"),
     ("--turn", str, "keep|remove", "take off the turn rate that the bank implies (default: keep)"),
-)
+)  # fmt: skip
 RECORD: tuple[Option, ...] = (
-    (
-        "--columns",
-        str,
-        "NAME=COLUMN,...",
-        "names of columns: rudder=delta_r,r=Rate[deg/s] (default: t, rudder, r, ...)",
-    ),
+    ("--columns", str, "NAME=COLUMN,...",
+     "names of columns: rudder=delta_r,r=Rate[deg/s] (default: t, rudder, r, ...)"),
     ("--units", str, "rad|deg", "of angles and rates that say none (default: none)"),
     ("--rudder-unit", str, "half-travel|rad|deg", "of a rudder that says none (default: none)"),
-)
+)  # fmt: skip
 ESTIMATOR_OPTIONS = (*SAMPLES, *CHANNELS, *MODEL)
 TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"}
 

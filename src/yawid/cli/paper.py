@@ -2,32 +2,21 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from yawid.cli.options import add_command
-from yawid.errors import ConfigError, NotIdentifiable
 from yawid.sinks.door import tell, tell_json
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from yawid.offline.step_response import FirstOrder, SecondOrder, YawStep
-
-    StepModel = FirstOrder | SecondOrder | YawStep
-
 PLANTS = ("yaw", "lateral", "rigid-body")
-PARAMETERS = {
-    "first": ("K", "T"),
-    "second": ("k", "D", "q"),
-    "yaw": ("K", "T_theta_s", "omega_beta", "xi_beta"),
-}
-MODELS = {
-    "first": "first order (eq. 4)",
-    "second": "second order (eq. 7)",
-    "yaw": "yaw rate (eq. 23)",
-}
-MOST_SAMPLES = 5_000_000
-"""A day at 50 Hz, and what fits into the memory of a small machine."""
+NUMBERS = (
+    ("--amplitude", 0.05, "RAD", "of the rudder (default: 0.05)"),
+    ("--unit", 0.7, "S", "its unit of time (default: 0.7)"),
+    ("--seconds", 120.0, "N", "length (default: 120)"),
+    ("--rate", 50.0, "HZ", "samples (default: 50)"),
+    ("--noise", 0.0, "RAD/S", "of the yaw rate, white (default: 0)"),
+    ("--seed", 0, "N", "of what is drawn (default: 0)"),
+)
+"""The numbers of a simulation: option, default, its unit, help."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 
@@ -48,7 +37,7 @@ def _add_step(commands: Any) -> None:
         help="columns t and y, and u if known; or t, r, rudder; - reads what simulate prints",
     )  # fmt: skip
     step.add_argument(
-        "--model", choices=tuple(PARAMETERS), metavar="first|second|yaw",
+        "--model", choices=("first", "second", "yaw"), metavar="first|second|yaw",
         help="its form (default: first or second order by the fit, yaw where neither holds)",
     )  # fmt: skip
     step.add_argument(
@@ -68,125 +57,45 @@ def _add_simulate(commands: Any) -> None:
         "yawid simulate yaw --input step --out - | yawid step -",
     )  # fmt: skip
     simulate.add_argument(
-        "plant",
-        metavar="PLANT",
-        choices=PLANTS,
+        "plant", metavar="PLANT", choices=PLANTS,
         help="yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)",
-    )
-    simulate.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help="csv, parquet, tlog, mcap; -: csv to stdout",
-    )
+    )  # fmt: skip
+    simulate.add_argument("--out", type=Path, required=True, metavar="FILE",
+                          help="csv, parquet, tlog, mcap; -: csv to stdout")  # fmt: skip
     simulate.add_argument(
         "--input", default="3211", metavar="KIND",
         help="step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)",
     )  # fmt: skip
-    simulate.add_argument(
-        "--amplitude", type=float, default=0.05, metavar="RAD", help="of the rudder (default: 0.05)"
-    )
-    simulate.add_argument(
-        "--unit", type=float, default=0.7, metavar="S", help="its unit of time (default: 0.7)"
-    )
-    simulate.add_argument(
-        "--seconds", type=float, default=120.0, metavar="N", help="length (default: 120)"
-    )
-    simulate.add_argument(
-        "--rate", type=float, default=50.0, metavar="HZ", help="samples (default: 50)"
-    )
-    simulate.add_argument(
-        "--noise",
-        type=float,
-        default=0.0,
-        metavar="RAD/S",
-        help="of the yaw rate, white (default: 0)",
-    )
-    simulate.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="of what is drawn (default: 0)"
-    )
+    for option, default, metavar, text in NUMBERS:
+        kind = type(default)
+        simulate.add_argument(option, type=kind, default=default, metavar=metavar, help=text)
     simulate.add_argument("--force", action="store_true", help="overwrite a file that exists")
     simulate.set_defaults(run=_simulate)
 
 
 def _step(arguments: argparse.Namespace) -> int:
-    from yawid.offline.step_response import (
-        fit_first_order,
-        fit_second_order,
-        fit_yaw,
-        read_step,
-    )
+    from yawid.runs.step import MODELS, step_report
 
-    t, y, u0, step_time = read_step(arguments.file, arguments.u0, arguments.step_time)
-    found: dict[str, StepModel] = {}
-    refusals = []
-
-    def fit(model: str, by: "Callable[..., StepModel]") -> None:
-        try:
-            found[model] = by(t, y, u0, step_time)
-        except NotIdentifiable as refusal:
-            refusals.append(f"{MODELS[model]}: {refusal}")
-
-    if arguments.model in (None, "first"):
-        fit("first", fit_first_order)
-    if arguments.model in (None, "second"):
-        fit("second", fit_second_order)
-    if arguments.model == "yaw" or (arguments.model is None and not found):
-        fit("yaw", fit_yaw)  # which holds both as corner cases: asked where neither holds
-    if not found:
-        hint = "; of an aircraft that also rolls, replay a 3-2-1-1: yawid replay"
-        raise NotIdentifiable("; ".join(refusals) + hint)
-    model = min(found, key=lambda name: found[name].noise_std)
-    _print_step(model, found[model], arguments.json)
+    asked = arguments.model, arguments.u0, arguments.step_time
+    report = step_report(arguments.file, *asked)
+    if arguments.json:
+        tell_json(report.to_json())
+        return 0
+    tell(MODELS[report.model])
+    for name, number in (report.parameters | {n: getattr(report, n) for n in SETTLING}).items():
+        tell(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
     return 0
 
 
-def _print_step(model: str, fit: "StepModel", as_json: bool) -> None:
-    from yawid.results.reports import StepReport, Told
-
-    def told(name: str) -> Told:
-        value = getattr(fit, name)
-        return Told(value=float(value.value), std=float(value.std))
-
-    report = StepReport(
-        model=model,
-        parameters={name: told(name) for name in PARAMETERS[model]},
-        settling_2pct_s=told("settling_2pct_s"),
-        settling_5pct_s=told("settling_5pct_s"),
-        noise_std=float(fit.noise_std),
-    )
-    if as_json:
-        tell_json(report.to_json())
-        return
-    tell(MODELS[model])
-    for name, number in (report.parameters | {n: getattr(report, n) for n in SETTLING}).items():
-        tell(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
-
-
 def _simulate(arguments: argparse.Namespace) -> int:
-    from yawid.plant.excitation import Excitation
     from yawid.runs.simulate import simulate_to_file
 
-    if not 1.0 <= arguments.rate <= 1000.0:
-        raise ConfigError(f"--rate must lie in 1 to 1000 Hz, got {arguments.rate!r}")
-    if not 1.0 / arguments.rate <= arguments.seconds <= MOST_SAMPLES / arguments.rate:
-        least, most = 1.0 / arguments.rate, MOST_SAMPLES / arguments.rate
-        raise ConfigError(
-            f"--seconds must lie in {least:g} to {most:.0f} at {arguments.rate:g} Hz, "
-            f"got {arguments.seconds!r}"
-        )
-    excitation = Excitation(
-        kind=arguments.input,
-        amplitude=arguments.amplitude,
-        start_s=5.0 if arguments.seconds > 20.0 else 0.0,
-        unit_s=arguments.unit,
-        seed=arguments.seed,
-    )
     simulate_to_file(
         arguments.plant,
-        excitation,
+        arguments.input,
         arguments.out,
+        amplitude=arguments.amplitude,
+        unit_s=arguments.unit,
         seconds=arguments.seconds,
         rate_hz=arguments.rate,
         noise_std=arguments.noise,

@@ -11,7 +11,7 @@ from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
-from yawid.plant.excitation import Excitation
+from yawid.plant.excitation import Excitation, Kind
 from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
@@ -33,27 +33,41 @@ COLUMNS = {
 }
 """A record's columns, by the simulation's, and their units: no option is needed to replay it."""
 STDOUT = Path("-")
+MOST_SAMPLES = 5_000_000
+"""A day at 50 Hz, and what fits into the memory of a small machine."""
 
 
 def simulate_to_file(
     plant: PlantName,
-    excitation: Excitation,
+    kind: Kind,
     out: Path,
     *,
+    amplitude: float,
+    unit_s: float,
     seconds: float,
     rate_hz: float,
     noise_std: float,
     seed: int,
     force: bool,
-) -> Simulation:
+) -> None:
     """Simulate and write; the suffix of ``out`` says as what: csv, parquet, tlog or mcap.
 
-    ``-`` is a CSV on stdout.
+    ``-`` is a CSV on stdout. ``kind``, ``amplitude`` (rad) and ``unit_s`` are those of the input.
 
     Raises:
         ConfigError: another suffix, or a value outside its limits.
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
+    if not 1.0 <= rate_hz <= 1000.0:
+        raise ConfigError(f"--rate must lie in 1 to 1000 Hz, got {rate_hz!r}")
+    least, most = 1.0 / rate_hz, MOST_SAMPLES / rate_hz
+    if not least <= seconds <= most:
+        text = f"in {least:g} to {most:.0f} at {rate_hz:g} Hz, got {seconds!r}"
+        raise ConfigError(f"--seconds must lie {text}")
+    start_s = 5.0 if seconds > 20.0 else 0.0
+    excitation = Excitation(
+        kind=kind, amplitude=amplitude, start_s=start_s, unit_s=unit_s, seed=seed
+    )
     writers = {".csv": _csv, ".parquet": _parquet, ".tlog": _tlog}
     if out.suffix not in (*writers, ".mcap") and out != STDOUT:
         raise ConfigError(f"--out must end in .csv, .parquet, .tlog or .mcap, or be -, got {out}")
@@ -67,13 +81,11 @@ def simulate_to_file(
     )
     if out.suffix == ".mcap":
         _mcap(simulation, out, rate_hz, force)
-        return simulation
-    if out == STDOUT:
+    elif out == STDOUT:
         tell_whole(_csv(simulation).decode())
-        return simulation
-    check_free(out, force=force)
-    write_whole({out: writers[out.suffix](simulation)}, force=force)
-    return simulation
+    else:
+        check_free(out, force=force)
+        write_whole({out: writers[out.suffix](simulation)}, force=force)
 
 
 def _csv(simulation: Simulation) -> bytes:

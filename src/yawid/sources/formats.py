@@ -4,37 +4,25 @@ A file is known by its first bytes. Only a table of texts may be known by its na
 it is none; all that is not known is taken for a telemetry log, whose reader says what is wrong.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from yawid.blocks import FrameBlock, RecordBlock
-    from yawid.quantities.link import LinkStats
-    from yawid.sources.logs.tlog import Digest
+    from yawid.sources.logs.dataflash import DataflashReader
+    from yawid.sources.logs.tlog import TlogReader
+    from yawid.sources.logs.ulog import UlogReader
     from yawid.sources.open_log import ReadOptions
+    from yawid.sources.records.record import Record
+
+    Reader = TlogReader | DataflashReader | UlogReader | Record
 
 HEAD: Final = 1 << 14
 """Bytes by which a file's kind is known."""
 
 
-class Reader(Protocol):
-    """A file of messages or of a record's rows, opened: it yields them and counts what it read."""
-
-    @property
-    def link(self) -> "LinkStats":
-        """Counts of what has been read."""
-
-    @property
-    def vehicle_id(self) -> str | None:
-        """What the file itself calls its vehicle, None where it does not."""
-
-    def read(self, digest: "Digest") -> "Iterator[tuple[int, FrameBlock | RecordBlock | None]]":
-        """Yield (bytes read, what they hold) from the start, continuing ``digest`` by the bytes."""
-
-
-Opener = Callable[[Path, Iterable[str], "ReadOptions"], Reader]
+Opener = Callable[[Path, Iterable[str], "ReadOptions"], "Reader"]
 """From a path, the messages that are wanted and how bytes are read to a reader."""
 
 
@@ -65,25 +53,25 @@ class Format:
         return self.said if self.needs is None else f"{self.said} (extra {self.needs[1]})"
 
 
-def _tlog(path: Path, wanted: Iterable[str], options: "ReadOptions") -> Reader:
+def _tlog(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
     from yawid.sources.logs.tlog import TlogReader
 
     return TlogReader(path, options.decoder(wanted), options.form)
 
 
-def _dataflash(path: Path, wanted: Iterable[str], options: "ReadOptions") -> Reader:
+def _dataflash(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
     from yawid.sources.logs.dataflash import DataflashReader
 
     return DataflashReader(path)
 
 
-def _ulog(path: Path, wanted: Iterable[str], options: "ReadOptions") -> Reader:
+def _ulog(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
     from yawid.sources.logs.ulog import UlogReader
 
     return UlogReader(path)
 
 
-def _record(path: Path, wanted: Iterable[str], options: "ReadOptions") -> Reader:
+def _record(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
     from yawid.sources.records.record import Record
 
     return Record(path)
