@@ -229,7 +229,7 @@ class RecordBlock(Columns):
     roll: Floats
     pitch: Floats
     yaw: Floats
-    turn: Floats
+    turn_rate: Floats
     airspeed: Floats
     by_ground: Floats
     altitude: Floats
@@ -253,7 +253,7 @@ class SampleBlock(Columns):
       rudder's in rad with ``--rudder-max-deg``; NaN where held;
     - ``y``: the output at ``t_k``, yaw rate or heading rate in rad/s; NaN where held;
     - ``yaw`` (unwrapped) and ``roll`` in rad at ``t_k``;
-    - ``turn``: the turn rate in rad/s that bank and airspeed imply; ``airspeed`` in m/s;
+    - ``turn_rate``: that in rad/s which bank and airspeed imply; ``airspeed`` in m/s;
     - ``noted``, ``held``: bits of :class:`Noted` and of :class:`Held`, which is 0 for what updates;
     - ``epoch``: how often the meaning of ``u`` has changed; with each the estimators start again;
     - ``aileron``: mean deflection in units of half its travel, whether it is an input or not;
@@ -270,7 +270,7 @@ class SampleBlock(Columns):
     y: Floats
     yaw: Floats
     roll: Floats
-    turn: Floats
+    turn_rate: Floats
     airspeed: Floats
     noted: Ints
     held: Ints

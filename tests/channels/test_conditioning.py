@@ -248,5 +248,5 @@ def test_conditioned_samples_do_not_depend_on_the_cut(cuts, output):
 
     noted = set(whole.noted & ~int(Noted.GROUND_SPEED))
     assert noted >= {0, Noted.MODE_CHANGED, Noted.AIRSPEED_CHANGED, Noted.NOT_EXCITED}
-    for name in ("u", "y", "held", "noted", "turn", "airspeed"):
+    for name in ("u", "y", "held", "noted", "turn_rate", "airspeed"):
         np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name), err_msg=name)

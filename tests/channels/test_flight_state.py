@@ -16,6 +16,9 @@ NAN = float("nan")
 UNDEFINED, LANDED, IN_AIR, TAKING_OFF = range(4)
 
 
+NAMES = ("airspeed", "on_ground", "mode", "altitude")
+
+
 def context_of(*messages: mavlink.MAVLink_message) -> np.ndarray:
     """Return airspeed, on ground, mode and altitude as known after these messages."""
     log, context = FlightLog(), FlightState()
@@ -24,7 +27,8 @@ def context_of(*messages: mavlink.MAVLink_message) -> np.ndarray:
     decoder = Decoder(WANTED)
     for frames in (decoder.feed(log.data), decoder.finish()):
         context.observe((frames or FrameBlock({})).messages)
-    return context.at(np.array([len(log.data)]))[0]
+    known = context.at(np.array([len(log.data)]))
+    return np.array([known[name][0] for name in NAMES])
 
 
 def hud(airspeed: float, groundspeed: float, height: float = 100.0) -> mavlink.MAVLink_message:
@@ -65,4 +69,4 @@ def test_nobody_is_airborne_whose_speeds_and_state_do_not_say_so(
 
 
 def test_without_any_message_of_it_nothing_is_known():
-    assert np.isnan(context_of()[:4]).all()
+    assert np.isnan(context_of()).all()

@@ -51,7 +51,7 @@ def test_a_bank_that_forgets_keeps_three_memories_however_the_samples_came(cut: 
     history = bank.history()
     newest = slice(1000 - KEPT, None)
     np.testing.assert_array_equal(history.u, samples.u[newest])
-    for name in ("y", "roll", "turn", "airspeed"):
+    for name in ("y", "roll", "turn_rate", "airspeed"):
         np.testing.assert_array_equal(getattr(history, name), getattr(samples, name)[newest])
     whole = Bank(CONFIG, SAMPLE_TIME_S).run(samples)
     for method, y_hat in history.y_hat.items():

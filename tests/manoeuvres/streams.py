@@ -36,7 +36,13 @@ def stream(
     n = len(rudder)
     k = np.arange(first_k, first_k + n)
     held = np.where(np.isnan(rudder), int(Held.GAP), 0)
-    columns = {"airspeed": airspeed, "aileron": aileron, "turn": turn, "roll": roll, "mode": mode}
+    columns = {
+        "airspeed": airspeed,
+        "aileron": aileron,
+        "turn_rate": turn,
+        "roll": roll,
+        "mode": mode,
+    }
     columns |= {"yaw": yaw, "ground_speed": ground_speed, "altitude": altitude}
     columns["airspeed_kind"] = float(Kind.EQUIVALENT)
     rows = {name: np.broadcast_to(np.float64(value), n).copy() for name, value in columns.items()}

@@ -323,7 +323,7 @@ def test_held_samples_inside_are_no_samples():
 
 def test_the_samples_are_not_changed():
     samples = flight(AILERON, **banked(0.8))
-    kept = {name: np.copy(getattr(samples, name)) for name in ("u", "y", "aileron", "turn")}
+    kept = {name: np.copy(getattr(samples, name)) for name in ("u", "y", "aileron", "turn_rate")}
     told(samples)
     for name, before in kept.items():
         np.testing.assert_array_equal(getattr(samples, name), before)

@@ -136,7 +136,7 @@ def history(**changes) -> History:
         "u": rng.standard_normal((n, 1)),
         "y": rng.standard_normal(n),
         "roll": rng.standard_normal(n),
-        "turn": rng.standard_normal(n),
+        "turn_rate": rng.standard_normal(n),
         "airspeed": np.full(n, 20.0),
         "aileron": np.full(n, np.nan),
         "mode": np.full(n, np.nan),
@@ -149,13 +149,13 @@ def test_flying_that_hides_the_rudder_is_said():
     base = history()
 
     assert ids(flight_reasons(base, "keep")) == set()
-    turns = history(turn=base.y + 0.5 * base.turn)
+    turns = history(turn_rate=base.y + 0.5 * base.turn_rate)
     assert ids(flight_reasons(turns, "keep")) == {"turn_dominated"}
     assert ids(flight_reasons(turns, "remove")) == set()
-    assert ids(flight_reasons(history(turn=-turns.turn), "keep")) == set()
+    assert ids(flight_reasons(history(turn_rate=-turns.turn_rate), "keep")) == set()
     faster = history(airspeed=np.linspace(15.0, 25.0, 1000))
     assert ids(flight_reasons(faster, "keep")) == {"airspeed_changed"}
-    assert ids(flight_reasons(history(turn=np.full(1000, np.nan)), "keep")) == set()
+    assert ids(flight_reasons(history(turn_rate=np.full(1000, np.nan)), "keep")) == set()
 
 
 def test_an_input_that_only_reacts_is_named():

@@ -23,7 +23,7 @@ from sources.mavlink.test_signed_sessions import PASSPHRASE, signed, signer
 
 from yawid.channels.series import Series
 from yawid.channels.survey import Survey
-from yawid.channels.yaw_reader import AIRSPEED, COLUMNS, MODE, ON_GROUND
+from yawid.channels.yaw_reader import MODE, ON_GROUND, ROW
 from yawid.cli.main import main
 from yawid.quantities.vehicles import mode_name
 
@@ -120,8 +120,8 @@ def test_a_reboot_starts_a_boot_of_its_own_and_a_step_of_the_clock_does_not(tmp_
 
 
 def rows_of_yaw(t_us: list[int], told: list[tuple[int, int]]) -> Series:
-    values = np.zeros((len(t_us), COLUMNS))
-    values[:, AIRSPEED] = 20.0
+    values = np.zeros((len(t_us), len(ROW)))
+    values[:, ROW.index("airspeed")] = 20.0
     values[:, [ON_GROUND, MODE]] = np.array(told, float).reshape(-1, 2)
     order = np.arange(len(t_us))
     return Series(order, order, np.array(t_us, np.int64), values)

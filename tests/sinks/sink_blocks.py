@@ -81,7 +81,7 @@ def make_samples(n: int, n_inputs: int, rng: np.random.Generator) -> SampleBlock
         y=y,
         yaw=np.cumsum(rng.normal(size=n)),
         roll=rng.normal(size=n),
-        turn=rng.normal(size=n),
+        turn_rate=rng.normal(size=n),
         airspeed=rng.uniform(10.0, 30.0, n),
         noted=rng.integers(0, 16, n),
         held=held,

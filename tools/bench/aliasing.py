@@ -18,7 +18,7 @@ from yawid.blocks import Held, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.conditioning import Conditioner, finer_by
 from yawid.channels.series import Piece, Readings, Series
-from yawid.channels.yaw_reader import COLUMNS, RATE
+from yawid.channels.yaw_reader import ROW
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.physics.modes import modes
@@ -65,8 +65,8 @@ def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> Sa
     """Return the samples of raw rudder (n,), 3 ms late, and yaw rate (n,) on the grid."""
     n, sample_time_s = len(y), 1.0 / rate_hz
     t_us = np.rint(np.arange(n) * 1e6 / raw_hz).astype(np.int64)
-    columns = np.full((n, COLUMNS), np.nan)
-    columns[:, RATE] = y
+    columns = np.full((n, len(ROW)), np.nan)
+    columns[:, ROW.index("r")] = y
     order, none = np.arange(n), np.zeros(1, np.int64)
     yaw = Series(2 * order, t_us, t_us, columns)
     surface = Series(2 * order + 1, t_us, t_us + 3000, np.column_stack([u, np.full(n, np.nan)]))

@@ -14,7 +14,7 @@ import numpy as np
 
 from yawid.blocks import Bools, Columns, Floats, Held, Ints, Noted, SampleBlock
 from yawid.channels.series import Piece, Readings, Series, flow_together
-from yawid.channels.yaw_reader import AIRSPEED, COLUMNS
+from yawid.channels.yaw_reader import LINEAR, ROW
 
 MOST_INSTANTS = 2**16
 """Aligned at once: a clock that leaps from message to message must not take the memory."""
@@ -43,7 +43,7 @@ class Aligner:
     sample_time_s: float
     gaps_us: tuple[float, float]
     gaps: int = 0
-    _yaw: Series = field(default_factory=lambda: Series.empty(COLUMNS))
+    _yaw: Series = field(default_factory=lambda: Series.empty(len(ROW)))
     _surface: Series = field(default_factory=lambda: Series.empty(0))
     _offset: Readings = field(default_factory=Readings.none)
     _next_k: int | None = None
@@ -88,7 +88,7 @@ class Aligner:
         if self._why == Held.NONE:
             return []
         received = self._yaw if self._yaw.order[0] == both else self._surface
-        hole = np.full((1, COLUMNS), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
+        hole = np.full((1, len(ROW)), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
         k, order, why = np.array([[self._next_k - 1], [both], [int(self._why)]])
         offset_us = self._offset.at(order)
         return [AlignedRows(k, order, received.received_us[:1], offset_us, *hole, why)]
@@ -127,7 +127,7 @@ class Aligner:
         weight = (t - self._yaw.t_us[a]) / np.maximum(width, 1.0)
         low, high = self._yaw.values[a], self._yaw.values[b]
         between = low + weight[:, None] * (high - low)
-        between[:, AIRSPEED:] = low[:, AIRSPEED:]
+        between[:, len(LINEAR) :] = low[:, len(LINEAR) :]
         return between, b, width > self.gaps_us[0]
 
     def _over_intervals(self, edges: Floats) -> tuple[Floats, Ints, Bools]:
@@ -164,8 +164,8 @@ class Aligner:
     def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
         rows = AlignedRows.joined(blocks)
         k, u, aileron = rows.k, rows.surface[:, :-1], rows.surface[:, -1]
-        rate, yaw, roll, turn, airspeed, on_ground, mode, altitude, *more = rows.yaw.T
-        by_ground, *speeds, bars = more
+        row = dict(zip(ROW, rows.yaw.T, strict=True))
+        rate, by_ground, bars = (row.pop(name) for name in ("r", "by_ground", "barred"))
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.append(self._last_unix_ns, (boot_us + rows.offset_us) * 1000)
         unix = np.maximum.accumulate(unix)[1:]
@@ -173,14 +173,16 @@ class Aligner:
         barred = np.nan_to_num(bars).astype(np.int64)
         barred += int(Held.RUDDER_INVALID) * np.isnan(u).any(axis=1)
         barred += int(Held.YAW_INVALID) * np.isnan(rate)
-        barred += int(Held.ON_GROUND) * (on_ground == 1.0)
+        barred += int(Held.ON_GROUND) * (row["on_ground"] == 1.0)
         held = np.where(rows.held != 0, rows.held, barred)
-        times = self.sample_time_s, k, boot_us, unix, rows.received_us
         u, y = np.where(held[:, None] != 0, np.nan, u), np.where(held != 0, np.nan, rate)
-        noted = self._noted(mode) + int(Noted.GROUND_SPEED) * ((by_ground == 1.0) & (held == 0))
-        bits = noted, held, np.full(len(k), self._epoch, np.int64)
-        motion, state = (yaw, roll, turn, airspeed), (mode, on_ground, altitude)
-        return SampleBlock(*times, u, y, *motion, *bits, aileron, *state, *speeds)
+        noted = int(Noted.GROUND_SPEED) * ((by_ground == 1.0) & (held == 0))
+        return SampleBlock(
+            sample_time_s=self.sample_time_s, k=k, boot_us=boot_us, unix_ns=unix,
+            received_us=rows.received_us, u=u, y=y, aileron=aileron,
+            noted=self._noted(row["mode"]) + noted, held=held,
+            epoch=np.full(len(k), self._epoch, np.int64), **row,
+        )  # fmt: skip
 
     def _noted(self, mode: Floats) -> Ints:
         """Mark the samples at which the flight mode is another than before."""

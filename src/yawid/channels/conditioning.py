@@ -88,7 +88,7 @@ class Conditioner:
         if self.config.output == "yaw":
             block = self._differenced(block)
         if self.config.turn == "remove":
-            turn = block.turn
+            turn = block.turn_rate
             unknown = (block.held == 0) & np.isnan(turn)
             held = block.held + int(Held.NO_AIRSPEED) * unknown
             block = replace(block, y=block.y - turn, held=held)
@@ -109,20 +109,20 @@ class Conditioner:
     def _differenced(self, block: SampleBlock) -> SampleBlock:
         """Make the output (psi(k) - psi(k-1)) / Ts: the known integrator never becomes a free pole.
 
-        ``turn`` becomes the mean of both ends, as the output is the mean of the rate between them.
+        ``turn_rate`` becomes the mean of both ends, as the output is that of the rate between them.
         """
         good = block.held == 0
-        k, yaw, turn = block.k[good], block.yaw[good], block.turn[good]
+        k, yaw, turn = block.k[good], block.yaw[good], block.turn_rate[good]
         if len(k) == 0:
             return block
         last_k, last_yaw, last_turn = self._last or (k[0] - 2, np.nan, np.nan)
         self._last = (int(k[-1]), float(yaw[-1]), float(turn[-1]))
         adjacent = np.diff(k, prepend=last_k) == 1
-        y, mean_turn, held = np.full(len(block), np.nan), block.turn.copy(), block.held.copy()
+        y, mean_turn, held = np.full(len(block), np.nan), block.turn_rate.copy(), block.held.copy()
         y[good] = np.diff(yaw, prepend=last_yaw) / self.sample_time_s
         mean_turn[good] = 0.5 * (turn + np.append(last_turn, turn[:-1]))
         held[good] = np.where(adjacent & np.isfinite(y[good]), 0, int(Held.GAP))
-        return replace(block, y=y, turn=mean_turn, held=held)
+        return replace(block, y=y, turn_rate=mean_turn, held=held)
 
 
 def finer_by(sample_time_s: float, interval_us: float) -> int:

@@ -134,22 +134,26 @@ class FlightState:
         self._system.observe(messages.get("EXTENDED_SYS_STATE"), states)
         self.wings.observe(messages)
 
-    def at(self, order: Ints) -> Floats:
-        """Return what is known at each place, NaN where it is not, (n, 8).
+    def at(self, order: Ints) -> dict[str, NDArray[Any]]:
+        """Return what is known at each place (n,), by the names of channels, NaN where it is not.
 
-        The columns are airspeed in m/s, on ground (0, 1), mode, altitude in m as VFR_HUD has it
-        (above the sea, by ArduPilot and PX4 alike), whether the airspeed is no more than the ground
-        speed (0, 1), as an autopilot without a sensor may send it, ground speed in m/s, the kind of
-        airspeed, and the bits of :class:`Held` by which nobody flies on wings alone.
+        The altitude is VFR_HUD's (above the sea, by ArduPilot and PX4 alike). ``by_ground``: 1
+        where the airspeed is no more than the ground speed, as an autopilot without a sensor may
+        send it. ``barred``: the bits of :class:`Held` by which nobody flies on wings alone.
         """
         hud, (mode, armed) = self._hud.at(order), self._state.at(order).T
         landed, vtol = self._system.at(order).T
-        on_ground = self._on_ground(hud, armed, landed)
-        held = self.wings.held(order, mode, vtol, self.vehicle)
         air = known(hud[:, 0])
-        is_ground_speed = (air == hud[:, 1]).astype(float)
-        speeds = is_ground_speed, over_ground(hud[:, 1]), hud[:, 3]
-        return np.stack([air, on_ground, mode, hud[:, 2], *speeds, held], axis=1)
+        return {
+            "airspeed": air,
+            "on_ground": self._on_ground(hud, armed, landed),
+            "mode": mode,
+            "altitude": hud[:, 2],
+            "by_ground": (air == hud[:, 1]).astype(float),
+            "ground_speed": over_ground(hud[:, 1]),
+            "airspeed_kind": hud[:, 3],
+            "barred": self.wings.held(order, mode, vtol, self.vehicle),
+        }
 
     def _hud_columns(self, fields: NDArray[Any]) -> Floats:
         """Return airspeed, ground speed, altitude and the kind of airspeed, (n, 4).

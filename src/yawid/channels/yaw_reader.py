@@ -18,6 +18,7 @@ from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
 from yawid.quantities.airspeed import GRAVITY, known, over_ground
+from yawid.quantities.table import of_kind
 
 ABSURD_RAD_S = 50.0
 """No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
@@ -26,11 +27,12 @@ STEEPEST = np.deg2rad(80.0)
 UPRIGHT = np.deg2rad(60.0)
 """Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
 a little over it."""
-RATE, YAW, ROLL, TURN, AIRSPEED, ON_GROUND, MODE, ALTITUDE = range(8)
-BY_GROUND, GROUND_SPEED, KIND, BARRED = range(8, 12)
-"""The columns of a yaw row; those from AIRSPEED on are held from message to message.
-BARRED holds the bits of :class:`yawid.blocks.Held` for which a row must not be learned from."""
-COLUMNS = BARRED + 1
+LINEAR = of_kind("linear")
+ROW = (*LINEAR, *of_kind("held"), "by_ground", "barred")
+"""The columns of a yaw row: those of LINEAR are interpolated, all others held from message to
+message. ``by_ground`` is 1 where the airspeed is the ground speed; ``barred`` holds the bits of
+:class:`yawid.blocks.Held` for which a row must not be learned from."""
+ON_GROUND, MODE = ROW.index("on_ground"), ROW.index("mode")
 
 FINE_STD = float(np.deg2rad(0.3))
 """Headings rounded to 0.01 degrees come of a filter that is itself good to a fraction of one."""
@@ -153,7 +155,7 @@ class YawReader:
         A source that reports no time has that of the ``clock`` beside it.
         """
         if self.source is None or self.source not in messages:
-            return Series.empty(COLUMNS)
+            return Series.empty(len(ROW))
         block = messages[self.source]
         if self.source == UNTIMED:
             block, t_us = self._timed_beside(block, clock)
@@ -166,11 +168,12 @@ class YawReader:
         rate = r if self._slope is None else self._slope.of(t_us, unwrapped)
         if self.heading_rate and self._slope is None:
             rate = _heading_rate(roll, pitch, q, r)
-        held = context.at(block.order)
-        turn = _turn_rate(held[:, 0], roll, pitch)
-        held[:, -1] += int(Held.STEEP) * (np.maximum(np.abs(roll), np.abs(pitch)) > UPRIGHT)
+        row = context.at(block.order) | {"r": rate, "yaw": unwrapped, "roll": roll}
+        row["turn_rate"] = _turn_rate(row["airspeed"], roll, pitch)
+        steep = np.maximum(np.abs(roll), np.abs(pitch)) > UPRIGHT
+        row["barred"] = row["barred"] + int(Held.STEEP) * steep
         self.rows += len(block)
-        values = np.column_stack([rate, unwrapped, roll, turn, held])
+        values = np.column_stack([row[name] for name in ROW])
         return Series(block.order, block.received_us, t_us, values)
 
     def read_record(self, block: RecordBlock, lost: Ints) -> Series:
@@ -181,14 +184,14 @@ class YawReader:
         """
         self.column = block.called["r"]
         if len(block) == 0:
-            return Series.empty(COLUMNS)
+            return Series.empty(len(ROW))
         told = block.held >= 0
         rate, unwrapped = _angles(block.r)[0], self._unwrap(block.yaw)
         level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)
         if self.heading_rate:
             rate = _heading_rate(block.roll, level, block.q, rate)
         airspeed = known(block.airspeed)
-        turn = np.where(told, block.turn, _turn_rate(airspeed, block.roll, level))
+        turn = np.where(told, block.turn_rate, _turn_rate(airspeed, block.roll, level))
         on_ground = np.where(told, block.on_ground, _grounded(block))
         lost = lost + int(Held.YAW_INVALID) * np.isnan(rate)
         held = np.where(block.held > 0, block.held - lost, 0)
@@ -196,9 +199,12 @@ class YawReader:
         steep = ~told & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
         held = held + int(Held.STEEP) * steep
         self.rows += len(block)
-        state = airspeed, on_ground, block.mode, block.altitude, block.by_ground
-        speeds = over_ground(block.ground_speed), block.airspeed_kind
-        values = np.column_stack([rate, unwrapped, block.roll, turn, *state, *speeds, held])
+        made = {
+            "r": rate, "yaw": unwrapped, "turn_rate": turn, "airspeed": airspeed,
+            "on_ground": on_ground, "ground_speed": over_ground(block.ground_speed), "barred": held,
+        }  # fmt: skip
+        columns = (made[name] if name in made else getattr(block, name) for name in ROW)
+        values = np.column_stack([*columns])
         return Series(2 * block.order + 1, block.received_us, block.t_us, values)
 
     def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:

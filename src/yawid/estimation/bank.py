@@ -64,14 +64,14 @@ class Ring:
 class History:
     """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN.
 
-    ``y`` in rad/s, ``roll`` in rad, ``turn`` in rad/s, ``airspeed`` in m/s, ``aileron`` in units of
-    half its travel, whether it is an input or not, ``mode`` HEARTBEAT.custom_mode.
+    ``y`` in rad/s, ``roll`` in rad, ``turn_rate`` in rad/s, ``airspeed`` in m/s, ``aileron`` in
+    units of half its travel, whether it is an input or not, ``mode`` HEARTBEAT.custom_mode.
     """
 
     u: Floats
     y: Floats
     roll: Floats
-    turn: Floats
+    turn_rate: Floats
     airspeed: Floats
     aileron: Floats
     mode: Floats
@@ -126,7 +126,7 @@ class Bank:
             for method, estimator in self.estimators.items()
         }
         predictions = [block.y_hat for block in self.last.values()]
-        further = ("roll", "turn", "airspeed", "aileron", "mode")
+        further = ("roll", "turn_rate", "airspeed", "aileron", "mode")
         context = [getattr(samples, name) for name in further]
         self._remember(len(samples))
         self._record.add(samples.u, samples.y, *context, *predictions)

@@ -99,7 +99,7 @@ class Fits:
         self.sample_time_s = setting.sample_time_s
         self.methods = setting.methods
         removed = config.turn == "remove" and setting.config.turn == "keep"
-        y = samples.y - samples.turn if removed else samples.y
+        y = samples.y - samples.turn_rate if removed else samples.y
         u = samples.u[:, : len(config.inputs)]
         if len(config.inputs) > samples.u.shape[1]:
             u = np.column_stack([samples.u, samples.aileron])
@@ -119,7 +119,7 @@ class Fits:
     def history(self) -> History:
         """Return the samples as they were fitted."""
         held = ~np.isfinite(self.y)
-        names = ("roll", "turn", "airspeed", "aileron", "mode")
+        names = ("roll", "turn_rate", "airspeed", "aileron", "mode")
         context = {n: np.where(held, np.nan, getattr(self._samples, n)) for n in names}
         y_hat = {method: model.y_hat for method, model in self.estimators.items()}
         return History(u=self.u, y=self.y, y_hat=y_hat, **context)
@@ -242,7 +242,7 @@ def _with_turn(samples: SampleBlock, setting: Setting) -> RunConfig:
     config = setting.config
     if config.binds("turn") or config.band is not None or config.output == "yaw":
         return config
-    dominated = turn_correlation(samples.y, samples.turn) > TURN_DOMINATED
+    dominated = turn_correlation(samples.y, samples.turn_rate) > TURN_DOMINATED
     return replace(config, turn="remove") if dominated else config
 
 

@@ -20,8 +20,9 @@ class Quantity(NamedTuple):
     """One row.
 
     ``unit`` is SI's, ``1`` of a ratio, empty of what has none. Of a channel: ``kind`` is what it is
-    between two messages (``held`` from the first, ``linear``, or the ``mean`` over a sample), and
-    ``kept`` whether a run's samples have it. ``symbol`` is the usual one, after = the paper's.
+    between two messages (``held`` from the first, ``linear``, or the ``mean`` over a sample; empty
+    of what is not measured, or not used), and ``kept`` whether a run's samples have it. ``symbol``
+    is the usual one, after = the paper's.
     """
 
     name: str
@@ -46,6 +47,17 @@ _CHANNELS: Final = (
         "airspeed", "m/s", "equivalent airspeed; by its unit another: ktas, kcas, m/s tas",
         "held", True,
     ),
+    Quantity("yaw", "rad", "heading; a run has it unwrapped", "linear", True),
+    Quantity("altitude", "m", "above the sea", "held", True),
+    Quantity("on_ground", "1", "1 on the ground, 0 in the air", "held", True),
+    Quantity("mode", "", "flight mode: its name, or HEARTBEAT.custom_mode", "held", True),
+    Quantity(
+        "held", "", "why not to learn from the row: names of Held, by spaces; or empty", "", True
+    ),
+    Quantity(
+        "turn_rate", "rad/s", "what bank and airspeed imply; made of them without it",
+        "linear", True,
+    ),
     Quantity(
         "ground_speed", "m/s",
         "what the airspeed is held against; stands in for none (airspeed_kind: ground)",
@@ -57,29 +69,25 @@ _CHANNELS: Final = (
         "itself if it is indicated or calibrated",
         "held", True,
     ),
-    Quantity("yaw", "rad", "heading, unwrapped", "linear", True),
-    Quantity(
-        "turn_rate", "rad/s", "what bank and airspeed imply; made of them without it",
-        "linear", True,
-    ),
-    Quantity("altitude", "m", "above the sea", "held", True),
-    Quantity("on_ground", "1", "1 on the ground, 0 in the air", "held", True),
-    Quantity("mode", "", "flight mode: its name, or HEARTBEAT.custom_mode", "held", True),
-    Quantity(
-        "held", "", "why not to learn from the row: names of Held, by spaces; or empty", "", True
-    ),
     Quantity("time", "UTC", "date and time, ISO 8601", "", True),
     Quantity("pitch", "rad", "nose up positive", "linear"),
     Quantity("q", "rad/s", "pitch rate", "linear"),
     Quantity("air_density", "kg/m^3", "of the air flown in: for a true airspeed", "held"),
-    Quantity("p", "rad/s", "roll rate; not used", "linear"),
-    Quantity("ay", "m/s^2", "lateral acceleration; not used", "linear"),
+    Quantity("p", "rad/s", "roll rate; not used"),
+    Quantity("ay", "m/s^2", "lateral acceleration; not used"),
 )  # fmt: skip
 CHANNELS: Final = {row.name: row for row in _CHANNELS}
 """What is measured, by the names that a record's columns have. A file of yawid's that has all that
 is kept, on the run's grid, gives the same samples when it is replayed."""
 TEXTS: Final = frozenset({"mode", "held", "time", "airspeed_kind"})
 """Columns of a record that may hold texts; ``t`` may hold dates too."""
+
+
+def of_kind(kind: str) -> tuple[str, ...]:
+    """Return the channels of a kind that a run's samples have, in the table's order."""
+    return tuple(row.name for row in _CHANNELS if row.kept and row.kind == kind)
+
+
 YAW_CHANNEL: Final = {
     row.name: row
     for row in (

@@ -73,7 +73,7 @@ class Rows:
         if np.isfinite(self._from_ns):
             rows &= (samples.unix_ns >= self._from_ns) & (samples.unix_ns <= self._to_ns)
         if rows.any():
-            names = ("u", "y", "turn", "aileron")
+            names = ("u", "y", "turn_rate", "aileron")
             self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in names)))
 
     def drawn(self, config: RunConfig, sample_time_s: float) -> Drawn | None:

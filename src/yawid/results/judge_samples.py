@@ -144,7 +144,7 @@ def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
     """Judge the flying: turns that hide the rudder, another airspeed."""
     y, u = history.y, history.u[:, 0]
     rows = np.isfinite(y) & np.isfinite(u)
-    r = turn_correlation(np.where(rows, y, np.nan), history.turn)
+    r = turn_correlation(np.where(rows, y, np.nan), history.turn_rate)
     if turn == "keep" and r > TURN_DOMINATED:
         yield Reason(
             "turn_dominated",

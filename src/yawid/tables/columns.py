@@ -22,7 +22,7 @@ from yawid.blocks import (
 )
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import name_of
-from yawid.quantities.table import BY_GROUND, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
+from yawid.quantities.table import BY_GROUND, CHANNELS, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
 from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
@@ -64,36 +64,26 @@ class Units:
 def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     """Yield what was measured, a row per sample: a record's columns that come first."""
     grid = known.grid
-    yield _kept("t", samples.boot_us / 1e6)
     mean = f"mean deflection over [t, t + {grid.sample_time_s:g} s), positive nose right"
+    yield _channel("t", samples, grid)
     rudder = samples.u[:, grid.inputs.index("rudder")]
-    yield Column("rudder", rudder, known.grid.unit_of("rudder"), mean)
+    yield Column("rudder", rudder, grid.rudder_unit, mean)
     yield Column(known.output, samples.y, quantity("r").unit, known.output_says)
-    yield _kept("roll", samples.roll)
-    yield _kept("aileron", samples.aileron)
-    yield _kept("airspeed", np.where(_is_ground(samples), np.nan, samples.airspeed))
-    yield _kept("yaw", samples.yaw)
-    yield _kept("altitude", samples.altitude)
-    yield _kept("on_ground", samples.on_ground)
-    yield _kept("mode", texts(samples.mode, lambda mode: _mode_name(grid, mode)))
-    yield _kept("held", texts(samples.held, _held))
+    for name in _FIRST[3:]:
+        yield _channel(name, samples, grid)
 
 
-def further_columns(samples: SampleBlock) -> Iterator[Column]:
+def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     """Yield the rest of a record's columns, and what is noted."""
-    yield _kept("turn_rate", samples.turn)
-    by_ground = _is_ground(samples)
-    yield _kept("ground_speed", np.where(by_ground, samples.airspeed, samples.ground_speed))
-    kind = np.where(by_ground, _GROUND, samples.airspeed_kind)
-    yield _kept("airspeed_kind", texts(np.nan_to_num(kind), _kind))
-    time = samples.unix_ns.astype("datetime64[ns]")
-    time = np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)
-    yield _kept("time", time)
+    for name in (each for each in CHANNELS if CHANNELS[each].kept and each not in _FIRST):
+        yield _channel(name, samples, known.grid)
     yield Column("noted", texts(samples.noted, _noted), says="what is to be known of it beside")
 
 
-def _kept(name: str, values: NDArray[Any]) -> Column:
-    row = quantity(name)
+def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:
+    """Return a channel as a record has it."""
+    row, made = quantity(name), _MADE.get(name)
+    values = getattr(samples, name) if made is None else made(samples, grid)
     return Column(name, values, row.unit, row.words)
 
 
@@ -103,18 +93,42 @@ def _is_ground(samples: SampleBlock) -> Bools:
     return found
 
 
+def _kinds(samples: SampleBlock) -> NDArray[Any]:
+    kind = np.where(_is_ground(samples), _GROUND, samples.airspeed_kind)
+    return texts(np.nan_to_num(kind), _kind)
+
+
+def _dates(samples: SampleBlock) -> NDArray[Any]:
+    time = samples.unix_ns.astype("datetime64[ns]")
+    return np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)
+
+
+_FIRST: Final = tuple(CHANNELS)[: 1 + list(CHANNELS).index("held")]
+"""The channels that stand before the results in what is exported."""
+_MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], NDArray[Any]]]] = {
+    "t": lambda s, _: s.boot_us / 1e6,
+    "airspeed": lambda s, _: np.where(_is_ground(s), np.nan, s.airspeed),
+    "ground_speed": lambda s, _: np.where(_is_ground(s), s.airspeed, s.ground_speed),
+    "airspeed_kind": lambda s, _: _kinds(s),
+    "mode": lambda s, grid: texts(s.mode, lambda mode: _mode_name(grid, mode)),
+    "held": lambda s, _: texts(s.held, _held),
+    "time": lambda s, _: _dates(s),
+}
+"""How a channel is made that a record has otherwise than the samples."""
+
+
 def estimate_columns(
     samples: SampleBlock, estimate: EstimateBlock, known: Units
 ) -> Iterator[Column]:
     """Yield an estimator's rows: theta by the names of its parameters, each with its sigma."""
     grid = known.grid
-    yield _kept("t", samples.boot_us / 1e6)
+    yield _channel("t", samples, grid)
     kinds = (("", estimate.theta, "parameter"), ("_std", estimate.theta_std, "its sigma, of noise"))
     for suffix, values, says in kinds:
         for i, name in enumerate(grid.parameters):
             yield Column(name + suffix, values[:, i], theta_unit(name, known), says)
     yield from fit_columns(estimate, known)
-    yield _kept("held", texts(samples.held, _held))
+    yield _channel("held", samples, grid)
 
 
 def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
@@ -130,7 +144,7 @@ def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
 def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
     """Yield the first method's Dutch roll, its poles and the numbers of eq. 22-23, sigma beside."""
     modes = rows.modes
-    yield _kept("t", rows.samples.boot_us / 1e6)
+    yield _channel("t", rows.samples, known.grid)
     yield from dutch_roll_columns(rows, known)
     for i in range(modes.poles.shape[1]):
         for part, values in (("re", modes.poles.real), ("im", modes.poles.imag)):
@@ -154,7 +168,7 @@ def record_columns(rows: RunRows, known: Units) -> list[Column]:
     for estimate in list(rows.estimates.values())[:1]:  # the first; without a grid there is none
         *fit, _, status = fit_columns(estimate, known)
         columns += [*fit, *dutch_roll_columns(rows, known), status]
-    return [*columns, *further_columns(rows.samples)]
+    return [*columns, *further_columns(rows.samples, known)]
 
 
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:

@@ -58,7 +58,7 @@ class Run:
     def samples(self) -> Table:
         """What was measured, a row per sample, held ones too."""
         samples, known = self._rows.samples, self._known
-        columns = [*sample_columns(samples, known), *further_columns(samples)]
+        columns = [*sample_columns(samples, known), *further_columns(samples, known)]
         return Table("samples", columns)
 
     @cached_property
@@ -204,12 +204,10 @@ class Kept(Sink):
 
 def no_rows() -> RunRows:
     """Return no row: of a run in which rudder and yaw rate never flowed together."""
-    none, one = np.empty(0), np.empty((0, 1))
-    whole = np.empty(0, np.int64)
-    samples = SampleBlock(
-        math.nan, whole, whole, whole, whole, one, none, none, none, none, none,
-        whole, whole, whole, none, none, none, none, none, none,
-    )  # fmt: skip
+    columns: dict[str, Any] = dict.fromkeys(SampleBlock.__slots__, np.empty(0))
+    whole = ("k", "boot_us", "unix_ns", "received_us", "noted", "held", "epoch")
+    columns |= dict.fromkeys(whole, np.empty(0, np.int64))
+    samples = SampleBlock(**columns | {"sample_time_s": math.nan, "u": np.empty((0, 1))})
     poles = np.empty((0, 0), complex)
     empty = np.empty((0, 0))
     return RunRows(

@@ -39,9 +39,8 @@ def joined(parts: Sequence[RunRows]) -> RunRows:
     return RunRows(samples, estimates, ModesBlock.joined([part.modes for part in parts]))
 
 
-_FROM_THE_FIRST: Final = ("k", "u", "yaw", "roll", "airspeed", "aileron")
-_APPENDED: Final = ("mode", "on_ground", "altitude", "ground_speed", "airspeed_kind")
-"""Fields of a sample called as in its block, by whether files of older versions have them."""
+_SAMPLE: Final = {n: kind for n, kind in TABLE["Sample"] if n in SampleBlock.__slots__}
+"""Fields of a sample called as in its block, and their types."""
 _ESTIMATE: Final = (
     "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
 )  # fmt: skip
@@ -73,9 +72,9 @@ def sample_rows(samples: SampleBlock, inputs: tuple[str, ...]) -> Rows:
     rows["boot_time"] = samples.boot_us / 1e6
     rows["received_time"] = samples.received_us / 1e6
     _fill_held(rows, samples.held)
-    for name in ("epoch", "noted", *_FROM_THE_FIRST, *_APPENDED):
+    for name in _SAMPLE:
         rows[name] = getattr(samples, name)
-    rows["yaw_rate"], rows["turn_rate"] = samples.y, samples.turn
+    rows["yaw_rate"] = samples.y
     rows["rudder"] = samples.u[:, inputs.index("rudder")] if "rudder" in inputs else np.nan
     return _one_nan(rows)
 
@@ -161,10 +160,9 @@ def _packed(full_name: str, **fields: object) -> bytes:
 def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock:
     """Return the samples that :func:`sample_rows` wrote; ``unix_ns`` (n,) is their log time."""
     columns: dict[str, Any] = {
-        name: rows[name].astype(np.int64) for name in ("noted", "held", "epoch")
+        name: rows[name].astype(np.int64) if "fixed" in kind else _floats(rows, name)
+        for name, kind in _SAMPLE.items()
     }
-    columns |= {name: np.ascontiguousarray(rows[name]) for name in _FROM_THE_FIRST}
-    columns |= {name: _floats(rows, name) for name in _APPENDED}
     columns["airspeed"] = known(columns["airspeed"])  # older versions wrote what was sent: 0 too
     kind = columns["airspeed_kind"]
     columns["airspeed_kind"] = np.where(np.isin(kind, list(Kind)), kind, np.nan)
@@ -174,7 +172,6 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
         unix_ns=unix_ns,
         received_us=np.rint(rows["received_time"] * 1e6).astype(np.int64),
         y=np.ascontiguousarray(rows["yaw_rate"]),
-        turn=np.ascontiguousarray(rows["turn_rate"]),
         **columns,
     )
 

@@ -30,7 +30,9 @@ LIKELY: Final = {
     "q": "pitchrate",
 }
 """How others' names for the columns begin: said in a refusal, never taken for granted."""
-WITHOUT_UNIT: Final = frozenset(TEXTS | {"on_ground", "p", "ay"})
+WITHOUT_UNIT: Final = TEXTS | {
+    name for name, row in CHANNELS.items() if row.unit == "1" or not (row.kind or row.kept)
+}
 """Columns of which no unit matters: p may well be a pressure."""
 _WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]", re.DOTALL)
 

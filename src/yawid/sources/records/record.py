@@ -41,8 +41,7 @@ SHORTEST: Final = 3
 MOST_NUMBERS: Final = 10**8
 """A day of 20 columns at 57 rows a second; what is made of them stays within 4 GB."""
 MEASURED: Final = frozenset(
-    {"r", "q", "roll", "pitch", "yaw", "turn_rate", "airspeed", "ground_speed", "altitude"}
-    | {"on_ground", "air_density"}
+    name for name, row in CHANNELS.items() if row.kind in ("linear", "held") and row.unit
 )
 """Columns that are numbers in units, and used as they are."""
 
@@ -90,7 +89,7 @@ class Record:
         have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
         airspeed = airspeed_of(table, found, have, told="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
-        measured = ("r", "q", "roll", "pitch", "yaw", "altitude", "on_ground")
+        measured = MEASURED & {*RecordBlock.__slots__} - airspeed._asdict().keys()
         self._rows = Rows(
             RecordBlock(
                 called={name: each.label for name, each in found.items()}
@@ -107,7 +106,6 @@ class Record:
                 aileron=aileron_of(table, found["aileron"], t_us)
                 if "aileron" in found
                 else nothing,
-                turn=have.get("turn_rate", nothing),
                 **airspeed._asdict(),
                 mode=mode,
                 **{name: have.get(name, nothing) for name in measured},

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import Bools, Floats, Held, Ints, RecordBlock
+from yawid.quantities.table import CHANNELS
 
 GONE_S: Final = 2.0
 """Over a longer silence nothing is interpolated."""
@@ -114,14 +115,15 @@ def _filled(block: RecordBlock) -> RecordBlock:
     """Return the rows with what other channels say at the time of each."""
     columns: dict[str, Any] = {}
     edges = [0, *(np.flatnonzero(np.diff(block.t_us) <= -BACK_US) + 1).tolist(), len(block)]
-    for name in ("roll", "pitch", "yaw", "turn", "q"):
+    kinds = {name: CHANNELS[name].kind for name in RecordBlock.__slots__ if name in CHANNELS}
+    # The yaw rate has rows of its own.
+    for name in (each for each, kind in kinds.items() if kind == "linear" and each != "r"):
         values = getattr(block, name)
         if np.isfinite(values).any() and not np.isfinite(values).all():
             parts = [_between(block.t_us[a:b], values[a:b], is_angle=name == "yaw")
                      for a, b in pairwise(edges)]  # fmt: skip
             columns[name] = np.concatenate(parts)
-    held = "aileron", "airspeed", "by_ground", "altitude", "on_ground", "mode"
-    for name in (*held, "ground_speed", "airspeed_kind"):
+    for name in ("aileron", "by_ground", *(each for each in kinds if kinds[each] == "held")):
         columns[name] = newest(getattr(block, name))
     return replace(block, **columns)
 
