@@ -15,9 +15,9 @@ from live_link import listening, send, tlog_size, wait_for_size
 from places import REPLAY_LOGS
 from pymavlink import mavutil
 
+from yawid.answers.run_summary import RunSummary
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
-from yawid.results.run_summary import RunSummary
 from yawid.sinks.mcap.reader import open_run
 
 FLIGHT = REPLAY_LOGS / "c172p_3211" / "log.tlog"

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.blocks import FrameBlock, ModesBlock, RecordBlock, SampleBlock
 from yawid.channels.report import ChannelReport, report_of
 from yawid.channels.stage import WANTED, Channels
@@ -24,7 +25,6 @@ from yawid.manoeuvres.candidate import Progress
 from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import Flight, Manoeuvre
 from yawid.sinks.base import Grid, Sink, rudder_unit
 
 BLOCK = 4096

@@ -11,8 +11,8 @@ import pytest
 from finished_runs import replayed
 from places import REPLAY_LOGS
 
+from yawid.answers.reports import OrdersReport
 from yawid.cli.main import _parser, main
-from yawid.results.reports import OrdersReport
 from yawid.sinks.terminal.summary_table import print_orders
 
 QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")

@@ -17,10 +17,10 @@ from sources.logs import dataflash_flight
 from sources.logs.onboard_flight import flown
 
 import yawid
+from yawid.answers.run_summary import Flight
 from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.manoeuvres.airspeed_check import AirspeedCheck, Finding, of_one_manoeuvre
-from yawid.results.run_summary import Flight
 
 ROOT_DENSITY_4000_M = 0.8179
 """Square root of .6689, the standard atmosphere's density ratio at 4000 m (ICAO's table)."""

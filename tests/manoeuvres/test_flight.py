@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from yawid.answers.run_summary import (
+    DutchRoll,
+    Flight,
+)
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
 from yawid.manoeuvres.flight import TAU_WN_SHARE, TAU_ZETA, flight_of
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import (
-    DutchRoll,
-    Flight,
-)
 from yawid.results.summary import as_summary
 
 OWN = (3, 3, 2, 1)

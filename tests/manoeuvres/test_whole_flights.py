@@ -11,7 +11,7 @@ from flights.fly import fly
 from flights.legs import PLANS
 from flights.telemetry import Link
 
-from yawid.results.run_summary import RunSummary
+from yawid.answers.run_summary import RunSummary
 
 pytestmark = pytest.mark.long
 UPSETS = (1,)

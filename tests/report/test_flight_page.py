@@ -33,13 +33,13 @@ from pictures.browser import Browser, find_chromium
 from places import C172P, REPLAY_LOGS
 from report_page import Page, first_screen
 
+from yawid.answers.run_summary import RunSummary
 from yawid.estimation.fit import fit_percent
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
 from yawid.report.manoeuvres import flight_section
 from yawid.report.picture import mark_events, traced
 from yawid.report.write import report
-from yawid.results.run_summary import RunSummary
 from yawid.sinks.mcap.reader import McapRun, open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"

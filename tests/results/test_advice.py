@@ -6,9 +6,9 @@ import pytest
 from hand_flights import forty, four_of_a_flight, summary
 from msgspec.structs import replace
 
+from yawid.answers.run_summary import ReasonSummary, VehicleSeen
 from yawid.results.advice import to_do
 from yawid.results.reasons import ARDUPILOT, KINDS, PX4
-from yawid.results.run_summary import ReasonSummary, VehicleSeen
 
 PLANE, QUADROTOR = 1, 2
 

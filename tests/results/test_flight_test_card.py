@@ -14,11 +14,11 @@ from msgspec.structs import replace
 from places import C172P, REPLAY_LOGS
 from printed import printed
 
+from yawid.answers.flight_test_card import FlightTestCard
+from yawid.answers.inspection import Inspection
+from yawid.answers.run_summary import ChannelFound, Origin, RunSummary, VehicleSeen
 from yawid.cli.main import main
-from yawid.results.flight_test_card import FlightTestCard
-from yawid.results.inspection import Inspection
 from yawid.results.make_card import Flown, make_card
-from yawid.results.run_summary import ChannelFound, Origin, RunSummary, VehicleSeen
 from yawid.sinks.terminal.card import print_card
 
 LIVE = "yawid live udpin:127.0.0.1:14560"

@@ -7,9 +7,9 @@ import ast
 import pytest
 from places import SRC
 
+from yawid.answers.run_summary import ReasonSummary
 from yawid.report.html import first_screen, prose
 from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.results.run_summary import ReasonSummary
 from yawid.sinks.answers import Card
 
 CONTRACT = {

@@ -16,9 +16,7 @@ import msgspec
 import numpy as np
 from hand_flights import roll_of
 
-from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
-from yawid.quantities.table import YAW_CHANNEL
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     ChannelFound,
     Fit,
     Flight,
@@ -30,6 +28,8 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
+from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
+from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import Grid
 
 PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")

@@ -24,10 +24,7 @@ from hand_flights import summary as flight_summary
 from places import C172P
 from report_page import Page, first_screen
 
-from yawid.report.data import gather
-from yawid.report.time_pictures import fit_picture, modes_picture
-from yawid.report.write import report
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Fit,
     MethodSummary,
@@ -35,6 +32,9 @@ from yawid.results.run_summary import (
     RunSummary,
     VerdictSummary,
 )
+from yawid.report.data import gather
+from yawid.report.time_pictures import fit_picture, modes_picture
+from yawid.report.write import report
 from yawid.sinks.answers import cards, headline, use
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.rerun.documents import verdict_markdown

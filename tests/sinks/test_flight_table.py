@@ -23,7 +23,7 @@ from hand_flights import (
 from msgspec.structs import replace
 from rich.console import Console
 
-from yawid.results.run_summary import MethodSummary, RunSummary
+from yawid.answers.run_summary import MethodSummary, RunSummary
 from yawid.sinks.door import WIDTH
 from yawid.sinks.terminal.flight_table import manoeuvres_table
 from yawid.sinks.terminal.summary_table import print_summary

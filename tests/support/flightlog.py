@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all, open_log
 from yawid.sinks.base import Sink

@@ -8,7 +8,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
     Fit,

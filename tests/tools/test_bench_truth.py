@@ -12,7 +12,7 @@ from checks.judge import Row, compared
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
 from places import ROOT
 
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,

@@ -12,7 +12,7 @@ from flights.legs import PLANS, Leg, LegPlan
 from flights.telemetry import Link
 from hand_flights import estimate, manoeuvre, plain_summary, verdict
 
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Fit,
     Flight,

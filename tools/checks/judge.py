@@ -24,10 +24,10 @@ from flights.fly import Made
 from flights.truth import at_airspeeds
 from numpy.typing import NDArray
 
+from yawid.answers.run_summary import DutchRoll, Manoeuvre, RunSummary, VerdictSummary
 from yawid.config.run import RunConfig
 from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
-from yawid.results.run_summary import DutchRoll, Manoeuvre, RunSummary, VerdictSummary
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all, open_log
 

@@ -28,8 +28,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from yawid.answers.run_summary import Value
 from yawid.dataset.files import merge
-from yawid.results.run_summary import Value
 from yawid.trend.best_profile import LEAST_DAYS
 from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track

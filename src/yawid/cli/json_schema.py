@@ -11,16 +11,16 @@ from typing import Any, Final
 
 import msgspec
 
+from yawid.answers.inspection import Inspection
+from yawid.answers.reports import OrdersReport, RegressReport, StepReport
+from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
 from yawid.dataset.schema import json_schema
 from yawid.errors import EXIT_CODES
 from yawid.estimation.methods import METHODS
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, RUDDER, YAW_CHANNEL, quantity
-from yawid.results.inspection import Inspection
 from yawid.results.reasons import KINDS
-from yawid.results.reports import OrdersReport, RegressReport, StepReport
-from yawid.results.run_summary import RunSummary
 from yawid.trend.diff import Diff
 from yawid.trend.trend import Trend
 

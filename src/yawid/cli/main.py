@@ -43,7 +43,7 @@ from yawid.sources.formats import RUN, recorded
 from yawid.version import __version__
 
 if TYPE_CHECKING:
-    from yawid.results.run_summary import Origin, RunSummary
+    from yawid.answers.run_summary import Origin, RunSummary
 
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130

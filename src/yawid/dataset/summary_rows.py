@@ -4,10 +4,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
-from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, Column
-from yawid.dataset.values import known_date
-from yawid.quantities.table import YAW_CHANNEL
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     Flight,
     Manoeuvre,
     MethodSummary,
@@ -16,6 +13,9 @@ from yawid.results.run_summary import (
     Value,
     VerdictSummary,
 )
+from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, Column
+from yawid.dataset.values import known_date
+from yawid.quantities.table import YAW_CHANNEL
 
 Row = dict[str, Any]
 

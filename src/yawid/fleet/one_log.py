@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from yawid.answers.run_summary import LinkCounts, ReasonSummary, RunSummary
 from yawid.config.run import RunConfig
 from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
 from yawid.dataset.values import FAILED, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
-from yawid.results.run_summary import LinkCounts, ReasonSummary, RunSummary
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import Recording, open_log, run
 from yawid.sources.open_log import ReadOptions

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from yawid.answers.run_summary import Manoeuvre, MethodSummary, Orders, Value
 from yawid.blocks import EstimateBlock, Floats, SampleBlock
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import History
@@ -31,7 +32,6 @@ from yawid.results.judge_samples import (
     turn_correlation,
 )
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import Manoeuvre, MethodSummary, Orders, Value
 from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
 from yawid.results.summary import as_summary, described, dutch_roll_told
 

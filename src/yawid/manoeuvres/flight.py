@@ -13,13 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from yawid.blocks import Bools, Floats
-from yawid.manoeuvres.airspeed_check import Finding
-from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
-from yawid.manoeuvres.conditions import AIRFRAME
-from yawid.results.judge_estimate import DISAGREE_SIGMAS
-from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     TAU_WN_SHARE,
     TAU_ZETA,
     BetweenStd,
@@ -28,6 +22,12 @@ from yawid.results.run_summary import (
     Orders,
     Value,
 )
+from yawid.blocks import Bools, Floats
+from yawid.manoeuvres.airspeed_check import Finding
+from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
+from yawid.manoeuvres.conditions import AIRFRAME
+from yawid.results.judge_estimate import DISAGREE_SIGMAS
+from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 
 FEW = 4

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from functools import partial
 
+from yawid.answers.run_summary import Flight
 from yawid.blocks import SampleBlock
 from yawid.manoeuvres.airspeed_check import AirspeedCheck
 from yawid.manoeuvres.answer import Answered, Setting, answer
@@ -13,7 +14,6 @@ from yawid.manoeuvres.conditions import is_bare
 from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
 from yawid.manoeuvres.flight import flight_of
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import Flight
 
 
 class Manoeuvres:

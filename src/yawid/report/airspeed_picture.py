@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.blocks import Bools, Floats
 from yawid.report.picture import Picture, band
-from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.sinks.palette import BAD, MANOEUVRE, MODEL, NEUTRAL
 from yawid.sinks.words import NOT_USED, outcome
 

@@ -10,8 +10,8 @@ from html import escape
 from importlib.resources import files
 from typing import Final
 
+from yawid.answers.run_summary import ReasonSummary
 from yawid.report.picture import Picture
-from yawid.results.run_summary import ReasonSummary
 from yawid.sinks.answers import Card
 from yawid.sinks.palette import BAD, CARE, DATA, GOOD
 

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.blocks import Bools, Floats, Ints, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -17,7 +18,6 @@ from yawid.estimation.fit import simulate
 from yawid.estimation.record_fit import fit_record
 from yawid.report.model_data import Judged, Model
 from yawid.results.reasons import KINDS
-from yawid.results.run_summary import Flight, Manoeuvre
 
 MOST_DRAWN: Final = 4
 """Manoeuvres with a picture of their own: of a hundred nobody looks at the hundredth."""

@@ -3,16 +3,16 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from yawid.report.html import Cell, note, sheet, table
-from yawid.report.manoeuvre_data import Drawn
-from yawid.report.run_tables import yaw_channel
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     Flight,
     Manoeuvre,
     MethodSummary,
     RunSummary,
     Value,
 )
+from yawid.report.html import Cell, note, sheet, table
+from yawid.report.manoeuvre_data import Drawn
+from yawid.report.run_tables import yaw_channel
 from yawid.sinks.words import (
     NONE,
     in_brackets,

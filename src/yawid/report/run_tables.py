@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from yawid.answers.run_summary import Fit, MethodSummary, RunSummary, Value
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
 from yawid.report.html import grid, note, symbol, table
-from yawid.results.run_summary import Fit, MethodSummary, RunSummary, Value
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun
 from yawid.sinks.words import NONE, of_value, percent, plus_minus

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 
+from yawid.answers.run_summary import DutchRoll, Fit
 from yawid.blocks import Floats
 from yawid.report.data import ReportData
 from yawid.report.manoeuvre_data import Drawn
@@ -21,7 +22,6 @@ from yawid.report.picture import (
     sensible_limits,
     traced,
 )
-from yawid.results.run_summary import DutchRoll, Fit
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
 from yawid.sinks.words import percent

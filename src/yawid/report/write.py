@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from yawid.answers.run_summary import ReasonSummary, RunSummary
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
@@ -21,7 +22,6 @@ from yawid.report.time_pictures import (
     whole_picture,
 )
 from yawid.results.advice import to_do
-from yawid.results.run_summary import ReasonSummary, RunSummary
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 
+from yawid.answers.run_summary import ReasonSummary, RunSummary
 from yawid.channels.report import ChannelReport
 from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
-from yawid.results.run_summary import ReasonSummary, RunSummary
 
 _OFTEN = 3
 """Manoeuvres, after which more of the same are no advice."""

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, History
@@ -26,7 +27,6 @@ from yawid.results.judge_samples import (
     reaction_shares,
 )
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import DutchRoll
 
 LEAST_SIMULATION_PCT = 40.0
 LEAST_HELD_BACK_PCT = 30.0

@@ -13,10 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from yawid.blocks import Floats, Noted, SampleBlock
-from yawid.quantities.airspeed import GROUND_SPEED, source_of
-from yawid.quantities.vehicles import ARDUPILOT, PX4, WITHOUT_RUDDER
-from yawid.results.flight_test_card import (
+from yawid.answers.flight_test_card import (
     ConditionsToFly,
     Expected,
     FlightTestCard,
@@ -25,8 +22,7 @@ from yawid.results.flight_test_card import (
     ParameterToSet,
     RudderMove,
 )
-from yawid.results.reasons import ASK_HZ
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     TAU_WN_SHARE,
     TAU_ZETA,
     ChannelFound,
@@ -37,6 +33,10 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
+from yawid.blocks import Floats, Noted, SampleBlock
+from yawid.quantities.airspeed import GROUND_SPEED, source_of
+from yawid.quantities.vehicles import ARDUPILOT, PX4, WITHOUT_RUDDER
+from yawid.results.reasons import ASK_HZ
 
 SAMPLES_PER_PERIOD: Final = 16.0
 ENOUGH: Final = 0.9

@@ -10,23 +10,7 @@ import numpy as np
 from msgspec import convert
 from msgspec.structs import replace
 
-from yawid.blocks import Floats, finite, strokes, window_of, words
-from yawid.channels.report import ChannelReport
-from yawid.config.run import RunConfig
-from yawid.estimation.bank import Bank, History, PastModels
-from yawid.estimation.fit import fit_percent, simulate
-from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
-from yawid.estimation.whiteness import largest_autocorrelation
-from yawid.physics.derivatives import summary_of
-from yawid.physics.model_response import early_response
-from yawid.physics.modes import dutch_roll_of, mode_list, modes
-from yawid.quantities.link import LinkStats
-from yawid.quantities.table import REDUCTION_ERROR
-from yawid.results.excitation import LEAST_STROKE
-from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
-from yawid.results.judge_samples import changed_rates, why_believed
-from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     BootSpan,
     ChannelFound,
     DutchRoll,
@@ -43,6 +27,22 @@ from yawid.results.run_summary import (
     VehicleSeen,
     VerdictSummary,
 )
+from yawid.blocks import Floats, finite, strokes, window_of, words
+from yawid.channels.report import ChannelReport
+from yawid.config.run import RunConfig
+from yawid.estimation.bank import Bank, History, PastModels
+from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
+from yawid.estimation.whiteness import largest_autocorrelation
+from yawid.physics.derivatives import summary_of
+from yawid.physics.model_response import early_response
+from yawid.physics.modes import dutch_roll_of, mode_list, modes
+from yawid.quantities.link import LinkStats
+from yawid.quantities.table import REDUCTION_ERROR
+from yawid.results.excitation import LEAST_STROKE
+from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
+from yawid.results.judge_samples import changed_rates, why_believed
+from yawid.results.reasons import Reason, Verdict
 from yawid.results.structures import (
     NEWEST,
     NOTHING_KNOWN,

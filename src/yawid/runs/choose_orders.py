@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from yawid.answers.reports import OrdersReport, OrdersTried
+from yawid.answers.run_summary import DutchRoll, Orders
 from yawid.blocks import SampleBlock, finite
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable
 from yawid.results.reasons import Verdict
-from yawid.results.reports import OrdersReport, OrdersTried
-from yawid.results.run_summary import DutchRoll, Orders
 from yawid.results.summary import as_summary
 from yawid.runs.job import Job, KeptSamples, Recording, open_log, run
 from yawid.runs.trials import Trials

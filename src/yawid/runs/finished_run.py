@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from yawid.answers.run_summary import MethodSummary, RunSummary
 from yawid.blocks import SampleBlock
 from yawid.channels.segments import outside
 from yawid.config.run import RunConfig, overruled
@@ -20,7 +21,6 @@ from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.results.summary import as_summary, bank_summaries
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sources.formats import RUN

@@ -15,6 +15,9 @@ from typing import Any
 import numpy as np
 from msgspec import structs
 
+from yawid.answers.flight_test_card import FlightTestCard
+from yawid.answers.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
+from yawid.answers.run_summary import Origin
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
@@ -24,8 +27,6 @@ from yawid.quantities.link import SenderStats
 from yawid.quantities.vehicles import FIXED_WING, GENERIC, mode_name
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
-from yawid.results.flight_test_card import FlightTestCard
-from yawid.results.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
 from yawid.results.judge_samples import (
     LEAST_RATE_HZ,
     MOST_REACTION,
@@ -33,7 +34,6 @@ from yawid.results.judge_samples import (
 )
 from yawid.results.make_card import SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import Origin
 from yawid.results.summary import as_summary
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import KeptSamples, run

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.channels.survey import Survey
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import RunSummary
 from yawid.runs.recorded_log import RecordedLog
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink

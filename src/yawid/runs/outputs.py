@@ -8,11 +8,11 @@ from pathlib import Path
 
 import msgspec
 
+from yawid.answers.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
 from yawid.sinks.door import say

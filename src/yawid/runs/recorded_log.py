@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from yawid.answers.run_summary import RunSummary
 from yawid.channels.stage import WANTED
 from yawid.config.run import BOTH, RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.outputs import parameters_of
 from yawid.sources.open_log import Log, ReadOptions

@@ -8,10 +8,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import RunSummary
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import Recording, open_log, run
 from yawid.runs.outputs import (

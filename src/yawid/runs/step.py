@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from yawid.answers.reports import StepReport, Told
 from yawid.errors import NotIdentifiable
-from yawid.results.reports import StepReport, Told
 
 if TYPE_CHECKING:
     from yawid.offline.step_response import FirstOrder, SecondOrder, YawStep

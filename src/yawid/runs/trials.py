@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from yawid.answers.run_summary import MethodSummary, RunSummary
 from yawid.config.run import BOTH, RunConfig
 from yawid.results.judge_samples import reaction_shares
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import MethodSummary, RunSummary
 from yawid.runs.job import Recording, run
 from yawid.sinks.terminal.progress import Bar
 

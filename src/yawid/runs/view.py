@@ -15,9 +15,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Ints
 from yawid.errors import SinkError, SourceError
-from yawid.results.run_summary import Manoeuvre
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.mcap.schemas import FLIGHT, MANOEUVRE, MODES, SAMPLE, VERDICT, estimate_topics
 from yawid.sinks.rerun.sink import RerunSink

@@ -11,14 +11,14 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from yawid.results.reasons import KINDS
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     MethodSummary,
     ReasonSummary,
     RunSummary,
 )
+from yawid.results.reasons import KINDS
 from yawid.sinks.words import GREEK, conditions, counted, dutch_roll, kappa, loop_of, with_sigma
 
 ROUGHLY: Final = "Roughly"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from yawid.answers.run_summary import Manoeuvre, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.quantities.vehicles import mode_name
-from yawid.results.run_summary import Manoeuvre, RunSummary
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 

@@ -8,9 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from yawid.estimation.fit import WORST_PCT
-from yawid.quantities.airspeed import GROUND_SPEED
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,
@@ -18,6 +16,8 @@ from yawid.results.run_summary import (
     Value,
     VehicleSeen,
 )
+from yawid.estimation.fit import WORST_PCT
+from yawid.quantities.airspeed import GROUND_SPEED
 
 LATIN: Final = ("wn", "zeta")
 GREEK: Final = ("ωn", "ζ")

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.answers.run_summary import Manoeuvre, RunSummary
 from yawid.blocks import (
     FIRST_DATE_NS,
     Bools,
@@ -23,7 +24,6 @@ from yawid.blocks import (
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import name_of
 from yawid.quantities.table import BY_GROUND, CHANNELS, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
-from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
 from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from yawid.results.run_summary import RunSummary
+from yawid.answers.run_summary import RunSummary
 from yawid.sinks.words import dutch_roll, flight_rows
 from yawid.tables.table import Table
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, Sink, rudder_unit
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.tables.columns import (

@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.run_summary import Part, Value
 from yawid.dataset.summary_rows import flight_row
 from yawid.dataset.values import serial_of
-from yawid.results.run_summary import Part, Value
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2

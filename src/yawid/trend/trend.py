@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.run_summary import Part, Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
-from yawid.results.run_summary import Part, Value
 from yawid.trend.changes import Change, Fitted, fit_fleets, profile
 from yawid.trend.days import YEAR_US
 from yawid.trend.history import Flights, History, measured_otherwise, read_flights

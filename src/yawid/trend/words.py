@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from yawid.answers.run_summary import Value
 from yawid.quantities.table import QUANTITIES
-from yawid.results.run_summary import Value
 from yawid.sinks.words import plus_minus
 from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
 from yawid.trend.changes import SEASON

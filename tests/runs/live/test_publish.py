@@ -17,11 +17,11 @@ import pytest
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.answers.run_summary import DutchRoll
 from yawid.channels.stage import WANTED
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import DutchRoll
 from yawid.results.summary import summarise
 from yawid.runs.live import LiveOptions
 from yawid.runs.live.publish import values_of, verdict_text

@@ -31,13 +31,13 @@ from sources.logs.ulog_flight import (
 )
 from sources.logs.ulog_writer import ULogFile
 
+from yawid.answers.run_summary import VehicleSeen
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.vehicles import PX4, mode_name, px4_custom_modes
-from yawid.results.run_summary import VehicleSeen
 from yawid.runs.inspect_log import inspect
 from yawid.runs.job import open_log
 from yawid.runs.outputs import Outputs

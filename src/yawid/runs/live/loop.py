@@ -9,10 +9,10 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+from yawid.answers.run_summary import LiveFacts
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.estimation.machine.runner import RUNNER
-from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from yawid.results.run_summary import Manoeuvre
+from yawid.answers.run_summary import Manoeuvre
 from yawid.runs.live.running_answer import Answer, RunningAnswer
 from yawid.runs.live.vehicle_session import LiveSession
 from yawid.runs.live.worker import Worker

@@ -4,11 +4,11 @@ import time
 from concurrent.futures import Future
 from typing import NamedTuple
 
+from yawid.answers.run_summary import DutchRoll
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import DutchRoll
 from yawid.results.summary import Basis, bank_summaries, basis_of, of_the_log
 from yawid.runs.live.worker import Worker
 

@@ -3,13 +3,13 @@
 import time
 from collections import deque
 
+from yawid.answers.run_summary import Flight
 from yawid.blocks import EstimateBlock, Held, Status, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
 from yawid.results.judge_estimate import answering
 from yawid.results.reasons import Verdict
-from yawid.results.run_summary import Flight
 from yawid.results.summary import basis_of, of_the_log
 from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
 from yawid.runs.live.standing import SILENT, running

@@ -4,11 +4,11 @@ import time
 
 import numpy as np
 
+from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Ints, Status, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.results.judge_estimate import answering
-from yawid.results.run_summary import DutchRoll
 from yawid.sinks.words import dutch_roll
 
 QUIET_S = 1.5

@@ -8,13 +8,13 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from yawid.answers.run_summary import LiveFacts, Manoeuvre, RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import UNFORESEEN, ConfigError, SinkError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.quantities.vehicles import NOT_A_VEHICLE
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.run_summary import LiveFacts, Manoeuvre, RunSummary
 from yawid.results.summary import summarise
 from yawid.runs.live.bulkhead import Bulkhead, cause_of
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
+from yawid.answers.run_summary import LiveFacts
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import AUTOPILOT_INVALID, NOT_A_VEHICLE
-from yawid.results.run_summary import LiveFacts
 from yawid.runs.live.bulkhead import cause_of
 from yawid.runs.live.saved_state import check_states
 from yawid.runs.live.standing import SILENT

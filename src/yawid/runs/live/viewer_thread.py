@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, wait
 
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.results.run_summary import RunSummary
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Call, Grid, Pace, Relay, Sink
 

@@ -18,9 +18,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from yawid.answers.reports import CaseReport, RegressReport
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, SinkError, YawidError
-from yawid.results.reports import CaseReport, RegressReport
 from yawid.runs.regress.case import Case, Replayed
 from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
 from yawid.runs.regress.table import csv_of, read_csv

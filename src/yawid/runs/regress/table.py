@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
-from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, Sink
 
 

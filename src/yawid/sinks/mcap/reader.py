@@ -24,11 +24,11 @@ from mcap.exceptions import McapError
 from mcap.reader import McapReader, NonSeekingReader, make_reader
 from mcap.records import Chunk, Schema
 from mcap.stream_reader import StreamReader
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import Ints, SampleBlock, Status
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
-from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Grid, LogLevel, rudder_unit
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.messages import Rows, RunRows, estimate_from, modes_from, samples_from

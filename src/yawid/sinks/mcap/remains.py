@@ -14,9 +14,7 @@ from typing import Any, Final
 from google.protobuf.message import DecodeError
 from msgspec.structs import replace
 
-from yawid.blocks import finite
-from yawid.config.run import RunConfig, check_settings
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Fit,
     LinkCounts,
@@ -27,6 +25,8 @@ from yawid.results.run_summary import (
     RunSummary,
     VerdictSummary,
 )
+from yawid.blocks import finite
+from yawid.config.run import RunConfig, check_settings
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import read_grid
 from yawid.sinks.mcap.schemas import (

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.run_summary import Manoeuvre, RunSummary
 from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (

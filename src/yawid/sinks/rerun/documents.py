@@ -5,9 +5,7 @@ A number after ± is one sigma.
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from yawid.quantities.table import YAW_CHANNEL
-from yawid.quantities.units import HALF_TRAVEL
-from yawid.results.run_summary import (
+from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,
@@ -16,6 +14,8 @@ from yawid.results.run_summary import (
     Value,
     VerdictSummary,
 )
+from yawid.quantities.table import YAW_CHANNEL
+from yawid.quantities.units import HALF_TRAVEL
 from yawid.sinks.words import (
     GREEK,
     conditions,

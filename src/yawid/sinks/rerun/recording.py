@@ -18,9 +18,9 @@ import pyarrow as pa
 
 import rerun as rr
 from rerun.encodings import TensorDataBatch
+from yawid.answers.run_summary import Manoeuvre, RunSummary
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
 from yawid.quantities.units import HALF_TRAVEL
-from yawid.results.run_summary import Manoeuvre, RunSummary
 from yawid.sinks.base import Grid, LogLevel, Sink
 from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points

@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.physics.flying_qualities import LEVELS
-from yawid.results.run_summary import DutchRoll
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import (
     BAD,

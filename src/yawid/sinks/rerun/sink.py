@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from yawid.answers.run_summary import RunSummary
 from yawid.errors import SinkError
-from yawid.results.run_summary import RunSummary
 from yawid.sinks.base import Call, Pace, Relay
 from yawid.sinks.part_file import open_part, take_name
 

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
+from yawid.answers.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
+from yawid.answers.inspection import Inspection
 from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.quantities.vehicles import ARDUPILOT, PX4
-from yawid.results.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
-from yawid.results.inspection import Inspection
 from yawid.results.make_card import why_no_card
 from yawid.sinks.door import WIDTH
 from yawid.sinks.words import count, dutch_roll

@@ -9,8 +9,8 @@ from typing import Final
 
 from rich.table import Table
 
+from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre
 from yawid.quantities.airspeed import GROUND_SPEED
-from yawid.results.run_summary import DutchRoll, Flight, Manoeuvre
 from yawid.sinks.words import loop_of, outcome, sigma_means, utc
 
 MOST_ROWS: Final = 20

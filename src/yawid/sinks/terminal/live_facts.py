@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from yawid.results.run_summary import Flight, Manoeuvre
+from yawid.answers.run_summary import Flight, Manoeuvre
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from yawid.results.reports import OrdersReport
-from yawid.results.run_summary import (
+from yawid.answers.reports import OrdersReport
+from yawid.answers.run_summary import (
     MethodSummary,
     Origin,
     RunSummary,

@@ -3,7 +3,7 @@
 What the log does not know is None: the card leaves a blank for it, to be filled in by hand.
 """
 
-from yawid.results.run_summary import DutchRoll, Number, Part, Positive
+from yawid.answers.run_summary import DutchRoll, Number, Part, Positive
 
 
 class ParameterToSet(Part, frozen=True, kw_only=True):

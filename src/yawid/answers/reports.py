@@ -3,7 +3,7 @@
 As in a summary, what does not apply is None and has no key.
 """
 
-from yawid.results.run_summary import Count, DutchRoll, Number, Orders, Part, VerdictSummary
+from yawid.answers.run_summary import Count, DutchRoll, Number, Orders, Part, VerdictSummary
 
 
 class OrdersTried(Orders, frozen=True, kw_only=True):

@@ -13,7 +13,7 @@ from hand_flights import four_of_a_flight, of_older_version
 from hand_flights import plain_summary as summary
 from places import REPLAY_LOGS
 
-from yawid.results.run_summary import DutchRoll, MethodSummary, RunSummary, VerdictSummary
+from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary, VerdictSummary
 
 
 def estimate(theta: dict[str, Any], roll: DutchRoll | None = None) -> MethodSummary:

@@ -4,8 +4,8 @@ from typing import Any
 
 from msgspec import field
 
-from yawid.results.flight_test_card import FlightTestCard
-from yawid.results.run_summary import Flight, Manoeuvre, Origin, Part, VerdictSummary
+from yawid.answers.flight_test_card import FlightTestCard
+from yawid.answers.run_summary import Flight, Manoeuvre, Origin, Part, VerdictSummary
 
 
 class MessageRate(Part, frozen=True):
