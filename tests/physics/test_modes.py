@@ -10,8 +10,8 @@ from scipy.signal import cont2discrete
 
 from yawid.blocks import EstimateBlock
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.flying_qualities import dutch_roll_level
 from yawid.physics.modes import mode_list, modes
+from yawid.quantities.flying_qualities import dutch_roll_level
 
 ORDERS = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Self
 import msgspec
 from msgspec import Meta, Struct, field
 
-from yawid.physics.flying_qualities import dutch_roll_level
+from yawid.quantities.flying_qualities import dutch_roll_level
 from yawid.quantities.vehicles import autopilot_name, type_name
 
 LARGEST: Final = 1e300

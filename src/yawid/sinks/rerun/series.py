@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
-from yawid.physics.flying_qualities import LEVELS
+from yawid.quantities.flying_qualities import LEVELS
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import (
     BAD,
