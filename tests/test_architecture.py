@@ -36,11 +36,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/terminal": {"results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "results"} | {"sinks", "sinks/mcap"},
     "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},
-    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
-    | {"sources", LOGS, RECORDS, *SINKS},
+    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"} | {"sources", *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
-    "runs/regress": {"config", "channels", "runs", "sinks"} | {"sources", WIRE, LOGS},
+    "runs/regress": {"config", "channels", "runs", "sinks", "sources", LOGS},
     "dataset": {"sinks"},
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
     "trend": {"dataset", "report", "sinks", "sinks/mcap"},

@@ -42,8 +42,8 @@ class RecordedLog(Log):
             ChannelError: the record has no time, rudder or yaw rate.
             SourceError: a cell of it is not understood.
         """
-        config, record = RunConfig(**settings), self.record
-        if record is None:
+        config = RunConfig(**settings)
+        if not self.format.has_columns:
             for name in ("columns", "units", "rudder_unit"):
                 if getattr(config, name):
                     option = name.replace("_", "-")
@@ -62,9 +62,7 @@ class RecordedLog(Log):
         needs += ["roll", "pitch", "q"] if config.output == "heading-rate" else []
         sign = config.rudder_sign if config.binds("rudder_sign") else None
         said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
-        from yawid.sources.records.find_columns import Asked  # a log needs nothing of it
-
-        found = record.settle(Asked(*said, tuple(needs)))
+        found = self.settle(*said, tuple(needs))
         return replace(
             config,
             rudder_unit=found.rudder_unit,

@@ -18,8 +18,8 @@ from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
 from yawid.sinks.door import tell_whole
 from yawid.sinks.part_file import check_free, write_whole
-from yawid.sources.logs.simulated_tlog import Flight, tlog_of
 from yawid.sources.open_log import TlogBytes
+from yawid.sources.simulated_tlog import Flight, tlog_of
 
 FULL_RUDDER_RAD = np.deg2rad(25.0)
 """The deflection that a tlog shows as full travel: --rudder-max-deg 25 makes radians of it

@@ -15,8 +15,10 @@ from pathlib import Path
 import pytest
 from checks.children import child
 from finished_runs import messages
-from flights import command as fly_jsbsim
+from flights import send_tlog
 from flights.flight import FlightPlan
+from flights.fly import fly
+from flights.surgery import split
 from flights.telemetry import Link
 from live_link import (
     CONFIG,
@@ -41,10 +43,10 @@ from yawid.runs.replay import StopFlag, replay
 
 
 def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
-    sent = list(fly_jsbsim.fly(FlightPlan(seconds=25.0), Link(attitude_hz=50.0, servo_hz=50.0)))
+    sent = split(fly(FlightPlan(seconds=25.0), Link(attitude_hz=50.0, servo_hz=50.0)).log)
     config = RunConfig(rate=10.0)
     with listening(tmp_path, config, Outputs(tmp_path, "live", "save")) as session:
-        fly_jsbsim.send(sent, ("127.0.0.1", session.port), 25.0)
+        send_tlog.send(sent, ("127.0.0.1", session.port), 25.0)
         wait_for_size(session.part("tlog"), tlog_size([frame for _, frame in sent]))
 
     [(summary, _, _)] = session.ended

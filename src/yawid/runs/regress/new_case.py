@@ -20,9 +20,8 @@ from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
 from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.sources.formats import TLOG, format_of
-from yawid.sources.logs.tlog import read_tlog
-from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.mavlink.framing import STAMP_SIZE, frame_size
+from yawid.sources.logs.tlog import read_tlog, record_at
+from yawid.sources.open_log import TlogBytes
 
 MOST_BYTES = 1_000_000
 LEAD_S = 10.0
@@ -108,19 +107,12 @@ def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[s
 
 def _trimmed(data: bytes, config: RunConfig) -> bytes:
     """Return the records that yawid reads, of the stretch asked for, and all facts."""
-    decoder = Decoder(WANTED)
-    blocks = [found for found in (decoder.feed(data), decoder.finish()) if found is not None]
-    heard = _Heard.of(blocks)
+    found = TlogBytes([data], WANTED).read()
+    heard = _Heard.of([block for _, block in found if block is not None])
     low = -np.inf if config.from_s is None else config.from_s - LEAD_S
     high = np.inf if config.to_s is None else config.to_s + LEAD_S
     inside = (heard.boot_s >= low) & (heard.boot_s <= high)
-    kept = []
-    for at in heard.order[inside | heard.is_fact].tolist():
-        frame = at + STAMP_SIZE
-        size = frame_size(data[frame : frame + 3])
-        assert size is not None
-        kept.append(data[at : frame + size])
-    return b"".join(kept)
+    return b"".join(record_at(data, at) for at in heard.order[inside | heard.is_fact].tolist())
 
 
 @dataclass(frozen=True, slots=True)

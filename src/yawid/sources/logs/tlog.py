@@ -15,7 +15,7 @@ from yawid.quantities.link import LinkStats
 from yawid.sources.logs.bare_frames import Stamper
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
-from yawid.sources.mavlink.framing import SLACK, find_frames
+from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, find_frames, frame_size
 
 Form = Literal["auto", "tlog", "raw"]
 FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")
@@ -109,6 +109,14 @@ def read_tlog(
         raise SourceError(
             f"{path} cannot be read ({reason}): copy the log and try again"
         ) from error
+
+
+def record_at(tlog: bytes, at: int) -> bytes:
+    """Return the record of a tlog, its stamp and an intact frame, that begins at an offset."""
+    frame = at + STAMP_SIZE
+    size = frame_size(tlog[frame : frame + 3])
+    assert size is not None
+    return tlog[at : frame + size]
 
 
 def _is_bare(path: Path, head: bytes, form: Form) -> bool:
