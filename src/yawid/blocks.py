@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
+Array = NDArray[Any]
+"""An array of whatever type, rows with named columns too."""
 
 FIRST_DATE_US = 10**15
 """Unix time of September 2001: what is earlier is a time since boot, as no flight is as early."""
@@ -82,7 +84,7 @@ class Columns:
     def __len__(self) -> int:
         return len(getattr(self, self.__slots__[-1]))
 
-    def select(self, rows: NDArray[Any] | slice) -> Self:
+    def select(self, rows: Array | slice) -> Self:
         """Return the rows chosen by a mask (n,), an index array (m,) or a slice."""
         if (
             isinstance(rows, np.ndarray)
@@ -105,7 +107,7 @@ class Columns:
         return cls(*[np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for c in columns])
 
 
-def _select(value: Any, rows: NDArray[Any] | slice) -> Any:
+def _select(value: Any, rows: Array | slice) -> Any:
     return value.select(rows) if isinstance(value, Columns) else value
 
 
@@ -183,7 +185,7 @@ class MessageBlock(Columns):
     received_us: Ints
     sysid: Bytes
     compid: Bytes
-    fields: NDArray[Any]
+    fields: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,7 +321,7 @@ class EstimateBlock:
         innovation: Floats,
         residual: Floats,
         noise_std: Floats,
-        status: NDArray[Any],
+        status: Array,
     ) -> "EstimateBlock":
         """Return the block of these fields: (n, p), (n, p), (n, p, p) or None, and five of (n,)."""
         n, p = theta.shape

@@ -5,19 +5,17 @@ goes on, so the first is unwrapped beside the second.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import FIRST_DATE_US, Ints, MessageBlock
+from yawid.blocks import FIRST_DATE_US, Array, Ints, MessageBlock
 from yawid.channels.series import Readings
 
 NEWEST = slice(-1, None)
 """Of a series, all that is needed of what came before."""
 
 
-def boot_us(fields: NDArray[Any]) -> Ints:
+def boot_us(fields: Array) -> Ints:
     """Return the boot time in us (n,) that a message reports: time_boot_ms, or time_usec (n,)."""
     if "time_boot_ms" in (fields.dtype.names or ()):
         return fields["time_boot_ms"].astype(np.int64) * 1000

@@ -8,12 +8,10 @@ VTOL is just now.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Held, Ints, MessageBlock
+from yawid.blocks import Array, Floats, Held, Ints, MessageBlock
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.series import Latest
 from yawid.channels.surface import raw_output
@@ -134,7 +132,7 @@ class FlightState:
         self._system.observe(messages.get("EXTENDED_SYS_STATE"), states)
         self.wings.observe(messages)
 
-    def at(self, order: Ints) -> dict[str, NDArray[Any]]:
+    def at(self, order: Ints) -> dict[str, Array]:
         """Return what is known at each place (n,), by the names of channels, NaN where it is not.
 
         The altitude is VFR_HUD's (above the sea, by ArduPilot and PX4 alike). ``by_ground``: 1
@@ -155,7 +153,7 @@ class FlightState:
             "barred": self.wings.held(order, mode, vtol, self.vehicle),
         }
 
-    def _hud_columns(self, fields: NDArray[Any]) -> Floats:
+    def _hud_columns(self, fields: Array) -> Floats:
         """Return airspeed, ground speed, altitude and the kind of airspeed, (n, 4).
 
         An on-board log says the kind itself; of a message it is its autopilot's.
@@ -183,6 +181,6 @@ class FlightState:
         return np.where(grounded, 1.0, np.where(flying, 0.0, np.nan))
 
 
-def _columns(*names: str) -> Callable[[NDArray[Any]], Floats]:
+def _columns(*names: str) -> Callable[[Array], Floats]:
     """Return what reads these fields as (n, columns)."""
     return lambda f: np.stack([np.asarray(f[name], float) for name in names], axis=1)

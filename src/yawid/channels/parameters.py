@@ -3,12 +3,10 @@
 import math
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, MessageBlock
+from yawid.blocks import Array, Floats, MessageBlock
 from yawid.channels.surface import Travel
 
 STOCK_TRAVEL_US: Travel = (1100.0, 1500.0, 1900.0)
@@ -34,7 +32,7 @@ _INTEGERS = range(1, 9)
 _LEAST_NORMAL = np.finfo(np.float32).tiny
 
 
-def _values(fields: NDArray[Any]) -> Floats:
+def _values(fields: Array) -> Floats:
     """Return the values (n,) of PARAM_VALUE rows.
 
     ArduPilot writes an integer as a float; PX4 puts its four bytes in the float's place, where a

@@ -5,12 +5,10 @@ A stretch of a segment is made of such rows.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Columns, Floats, Held, Ints, MessageBlock
+from yawid.blocks import Array, Columns, Floats, Held, Ints, MessageBlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +86,7 @@ class Latest:
     def __post_init__(self) -> None:
         self.values = np.full((1, self.columns), np.nan)
 
-    def observe(self, block: MessageBlock | None, read: Callable[[NDArray[Any]], Floats]) -> None:
+    def observe(self, block: MessageBlock | None, read: Callable[[Array], Floats]) -> None:
         """Take a block in, if there is one: ``read`` makes values (n, columns) of its fields (n,).
 
         Of what came before only the newest row is still needed.

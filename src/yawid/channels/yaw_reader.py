@@ -10,9 +10,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Held, Ints, MessageBlock, RecordBlock, euler
+from yawid.blocks import Array, Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
 from yawid.channels.series import Series
@@ -43,7 +42,7 @@ ACCELERATION_PSD = 1.0
 LONGEST_S = 2.0
 """A longer silence starts the filter again."""
 
-Fields = NDArray[Any]
+Fields = Array
 
 
 def _attitude(f: Fields) -> Floats:

@@ -4,16 +4,15 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from yawid.cli.options import add_command
+from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.sinks.door import say, tell
 
 Run = Callable[[argparse.Namespace], int]
 
 
-def add_finished_run(commands: Any) -> None:
+def add_finished_run(commands: Commands) -> None:
     """Add the commands to the parser's."""
     view = _on_run(
         commands, "view", "show a finished run in Rerun, PlotJuggler or Foxglove",
@@ -64,7 +63,7 @@ def add_finished_run(commands: Any) -> None:
     _add_force(recover, _recover, "a file that exists")
 
 
-def _on_run(commands: Any, name: str, what: str, examples: str) -> argparse.ArgumentParser:
+def _on_run(commands: Commands, name: str, what: str, examples: str) -> argparse.ArgumentParser:
     """Add a command that takes the file of a finished run."""
     command = add_command(commands, name, "RUN.mcap", what, examples)
     command.add_argument("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")

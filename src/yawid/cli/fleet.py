@@ -3,9 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from yawid.cli.options import (
+    Commands,
     add_command,
     add_estimator_options,
     add_format,
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Plan, Progress
 
 
-def add_fleet(commands: Any) -> None:
+def add_fleet(commands: Commands) -> None:
     """Add the command to the parser's."""
     fleet = add_command(
         commands, "fleet", "PATH... --out DATASET",

@@ -3,9 +3,9 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from yawid.cli.options import (
+    Commands,
     add_command,
     add_outputs,
     outputs_of,
@@ -28,7 +28,7 @@ yawid live udpin:127.0.0.1:14560
 yawid live /dev/ttyUSB0,57600 --sysid 3 --rerun spawn"""
 
 
-def add_live(commands: Any) -> None:
+def add_live(commands: Commands) -> None:
     """Add ``live`` to the commands."""
     what = "estimate from a live link, passively"
     live = add_command(commands, "live", "ENDPOINT", what, _EXAMPLES)

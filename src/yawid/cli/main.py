@@ -19,6 +19,7 @@ from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
 from yawid.cli.options import (
+    Commands,
     HelpPage,
     OneLineParser,
     add_command,
@@ -117,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_replay(commands: Any) -> None:
+def _add_replay(commands: Commands) -> None:
     examples = """\
 yawid replay flight.tlog --rerun save
 yawid replay day/*.BIN --out answers --json > answers.jsonl"""
@@ -130,7 +131,7 @@ yawid replay day/*.BIN --out answers --json > answers.jsonl"""
     replay.set_defaults(run=_replay)
 
 
-def _add_looks(commands: Any) -> None:
+def _add_looks(commands: Commands) -> None:
     """Add the commands that look at a log and write no run."""
     inspect = add_command(
         commands, "inspect", "LOG", "say what a log can answer, and how to ask",

@@ -5,7 +5,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Container
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from yawid.config.estimator import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError
@@ -66,6 +66,8 @@ def _sysid(text: str) -> int | str:
         raise argparse.ArgumentTypeError(f"must be 1 to 255 (live: or all), got {text!r}") from None
 
 
+Commands: TypeAlias = "argparse._SubParsersAction[OneLineParser]"
+"""What a parser adds its commands to: argparse has no public name of it."""
 Option = tuple[str, Callable[[str], Any], str, str]
 """An option's name, how its text is read, what stands for its value, and its help."""
 SAMPLES: tuple[Option, ...] = (
@@ -112,7 +114,7 @@ TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"
 
 
 def add_command(
-    commands: Any, name: str, arguments: str, what: str, examples: str
+    commands: Commands, name: str, arguments: str, what: str, examples: str
 ) -> argparse.ArgumentParser:
     """Add a command: what must be given, what it does in a line, and examples, a line each."""
     command: argparse.ArgumentParser = commands.add_parser(

@@ -2,9 +2,8 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from yawid.cli.options import add_command
+from yawid.cli.options import Commands, add_command
 from yawid.sinks.door import tell, tell_json
 
 PLANTS = ("yaw", "lateral", "rigid-body")
@@ -20,13 +19,13 @@ NUMBERS = (
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 
-def add_commands(commands: Any) -> None:
+def add_commands(commands: Commands) -> None:
     """Add both commands to the parser's."""
     _add_step(commands)
     _add_simulate(commands)
 
 
-def _add_step(commands: Any) -> None:
+def _add_step(commands: Commands) -> None:
     step = add_command(
         commands, "step", "FILE.csv", "fit the paper's models to a step response (eq. 4-16, 23)",
         "yawid step response.csv --u0 0.1 --step-time 5\n"
@@ -50,7 +49,7 @@ def _add_step(commands: Any) -> None:
     step.set_defaults(run=_step)
 
 
-def _add_simulate(commands: Any) -> None:
+def _add_simulate(commands: Commands) -> None:
     simulate = add_command(
         commands, "simulate", "PLANT --out FILE", "fly a reference plant of the paper to a file",
         "yawid simulate lateral --input 3211 --noise 0.002 --out flight.tlog\n"

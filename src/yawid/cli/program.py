@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from yawid.cli.options import add_command
+from yawid.cli.options import Commands, add_command
 from yawid.errors import SinkError
 from yawid.sinks.door import tell, tell_whole
 
@@ -16,7 +16,7 @@ PRINTING = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "
 SHELLS = ("bash", "zsh")
 
 
-def add_schema(commands: Any) -> None:
+def add_schema(commands: Commands) -> None:
     """Add the command to the parser's."""
     schema = add_command(
         commands, "schema", "[COMMAND]",
@@ -43,7 +43,7 @@ def _schema(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def add_warm(commands: Any) -> None:
+def add_warm(commands: Commands) -> None:
     """Add the command to the parser's."""
     warm = add_command(
         commands, "warm", "", "compile the estimators, which the first replays would wait for",
@@ -77,7 +77,7 @@ def _warm(_: argparse.Namespace) -> int:
     return 0
 
 
-def add_completion(commands: Any, whole: argparse.ArgumentParser) -> None:
+def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
     """Add the command to those of the whole parser, which is what it prints."""
     completion = add_command(
         commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",

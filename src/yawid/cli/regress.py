@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from yawid.cli.options import add_command, add_estimator_options, given_options
+from yawid.cli.options import Commands, add_command, add_estimator_options, given_options
 from yawid.errors import ConfigError
 from yawid.runs.stop import Interrupted
 from yawid.sinks.door import say, tell, tell_json
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MOST_LINES = 20
 
 
-def add_regress(commands: Any) -> None:
+def add_regress(commands: Commands) -> None:
     """Add the command to the parser's."""
     regress = add_command(
         commands, "regress", "[CASE...]", "replay cases against their references",

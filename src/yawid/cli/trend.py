@@ -2,9 +2,8 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from yawid.cli.options import add_command
+from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.sinks.door import tell_json, tell_page
 
@@ -12,7 +11,7 @@ CHANGED = 7
 NOTHING_COMPARED = 5
 
 
-def add_trend(commands: Any) -> None:
+def add_trend(commands: Commands) -> None:
     """Add both commands to the parser's."""
     trend = add_command(
         commands, "trend", "DATASET", "what changed over a fleet's flights",

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Ints
+from yawid.blocks import Array, Ints
 from yawid.quantities.airspeed import Kind
 
 ARDUPILOT, AUTOPILOT_INVALID, PX4 = 3, 8, 12
@@ -98,7 +97,7 @@ def mode_name(autopilot: int, vehicle_type: int, custom_mode: int) -> str:
     return name or f"mode {custom_mode}"
 
 
-def px4_custom_modes(nav_state: NDArray[Any]) -> Ints:
+def px4_custom_modes(nav_state: Array) -> Ints:
     """Return HEARTBEAT.custom_mode as PX4 sends it for nav_state (n,), a byte, in its own logs.
 
     A state that is sent as another one is, or under no name, stays the number it is.

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yawid.answers.run_summary import Manoeuvre, RunSummary
 from yawid.blocks import (
     FIRST_DATE_NS,
+    Array,
     Bools,
     EstimateBlock,
     Held,
@@ -53,7 +53,7 @@ class Units:
             says += f", within {config.band[0]:g} to {config.band[1]:g} Hz, as the inputs are"
         self.output, self.output_says = name, says
 
-    def column(self, name: str, values: NDArray[Any], says: str = "") -> Column:
+    def column(self, name: str, values: Array, says: str = "") -> Column:
         """Return the column of a quantity; its words where nothing else is to be said."""
         row = quantity(name)
         return Column(
@@ -93,19 +93,19 @@ def _is_ground(samples: SampleBlock) -> Bools:
     return found
 
 
-def _kinds(samples: SampleBlock) -> NDArray[Any]:
+def _kinds(samples: SampleBlock) -> Array:
     kind = np.where(_is_ground(samples), _GROUND, samples.airspeed_kind)
     return texts(np.nan_to_num(kind), _kind)
 
 
-def _dates(samples: SampleBlock) -> NDArray[Any]:
+def _dates(samples: SampleBlock) -> Array:
     time = samples.unix_ns.astype("datetime64[ns]")
     return np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)
 
 
 _FIRST: Final = tuple(CHANNELS)[: 1 + list(CHANNELS).index("held")]
 """The channels that stand before the results in what is exported."""
-_MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], NDArray[Any]]]] = {
+_MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], Array]]] = {
     "t": lambda s, _: s.boot_us / 1e6,
     "airspeed": lambda s, _: np.where(_is_ground(s), np.nan, s.airspeed),
     "ground_speed": lambda s, _: np.where(_is_ground(s), s.airspeed, s.ground_speed),
@@ -178,7 +178,7 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
     types = {name: _TYPES.get(kind, object) for name, kind in TABLE["Manoeuvre"]}
     for name in dict.fromkeys(("n", "usable", "reasons", *types)):
         values = [_one(each[name]) for each in fields]
-        column: NDArray[Any] = np.array(values, types[name])
+        column: Array = np.array(values, types[name])
         yield known.column(name, column) if name != "reasons" else Column(name, column)
         if name == "usable":
             used = () if summary.flight is None else summary.flight.used
@@ -201,7 +201,7 @@ def theta_unit(name: str, known: Units) -> str:
     return f"rad/s per {known.grid.unit_of(name.partition('_')[2] or known.grid.inputs[0])}"
 
 
-def texts(codes: NDArray[Any], word: Callable[[Any], str | None]) -> NDArray[Any]:
+def texts(codes: Array, word: Callable[[Any], str | None]) -> Array:
     """Return codes (n,) as texts (n,), None where there is none."""
     kinds, which = np.unique(codes, return_inverse=True)
     return np.array([word(code) or None for code in kinds.tolist()], object)[which]

@@ -7,8 +7,8 @@ from textwrap import fill
 from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from yawid.blocks import Array
 from yawid.errors import ConfigError
 
 SHOWN: Final = 10
@@ -22,7 +22,7 @@ class Column(NamedTuple):
     """
 
     name: str
-    values: NDArray[Any]
+    values: Array
     unit: str = ""
     says: str = ""
 
@@ -66,10 +66,10 @@ class Table:
         return next((len(values) for values in self._values.values()), 0)
 
     @overload
-    def __getitem__(self, key: str) -> NDArray[Any]: ...
+    def __getitem__(self, key: str) -> Array: ...
     @overload
-    def __getitem__(self, key: slice | NDArray[Any]) -> "Table": ...
-    def __getitem__(self, key: str | slice | NDArray[Any]) -> "NDArray[Any] | Table":
+    def __getitem__(self, key: slice | Array) -> "Table": ...
+    def __getitem__(self, key: str | slice | Array) -> "Array | Table":
         if isinstance(key, str):
             if key not in self._values:
                 raise KeyError(f"{self.title} have no column {key!r}: {', '.join(self)}")
@@ -78,7 +78,7 @@ class Table:
             raise TypeError(f"rows are chosen by a slice, a mask or indices, not by {key!r}")
         return Table(self.title, [c._replace(values=c.values[key]) for c in self.each()])
 
-    def __getattr__(self, name: str) -> NDArray[Any]:
+    def __getattr__(self, name: str) -> Array:
         if name.startswith("_") or name in Table.__slots__:  # asked for before they are there
             raise AttributeError(name)
         if name not in self._values:
@@ -175,14 +175,14 @@ def library(name: str) -> Any:
         raise ConfigError(f"to_{name} needs {name}: pip install {name} ({error})") from error
 
 
-def filled(values: NDArray[Any]) -> NDArray[Any]:
+def filled(values: Array) -> Array:
     """Return texts (n,) as NumPy's own, empty where there is none; numbers as they are."""
     if values.dtype != object:
         return values
     return np.array(["" if each is None else each for each in values], np.str_)
 
 
-def _plain(values: NDArray[Any]) -> Any:
+def _plain(values: Array) -> Any:
     """Return objects as a list: polars looks for the type in it."""
     return values.tolist() if values.dtype == object else values
 

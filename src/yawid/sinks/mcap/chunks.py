@@ -18,7 +18,6 @@ from tempfile import SpooledTemporaryFile
 from typing import Any, BinaryIO, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from zstandard import ZstdCompressor
 
 from mcap.data_stream import RecordBuilder
@@ -37,7 +36,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from yawid.blocks import Ints
+from yawid.blocks import Array, Ints
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _HEAD: Final = struct.Struct("<BQHIQQ")  # of a message: opcode, length, channel, sequence, times
@@ -61,7 +60,7 @@ class Topic:
     """Messages of one channel, all of the same size: a structured row (n,) each."""
 
     channel: int
-    rows: NDArray[Any]
+    rows: Array
 
 
 class ChunkWriter:
@@ -258,7 +257,7 @@ class ChunkWriter:
         )
 
 
-def _records(topics: Sequence[Topic], log_ns: Ints, publish_ns: Ints, first: int) -> NDArray[Any]:
+def _records(topics: Sequence[Topic], log_ns: Ints, publish_ns: Ints, first: int) -> Array:
     """Return whole message records (n,), those of a row side by side."""
     n = len(log_ns)
     head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),

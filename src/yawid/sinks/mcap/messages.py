@@ -6,17 +6,16 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yawid.answers.run_summary import Manoeuvre, Value, VerdictSummary
-from yawid.blocks import EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
+from yawid.blocks import Array, EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.quantities.airspeed import Kind, known
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import ESTIMATE, MODE_VALUES, TABLE, descriptor, message_class
 
-Rows = NDArray[Any]
+Rows = Array
 
 
 class RunRows(NamedTuple):

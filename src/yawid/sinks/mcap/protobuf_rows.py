@@ -13,7 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
-from numpy.typing import NDArray
+
+from yawid.blocks import Array
 
 # protobuf type -> wire type, NumPy type
 _VALUES: Final = {
@@ -62,11 +63,11 @@ class RowLayout:
             columns += [(f"tag of {name}", "u1", tag.shape), column]
         self.dtype: np.dtype[Any] = np.dtype(columns)
         self.size: int = self.dtype.itemsize
-        self.template: NDArray[Any] = np.zeros((), self.dtype)
+        self.template: Array = np.zeros((), self.dtype)
         for name, constant in constants.items():
             self.template[name] = constant
 
-    def rows(self, n: int) -> NDArray[Any]:
+    def rows(self, n: int) -> Array:
         """Return ``n`` messages (n,) whose values are all zero, to be filled by column."""
         # As plain bytes: field by field it takes longer.
         plain = f"V{self.size}"

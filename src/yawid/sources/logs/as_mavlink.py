@@ -8,11 +8,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Bools, Floats, FrameBlock, Ints, MessageBlock
+from yawid.blocks import Array, Bools, Floats, FrameBlock, Ints, MessageBlock
 
-PlacedFields = tuple[Ints, NDArray[Any]]
+PlacedFields = tuple[Ints, Array]
 """Where rows of a message stand (n,), in us since boot or in bytes, and their fields (n,)."""
 COMPID = 1
 """MAV_COMP_ID_AUTOPILOT1: who writes an on-board log."""
@@ -52,7 +51,7 @@ def quiet() -> np.errstate:
 
 
 @quiet()
-def table(name: str, rows: int, **columns: Any) -> NDArray[Any]:
+def table(name: str, rows: int, **columns: Any) -> Array:
     """Return the fields of a message (rows,), those not given being zero."""
     fields = np.zeros(rows, DTYPES[name])
     for column, values in columns.items():
@@ -60,9 +59,7 @@ def table(name: str, rows: int, **columns: Any) -> NDArray[Any]:
     return fields
 
 
-def message(
-    name: str, order: Ints, received_us: Ints, fields: NDArray[Any], sysid: int
-) -> MessageBlock:
+def message(name: str, order: Ints, received_us: Ints, fields: Array, sysid: int) -> MessageBlock:
     """Return rows (n,) of one message from the vehicle ``sysid``; stamps in us of Unix time."""
     sysids, compids = (np.full(len(order), number, np.uint8) for number in (sysid, COMPID))
     return MessageBlock(name, order, received_us, sysids, compids, fields)

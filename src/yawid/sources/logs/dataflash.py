@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, FrameBlock, Ints, MessageBlock
+from yawid.blocks import Array, Floats, FrameBlock, Ints, MessageBlock
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import AIRSPEED_GIVEN, ARDUPILOT, ARMED, IN_AIR, LANDED
 from yawid.sources.logs.as_mavlink import (
@@ -133,7 +132,7 @@ class DataflashReader:
         first, stop = np.searchsorted(offsets, (low, high))
         return offsets[max(first - more, 0) : stop + more]
 
-    def _untimed(self, name: str, offsets: Ints, fields: NDArray[Any]) -> MessageBlock:
+    def _untimed(self, name: str, offsets: Ints, fields: Array) -> MessageBlock:
         received = np.full(len(offsets), self._unix_us)
         return message(name, offsets + self._shift, received, fields, self._sysid)
 
@@ -222,7 +221,7 @@ def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
     return (offsets[first], fields[first]), (offsets[~first], fields[~first])
 
 
-def _system_id(first: NDArray[Any]) -> int:
+def _system_id(first: Array) -> int:
     """Return the system id by the PARAM_VALUE rows ``first`` (n,), 1 unless it is there."""
     for name in _SYSID:
         reported = first["param_value"][first["param_id"] == name]

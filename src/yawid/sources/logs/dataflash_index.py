@@ -21,9 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Ints
+from yawid.blocks import Array, Floats, Ints
 from yawid.errors import SourceError
 from yawid.sources.logs.as_mavlink import PlacedFields, quiet, steady
 
@@ -125,7 +124,7 @@ class DataflashIndex:
         """Return where all messages of a name start (n,), at least one, and their payloads (n,)."""
         return self.offsets[name], self.rows(name, self.offsets[name])
 
-    def rows(self, name: str, offsets: Ints) -> NDArray[Any]:
+    def rows(self, name: str, offsets: Ints) -> Array:
         """Return the payloads (n,) of the messages that start at ``offsets`` (n,)."""
         dtype = self._formats[name].dtype
         size = dtype.itemsize
@@ -133,7 +132,7 @@ class DataflashIndex:
         row_at = np.ndarray((starts,), f"V{size}", self._buffer, 0, (1,))
         return row_at[offsets + _HEADER].view(dtype)
 
-    def si(self, name: str, rows: NDArray[Any], column: str) -> Floats:
+    def si(self, name: str, rows: Array, column: str) -> Floats:
         """Return a column (n,) in SI units, angles in rad."""
         with quiet():
             return np.asarray(rows[column], float) * self._factors[name][column]

@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import FIRST_DATE_US, Floats, FrameBlock, Ints, MessageBlock, euler
+from yawid.blocks import FIRST_DATE_US, Array, Floats, FrameBlock, Ints, MessageBlock, euler
 from yawid.errors import SourceError
 from yawid.quantities.airspeed import density_ratio, equivalent_of_true, known
 from yawid.quantities.link import LinkStats
@@ -70,7 +69,7 @@ _ROTARY_WING, _FIXED_WING = 1, 2  # vehicle_status.vehicle_type
 _FIX_3D = 3
 _NONE = np.zeros(0, np.int64)
 _NOTHING = _NONE, np.zeros(0)
-UlogTopic = Mapping[str, NDArray[Any]]
+UlogTopic = Mapping[str, Array]
 _NO_ROWS: UlogTopic = {"timestamp": _NONE}
 _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 

@@ -5,9 +5,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Bytes, FrameBlock, Ints, MessageBlock
+from yawid.blocks import Array, Bytes, FrameBlock, Ints, MessageBlock
 from yawid.quantities.link import LinkStats
 from yawid.sources.mavlink.definitions import definitions, dtype_of
 from yawid.sources.mavlink.fast_path import STAMP, PlainReader, PlainRecord, plain_messages
@@ -169,7 +168,7 @@ def _keep_freed_memory() -> None:
     np.empty(1 << 24, np.uint8)
 
 
-def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> Array:
     """Return the payloads (n,) of one message; bytes that were not sent are zero."""
     size = dtype.itemsize
     row_at = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))
