@@ -9,7 +9,7 @@ replaces its older one with all its rows. Rows are dicts by column name, times i
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from yawid.dataset.places import MANIFEST, NEW, NO_MONTH, complete, month_of, opened, read_manifest
 from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
-from yawid.dataset.values import Entry, Row, plain
+from yawid.dataset.values import Entry, ReadRow, Row, plain
 from yawid.errors import SinkError, SourceError
 from yawid.sinks.part_file import os_errors_as_sink_error, sync, write_whole
 
@@ -39,7 +39,7 @@ def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) ->
     return _read(folder, TABLES[name], [each["path"] for each in files], columns)
 
 
-def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
+def merge(folder: Path, entries: Iterable[Entry]) -> Row:
     """Merge logs with all their rows into a data set, made where there is none.
 
     Return the new manifest. Entries of one path: the last counts. Logs of the same bytes have
@@ -55,7 +55,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
     logs = _logs(folder, before, by_path)
     by_sha = _owners(logs, by_path)
     is_alive = set(pc.unique(logs["log_sha256"].drop_null()).to_pylist())
-    tables: dict[str, list[dict[str, Any]]] = {}
+    tables: dict[str, list[Row]] = {}
     try:
         tables["logs"] = _write(folder, TABLES["logs"], "logs", logs, generation)
         for table in TABLES.values():
@@ -78,7 +78,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> dict[str, Any]:
     return manifest
 
 
-def completed(folder: Path) -> dict[str, Any] | None:
+def completed(folder: Path) -> Row | None:
     """Complete what a kill has left of a data set; return its manifest, None where there is none.
 
     Raises:
@@ -93,7 +93,7 @@ def completed(folder: Path) -> dict[str, Any] | None:
     return manifest
 
 
-def _begun(folder: Path) -> dict[str, Any]:
+def _begun(folder: Path) -> Row:
     """Make a folder a data set, still empty; return its manifest."""
     manifest = {"format": FORMAT, "generation": 0, "outcomes": {}, "tables": {}}
     with os_errors_as_sink_error(folder):
@@ -102,7 +102,7 @@ def _begun(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def table_of(table: Table, rows: Sequence[Row]) -> pa.Table:
+def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
     """Return rows as a table, ids still as plain strings; columns they do not have are NULL."""
     clean = plain(list(rows))
     if unknown := {name for row in clean for name in row} - set(table.schema.names):
@@ -138,7 +138,7 @@ def _read(
     return pa.concat_tables(found) if found else schema.empty_table()
 
 
-def _logs(folder: Path, before: Mapping[str, Any], by_path: Mapping[str, Entry]) -> pa.Table:
+def _logs(folder: Path, before: ReadRow, by_path: Mapping[str, Entry]) -> pa.Table:
     """Return the table of logs with those of ``by_path`` in the place of older ones."""
     table = TABLES["logs"]
     files = [each["path"] for each in before["tables"].get("logs", {"files": []})["files"]]
@@ -166,24 +166,24 @@ def _owners(logs: pa.Table, by_path: Mapping[str, Entry]) -> dict[str, Entry]:
 def _merged(
     folder: Path,
     table: Table,
-    files: Sequence[Mapping[str, Any]],
-    new: Sequence[Row],
+    files: Sequence[ReadRow],
+    new: Sequence[ReadRow],
     replaced: Iterable[str],
     is_alive: set[str],
     generation: int,
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """Return the files of one table after the merge, those that change written anew.
 
     Rows of a log go where it is among ``replaced`` or not among those that are alive.
     """
-    rows_of: dict[str, list[Row]] = {}
+    rows_of: dict[str, list[ReadRow]] = {}
     for row in new:
         rows_of.setdefault(_month(row.get("date")), []).append(row)
-    files_of: dict[str, list[Mapping[str, Any]]] = {}
+    files_of: dict[str, list[ReadRow]] = {}
     for file in files:
         files_of.setdefault(month_of(file["path"]), []).append(file)
     keeps = pa.array(sorted(is_alive - set(replaced)), pa.string())
-    after: list[dict[str, Any]] = []
+    after: list[Row] = []
     for month in sorted({*rows_of, *files_of}):
         place = f"{table.name}/month={month}"
         parts = [table_of(table, rows_of.get(month, []))]
@@ -200,9 +200,7 @@ def _merged(
     return after
 
 
-def _write(
-    folder: Path, table: Table, place: str, rows: pa.Table, generation: int
-) -> list[dict[str, Any]]:
+def _write(folder: Path, table: Table, place: str, rows: pa.Table, generation: int) -> list[Row]:
     """Write rows, sorted, as files of at most ``MOST_ROWS``; return what the manifest says."""
     rows = rows.sort_by([(name, "ascending") for name in table.order]).cast(table.schema)
     files = []
@@ -224,13 +222,11 @@ def _month(date_us: int | None) -> str:
     return str(pa.scalar(date_us, TIME).as_py().strftime("%Y-%m"))
 
 
-def _json(content: Mapping[str, Any]) -> bytes:
+def _json(content: ReadRow) -> bytes:
     return json.dumps(content, indent=1).encode() + b"\n"
 
 
-def _manifest(
-    tables: Mapping[str, list[dict[str, Any]]], logs: pa.Table, generation: int
-) -> dict[str, Any]:
+def _manifest(tables: Mapping[str, list[Row]], logs: pa.Table, generation: int) -> Row:
     counted = pc.value_counts(logs["outcome"]).to_pylist()
     return {
         "format": FORMAT,

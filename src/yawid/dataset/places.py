@@ -17,12 +17,13 @@ whatever else lies there stays as it is.
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final
 
 from yawid.dataset.schema import FORMAT, TABLES
+from yawid.dataset.values import ReadRow, Row
 from yawid.errors import SourceError
 
 MANIFEST: Final = "manifest.json"
@@ -43,7 +44,7 @@ _OWN: Final = re.compile(
 """Names of our own form, below the data set's folder."""
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> Row:
     """Return the manifest: ``tables`` by name with ``rows`` and ``files``; ``outcomes`` counted.
 
     Raises:
@@ -64,11 +65,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise SourceError(f"{path} is not a data set's manifest: {error}") from error
     if others:
         raise SourceError(f"{path} is not a data set's manifest: it names {others[0]}")
-    manifest: dict[str, Any] = found
+    manifest: Row = found
     return manifest
 
 
-def complete(folder: Path, manifest: Mapping[str, Any]) -> None:
+def complete(folder: Path, manifest: ReadRow) -> None:
     """Bring the files to what the manifest says, wherever a kill has left them.
 
     Raises:
@@ -111,7 +112,7 @@ def month_of(name: str) -> str:
     return NO_MONTH if month == _OLD_NO_MONTH else month
 
 
-def _named(manifest: Mapping[str, Any]) -> list[str]:
+def _named(manifest: ReadRow) -> list[str]:
     return [each["path"] for table in manifest["tables"].values() for each in table["files"]]
 
 

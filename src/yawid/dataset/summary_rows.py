@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from typing import Any
 
 from yawid.answers.run_summary import (
     Flight,
@@ -14,10 +13,8 @@ from yawid.answers.run_summary import (
     VerdictSummary,
 )
 from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, Column
-from yawid.dataset.values import known_date
+from yawid.dataset.values import Row, known_date
 from yawid.quantities.table import YAW_CHANNEL
-
-Row = dict[str, Any]
 
 
 def flight_row(summary: RunSummary, first_us: int | None, duration_s: float | None) -> Row:

@@ -9,8 +9,11 @@ from yawid.blocks import FIRST_DATE_US
 from yawid.version import __version__
 
 _SERIAL = re.compile(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", re.MULTILINE)
-Row = Mapping[str, Any]
-Entry = Mapping[str, Sequence[Row]]
+Row = dict[str, Any]
+"""A row of a table by its columns, or an object in the manifest."""
+ReadRow = Mapping[str, Any]
+"""One that is only read."""
+Entry = Mapping[str, Sequence[ReadRow]]
 """All rows of one log, by table; ``logs`` has exactly one."""
 
 
@@ -42,7 +45,7 @@ FAILED = "failed"
 """The outcome of a log that was not read for a reason that may pass: the next run tries again."""
 
 
-def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[dict[str, Any]]]:
+def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[Row]]:
     """Return the rows of a log that came to nothing, for a reason that is the outcome's name."""
     row = {"outcome": outcome, "reasons": [reason or outcome], "warnings": [], "text": text}
     return {"logs": [{**row, "yawid_version": __version__, "flights": 0, "manoeuvres": 0}]}

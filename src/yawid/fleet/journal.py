@@ -7,15 +7,15 @@ its log is run again.
 
 import fcntl
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final
 
 from yawid.dataset.files import completed, merge, read_table
 from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
-from yawid.dataset.values import Entry
+from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
 
 FINISHED: Final = "finished.jsonl"
@@ -49,7 +49,7 @@ class Journal:
             self._lock.close()
             raise
 
-    def known(self) -> dict[str, Mapping[str, Any]]:
+    def known(self) -> dict[str, ReadRow]:
         """Return what is known of each log, by path: the columns ``KNOWN`` of ``logs``."""
         if not (self.folder / MANIFEST).exists():
             return {}
@@ -101,9 +101,9 @@ def opened(folder: Path) -> Iterator[Journal]:
         journal.close()
 
 
-def peek(folder: Path) -> dict[str, Mapping[str, Any]]:
+def peek(folder: Path) -> dict[str, ReadRow]:
     """Return what is known of each log without writing anything."""
-    known: dict[str, Mapping[str, Any]] = {}
+    known: dict[str, ReadRow] = {}
     if (folder / MANIFEST).exists():
         known = {row["path"]: row for row in read_table(folder, "logs", KNOWN).to_pylist()}
     newer = (entry["logs"][0] for entry in _lines(folder / FINISHED))

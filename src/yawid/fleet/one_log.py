@@ -5,7 +5,7 @@ Whatever goes wrong with the log becomes an outcome with its text; nothing is ra
 
 import errno
 import traceback
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 from yawid.answers.run_summary import LinkCounts, ReasonSummary, RunSummary
 from yawid.config.run import RunConfig
 from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
-from yawid.dataset.values import FAILED, failed, known_date, plain, serial_of
+from yawid.dataset.values import FAILED, ReadRow, Row, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
@@ -23,7 +23,7 @@ from yawid.runs.job import Recording, open_log, run
 from yawid.sources.open_log import ReadOptions
 from yawid.version import __version__
 
-Rows = dict[str, list[dict[str, Any]]]
+Rows = dict[str, list[Row]]
 _LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps")
 
 
@@ -159,7 +159,7 @@ def _flown(source: Recording, config: RunConfig, spec: Spec) -> _Flown:
     return _Flown(summary, config.boot or next(iter(boots), 1), boots, own, sink)
 
 
-def _rows(summary: RunSummary, flights: list[_Flown], log: Mapping[str, Any], spec: Spec) -> Rows:
+def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) -> Rows:
     rows: Rows = {"flights": [], "runs": [], "manoeuvres": [], "modes": []}
     for flown in flights:
         vehicle = flown.summary.vehicle

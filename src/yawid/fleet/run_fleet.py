@@ -14,7 +14,7 @@ import pyarrow as pa
 from yawid.dataset.files import table_of
 from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
-from yawid.dataset.values import FAILED, Entry, failed
+from yawid.dataset.values import FAILED, Entry, ReadRow, Row, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
@@ -97,9 +97,7 @@ class Progress:
         return f"{text}; {counts}" if counts else text
 
 
-def plan_of(
-    run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, Mapping[str, Any]]
-) -> Plan:
+def plan_of(run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, ReadRow]) -> Plan:
     """Return which logs are to be run: those that the data set does not know as they are now.
 
     Raises:
@@ -112,9 +110,7 @@ def plan_of(
     return Plan(todo, len(found) - len(todo), answered)
 
 
-def _is_known(
-    log: FoundLog, row: Mapping[str, Any] | None, config_hash: str, run: FleetRun
-) -> bool:
+def _is_known(log: FoundLog, row: ReadRow | None, config_hash: str, run: FleetRun) -> bool:
     if row is None or (row["config_hash"], row["analysis_version"]) != (
         config_hash,
         ANALYSIS_VERSION,
@@ -159,7 +155,7 @@ def run_fleet(
     stop: StopFlag,
     show: Callable[[Progress], None] = lambda progress: None,
     began: Callable[[Plan], None] = lambda plan: None,
-) -> tuple[dict[str, Any], Progress]:
+) -> tuple[Row, Progress]:
     """Run every log that is not known; return the manifest and what was done.
 
     Told to ``stop`` it keeps what is finished. ``show`` is called after each log.

@@ -1,12 +1,11 @@
 """A sink without a file: when a flight begins and ends, and its Dutch roll once a second."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.dataset.values import known_date
+from yawid.dataset.values import Row, known_date
 from yawid.sinks.base import Grid, Sink
 
 
@@ -19,7 +18,7 @@ class FlightSink(Sink):
     def __init__(self, *, every_second: bool = False) -> None:
         self.first_us: int | None = None
         self.duration_s: float | None = None
-        self.seconds: list[dict[str, Any]] = []
+        self.seconds: list[Row] = []
         self._every_second = every_second
         self._boot_s, self._last_s = 0.0, -1
 
