@@ -32,7 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "manoeuvres": {"config", "estimation", "results"},
     "sinks": {"estimation", "results"},
     "sinks/mcap": {"config", "estimation", "sinks"},
-    "sinks/rerun": {"config", "physics", "sinks"},
+    "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "results"} | {"sinks", "sinks/mcap"},
     "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from finished_runs import replayed
+from mcap.reader import make_reader
 from places import C172P
 from sources.logs.test_bare_frames import bare
 
@@ -102,7 +103,12 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
     out, torn = tmp_path / "run.csv", tmp_path / "torn.mcap"
     out.write_text("mine")
     data = bytearray(mcap.read_bytes())
-    data[len(data) // 2] ^= 255  # within the rows: it is found when some are written
+    with mcap.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    largest = max(summary.chunk_indexes, key=lambda chunk: chunk.chunk_length)
+    # Within the rows: it is found when some are written.
+    data[largest.chunk_start_offset + largest.chunk_length // 2] ^= 255
     torn.write_bytes(data)
 
     assert main(["export", str(mcap), "-o", str(out)]) == 6

@@ -7,6 +7,7 @@ delta method: with A(z) = z^na + a1 z^(na-1) + ... and its derivative A'(z) at a
     dz/da_i = -z^(na-i) / A'(z),   ds = dz / (z Ts),   dwn = Re(conj(s) ds) / |s|.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,16 @@ LOWEST_DUTCH_ROLL_HZ = 0.05
 HIGHEST_DUTCH_ROLL_OF_RATE = 0.4
 _IN_PLACE_BYTES = 2**18
 """From this size on NumPy reuses temporaries and may then swap the factors of a product."""
+
+
+def orders_of(parameters: Sequence[str]) -> ArmaxOrders:
+    """Return the orders of a model of its first input, by the names of its parameters.
+
+    nk, which these do not tell, is 1: it does not matter where one pair of poles oscillates.
+    """
+    na, nc = (sum(name[0] == letter for name in parameters) for letter in "ac")
+    nb = sum(name[0] == "b" and name[1:].isdigit() for name in parameters)
+    return ArmaxOrders(na=na, nb=(nb,), nc=nc, nk=(1,))
 
 
 def discrete_poles(a: Floats) -> Complexes:

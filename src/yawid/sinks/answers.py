@@ -25,6 +25,7 @@ ROUGHLY: Final = "Roughly"
 Stretch = tuple[float | None, float | None]
 """From and to, in s since boot."""
 _NONE: Final = ("none found", "")
+_NO_SIGMA: Final = "σ not known"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +45,15 @@ def cards(summary: RunSummary) -> list[Card]:
     levelled = summary.deciding.usable and (flight is None or flight.loop == "airframe")
     if mode is not None and not levelled:
         mode = replace(mode, level=None)
-    frequency, damping = _frequency(mode, others), _damping(mode, others)
+    frequency = _of_number("Natural frequency ωn", 0, mode, others)
+    damping = _of_number("Damping ratio ζ", 1, mode, others)
     if flight is None:
         return [frequency, damping, _sure(summary), use(summary)]
     if mode is not None:
         slope = kappa(flight) and f"ωn = {kappa(flight)}"
-        frequency = _noting(frequency, conditions(flight), slope, loop_of(flight.loop).whose)
+        more = conditions(flight), slope, loop_of(flight.loop).whose
+        notes = (*frequency.notes, *(note for note in more if note))
+        frequency = dataclasses.replace(frequency, notes=notes)
     return [frequency, damping, _sure_of_flight(summary, flight), use(summary)]
 
 
@@ -131,45 +135,30 @@ def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
     return tuple(reason.name for reason in reasons)
 
 
-def _frequency(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Card:
-    value, spread = _wn(mode)
-    notes = [f"{m.upper()} beside it: {' '.join(_wn(e.dutch_roll))}" for m, e in others.items()]
-    if mode is not None:
-        wn, zeta = mode.wn_rad_s, mode.zeta
-        swing = f", a swing takes {_period(wn, zeta):.3g} s" if abs(zeta) < 1.0 else ""
-        notes.insert(0, f"{wn / (2.0 * math.pi):.3g} Hz{swing}")
-        value += " rad/s"
-    return _card("Natural frequency ωn", value, spread, notes)
+def _of_number(
+    question: str, i: int, mode: DutchRoll | None, others: Mapping[str, MethodSummary]
+) -> Card:
+    """Return the card of wn (0) or zeta (1), with what other methods say of it."""
+    said = [
+        f"{m.upper()} beside it: {' '.join(_known(e.dutch_roll)[i])}" for m, e in others.items()
+    ]
+    value, spread = _known(mode)[i]
+    if mode is None:
+        return Card(question, value, spread, tuple(note.rstrip() for note in said))
+    wn, zeta = mode.wn_rad_s, mode.zeta
+    level = "" if mode.level is None else f"; MIL-F-8785C level {mode.level}"
+    swing = f", a swing takes {_period(wn, zeta):.3g} s" if abs(zeta) < 1.0 else ""
+    facts = f"{wn / (2.0 * math.pi):.3g} Hz{swing}", f"{_damped(zeta)}{level}"
+    unit = (" rad/s", "")[i]
+    return Card(question, value + unit, spread, (facts[i], *(note.rstrip() for note in said)))
 
 
-def _damping(mode: DutchRoll | None, others: Mapping[str, MethodSummary]) -> Card:
-    value, spread = _zeta(mode)
-    notes = [f"{m.upper()} beside it: {' '.join(_zeta(e.dutch_roll))}" for m, e in others.items()]
-    if mode is not None:
-        level = "" if mode.level is None else f"; MIL-F-8785C level {mode.level}"
-        notes.insert(0, f"{_damped(mode.zeta)}{level}")
-    return _card("Damping ratio ζ", value, spread, notes)
-
-
-def _noting(card: Card, *notes: str) -> Card:
-    """Return the card with further notes, those that are not empty."""
-    return dataclasses.replace(card, notes=(*card.notes, *filter(None, notes)))
-
-
-def _card(question: str, value: str, spread: str, notes: list[str]) -> Card:
-    return Card(question, value, spread, tuple(note.rstrip() for note in notes))
-
-
-def _wn(mode: DutchRoll | None) -> tuple[str, str]:
-    return _NONE if mode is None else _known(with_sigma(mode.wn_rad_s, mode.wn_std))
-
-
-def _zeta(mode: DutchRoll | None) -> tuple[str, str]:
-    return _NONE if mode is None else _known(with_sigma(mode.zeta, mode.zeta_std))
-
-
-def _known(said: tuple[str, str]) -> tuple[str, str]:
-    return said[0], said[1] or "σ not known"
+def _known(mode: DutchRoll | None) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Return wn and zeta, each with its sigma."""
+    if mode is None:
+        return _NONE, _NONE
+    wn, zeta = with_sigma(mode.wn_rad_s, mode.wn_std), with_sigma(mode.zeta, mode.zeta_std)
+    return (wn[0], wn[1] or _NO_SIGMA), (zeta[0], zeta[1] or _NO_SIGMA)
 
 
 def _sure(summary: RunSummary) -> Card:

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status, words
-from yawid.config.estimator import ArmaxOrders
-from yawid.physics.modes import discrete_poles, modes
+from yawid.physics.modes import discrete_poles, modes, orders_of
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, CARE, GOOD, NEUTRAL
 
@@ -77,11 +76,8 @@ class Marks:
 
     def __init__(self, grid: Grid) -> None:
         self._mode_name = grid.mode_name
-        self._na = sum(name[0] == "a" for name in grid.parameters)
-        self._nb = sum(name[0] == "b" and name[1:].isdigit() for name in grid.parameters)
-        nc = sum(name[0] == "c" for name in grid.parameters)
-        # nk, which a grid does not tell, does not matter where one pair of poles oscillates.
-        self._orders = ArmaxOrders(na=self._na, nb=(self._nb,), nc=nc, nk=(1,))
+        self._orders = orders_of(grid.parameters)
+        self._na, [self._nb] = self._orders.na, self._orders.nb
         self._sample_time_s = grid.sample_time_s
         self._rolls_step = max(1, round(OTHERS_S / grid.sample_time_s))
         self._plane_step = max(1, round(PLANE_S / grid.sample_time_s))
