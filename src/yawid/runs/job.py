@@ -8,76 +8,26 @@ with closing(open_log(path)) as source:
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.channels.survey import Survey
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.quantities.link import LinkStats
 from yawid.results.reasons import Verdict
 from yawid.runs.recorded_log import RecordedLog
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
-from yawid.sources.formats import RUN, Format, format_of
+from yawid.sources.formats import RUN, format_of
 from yawid.sources.open_log import ReadOptions, Source
 
 if TYPE_CHECKING:
-    from yawid.sinks.mcap.reader import LogLine
+    from yawid.runs.finished_run import FinishedRun
 
 
-class Recording(Source, Protocol):
-    """What can be replayed: a log, or a finished run with what it kept of its log.
-
-    ``modes_of`` are autopilot and vehicle type where no message says them,
-    """
-
-    path: Path
-    modes_of: tuple[int, int]
-
-    @property
-    def log_lines(self) -> Sequence["LogLine"]:
-        """The lines for people, as they were written during the run."""
-
-    @property
-    def format(self) -> Format:
-        """Which kind of file it is."""
-
-    @property
-    def link(self) -> LinkStats:
-        """Counts of what has been read; of a finished run none."""
-
-    @property
-    def vehicle_id(self) -> str | None:
-        """What the file itself calls its vehicle, None where it does not."""
-
-    def settled(self, settings: Mapping[str, Any]) -> RunConfig:
-        """Return the configuration by what was given and by what the file says.
-
-        Raises:
-            ConfigError: a setting does not fit the file.
-            ChannelError, SourceError: a record is not understood.
-        """
-
-    def rates_hz(self, rudder: str) -> tuple[float, float] | None:
-        """Return the rates of the messages of yaw and rudder, None where the messages say them."""
-
-    def left_open(self, pipeline: Pipeline) -> list[str]:
-        """Return what is to be said to people once a replay is done."""
-
-    def parameters(self, pipeline: Pipeline) -> bytes:
-        """Return the vehicle's parameters, a line each."""
-
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict of a pipeline that has had what was read.
-
-        Raises:
-            ConfigError, SourceError: there is nothing to conclude from.
-        """
-
-    def close(self) -> None:
-        """Remove what was kept to be read again."""
+Recording: TypeAlias = "RecordedLog | FinishedRun"
+"""What can be replayed; both settle a configuration, yield blocks and conclude alike."""
 
 
 def open_log(path: Path, options: ReadOptions | None = None, *, again: bool = False) -> Recording:
@@ -103,7 +53,7 @@ class Job:
     is_whole: bool
 
     def conclude(self) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict that decides; see :meth:`Recording.conclude`."""
+        """Return the summary and the verdict that decides; see :meth:`RecordedLog.conclude`."""
         return self.source.conclude(self.pipeline, is_whole=self.is_whole)
 
 

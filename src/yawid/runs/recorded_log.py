@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 
 class RecordedLog(Log):
-    """A log opened for the messages that the channels read; see :class:`yawid.runs.job.Recording`.
+    """A log opened for the messages that the channels read.
+
+    ``modes_of`` are autopilot and vehicle type, ``log_lines`` what a run said to people: both are
+    known beforehand of a finished run alone.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or it is no log.
