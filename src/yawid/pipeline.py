@@ -20,8 +20,8 @@ from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.manoeuvres.answer import Setting
-from yawid.manoeuvres.candidate import Progress
+from yawid.manoeuvres.answer import ManoeuvreSetting
+from yawid.manoeuvres.candidate import UnderWay
 from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
@@ -81,14 +81,14 @@ class Pipeline:
             return None
         return [] if self._manoeuvres is None else [a.found for a in self._manoeuvres.answered]
 
-    def progress(self, *, closely: bool) -> tuple[Progress, int]:
+    def progress(self, *, closely: bool) -> tuple[UnderWay, int]:
         """Return how the manoeuvre on its way stands, and how many wait for their answer.
 
         ``closely`` with how far the rudder moved, which takes a while to find.
         """
         stage = self._manoeuvres
         if stage is None:
-            return Progress(), 0
+            return UnderWay(), 0
         return stage.progress(closely=closely), stage.unanswered
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
@@ -164,7 +164,7 @@ class Pipeline:
             if self.channels.intervals_us is not None:
                 yaw_us, rudder_us = self.channels.intervals_us
                 rates_hz = 1e6 / yaw_us, 1e6 / rudder_us
-            setting = Setting(self.config, sample_time_s, rates_hz, modes_of)
+            setting = ManoeuvreSetting(self.config, sample_time_s, rates_hz, modes_of)
             self._manoeuvres = Manoeuvres(setting, self._worker)
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(

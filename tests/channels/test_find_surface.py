@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.blocks import Held, MessageBlock
 from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.surface import Part, Surface
+from yawid.channels.surface import Surface, SurfacePart
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -39,14 +39,16 @@ def test_the_deflection_is_what_ardupilot_turned_into_the_pulse(low, trim, high,
     value = -command if reverse else command
     pulse = trim + value * ((high - trim) if value > 0 else (trim - low))
 
-    surface = Surface("SERVO_OUTPUT_RAW", "parameter", (Part(4, (low, trim, high), reverse),))
+    surface = Surface(
+        "SERVO_OUTPUT_RAW", "parameter", (SurfacePart(4, (low, trim, high), reverse),)
+    )
     found = surface.deflection(servo_block([round(pulse)]))
 
     assert abs(found[0] - command) <= 0.5 / min(high - trim, trim - low) + 1e-12
 
 
 def test_an_output_that_is_off_gives_no_deflection():
-    surface = Surface("SERVO_OUTPUT_RAW", "parameter", (Part(4, (1100.0, 1500.0, 1900.0)),))
+    surface = Surface("SERVO_OUTPUT_RAW", "parameter", (SurfacePart(4, (1100.0, 1500.0, 1900.0)),))
 
     assert np.isnan(surface.deflection(servo_block([0, 65535]))).all()
 
@@ -90,7 +92,7 @@ def test_without_any_function_the_stock_channel_is_an_assumption():
 
     surface = found.channels.surfaces[0]
     assert surface.how == "assumed"
-    assert surface.parts == (Part(4, (1100.0, 1500.0, 1900.0)),)
+    assert surface.parts == (SurfacePart(4, (1100.0, 1500.0, 1900.0)),)
     np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
 
 
@@ -231,7 +233,7 @@ def test_px4_names_its_rudder_by_output_function_and_surface_type():
     rudder = find_surface("rudder", "auto", PX4_PLANE, table, frozenset())
     aileron = find_surface("aileron", "auto", PX4_PLANE, table, frozenset())
 
-    assert rudder.parts == (Part(6, (1100.0, 1500.0, 1900.0), reversed=True),)
+    assert rudder.parts == (SurfacePart(6, (1100.0, 1500.0, 1900.0), reversed=True),)
     assert [(part.number, part.weight) for part in aileron.parts] == [(1, -0.5), (2, 0.5)]
 
 

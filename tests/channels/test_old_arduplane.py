@@ -8,7 +8,7 @@ from flightlog import FlightLog, reason_ids, samples_of, summary_of
 
 from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
-from yawid.channels.surface import Part
+from yawid.channels.surface import SurfacePart
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.quantities.vehicles import ARDUPILOT, PX4
@@ -36,8 +36,8 @@ def test_rudder_and_aileron_have_sense_and_travel_of_their_sticks():
     rudder, _ = found(OLD)
     aileron, _ = found(OLD, "aileron")
 
-    assert rudder.parts == (Part(4, (1000.0, 1520.0, 1950.0), reversed=True),)
-    assert aileron.parts == (Part(1, (1050.0, 1490.0, 1900.0)),)
+    assert rudder.parts == (SurfacePart(4, (1000.0, 1520.0, 1950.0), reversed=True),)
+    assert aileron.parts == (SurfacePart(1, (1050.0, 1490.0, 1900.0)),)
     assert rudder.how == "parameter"
 
 

@@ -16,14 +16,14 @@ from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.estimation.methods import METHODS
-from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, Setting, answer
+from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, ManoeuvreSetting, answer
 
 NOISE = 0.002
 MANUAL, FBWA = 0.0, 5.0
 
 
 def told(samples: SampleBlock, **options: Any) -> Answered:
-    return answer(samples, 7, Setting(RunConfig(**options), TS_S, (20.0, 20.0), (3, 1)))
+    return answer(samples, 7, ManoeuvreSetting(RunConfig(**options), TS_S, (20.0, 20.0), (3, 1)))
 
 
 def prbs(seconds: float, amplitude: float, seed: int) -> Floats:
@@ -333,7 +333,7 @@ def test_inputs_given_on_the_command_line_bind(capsys, monkeypatch, tmp_path):
     """--inputs rudder is the default, and still an order: RunConfig.given holds that it was said"""
     seen = []
 
-    def noted(samples: SampleBlock, n: int, setting: Setting) -> Answered:
+    def noted(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
         seen.append(setting.config)
         return answer(samples, n, setting)
 

@@ -26,7 +26,7 @@ from manoeuvres.streams import (
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Setting
+from yawid.manoeuvres.answer import ManoeuvreSetting
 from yawid.manoeuvres.find import Finder, Stated
 from yawid.manoeuvres.stage import Manoeuvres
 
@@ -383,7 +383,7 @@ def test_what_is_kept_is_bounded_however_long_it_flies(kind: str):
 @pytest.mark.parametrize(("low_s", "high_s"), [(10.0, 40.0), (0.0, 600.0)])
 def test_a_stretch_that_was_named_is_exactly_one(low_s: float, high_s: float):
     config = RunConfig(from_s=low_s, to_s=high_s)
-    stage = Manoeuvres(Setting(config, TS_S, (20.0, 20.0), (3, 1)))
+    stage = Manoeuvres(ManoeuvreSetting(config, TS_S, (20.0, 20.0), (3, 1)))
     assert isinstance(stage._finder, Stated)
     samples = joined(stream(usual()), stream(usual(), first_k=2000, mode=5.0, epoch=1))
     for block in cut(samples, [7, 300, 1500]):
@@ -397,7 +397,7 @@ def test_a_stretch_that_was_named_is_exactly_one(low_s: float, high_s: float):
     "window", [{}, {"from_s": 10.0}, {"to_s": 300.0}, {"from_s": 0.0, "to_s": 600.1}]
 )
 def test_a_stretch_that_is_open_or_longer_is_searched(window: dict[str, float]):
-    stage = Manoeuvres(Setting(RunConfig(**window), TS_S, (20.0, 20.0), (3, 1)))
+    stage = Manoeuvres(ManoeuvreSetting(RunConfig(**window), TS_S, (20.0, 20.0), (3, 1)))
     assert isinstance(stage._finder, Finder)
 
 

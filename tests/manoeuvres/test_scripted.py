@@ -11,7 +11,7 @@ from manoeuvres.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Answered, Setting
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.find import Finder
 from yawid.manoeuvres.stage import Manoeuvres
 
@@ -43,7 +43,7 @@ def by_autotune(signal: Floats) -> SampleBlock:
 
 
 def answered(samples: SampleBlock, autopilot: int) -> list[Answered]:
-    stage = Manoeuvres(Setting(RunConfig(), TS_S, (20.0, 20.0), (autopilot, 1)))
+    stage = Manoeuvres(ManoeuvreSetting(RunConfig(), TS_S, (20.0, 20.0), (autopilot, 1)))
     stage.feed(samples)
     stage.finish()
     return list(stage.ready(wait=True))

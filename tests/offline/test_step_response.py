@@ -17,8 +17,8 @@ from yawid.offline.step_forms import (
     second_order_settling,
 )
 from yawid.offline.step_response import (
-    Record,
-    Value,
+    StepRecord,
+    StepValue,
     fit_first_order,
     fit_second_order,
     fit_yaw,
@@ -34,7 +34,7 @@ RUNS = 200
 T = np.linspace(-2.0, 20.0, 440)
 
 
-def interval(found: Value) -> tuple[float, float]:
+def interval(found: StepValue) -> tuple[float, float]:
     """Return the 95 % interval."""
     return found.value - 1.959964 * found.std, found.value + 1.959964 * found.std
 
@@ -70,9 +70,9 @@ def test_exact_samples_give_k_d_and_q_back_to_1e_6(k, D, q, u0):
 
 def test_the_papers_readings_alone_are_right_to_the_sample():
     """T where the response passes 63 %; D and q from the overshoot and its time."""
-    exact = Record.checked(T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0, 0.0)
+    exact = StepRecord.checked(T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0, 0.0)
     assert next(read_first_order(exact)) == pytest.approx(1.3, rel=0.001)
-    exact = Record.checked(T, second_order_response(T, -1.0, 0.3, 2.0), 1.0, 0.0)
+    exact = StepRecord.checked(T, second_order_response(T, -1.0, 0.3, 2.0), 1.0, 0.0)
     assert next(read_second_order(exact)) == pytest.approx((0.3, 2.0), rel=0.02)
 
 

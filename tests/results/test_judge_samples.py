@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from places import REPLAY_LOGS
 
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import History
+from yawid.estimation.bank import SampleHistory
 from yawid.results.judge_samples import (
     changed_rates,
     closeness,
@@ -129,7 +129,7 @@ def test_closeness_does_not_depend_on_units_trims_or_held_samples(scale, offset,
     assert closeness(holes, b) == pytest.approx(whole, abs=0.05)
 
 
-def history(**changes) -> History:
+def history(**changes) -> SampleHistory:
     rng = np.random.default_rng(2)
     n = 1000
     columns = {
@@ -142,7 +142,7 @@ def history(**changes) -> History:
         "mode": np.full(n, np.nan),
         "y_hat": {},
     }
-    return History(**(columns | changes))
+    return SampleHistory(**(columns | changes))
 
 
 def test_flying_that_hides_the_rudder_is_said():

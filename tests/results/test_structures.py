@@ -17,7 +17,7 @@ from yawid.blocks import Floats
 from yawid.config.run import RunConfig
 from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.physics.modes import modes
-from yawid.results.structures import NEXT, Spread, Told, coarser, spread_of
+from yawid.results.structures import NEXT, Opinion, Spread, coarser, spread_of
 
 TS_S = 0.05
 WN, ZETA, LAG_S = 6.0, 0.3, 0.05
@@ -127,14 +127,14 @@ def told(
     orders: tuple[int, int, int, int] = (2, 2, 2, 1),
     every: int = 1,
     **values: float,
-) -> Told:
+) -> Opinion:
     """What a structure says, with a sigma of noise of .05 and .01"""
     known = {"wn_rad_s": wn, "zeta": zeta, **values}
     row = np.array([wn, 0.05, zeta, 0.01])
-    return Told(orders, every, row, known, dict.fromkeys(known, 0.05), held_back)
+    return Opinion(orders, every, row, known, dict.fromkeys(known, 0.05), held_back)
 
 
-def spread(*structures: Told, slower: Told | None = None, **scatter: float) -> Spread:
+def spread(*structures: Opinion, slower: Opinion | None = None, **scatter: float) -> Spread:
     richer = next((each for each in structures if each.orders[:3] == NEXT), None)
     return Spread(structures, scatter, richer, slower)
 

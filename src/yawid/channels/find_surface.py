@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
 from yawid.channels.stick_fallback import stick, stick_part
-from yawid.channels.surface import STICKS, Part, Surface
+from yawid.channels.surface import STICKS, Surface, SurfacePart
 from yawid.channels.vehicle import Vehicle, has_wings
 from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER
 
@@ -49,7 +49,7 @@ def find_surface(
         left, right = (int(n) for n in number.split(","))
         return Surface("SERVO_OUTPUT_RAW", "option", outputs.vtail(left, right))
     if kind == "control":
-        return Surface("ACTUATOR_CONTROL_TARGET", "option", (Part(int(number), None),))
+        return Surface("ACTUATOR_CONTROL_TARGET", "option", (SurfacePart(int(number), None),))
     if kind == "rc":
         message = next((name for name in STICKS if name in received), STICKS[0])
         return Surface(message, "option", (stick_part(int(number), vehicle.autopilot, table)[0],))
@@ -73,7 +73,7 @@ def _named(
         return reported
     by_convention = vehicle.autopilot != ARDUPILOT and has_wings(vehicle)
     if by_convention and "ACTUATOR_CONTROL_TARGET" in received:
-        part = Part(CONTROL_INDEX[what], None)
+        part = SurfacePart(CONTROL_INDEX[what], None)
         return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
     return None
 
@@ -123,11 +123,11 @@ class _Outputs:
     def prefix(self) -> str:
         return "RC" if self.is_old else "SERVO"
 
-    def servo(self, number: int, weight: float = 1.0) -> Part:
+    def servo(self, number: int, weight: float = 1.0) -> SurfacePart:
         travel, reverse, _ = self.table.travel(f"{self.prefix}{number}")
-        return Part(number, travel, reverse, weight)
+        return SurfacePart(number, travel, reverse, weight)
 
-    def vtail(self, left: int, right: int) -> tuple[Part, ...]:
+    def vtail(self, left: int, right: int) -> tuple[SurfacePart, ...]:
         """Invert left = (elevator + rudder) * gain, right = (elevator - rudder) * gain."""
         weight = 0.5 / self.mixing
         return self.servo(left, weight), self.servo(right, -weight)
@@ -160,7 +160,7 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
 
-def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[Part, ...]:
+def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[SurfacePart, ...]:
     """Return the output of the single surface, else the pair that is mixed of it."""
     single = AP_SINGLE[what]
     if single in servo_of:
@@ -198,7 +198,7 @@ def _px4(what: str, table: ParameterTable, received: frozenset[str]) -> Surface 
 
 def _px4_output(
     index: int, weight: float, table: ParameterTable, received: frozenset[str]
-) -> tuple[str, Part] | None:
+) -> tuple[str, SurfacePart] | None:
     """Return the message and the output that move control surface ``index``."""
     raw, status = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS"
     for (bank, shift), number in itertools.product(PX4_BANKS, range(1, 17)):
@@ -206,7 +206,7 @@ def _px4_output(
             travel, reverse = table.px4_travel(bank, number)
             message = status if status in received and raw not in received else raw
             message = "HIL_ACTUATOR_CONTROLS" if bank == "HIL_ACT" else message
-            return message, Part(number + shift, travel, reverse, weight)
+            return message, SurfacePart(number + shift, travel, reverse, weight)
     return None
 
 

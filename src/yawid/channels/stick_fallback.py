@@ -13,7 +13,7 @@ import numpy as np
 from yawid.blocks import Ints, MessageBlock
 from yawid.channels.clock import boot_us
 from yawid.channels.parameters import PX4_TRAVEL_US, STOCK_TRAVEL_US, ParameterTable
-from yawid.channels.surface import OUTPUTS, STICKS, Part, Surface
+from yawid.channels.surface import OUTPUTS, STICKS, Surface, SurfacePart
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 WAIT_US = 5_000_000
@@ -94,8 +94,8 @@ def stick(
     return Surface(sticks[0], how if reported else f"{how}, travel assumed", (part,))
 
 
-def stick_part(number: int, autopilot: int, table: ParameterTable) -> tuple[Part, bool]:
+def stick_part(number: int, autopilot: int, table: ParameterTable) -> tuple[SurfacePart, bool]:
     """Return a stick's channel with its travel, and whether that was reported."""
     stock = PX4_TRAVEL_US if autopilot == PX4 else STOCK_TRAVEL_US
     travel, reverse, reported = table.travel(f"RC{number}", stock)
-    return Part(number, travel, reverse), reported
+    return SurfacePart(number, travel, reverse), reported

@@ -22,7 +22,7 @@ STOPS = 0.995
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SurfacePart:
     """One output of a surface: number, travel in us (min, trim, max), sense and weight.
 
     ``number`` counts as the message does (servo and rc from 1, control from 0); ``travel_us`` is
@@ -56,9 +56,9 @@ class Surface:
 
     message: str
     how: str
-    parts: tuple[Part, ...]
+    parts: tuple[SurfacePart, ...]
     scale: float = 1.0
-    twins: tuple[Part, ...] = ()
+    twins: tuple[SurfacePart, ...] = ()
     column: str = ""
 
     @property
@@ -68,7 +68,7 @@ class Surface:
             return self.column
         return " and ".join(self.name_of(part) for part in self.parts)
 
-    def name_of(self, part: Part) -> str:
+    def name_of(self, part: SurfacePart) -> str:
         """Return the message field of one output."""
         return f"{self.message}.{_field(self.message, part.number)}"
 
@@ -96,7 +96,7 @@ class Surface:
         deflection: Floats = self.scale * total
         return deflection
 
-    def normalised(self, part: Part, block: MessageBlock) -> Floats:
+    def normalised(self, part: SurfacePart, block: MessageBlock) -> Floats:
         """Return one output (n,) on -1..1, NaN where it is off or absent."""
         return part.normalised(raw_output(block, part.number))
 

@@ -12,7 +12,7 @@ import numpy as np
 from yawid.blocks import FIRST_DATE_US, Floats, Ints, MessageBlock, RecordBlock
 from yawid.channels.clock import NEWEST, OwnClock, boot_us, unwrap_uint32_us
 from yawid.channels.series import Latest, Readings, Series
-from yawid.channels.surface import Part, Surface
+from yawid.channels.surface import Surface, SurfacePart
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
@@ -40,7 +40,7 @@ class Twins:
             compared, differed = self._counts.get(key, (0, 0))
             self._counts[key] = compared + len(apart), differed + int(apart.sum())
 
-    def share_apart(self, surface: Surface, twin: Part) -> float:
+    def share_apart(self, surface: Surface, twin: SurfacePart) -> float:
         """Return the share of messages in which the twin stood apart, NaN where none reports."""
         key = surface.message, surface.parts[0].number, twin.number
         compared, apart = self._counts.get(key, (0, 0))
@@ -153,7 +153,7 @@ def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...
         how += f"; its travel is not known, its largest stroke within 5 s is {stroke_deg:.3g} deg"
     hows = {"rudder": how, "aileron": "column"}
     return tuple(
-        Surface("", hows[name], (Part(0, None),), column=block.called[name])
+        Surface("", hows[name], (SurfacePart(0, None),), column=block.called[name])
         for name in config.inputs
     )
 

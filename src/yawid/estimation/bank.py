@@ -23,7 +23,7 @@ REMEMBERED = 16
 
 
 class Ring:
-    """The newest ``limit`` rows of what the columns of :class:`History` are, in a ring each.
+    """The newest ``limit`` rows of what the columns of :class:`SampleHistory` are, in a ring each.
 
     A ring lies still: parts of a live session, a sample each, would hold the process's memory apart
     for hours.
@@ -61,7 +61,7 @@ class Ring:
 
 
 @dataclass(frozen=True, slots=True)
-class History:
+class SampleHistory:
     """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN.
 
     ``y`` in rad/s, ``roll`` in rad, ``turn_rate`` in rad/s, ``airspeed`` in m/s, ``aileron`` in
@@ -147,7 +147,7 @@ class Bank:
         if len(seen):
             self._thetas.add(seen, *(block.theta[rows] for block in self.last.values()))
 
-    def history(self) -> History:
+    def history(self) -> SampleHistory:
         """Return the newest samples of the epoch and what each method predicted of them.
 
         As many as the model can be asked about: all of them, or three times its memory.
@@ -156,7 +156,7 @@ class Bank:
         own = len(columns) - len(self.methods)
         u, y, roll, turn, airspeed, aileron, mode = columns[:own]
         y_hat = dict(zip(self.methods, columns[own:], strict=True))
-        return History(u, y, roll, turn, airspeed, aileron, mode, y_hat)
+        return SampleHistory(u, y, roll, turn, airspeed, aileron, mode, y_hat)
 
     def earlier(self, row: int) -> PastModels | None:
         """Return the newest models kept that had not seen ``row`` of the history, if there are."""

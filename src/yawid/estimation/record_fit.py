@@ -82,11 +82,7 @@ class _Record:
 
 
 def fit_record(
-    config: EstimatorConfig,
-    u: Floats,
-    y: Floats,
-    settled: float = SETTLED,
-    method: str | None = None,
+    config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED, method: str = ""
 ) -> FittedModel:
     """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); NaN rows are held and break it.
 
@@ -100,11 +96,7 @@ def fit_record(
 
 @np.errstate(all="ignore")
 def fit_methods(
-    config: EstimatorConfig,
-    methods: Sequence[str],
-    u: Floats,
-    y: Floats,
-    settled: float = SETTLED,
+    config: EstimatorConfig, methods: Sequence[str], u: Floats, y: Floats, settled: float = SETTLED
 ) -> list[FittedModel]:
     """Fit a record by several methods, which begin alike."""
     record = _made_ready(config, u, y)
@@ -148,11 +140,7 @@ def _fitted_model(method: Method, record: _Record, settled: float) -> FittedMode
 
 @np.errstate(all="ignore")
 def held_back_pct(
-    config: EstimatorConfig,
-    u: Floats,
-    y: Floats,
-    settled: float = SETTLED,
-    method: str | None = None,
+    config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED, method: str = ""
 ) -> float:
     """Return the fit over the last third of the rudder's energy of a model fitted without it.
 

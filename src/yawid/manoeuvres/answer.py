@@ -13,7 +13,7 @@ import numpy as np
 from yawid.answers.run_summary import Manoeuvre, MethodSummary, Orders, Value
 from yawid.blocks import EstimateBlock, Floats, SampleBlock
 from yawid.config.run import BOTH, RunConfig
-from yawid.estimation.bank import History
+from yawid.estimation.bank import SampleHistory
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.methods import OF_STRUCTURES, of_a_record
 from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
@@ -44,7 +44,7 @@ LEAST_ALONE_PCT = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class ManoeuvreSetting:
     """What all manoeuvres of a run have in common.
 
     ``rates_hz`` are those of yaw and rudder messages, ``modes_of`` autopilot and vehicle type.
@@ -94,7 +94,7 @@ class Fits:
     is the configuration of the fits, which forget nothing.
     """
 
-    def __init__(self, setting: Setting, config: RunConfig, samples: SampleBlock) -> None:
+    def __init__(self, setting: ManoeuvreSetting, config: RunConfig, samples: SampleBlock) -> None:
         self.config = config
         self.sample_time_s = setting.sample_time_s
         self.methods = setting.methods
@@ -116,13 +116,13 @@ class Fits:
         """The estimates, a block of one row each."""
         return {method: model.last for method, model in self.estimators.items()}
 
-    def history(self) -> History:
+    def history(self) -> SampleHistory:
         """Return the samples as they were fitted."""
         held = ~np.isfinite(self.y)
         names = ("roll", "turn_rate", "airspeed", "aileron", "mode")
         context = {n: np.where(held, np.nan, getattr(self._samples, n)) for n in names}
         y_hat = {method: model.y_hat for method, model in self.estimators.items()}
-        return History(u=self.u, y=self.y, y_hat=y_hat, **context)
+        return SampleHistory(u=self.u, y=self.y, y_hat=y_hat, **context)
 
     def spread(self, held_back: float) -> Spread:
         """Return what is known beside the answer, whose held-back fit is in %."""
@@ -141,7 +141,7 @@ class Fits:
         return fit_percent(self.y, simulate(model.theta, orders, bias, self.u, self.y))
 
 
-def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
+def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
     """Return the answer of the ``n``-th manoeuvre, whose samples these are."""
     found = conditions(samples, setting.modes_of)
     untrue = of_one_manoeuvre(samples)
@@ -181,7 +181,7 @@ def answer(samples: SampleBlock, n: int, setting: Setting) -> Answered:
     return Answered(told, verdict, span_ns, structures)
 
 
-def short_reasons(fits: Fits, history: History, evidence: Evidence) -> Iterator[Reason]:
+def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Iterator[Reason]:
     """Judge whether so short a record can tell a mode from what else the aircraft did meanwhile.
 
     A rudder that goes one way and stays there, and two swings of the nose, fit many models; where
@@ -237,7 +237,7 @@ def swings(x: Floats, least: float) -> int:
     return count
 
 
-def _with_turn(samples: SampleBlock, setting: Setting) -> RunConfig:
+def _with_turn(samples: SampleBlock, setting: ManoeuvreSetting) -> RunConfig:
     """Return the configuration, with the turn removed where the bank would drown the rudder."""
     config = setting.config
     if config.binds("turn") or config.band is not None or config.output == "yaw":

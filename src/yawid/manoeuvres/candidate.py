@@ -21,7 +21,7 @@ SPEED_S = 2.0
 """First and last airspeed are means over so many seconds: a gust is shorter."""
 
 
-class Progress(NamedTuple):
+class UnderWay(NamedTuple):
     """How a manoeuvre stands that may be on its way; it changes nothing of what is found.
 
     ``stroke`` is how far the rudder's own part moved within the newest 5 s, in parts of half its
@@ -37,7 +37,7 @@ class Progress(NamedTuple):
     is_excited: bool = False
 
     @classmethod
-    def of(cls, kept: Sequence[SampleBlock], *, is_excited: bool) -> "Progress":
+    def of(cls, kept: Sequence[SampleBlock], *, is_excited: bool) -> "UnderWay":
         """Return how what is recorded stands, by the blocks kept of it, at least one."""
         first_us, last_us = kept[0].boot_us[0], kept[-1].boot_us[-1]
         lasted_s = (last_us - first_us) / 1e6
@@ -89,9 +89,9 @@ class Candidate:
         rest = np.flatnonzero(other[len(self._speeds) :])
         return [int(rest[0])] if len(rest) else []
 
-    def progress(self) -> Progress:
+    def progress(self) -> UnderWay:
         """Return how it stands."""
-        return Progress.of(self._kept, is_excited=self.is_excited)
+        return UnderWay.of(self._kept, is_excited=self.is_excited)
 
     def samples(self) -> SampleBlock:
         """Return all of it."""

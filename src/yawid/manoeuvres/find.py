@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import WINDOW_S, Bools, Floats, SampleBlock, extremes, shifted
-from yawid.manoeuvres.candidate import MOVES, Candidate, Progress, flown_in
+from yawid.manoeuvres.candidate import MOVES, Candidate, UnderWay, flown_in
 from yawid.results.excitation import (
     CHUNK_S,
     MODE_LATE_S,
@@ -39,9 +39,9 @@ class Stated:
         self._kept.append(samples)
         return []
 
-    def progress(self, *, closely: bool) -> Progress:
+    def progress(self, *, closely: bool) -> UnderWay:
         """Return how the stretch stands; it need not be looked at ``closely``."""
-        return Progress.of(self._kept, is_excited=True) if self._kept else Progress()
+        return UnderWay.of(self._kept, is_excited=True) if self._kept else UnderWay()
 
     def finish(self) -> list[SampleBlock]:
         """Return the manoeuvre, if there is one sample of it."""
@@ -89,7 +89,7 @@ class Finder:
         """Return the manoeuvre that the end of the samples ends, if there is one."""
         return self._section.finish()
 
-    def progress(self, *, closely: bool) -> Progress:
+    def progress(self, *, closely: bool) -> UnderWay:
         """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
         return self._section.progress(closely=closely)
 
@@ -289,9 +289,9 @@ class _Section:
         own = rudder[rows] - columns[rows, :-1] @ coefficients
         return np.asarray(own, np.float64)
 
-    def progress(self, *, closely: bool) -> Progress:
+    def progress(self, *, closely: bool) -> UnderWay:
         """See :class:`Finder`."""
-        found = Progress() if self._open is None else self._open.progress()
+        found = UnderWay() if self._open is None else self._open.progress()
         if not closely:
             return found
         seen = np.concatenate([self._past, *(_measured(b, self._unit) for b in self._undecided)])

@@ -8,8 +8,8 @@ from functools import partial
 from yawid.answers.run_summary import Flight
 from yawid.blocks import SampleBlock
 from yawid.manoeuvres.airspeed_check import AirspeedCheck
-from yawid.manoeuvres.answer import Answered, Setting, answer
-from yawid.manoeuvres.candidate import Progress
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvres.candidate import UnderWay
 from yawid.manoeuvres.conditions import is_bare
 from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
 from yawid.manoeuvres.flight import flight_of
@@ -23,7 +23,7 @@ class Manoeuvres:
     they are made at once. Either way the answers are the same and come in the order flown.
     """
 
-    def __init__(self, setting: Setting, worker: Executor | None = None) -> None:
+    def __init__(self, setting: ManoeuvreSetting, worker: Executor | None = None) -> None:
         self.answered: list[Answered] = []
         self._setting = setting
         self._worker = worker
@@ -32,7 +32,7 @@ class Manoeuvres:
         self._finder = _finder(setting)
         self._airspeed = AirspeedCheck(setting.sample_time_s)
 
-    def progress(self, *, closely: bool) -> Progress:
+    def progress(self, *, closely: bool) -> UnderWay:
         """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
         return self._finder.progress(closely=closely)
 
@@ -73,7 +73,7 @@ class Manoeuvres:
         self._waiting.append(future)
 
 
-def _finder(setting: Setting) -> Finder | Stated:
+def _finder(setting: ManoeuvreSetting) -> Finder | Stated:
     """Return what finds manoeuvres; a stretch of at most 600 s that was named is one."""
     low_us, high_us = setting.config.window_us
     if high_us - low_us <= 1e6 * LONGEST_STATED_S:

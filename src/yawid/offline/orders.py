@@ -29,7 +29,7 @@ CLOSE_PCT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Tried:
     """One structure and how it did.
 
     ``loss`` is the mean square innovation over the training samples, ``simulation_pct`` the fit on
@@ -65,7 +65,7 @@ def compare_orders(
     sample_time_s: float,
     tried: list[ArmaxOrders],
     advance: Callable[[int], None] = lambda count: None,
-) -> list[Candidate]:
+) -> list[Tried]:
     """Return the candidates, best simulation first, for u (n, inputs) and y (n,), NaN held.
 
     ``advance`` is called with 1 as each has been tried.
@@ -85,7 +85,7 @@ def compare_orders(
     return sorted(found, key=lambda candidate: -candidate.simulation_pct)
 
 
-def recommended(found: list[Candidate]) -> Candidate:
+def recommended(found: list[Tried]) -> Tried:
     """Return the candidate to use: of those about as good as the best, the one of least BIC.
 
     Raises:
@@ -99,7 +99,7 @@ def recommended(found: list[Candidate]) -> Candidate:
     return min(close, key=lambda candidate: candidate.bic)
 
 
-def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOrders) -> Candidate:
+def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOrders) -> Tried:
     config = EstimatorConfig(orders=orders, sample_time_s=sample_time_s, method=OF_STRUCTURES)
     armax = RecursiveArmax(config)
     start = time.perf_counter()
@@ -114,7 +114,7 @@ def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOr
     misfit = count * math.log(loss) if loss > 0.0 else math.nan
     wn, wn_std, zeta, zeta_std = modes(block, orders, sample_time_s).dutch_roll[-1].tolist()
     simulated = simulate(theta, orders, config.bias, u[split:], y[split:])
-    return Candidate(
+    return Tried(
         orders,
         loss,
         misfit + 2.0 * parameters,

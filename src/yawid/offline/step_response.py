@@ -111,7 +111,7 @@ def _step_of(t: Floats, u: Floats, path: Path) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class StepRecord:
     """t since the step, y less ``low`` over ``scale``: from 0 to 1 or so, and the scaled noise."""
 
     t: Floats
@@ -123,7 +123,7 @@ class Record:
     @classmethod
     def checked(
         cls, times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float
-    ) -> "Record":
+    ) -> "StepRecord":
         """Return the record of y (n,) at t (n,); raises as the fits do."""
         t, y = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
         if t.ndim != 1 or t.shape != y.shape:
@@ -155,7 +155,7 @@ class Record:
             yield t[width // 2 : len(t) - width // 2], mean
 
 
-def read_first_order(record: Record) -> Iterator[float]:
+def read_first_order(record: StepRecord) -> Iterator[float]:
     """Yield T, the time at which the response reaches 63 % of its end (after eq. 6)."""
     level = 1.0 - math.exp(-1.0)
     for t, y in record.smoothed():
@@ -167,7 +167,7 @@ def read_first_order(record: Record) -> Iterator[float]:
         yield float(t[after - 1] + part * (t[after] - t[after - 1]))
 
 
-def read_second_order(record: Record) -> Iterator[tuple[float, float]]:
+def read_second_order(record: StepRecord) -> Iterator[tuple[float, float]]:
     """Yield D and q by eq. 12-13 from the first extremum; none where there is no overshoot."""
     for t, y in record.smoothed():
         peak, y_max = float(t[np.argmax(y)]), float(y.max())
@@ -176,7 +176,7 @@ def read_second_order(record: Record) -> Iterator[tuple[float, float]]:
             yield D, q
 
 
-def read_yaw(record: Record) -> list[Floats]:
+def read_yaw(record: StepRecord) -> list[Floats]:
     """Return the likeliest [offset, K, T, xi, ln omega] (5,): K and K T are linear in eq. 23."""
     every = max(1, len(record.t) // GRID_SAMPLES)
     t, y = record.t[::every], record.y[::every]
@@ -195,26 +195,26 @@ def read_yaw(record: Record) -> list[Floats]:
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class StepValue:
     """An estimate and its standard deviation."""
 
     value: float
     std: float
 
 
-def _value(value: float, std: float) -> Value:
-    return Value(float(value), abs(float(std)))
+def _value(value: float, std: float) -> StepValue:
+    return StepValue(float(value), abs(float(std)))
 
 
 @dataclass(frozen=True, slots=True)
 class FirstOrder:
     """G(s) = K/(T s + 1): K in y per u, T in s, settling times of eq. 6, and the fit's noise."""
 
-    K: Value
-    T: Value
-    settling_2pct_s: Value
-    settling_5pct_s: Value
-    offset: Value
+    K: StepValue
+    T: StepValue
+    settling_2pct_s: StepValue
+    settling_5pct_s: StepValue
+    offset: StepValue
     noise_std: float
 
 
@@ -222,12 +222,12 @@ class FirstOrder:
 class SecondOrder:
     """W(s) = k q^2/(s^2 + 2 q D s + q^2): k in y per u, q in rad/s; settling of the envelope."""
 
-    k: Value
-    D: Value
-    q: Value
-    settling_2pct_s: Value
-    settling_5pct_s: Value
-    offset: Value
+    k: StepValue
+    D: StepValue
+    q: StepValue
+    settling_2pct_s: StepValue
+    settling_5pct_s: StepValue
+    offset: StepValue
     noise_std: float
 
 
@@ -235,13 +235,13 @@ class SecondOrder:
 class YawStep:
     """Eq. 23: K in y per u, T_theta in s, omega_beta in rad/s, xi_beta; the envelope's settling."""
 
-    K: Value
-    T_theta_s: Value
-    omega_beta: Value
-    xi_beta: Value
-    settling_2pct_s: Value
-    settling_5pct_s: Value
-    offset: Value
+    K: StepValue
+    T_theta_s: StepValue
+    omega_beta: StepValue
+    xi_beta: StepValue
+    settling_2pct_s: StepValue
+    settling_5pct_s: StepValue
+    offset: StepValue
     noise_std: float
 
 
@@ -257,7 +257,7 @@ def fit_first_order(
         ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
         NotIdentifiable: y does not answer, does not come to rest, or has another form.
     """
-    record = Record.checked(t, y, u0, step_time_s)
+    record = StepRecord.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
         return first_order_response(record.t, p[1], _exp(p[2]))
@@ -287,7 +287,7 @@ def fit_second_order(
         ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
         NotIdentifiable: as there, or no overshoot that stands out of the noise.
     """
-    record = Record.checked(t, y, u0, step_time_s)
+    record = StepRecord.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
         return second_order_response(record.t, p[1], p[2], _exp(p[3]))
@@ -325,7 +325,7 @@ def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.
     Raises:
         ConfigError, NotIdentifiable: as there.
     """
-    record = Record.checked(t, y, u0, step_time_s)
+    record = StepRecord.checked(t, y, u0, step_time_s)
 
     def form(p: Floats) -> Floats:
         return yaw_response(record.t, p[1], p[2], p[3], _exp(p[4]))
@@ -338,7 +338,7 @@ def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.
     _check_form(record, fit, left, yaw_settling(T, xi, omega, SETTLED))
     scale, root = record.scale / u0, math.sqrt(1.0 - xi * xi)
 
-    def settling(tolerance: float) -> Value:
+    def settling(tolerance: float) -> StepValue:
         """Return the time and its sigma, by how both factors move with T, xi and ln omega."""
         time = yaw_settling(T, xi, omega, tolerance)
         miss = (xi - T * omega) / root
@@ -364,7 +364,7 @@ def _exp(exponent: float) -> float:
     return math.exp(min(max(exponent, -300.0), 300.0))
 
 
-def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> Value:
+def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> StepValue:
     """Return the envelope's settling time; ``covariance`` (2, 2) is that of D and ln q."""
     time = second_order_settling(D, q, tolerance)
     slope = np.array([1.0 / (q * (1.0 - D * D)) - time / D, -time])
@@ -386,7 +386,7 @@ class _Fit:
 
 
 def _refine(
-    record: Record, form: Callable[[Floats], Floats], starts: Iterable[Floats],
+    record: StepRecord, form: Callable[[Floats], Floats], starts: Iterable[Floats],
     low: list[float], high: list[float],
 ) -> _Fit:  # fmt: skip
     """Fit offset p[0] plus form(p) from each start and keep the best."""
@@ -409,7 +409,7 @@ def _refine(
     return _Fit(p, covariance, residual, math.sqrt(2.0 * best.cost / (n - len(p))))
 
 
-def _check_form(record: Record, fit: _Fit, left: float, settling_s: float) -> None:
+def _check_form(record: StepRecord, fit: _Fit, left: float, settling_s: float) -> None:
     """Raise NotIdentifiable where the fitted form does not speak for the record."""
     step = abs(float(fit.p[1]))
     # The product of neighbours is the systematic part: that of white noise averages to nothing.
@@ -431,6 +431,6 @@ def _check_form(record: Record, fit: _Fit, left: float, settling_s: float) -> No
         raise NotIdentifiable("the record shows too little of the transient to tell gain and time")
 
 
-def _chance(record: Record, count: int) -> float:
+def _chance(record: StepRecord, count: int) -> float:
     """Return what the mean product of so many neighbours in white noise hardly exceeds."""
     return CLEAR * record.noise**2 / math.sqrt(count)

@@ -27,7 +27,7 @@ STILL = 0.006
 
 
 @dataclass(frozen=True, slots=True)
-class Excitation:
+class Movement:
     """How far the rudder moved within 5 s, in parts of half its travel, at each sample (n,).
 
     ``whole`` is the stroke of all of it and ``own`` of what the aileron does not explain, 0 at
@@ -57,7 +57,7 @@ class Excitation:
 
 def excitation(
     rudder: Floats, aileron: Floats, mode: Floats, travel_unit: float, sample_time_s: float
-) -> Excitation:
+) -> Movement:
     """Return the strokes of ``rudder`` (n,) and of its own part beside ``aileron`` (n,).
 
     ``mode`` (n,) is the flight mode, NaN where unknown; ``travel_unit`` is what half the rudder's
@@ -67,9 +67,9 @@ def excitation(
     whole = _strokes(rudder, sample_time_s)
     known = np.isfinite(rudder) & np.isfinite(aileron)
     if not known.any() or float(np.ptp(aileron[known])) == 0.0:
-        return Excitation(whole, whole, bool(known.any()))
+        return Movement(whole, whole, bool(known.any()))
     own = _strokes(own_part(rudder, aileron, mode, sample_time_s), sample_time_s)
-    return Excitation(whole, np.minimum(own, whole), aileron_known=True)
+    return Movement(whole, np.minimum(own, whole), aileron_known=True)
 
 
 def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float) -> Floats:

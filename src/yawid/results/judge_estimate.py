@@ -10,11 +10,11 @@ import numpy as np
 from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import Bank, History
+from yawid.estimation.bank import Bank, SampleHistory
 from yawid.estimation.methods import METHODS
 from yawid.physics.modes import modes
 from yawid.results.coherence import Coherence, coherence_at
-from yawid.results.excitation import Excitation, around, excitation
+from yawid.results.excitation import Movement, around, excitation
 from yawid.results.judge_samples import (
     UNCERTAIN_WN,
     UNCERTAIN_ZETA,
@@ -81,7 +81,7 @@ class Estimates(Protocol):
     def last(self) -> Mapping[str, EstimateBlock]:
         """By method the newest rows, with their covariance."""
 
-    def history(self) -> History:
+    def history(self) -> SampleHistory:
         """Return the samples as the estimators saw them."""
 
 
@@ -315,13 +315,13 @@ def _checked(
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedMethods:
     """How the rudder moved, and by method the coherence at its mode and what speaks against it.
 
     ``reacts`` is the part of the rudder that yaw rate and roll explain.
     """
 
-    moved: Excitation
+    moved: Movement
     reacts: float
     coherence: Mapping[str, Coherence | None]
     reasons: Mapping[str, list[Reason]]
@@ -340,7 +340,7 @@ def judge_methods(
     bank: Estimates,
     evidence: Mapping[str, Evidence],
     rates_hz: tuple[float, float],
-) -> Judged:
+) -> JudgedMethods:
     """Judge each method by itself; ``rates_hz`` are of yaw and rudder messages."""
     history, travel_unit = bank.history(), bank.config.half_travel
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
@@ -362,7 +362,7 @@ def judge_methods(
             *estimate_reasons(method, evidence[method], is_driven=is_driven),
             *coherence_reasons(wn, found),
         ]
-    return Judged(moved, reacts, coherence, reasons)
+    return JudgedMethods(moved, reacts, coherence, reasons)
 
 
 def bank_verdict(

@@ -11,8 +11,8 @@ import numpy as np
 
 from yawid.blocks import AIRSPEED_SHARE, WINDOW_S, Floats, shifted
 from yawid.config.run import RATE_SLACK, RunConfig
-from yawid.estimation.bank import Bank, History
-from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Excitation
+from yawid.estimation.bank import Bank, SampleHistory
+from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Movement
 from yawid.results.reasons import Reason
 
 LEAST_RATE_HZ = 5.0
@@ -93,7 +93,7 @@ def changed_rates(
             return
 
 
-def excitation_reasons(found: Excitation, travel: str = "half its travel") -> Iterator[Reason]:
+def excitation_reasons(found: Movement, travel: str = "half its travel") -> Iterator[Reason]:
     """Judge whether the rudder moved, and by itself rather than as the aileron's copy.
 
     It has moved if it did in any five seconds: what an hour of trim drift covers is nothing to
@@ -140,7 +140,7 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[R
             )
 
 
-def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
+def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
     """Judge the flying: turns that hide the rudder, another airspeed."""
     y, u = history.y, history.u[:, 0]
     rows = np.isfinite(y) & np.isfinite(u)
@@ -166,7 +166,7 @@ def flight_reasons(history: History, turn: str) -> Iterator[Reason]:
             )
 
 
-def feedback_reasons(inputs: tuple[str, ...], history: History) -> Iterator[Reason]:
+def feedback_reasons(inputs: tuple[str, ...], history: SampleHistory) -> Iterator[Reason]:
     """Judge whether inputs only react, by what yaw rate, roll and the roll before tell of each.
 
     Past yaw rates are left out: they hold what the rudder did a moment ago and would explain 80 to
@@ -197,7 +197,7 @@ def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
         )
 
 
-def reaction_shares(history: History) -> list[float]:
+def reaction_shares(history: SampleHistory) -> list[float]:
     """Return of each input the part (0 to 1) that yaw rate, roll and the roll before explain."""
     before = np.concatenate([[np.nan], history.roll[:-1]])
     causes = np.column_stack([history.y, history.roll, before])
@@ -211,7 +211,7 @@ def why_believed(config: RunConfig, bank: Bank | None) -> str:
     return "" if bank is None else why_rudder_moves_yaw(bank.history(), bank.sample_time_s)
 
 
-def why_rudder_moves_yaw(history: History, sample_time_s: float) -> str:
+def why_rudder_moves_yaw(history: SampleHistory, sample_time_s: float) -> str:
     """Say how clearly the rudder moves the yaw, whoever commands it; nothing where it does not.
 
     A loop that is taken along makes its rudder out of the yaw rate: there the rudder that comes

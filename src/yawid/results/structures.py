@@ -49,7 +49,7 @@ SPREAD_MEMORIES, NEWEST = 2.0, 2**13
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Opinion:
     """What one structure says, on a grid ``every`` samples wide.
 
     ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise; ``values`` and ``sigmas``
@@ -68,25 +68,25 @@ class Told:
 class Spread:
     """What is known beside the answer: other structures, and how much the record's parts scatter.
 
-    ``scatter`` has the sigma that its parts tell, by the names of ``Told.values``; ``next`` is the
-    richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
+    ``scatter`` has the sigma that its parts tell, by the names of ``Opinion.values``; ``next`` is
+    the richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
     ``own`` is the own structure fitted as the others are, where that is not the answer, and
     ``held_back_pct`` how much it explains of what was held back; ``is_slow`` says that the rate is
     one that may be warned of.
     """
 
-    told: tuple[Told, ...]
+    told: tuple[Opinion, ...]
     scatter: Mapping[str, float]
-    next: Told | None = None
-    slower: Told | None = None
-    own: Told | None = None
+    next: Opinion | None = None
+    slower: Opinion | None = None
+    own: Opinion | None = None
     held_back_pct: float = math.nan
     is_slow: bool = False
 
     def around(self, wn: float) -> "Spread":
         """Return what tells of a mode of wn rad/s, and knows it itself."""
 
-        def tells(each: Told | None) -> bool:
+        def tells(each: Opinion | None) -> bool:
             if each is None:
                 return False
             own, sigma = float(each.dutch_roll[0]), float(each.dutch_roll[1])
@@ -169,7 +169,7 @@ class Spread:
         return max(own, apart) if math.isfinite(own) else own
 
 
-def _apart(told: Told | None, wn: float, zeta: float) -> Floats:
+def _apart(told: Opinion | None, wn: float, zeta: float) -> Floats:
     if told is None:
         return np.full(2, np.nan)
     return np.asarray(np.abs(told.dutch_roll[[0, 2]] - (wn, zeta)))
@@ -182,7 +182,7 @@ def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorCon
 
 def _told(
     config: RunConfig, sample_time_s: float, model: FittedModel, u: Floats, y: Floats, every: int
-) -> Told | None:
+) -> Opinion | None:
     """Return what a fit of the configuration's orders to u (n, inputs) and y (n,) says.
 
     None where it found no Dutch roll.
@@ -191,7 +191,7 @@ def _told(
     if not np.isfinite(dutch_roll[0]):
         return None
     pct = held_back_pct(model.config, u, y, NEAR_ENOUGH)
-    return Told(config.four_orders, every, dutch_roll, values, sigmas, pct)
+    return Opinion(config.four_orders, every, dutch_roll, values, sigmas, pct)
 
 
 def _said(
@@ -266,7 +266,7 @@ def _others(
     y: Floats,
     structures: Iterable[tuple[int, int, int]],
     every: int,
-) -> list[Told]:
+) -> list[Opinion]:
     """Return what these structures say, on a grid that is so many times as wide; not the own."""
     nk = (config.four_orders[3] - 1) // every + 1
     if every > 1:

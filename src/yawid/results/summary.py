@@ -30,7 +30,7 @@ from yawid.answers.run_summary import (
 from yawid.blocks import Floats, finite, strokes, window_of, words
 from yawid.channels.report import ChannelReport
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import Bank, History, PastModels
+from yawid.estimation.bank import Bank, PastModels, SampleHistory
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.estimation.whiteness import largest_autocorrelation
@@ -209,7 +209,7 @@ def bank_summaries(bank: Bank) -> tuple[dict[str, MethodSummary], dict[str, Evid
 def described(
     bank: Estimates,
     method: str,
-    history: History,
+    history: SampleHistory,
     held_back_pct: float,
     before: Floats,
     spread: Spread,
@@ -276,7 +276,7 @@ def _value(method: str, name: str, each: dict[str, float], spread: Spread) -> Va
     return Value(value=each["value"], std=total, std_noise=each["std"])
 
 
-def stream_spread(bank: Bank, history: History) -> Spread:
+def stream_spread(bank: Bank, history: SampleHistory) -> Spread:
     """Return what is known beside the stream's answers: of its newest two memories of samples.
 
     The fit of all of them by the estimators' own orders is one of the structures: a recursion may
@@ -300,7 +300,7 @@ def dutch_roll_told(bank: Estimates, method: str, theta: Floats) -> Floats:
     return dutch_roll_of(theta, orders, bank.sample_time_s, mean_output=mean_output)
 
 
-def _fit(bank: Estimates, method: str, history: History) -> dict[str, float]:
+def _fit(bank: Estimates, method: str, history: SampleHistory) -> dict[str, float]:
     estimator = bank.estimators[method]
     theta, config = bank.last[method].theta[-1], estimator.config
     y, y_hat = history.y, history.y_hat[method]
@@ -315,7 +315,7 @@ def _fit(bank: Estimates, method: str, history: History) -> dict[str, float]:
     }
 
 
-def _held_back_pct(bank: Bank, method: str, history: History) -> float:
+def _held_back_pct(bank: Bank, method: str, history: SampleHistory) -> float:
     """Return the fit of the model as it stood at two thirds, run free over the last third.
 
     NaN where there is too little data, or where the rudder rests in the last third: a model tells
@@ -337,7 +337,7 @@ def _held_back_pct(bank: Bank, method: str, history: History) -> float:
     return fit_percent(y, simulate(earlier.theta[method], config.orders, config.bias, u, y))
 
 
-def _shortly_before(bank: Bank, history: History) -> PastModels | None:
+def _shortly_before(bank: Bank, history: SampleHistory) -> PastModels | None:
     """Return the models a third of the memory ago, or before the last third of a short record."""
     good = history.good
     if len(good) < LEAST_SAMPLES:

@@ -20,7 +20,7 @@ from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
 
 if TYPE_CHECKING:
-    from yawid.offline.orders import Candidate
+    from yawid.offline.orders import Tried
 
 
 def with_orders(source: Recording, config: RunConfig) -> RunConfig:
@@ -50,7 +50,7 @@ def _sampled(source: Recording, config: RunConfig, bar: Bar) -> tuple[Job, Sampl
 
 def _compared(
     samples: SampleBlock | None, config: RunConfig, bar: Bar
-) -> tuple["list[Candidate]", "Candidate"]:
+) -> tuple["list[Tried]", "Tried"]:
     """Return every structure tried on the samples, best simulation first, and the one to use.
 
     Raises:
@@ -66,7 +66,7 @@ def _compared(
     return found, recommended(found)
 
 
-def _with(chosen: "Candidate", config: RunConfig) -> RunConfig:
+def _with(chosen: "Tried", config: RunConfig) -> RunConfig:
     orders = chosen.orders
     nb = orders.nb[0] - int(config.output == "yaw")
     return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
@@ -106,12 +106,12 @@ def orders_report(
     return report, verdict
 
 
-def _orders(candidate: "Candidate") -> dict[str, int]:
+def _orders(candidate: "Tried") -> dict[str, int]:
     orders = candidate.orders
     return {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
 
 
-def _described(candidate: "Candidate") -> OrdersTried:
+def _described(candidate: "Tried") -> OrdersTried:
     names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
     values = finite({name: getattr(candidate, name) for name in names})
     roll = DutchRoll.of(candidate.dutch_roll)

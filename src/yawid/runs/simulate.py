@@ -19,7 +19,7 @@ from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_
 from yawid.sinks.door import tell_whole
 from yawid.sinks.part_file import check_free, write_whole
 from yawid.sources.open_log import TlogBytes
-from yawid.sources.simulated_tlog import Flight, tlog_of
+from yawid.sources.simulated_tlog import SimulatedFlight, tlog_of
 
 FULL_RUDDER_RAD = np.deg2rad(25.0)
 """The deflection that a tlog shows as full travel: --rudder-max-deg 25 makes radians of it
@@ -114,9 +114,8 @@ def _tlog(simulation: Simulation) -> bytes:
     share = simulation.u / FULL_RUDDER_RAD
     if np.abs(share).max() > 1.0:
         raise ConfigError("the rudder exceeds 25 degrees, full travel in a tlog: less --amplitude")
-    return tlog_of(
-        Flight(simulation.t, share, simulation.y, simulation.yaw, simulation.roll, SPEED_M_S)
-    )
+    y, yaw, roll = simulation.y, simulation.yaw, simulation.roll
+    return tlog_of(SimulatedFlight(simulation.t, share, y, yaw, roll, SPEED_M_S))
 
 
 def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> None:

@@ -14,7 +14,7 @@ TRAVEL_US = 400
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class SimulatedFlight:
     """A flight: ``t`` (n,) s from 0, rudder ``u`` (n,) on -1..1, rates in rad/s, angles in rad."""
 
     t: Floats
@@ -25,7 +25,7 @@ class Flight:
     airspeed_m_s: float
 
 
-def tlog_of(flight: Flight) -> bytes:
+def tlog_of(flight: SimulatedFlight) -> bytes:
     """Return the tlog: HEARTBEAT and VFR_HUD each second, parameters, ATTITUDE and servos."""
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 

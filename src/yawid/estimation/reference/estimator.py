@@ -65,7 +65,7 @@ class Sums:
         return math.sqrt(total / self.s1) if self.s1 else math.nan
 
 
-class Spread:
+class FollowedCovariance:
     """The covariance of theta, the residual's autocorrelation included."""
 
     def __init__(self, covariance: Floats, lags: int) -> None:
@@ -119,7 +119,7 @@ class ReferenceArmax:
         self._filter.Q = np.zeros((n, n))
         self._least, self._best = np.full(n, config.P0), np.full(n, config.P0)
         self._sums = Sums(config.residual_lags)
-        self._spread = Spread(np.eye(n) * config.P0, config.residual_lags)
+        self._spread = FollowedCovariance(np.eye(n) * config.P0, config.residual_lags)
         self.forgetting_factor = config.forgetting_start
         self._since, self._next = 0, 0
         self._open()
