@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
-import importlib.util
 import io
 import json
 import resource
@@ -144,14 +143,6 @@ def read_pymavlink(path: Path) -> Iterator[int]:
         yield 1
 
 
-def read_fasttlogparser(path: Path) -> Iterator[int]:
-    """Yield the number of wanted messages."""
-    # Not written as an import: the package is not there to be checked against.
-    parser = importlib.import_module("fasttlogparser")
-    messages, _ = parser.parseTLog(str(path), whitelist=list(WANTED))
-    yield sum(len(next(iter(columns.values()))) for columns in messages.values())
-
-
 def read_plain(path: Path) -> Iterator[int]:
     """Read the bytes and look at none."""
     with path.open("rb") as file:
@@ -162,13 +153,11 @@ def read_plain(path: Path) -> Iterator[int]:
 READERS: dict[str, Callable[[Path], Iterator[int]]] = {
     "yawid": read_yawid,
     "pymavlink recv_match": read_pymavlink,
-    "fasttlogparser": read_fasttlogparser,
     "plain read": read_plain,
 }
 _MODULES = {
     "yawid": "yawid.sources.logs.tlog",
     "pymavlink recv_match": "pymavlink.mavutil",
-    "fasttlogparser": "fasttlogparser",
 }
 
 
@@ -195,8 +184,6 @@ def own_peak_mb() -> float:
 
 def measured(reader: str, path: Path, repeats: int) -> Result | None:
     """Return what :func:`measure` gives in a fresh process; None where it cannot be run."""
-    if reader == "fasttlogparser" and importlib.util.find_spec(reader) is None:
-        return None
     command = [sys.executable, "-m", "bench.link", reader, str(path), str(repeats)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=TOOLS)
     if done.returncode:

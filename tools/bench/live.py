@@ -25,6 +25,9 @@ from flights.surgery import split
 
 from bench.live_kill import kill_once
 from yawid.channels.stage import WANTED
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import replay
+from yawid.runs.stop import StopFlag
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
@@ -42,14 +45,8 @@ ENDING_S = 300.0
 
 def sender(port: int, log: Path, *options: object) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start the sender."""
-    command = [
-        sys.executable,
-        "-m",
-        "flights.send_tlog",
-        log.resolve(),
-        f"127.0.0.1:{port}",
-        *options,
-    ]
+    program = (sys.executable, "-m", "flights.send_tlog")
+    command = [*program, log.resolve(), f"127.0.0.1:{port}", *options]
     return child([*map(str, command)], LONG_S, stdout=subprocess.PIPE, text=True, cwd=TOOLS)
 
 
@@ -157,11 +154,17 @@ def session(
         yield process, port
 
 
+def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
+    """Whether the replay of a vehicle's tlog gives what its session gave, to the bit."""
+    log = Path(summary["files"]["tlog"])
+    settings = {"sysid": summary["vehicle"]["sysid"]}
+    again, _ = replay(log, settings, Outputs(folder, f"{log.stem}-again"), StopFlag())
+    told = again.to_json()
+    return all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
+
+
 def bench_latency(options: argparse.Namespace) -> Iterator[str]:
     """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
-    from yawid.runs.outputs import Outputs
-    from yawid.runs.replay import StopFlag, replay
-
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -173,10 +176,7 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
         summary = json.loads(out)
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
-        log = Path(summary["files"]["tlog"])
-        again, _ = replay(log, {}, Outputs(folder, "again"), StopFlag())
-    told = again.to_json()
-    same = all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
+        same = is_as_replayed(summary, folder)
     frames = summary["link"]["frames"]
     dropped = sum(summary["live"]["dropped"].values())
     yield (
@@ -231,12 +231,8 @@ def bench_soak(options: argparse.Namespace) -> Iterator[str]:
     """Fly at 50 times the speed, with silences, reboots and gaps; watch the memory."""
     from bench.live_soak import soak
 
-    lines: list[str] = []
     with tempfile.TemporaryDirectory() as name, session(Path(name)) as (process, port):
-        soak(process, port, options.soak, lines.append)
-    for line in lines[1:]:
-        print(line, file=sys.stderr)
-    yield lines[0].removeprefix("soak").strip()
+        yield soak(process, port, options.soak)
 
 
 def main(arguments: list[str]) -> Iterator[str]:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import socket
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from checks.children import LEAVE_S
+from checks.children import LEAVE_S, resident_mb
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 SPEED, HZ = 50.0, 50
@@ -78,14 +76,11 @@ def fly(port: int, seconds: float, sent: list[int]) -> None:
                 return
 
 
-def soak(
-    process: subprocess.Popen[str], port: int, seconds: float, say: Callable[[str], None]
-) -> None:
-    """Fly, watch the process's memory, end it, and say what came of it."""
+def soak(process: subprocess.Popen[str], port: int, seconds: float) -> str:
+    """Fly, watch the process's memory, end it, and say how it went."""
     sent = [0]
-    lines: list[str] = []
     assert process.stderr is not None
-    reader = threading.Thread(target=lines.extend, args=(process.stderr,), daemon=True)
+    reader = threading.Thread(target=process.stderr.read, daemon=True)
     reader.start()
     vehicle = threading.Thread(target=fly, args=(port, seconds, sent), daemon=True)
     start_s = time.monotonic()
@@ -98,35 +93,10 @@ def soak(
     assert process.stdout is not None
     summary = json.loads(process.stdout.read())
     reader.join(LEAVE_S)
-    report(summary, memory, sent[0], lines, say)
-
-
-def report(
-    summary: dict[str, Any],
-    memory: list[tuple[float, float]],
-    sent: int,
-    lines: list[str],
-    say: Callable[[str], None],
-) -> None:
-    """Say what the soak came to."""
     warm = [mb for at_s, mb in memory if at_s >= WARM_S] or [memory[-1][1]]
-    lost = (
-        f"{sum(summary['live']['dropped'].values())} dropped, {summary['link']['reboots']} reboots"
+    dropped, link = sum(summary["live"]["dropped"].values()), summary["link"]
+    return (
+        f"{memory[-1][0]:.0f} s at {SPEED:g}x, {sent[0]} frames, {dropped} dropped, "
+        f"{link['reboots']} reboots, {link['gaps']} gaps; memory {memory[0][1]:.0f} MB at first, "
+        f"{memory[-1][1]:.0f} at the end, grown by {max(warm) - warm[0]:.1f} after a minute"
     )
-    say(f"soak   {memory[-1][0]:.0f} s at {SPEED:g}x, {sent} frames, {lost}; memory "
-        f"{memory[0][1]:.0f} MB at first, {memory[-1][1]:.0f} at the end, grown by "
-        f"{max(warm) - warm[0]:.1f} after a minute")  # fmt: skip
-    say(f"       link {summary['link']}, dropped {summary['live']['dropped']}, "
-        f"latency {summary['live'].get('latency_ms')}")  # fmt: skip
-    for method, estimate in summary["estimates"].items():
-        roll = {k: round(v, 4) for k, v in estimate.get("dutch_roll", {}).items() if k != "level"}
-        say(f"       {method}: {estimate['updates']} updates, {estimate['held']} held, {roll}")
-    said = sum("diverged" in line for line in lines)
-    say(f"       lines that said diverged: {said}; verdict {summary['verdict']}")
-
-
-def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process, without what it shares with files."""
-    text = Path(f"/proc/{pid}/status").read_text()
-    match = re.search(r"RssAnon:\s+(\d+) kB", text)
-    return math.nan if match is None else int(match[1]) / 1024.0

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import gc
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from itertools import cycle
 from pathlib import Path
 from statistics import median
 
+from checks.children import cost_of
 from checks.judge import replayed
 from flights.fly import flight_of
 from flights.legs import Leg, LegPlan
@@ -29,6 +29,7 @@ from flights.plan import FlightPlan
 from flights.surgery import join
 from flights.telemetry import Link, telemetry
 
+from bench.replay import ANSWERED
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
 from yawid.runs.job import open_log
@@ -90,12 +91,8 @@ def user_s(log: Path, out: Path, setting: str) -> float:
     Raises:
         SystemExit: the replay failed.
     """
-    command = [sys.executable, "-m", "yawid", "replay", str(log), "--out", str(out), "--force"]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    done = subprocess.run([*command, "--json", "--manoeuvres", setting], capture_output=True)
-    if not done.stdout:
-        raise SystemExit(f"replay ended with {done.returncode}: {done.stderr.decode().strip()}")
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+    to = ["--out", str(out), "--force", "--json", "--manoeuvres", setting]
+    return cost_of("-m", "yawid", "replay", str(log), *to, allowed=ANSWERED).user_s
 
 
 def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -48,45 +46,8 @@ def filterpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
             phi[first] = value
 
 
-def padasip_rls(u: Floats, y: Floats, order: int, samples: int) -> None:
-    """Run padasip's FilterRLS on given regressors, without the residual's upkeep."""
-    import padasip
-
-    rows = np.random.default_rng(0).standard_normal((samples, 3 * order))
-    rls = padasip.filters.FilterRLS(n=3 * order, mu=FORGETTING, w="zeros")
-    for k in range(samples):
-        rls.adapt(y[k], rows[k])
-
-
-def statsmodels_rls(u: Floats, y: Floats, order: int, samples: int) -> None:
-    """Run statsmodels' RecursiveLS on given regressors, the whole block at once."""
-    from statsmodels.regression.recursive_ls import RecursiveLS
-
-    rows = np.random.default_rng(0).standard_normal((samples, 3 * order))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        RecursiveLS(y[:samples], rows).fit()
-
-
-def sippy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
-    """Run SIPPY's recursive ARMAX."""
-    from sippy_unipi import system_identification
-
-    system_identification(
-        y[:samples], u[:samples], "ARMAX", ARMAX_orders=[order, order, order, 1], ARMAX_mod="RLLS"
-    )
-
-
-PEERS: dict[str, tuple[str, Callable[[Floats, Floats, int, int], None], int]] = {
-    "plain NumPy loop": ("numpy", numpy_els, 300),
-    "filterpy KalmanFilter": ("filterpy", filterpy_els, 150),
-    "padasip FilterRLS": ("padasip", padasip_rls, 300),
-    "statsmodels RecursiveLS": ("statsmodels", statsmodels_rls, 500),
-    "SIPPY ARMAX RLLS": ("sippy_unipi", sippy_els, 500),
+PEERS: dict[str, tuple[Callable[[Floats, Floats, int, int], None], int]] = {
+    "plain NumPy loop": (numpy_els, 300),
+    "filterpy KalmanFilter": (filterpy_els, 150),
 }
-"""Name: module it needs, function of u, y, order and samples, samples in one measurement."""
-
-
-def installed(module: str) -> bool:
-    """Tell whether a module can be imported."""
-    return importlib.util.find_spec(module) is not None
+"""Name: function of u, y, order and samples, samples in one measurement."""

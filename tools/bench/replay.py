@@ -9,29 +9,18 @@ raised`` is a log of some 20 MB, of which inspect may cost three such replays.
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from checks.children import Cost, cost_of
 from flights.long_log import MIXES, write_log
 from pymavlink import mavutil
 
+ANSWERED = (0, 5)
+"""Exit codes of a log with an answer, and of one without."""
 WANTED = ["ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "VFR_HUD"]
-
-
-# A process begins with its parent's peak of memory: this small one between has none.
-_TIMED = """
-import json, os, subprocess, sys, time
-start = time.perf_counter()
-process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
-_, status, used = os.wait4(process.pid, 0)
-wall, cpu = time.perf_counter() - start, used.ru_utime + used.ru_stime
-print(json.dumps([os.waitstatus_to_exitcode(status), cpu, wall, used.ru_maxrss / 1024]))
-"""
 
 
 def bare_pymavlink(path: Path, wanted: list[str] | None) -> tuple[float, float]:
@@ -56,20 +45,10 @@ summarise(pipeline, source.link, sys.argv[1], source.sha256)
 """
 
 
-def timed(*arguments: str) -> tuple[float, float, float]:
-    """Return CPU and wall seconds and peak memory in MB of Python with these arguments."""
-    command = [sys.executable, "-c", _TIMED, sys.executable, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    code, cpu, wall, peak = json.loads(done.stdout)
-    if code not in (0, 5):
-        raise SystemExit(f"{' '.join(arguments)} ended with {code}: {done.stderr.strip()}")
-    return cpu, wall, peak
-
-
-def replay(path: Path, out: Path, rerun: str) -> tuple[float, float, float]:
-    """Return CPU and wall seconds and peak memory in MB of a replay in its own process."""
-    command = ["replay", str(path), "--out", str(out), "--force", "--json", "--rerun", rerun]
-    return timed("-m", "yawid", *command)
+def replay(path: Path, out: Path, rerun: str) -> Cost:
+    """Return what a replay in its own process costs."""
+    to = ["--out", str(out), "--force", "--json", "--rerun", rerun]
+    return cost_of("-m", "yawid", "replay", str(path), *to, allowed=ANSWERED)
 
 
 def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
@@ -82,23 +61,31 @@ def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
     ]
     for what, rerun in (("MCAP", "off"), ("MCAP and .rrd", "save")):
         runs = [replay(log, folder / rerun, rerun) for _ in range(options.repeat)]
-        cpu, wall, _ = min(runs)
-        peak = max(run[2] for run in runs)
-        ratios = " / ".join(f"{cpu / other:.2f}" for other, _ in bare)
+        ratios = " / ".join(f"{best(runs).cpu_s / other:.2f}" for other, _ in bare)
         name = f"{mix}, {each_s:.0f} messages a second, to {what}"
-        yield f"| {name} | {cpu:.1f} | {wall:.1f} | {ratios} | {peak:.0f} |"
+        yield row(name, runs, ratios)
     yield inspect(log, f"{mix}, {each_s:.0f} messages a second", options.repeat)
 
 
 def inspect(log: Path, name: str, repeat: int) -> str:
     """Return the row of ``yawid inspect``, each in its own process as the replay it is held to."""
-    bare = min(timed("-c", _WITHOUT_OUTPUTS, str(log)) for _ in range(repeat))
-    runs = [timed("-m", "yawid", "inspect", str(log), "--json") for _ in range(repeat)]
-    cpu, wall, _ = min(runs)
-    peak = max(run[2] for run in runs)
-    name = f"{name}, {log.stat().st_size / 1e6:.0f} MB, inspect"
-    ratio = f"{cpu / bare[0]:.2f} (a replay without outputs: {bare[0]:.1f} s)"
-    return f"| {name} | {cpu:.1f} | {wall:.1f} | {ratio} | {peak:.0f} |"
+    bare = [cost_of("-c", _WITHOUT_OUTPUTS, str(log)) for _ in range(repeat)]
+    asked = ["-m", "yawid", "inspect", str(log), "--json"]
+    runs = [cost_of(*asked, allowed=ANSWERED) for _ in range(repeat)]
+    bare_s = best(bare).cpu_s
+    ratio = f"{best(runs).cpu_s / bare_s:.2f} (a replay without outputs: {bare_s:.1f} s)"
+    return row(f"{name}, {log.stat().st_size / 1e6:.0f} MB, inspect", runs, ratio)
+
+
+def best(runs: Sequence[Cost]) -> Cost:
+    """Return the run that took the least CPU."""
+    return min(runs, key=lambda run: run.cpu_s)
+
+
+def row(name: str, runs: Sequence[Cost], ratio: str) -> str:
+    """Return the row of some runs: the best one's seconds, and the highest peak of memory."""
+    least, peak_mb = best(runs), max(run.peak_mb for run in runs)
+    return f"| {name} | {least.cpu_s:.1f} | {least.wall_s:.1f} | {ratio} | {peak_mb:.0f} |"
 
 
 def main(arguments: list[str]) -> Iterator[str]:

@@ -21,12 +21,11 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from checks.children import LONG_S, child
+from checks.children import cost_of
 from flights.long_log import write_log
 from mcap.reader import make_reader
 
@@ -151,20 +150,8 @@ class Bench:
     ) -> tuple[int, float, float]:
         """Return the exit code, CPU and wall seconds of Python with these arguments."""
         folder = {} if compiled is None else {"NUMBA_CACHE_DIR": compiled}
-        with tempfile.TemporaryFile() as errors:
-            start = time.perf_counter()
-            with child(
-                [sys.executable, *arguments], LONG_S, stdout=subprocess.DEVNULL, stderr=errors,
-                env=self._environment | folder,
-            ) as process:  # fmt: skip
-                _, status, used = os.wait4(process.pid, 0)
-                wall_s = time.perf_counter() - start
-                process.returncode = os.waitstatus_to_exitcode(status)
-            if process.returncode not in allowed:
-                errors.seek(0)
-                told = errors.read().decode().strip()
-                raise SystemExit(f"{' '.join(arguments)} ended with {process.returncode}: {told}")
-        return process.returncode, used.ru_utime + used.ru_stime, wall_s
+        cost = cost_of(*arguments, allowed=allowed, env=self._environment | folder)
+        return cost.code, cost.cpu_s, cost.wall_s
 
     def _keep(self, name: str, seconds: float) -> None:
         self.least[name] = min(seconds, self.least.get(name, seconds))

@@ -21,7 +21,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict
 from heapq import merge
 from pathlib import Path
 from statistics import median
@@ -34,11 +33,8 @@ from flights.plan import STEP_S, FlightPlan
 from flights.surgery import Record, join, split
 from flights.telemetry import GCS, Link, telemetry
 
-from bench.live import ENDING_S, TOOLS, session
-from yawid.config.run import RunConfig
+from bench.live import ENDING_S, TOOLS, is_as_replayed, session
 from yawid.plant.yaw import YawPlant
-from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag, replay
 from yawid.sources.link.tap import sysid_of
 
 SECONDS, STARTS_S, DOUBLET_S = 30.0, 5.0, 14.0
@@ -148,15 +144,6 @@ def delays_s(got: dict[str, Any]) -> list[float]:
     at_start_s = got["begun_s"] - Link().boot_s
     told = got["told"].at_s
     return [told[n] - at_start_s - e["to_s"] for n, found in ends.items() for e in found]
-
-
-def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
-    """Whether the replay of a vehicle's tlog gives what its session gave, to the bit."""
-    log = Path(summary["files"]["tlog"])
-    config = RunConfig(sysid=summary["vehicle"]["sysid"])
-    again, _ = replay(log, asdict(config), Outputs(folder, f"{log.stem}-again"), StopFlag())
-    told = again.to_json()
-    return all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
 
 
 def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:

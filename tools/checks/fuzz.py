@@ -14,7 +14,6 @@ import contextlib
 import io
 import json
 import re
-import resource
 import signal
 import sys
 import tempfile
@@ -28,6 +27,7 @@ from types import FrameType
 import hypothesis
 from hypothesis import HealthCheck, settings
 
+from checks.children import resident_mb
 from checks.fuzz_inputs import FuzzFlight, command_lines, flights
 from yawid.cli.main import main as yawid
 
@@ -163,15 +163,6 @@ def main() -> int:
     quarter = memory_mb[len(memory_mb) // 4]
     print(f"resident memory: {quarter:.0f} MB after a quarter, {memory_mb[-1]:.0f} MB at the end")
     return 1 if known else 0
-
-
-def resident_mb() -> float:
-    """Return the memory the process holds now; the most it ever held where that is not told."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except OSError:
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return pages * resource.getpagesize() / 2**20
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Judge ``yawid trend`` on drawn fleets: a damping that falls is found, and nothing else.
 
     python -m checks.judge_trend rates [--draws 2000] [--only nightly]
-    python -m checks.judge_trend seeds [--seeds 100] [--first 0]
     python -m checks.judge_trend looks [--histories 30000]
     python -m checks.judge_trend diff [--draws 4000]
 
@@ -10,11 +9,9 @@ A number scatters by 8 % in zeta, 1.5 % in wn/V, 5 % in K/V (the flight's own to
 
 rates: of the data sets of each of PLANS, how many call anything changed; each is PLANS' count of
 vehicles, with one to three flights on a day, which share an offset, looked at once or after every
-day. seeds: fleets of 20 aircraft with 60 flights each, one a day; in each fleet with a change zeta
-of one aircraft falls by 20 % over 30 days, from a day drawn among the first 31.
-Every fleet is written and read back as a data set. looks: whether the p of one look is right, by
-histories without a change (changes.looks is from it). diff: in how many draws one flight more of a
-vehicle is called changed against its data set of so many flights.
+day; where zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31. looks:
+whether the p of one look is right, by histories without a change (changes.looks is from it). diff:
+in how many draws one flight more of a vehicle is called changed against so many flights.
 """
 
 from __future__ import annotations
@@ -188,20 +185,6 @@ def judge_seed(seed: int, judged: Judged) -> None:
     judged.fleets += 1
 
 
-def print_seeds(first: int, seeds: int) -> None:
-    """Print the table's row."""
-    judged = Judged()
-    for seed in range(first, first + seeds):
-        judge_seed(seed, judged)
-    print("| `judge_trend.py seeds` | fall found | another found with it | false alarms |")
-    print("|---|---|---|---|")
-    of = f"of {judged.fleets}"
-    print(
-        f"| seeds {first} to {first + seeds - 1} | {judged.found} {of} | "
-        f"{judged.wrong_with_it} {of} | {judged.false_alarms} {of} |"
-    )
-
-
 def _until(track: Track, days: int) -> Track:
     """Return a history as it is after so many days."""
     n = int(np.searchsorted(track.day, days))
@@ -315,9 +298,6 @@ def main() -> None:
     rates = commands.add_parser("rates")
     rates.add_argument("--draws", type=int, default=2000)
     rates.add_argument("--only", choices=PLANS)
-    seeds = commands.add_parser("seeds")
-    seeds.add_argument("--seeds", type=int, default=100)
-    seeds.add_argument("--first", type=int, default=0)
     drawn = commands.add_parser("looks")
     drawn.add_argument("--histories", type=int, default=30_000)
     differ = commands.add_parser("diff")
@@ -325,7 +305,6 @@ def main() -> None:
     arguments = parser.parse_args()
     run: dict[str, Callable[[], None]] = {
         "rates": lambda: print_rates(arguments.draws, arguments.only),
-        "seeds": lambda: print_seeds(arguments.first, arguments.seeds),
         "diff": lambda: print_diff(arguments.draws),
         "looks": lambda: print_looks(arguments.histories),
     }
