@@ -12,6 +12,10 @@ from yawid.estimation.all_pole import all_pole
 from yawid.estimation.polynomials import lag_depth
 
 WORST_PCT = -1000.0
+TRAINING = 2.0 / 3.0
+"""The model as it stood after this part of the usable samples is tried on the rest."""
+LEAST_SAMPLES = 200
+"""Usable samples below which there is nothing to hold back."""
 
 
 def fit_percent(y: Floats, y_hat: Floats) -> float:

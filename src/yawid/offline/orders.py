@@ -18,12 +18,10 @@ from yawid.blocks import Floats
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import NotIdentifiable
 from yawid.estimation.armax import RecursiveArmax
-from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
 from yawid.estimation.methods import OF_STRUCTURES
 from yawid.physics.modes import modes
 
-TRAINING = 2.0 / 3.0
-LEAST_SAMPLES = 200
 CLOSE_PCT = 0.5
 """Candidates within so many points of the best simulation are equally good; then BIC decides."""
 

@@ -31,7 +31,7 @@ from yawid.blocks import Floats, finite, strokes, window_of, words
 from yawid.channels.report import ChannelReport
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, PastModels, SampleHistory
-from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.estimation.whiteness import largest_autocorrelation
 from yawid.physics.derivatives import summary_of
@@ -50,11 +50,6 @@ from yawid.results.structures import (
     Spread,
     spread_of,
 )
-
-TRAINING = 2.0 / 3.0
-"""The model as it stood after this part of the usable samples is tried on the rest."""
-LEAST_SAMPLES = 200
-"""Usable samples below which there is nothing to hold back."""
 
 
 class Finished(Protocol):
