@@ -79,7 +79,8 @@ assert set(estimates) == {"arx", "els", "rml"}, set(estimates)
 assert found["flight"]["method"] == "rml"
 assert abs(estimates["arx"]["dutch_roll"]["wn_rad_s"] - 2.4) < 0.5
 assert '"arx"' in yawid("schema", "replay")
-assert "arx" in yawid("inspect", "out/log.mcap", "--json")
+again = json.loads(yawid("replay", "out/log.mcap", "--out", "again", "--json"))
+assert again["manoeuvres"][0]["estimates"] == estimates
 assert "arx" not in yawid("replay", "--help")  # it does not recurse
 """,
 )
@@ -121,7 +122,7 @@ class HexLog:
             (
                 "def _record(path: Path",
                 "def _hex(path: Path, wanted: Iterable[str], options: "
-                '"ReadOptions") -> Reader:\n'
+                '"ReadOptions") -> "Reader":\n'
                 "    from yawid.sources.logs.hex_log import HexLog\n\n"
                 "    return HexLog(path, options.decoder(wanted))\n\n\n"
                 "def _record(path: Path",
@@ -296,6 +297,7 @@ def _greet(arguments: argparse.Namespace) -> int:
                 "from yawid.cli.greet import add_greet\nfrom yawid.cli.live import add_live\n",
             ),
             ("    add_trend(commands)\n", "    add_trend(commands)\n    add_greet(commands)\n"),
+            ('("fleet", "trend", ', '("fleet", "greet", "trend", '),
         )
     },
     RUN
