@@ -23,6 +23,7 @@ from yawid.fleet.local import local_workers
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
+from yawid.sinks.words import duration
 from yawid.sources.formats import FORMATS
 
 TIMEOUT_S: Final = 600.0
@@ -93,7 +94,7 @@ class Progress:
         text = f"{self.done} of {self.logs} logs, {self.done / passed_s:.2g}/s"
         if self.done_bytes:
             left_s = passed_s * (self.size - self.done_bytes) / self.done_bytes
-            text += f", {self.done_bytes / passed_s / 1e6:.2g} MB/s, {_duration(left_s)} left"
+            text += f", {self.done_bytes / passed_s / 1e6:.2g} MB/s, {duration(left_s)} left"
         return f"{text}; {counts}" if counts else text
 
 
@@ -247,9 +248,3 @@ def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
     found = {"path": log.path, "size_bytes": log.size, "modified": log.modified}
     entry = {name: [each | keys for each in below] for name, below in rows.items()}
     return entry | {"logs": [found | row | keys]}
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"

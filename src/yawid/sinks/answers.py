@@ -19,7 +19,16 @@ from yawid.answers.run_summary import (
     RunSummary,
 )
 from yawid.results.reasons import KINDS
-from yawid.sinks.words import GREEK, conditions, counted, dutch_roll, kappa, loop_of, with_sigma
+from yawid.sinks.words import (
+    GREEK,
+    conditions,
+    counted,
+    duration,
+    dutch_roll,
+    kappa,
+    loop_of,
+    with_sigma,
+)
 
 ROUGHLY: Final = "Roughly"
 Stretch = tuple[float | None, float | None]
@@ -167,7 +176,7 @@ def _sure(summary: RunSummary) -> Card:
         if answer.fit.simulation_pct is not None:
             explained_pct = max(answer.fit.simulation_pct, 0.0)
             notes.append(f"the model alone tells {explained_pct:.0f} % of the yaw rate")
-        notes.append(f"learnt from {_duration(answer.updates * answer.sample_time_s)} of flight")
+        notes.append(f"learnt from {duration(answer.updates * answer.sample_time_s)} of flight")
     if mode is not None and mode.wn_std is not None and mode.wn_std_noise is None:
         notes.append("σ is of noise alone")
     return _how_sure(summary, mode, notes)
@@ -184,7 +193,7 @@ def _sure_of_flight(summary: RunSummary, flight: Flight) -> Card:
     if known:
         notes.append(f"the models alone tell {_range(known)} % of the yaw rate")
     if used:
-        notes.append(f"learnt from {_duration(sum(each.duration_s for each in used))} of flight")
+        notes.append(f"learnt from {duration(sum(each.duration_s for each in used))} of flight")
     return _how_sure(summary, flight.dutch_roll, notes)
 
 
@@ -244,12 +253,6 @@ def _damped(zeta: float) -> str:
 
 def _period(wn_rad_s: float, zeta: float) -> float:
     return 2.0 * math.pi / (wn_rad_s * math.sqrt(1.0 - zeta * zeta))
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 120.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def _sentences(text: str) -> str:

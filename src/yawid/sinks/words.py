@@ -124,6 +124,13 @@ def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
     return " of noise alone" if told else ""
 
 
+def duration(seconds: float) -> str:
+    """Return how long something lasts, roughly."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
 def loop_of(loop: str | None) -> Loop:
     """Return whose numbers they are, by ``loop`` of a manoeuvre or a flight."""
     return _LOOPS.get(loop or "", _NO_LOOP)

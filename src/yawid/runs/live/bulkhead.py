@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from yawid.errors import YawidError
+from yawid.errors import SinkError, YawidError
 from yawid.sinks.door import show_traceback
 
 _T = TypeVar("_T")
@@ -47,7 +47,10 @@ class Bulkhead:
     def give_up(self, error: Exception) -> None:
         """Do without the part from here on."""
         if self.failure is None:
-            self.failure = f"{self.what} failed because of {cause_of(error)}"
+            cause = cause_of(error)
+            # What could not be written says that by itself.
+            is_said = isinstance(error, SinkError)
+            self.failure = cause if is_said else f"{self.what} failed because of {cause}"
             self._tell(f"{self.failure}: {self._goes_on}")
 
 

@@ -5,28 +5,33 @@ from collections.abc import Callable
 from pathlib import Path
 
 from yawid.errors import SinkError
-from yawid.runs.live.bulkhead import cause_of
+from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Call, Pace, Relay, Sink
 from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync, take_name
 
 LOOK_S = 1.0
 
 
-class Guard:
-    """What writes ``part`` and may fail; ``failure`` says why it was given up.
+class Guard(Bulkhead):
+    """What writes ``part`` and may fail, and is then closed; ``failure`` says why.
 
     A file that is removed while it is written raises no error by itself: that it is still there is
     looked at every ``LOOK_S``.
     """
 
-    what = "it"
+    without = "it"
     """What the session goes on without."""
 
     def __init__(self, part: Path, tell: Callable[[str], None]) -> None:
-        self.failure: str | None = None
+        super().__init__(part.name, f"the session goes on without {self.without}", tell)
         self._part = part
-        self._tell = tell
         self._look = Pace(LOOK_S)
+
+    def give_up(self, error: Exception) -> None:
+        """Do without it from here on."""
+        super().give_up(error)
+        with contextlib.suppress(Exception):  # why it failed has been said
+            self._close()
 
     def abort(self) -> None:
         """Close what is open, where it has not failed; its file keeps its unfinished name."""
@@ -41,18 +46,12 @@ class Guard:
             raise SinkError(f"{self._part} has been removed")
 
     def _attempt(self, act: Callable[[], object]) -> None:
-        """Do it, unless there was a failure before; a failure is said one time."""
-        if self.failure is None:
-            try:
-                with os_errors_as_sink_error(self._part):
-                    act()
-            except Exception as error:
-                self.failure = cause_of(error)
-                if not isinstance(error, SinkError):
-                    self.failure = f"{self._part.name} failed because of {self.failure}"
-                self._tell(f"{self.failure}: the session goes on without {self.what}")
-                with contextlib.suppress(Exception):  # why it failed has been said
-                    self._close()
+        """Do it, unless there was a failure before."""
+        self.attempt(lambda: self._write_by(act), None)
+
+    def _write_by(self, act: Callable[[], object]) -> None:
+        with os_errors_as_sink_error(self._part):
+            act()
 
 
 class Guarded(Guard, Relay):
@@ -86,7 +85,7 @@ class TlogRecorder(Guard):
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
 
-    what = "its tlog"
+    without = "its tlog"
 
     def __init__(self, path: Path, tell: Callable[[str], None], *, force: bool) -> None:
         part, self._stream = open_part(path, force=force)

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError, SinkError
+from yawid.errors import ConfigError
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
-from yawid.runs.live.bulkhead import cause_of
+from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Pace
 from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
 
@@ -30,7 +30,7 @@ _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", 
 _OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad")
 
 
-class StateFile:
+class StateFile(Bulkhead):
     """Estimators on disk, keyed by vehicle, channels and configuration.
 
     A line of JSON (version, key, sizes), then the bytes of each estimator. A state of another
@@ -43,9 +43,8 @@ class StateFile:
     """
 
     def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
-        self.failure: str | None = None
+        super().__init__("the state", "the state is not kept", tell)
         self._path = path
-        self._tell = tell
         self._pace = Pace(SAVE_S)
         self._keep_old = False
         self._writing: Future[None] | None = None
@@ -84,28 +83,17 @@ class StateFile:
         if self._writing is not None:
             if not self._writing.done():
                 return
-            self._attempt(self._writing.result)
+            self.attempt(self._writing.result, None)
             self._writing = None
         if pipeline.bank is not None and self.failure is None and self._pace.due():
-            self._attempt(lambda: self._begin(pipeline, worker))
+            self.attempt(lambda: self._begin(pipeline, worker), None)
 
     def save(self, pipeline: Pipeline) -> None:
         """Save now, if there is anything."""
         if self._writing is not None:
-            self._attempt(self._writing.result)
+            self.attempt(self._writing.result, None)
         if pipeline.bank is not None:
-            self._attempt(lambda: self._write(self._content(pipeline)))
-
-    def _attempt(self, act: Callable[[], None]) -> None:
-        """Do it, unless there was a failure before; a failure is said one time."""
-        if self.failure is None:
-            try:
-                act()
-            except Exception as error:
-                self.failure = cause_of(error)
-                if not isinstance(error, SinkError):
-                    self.failure = f"the state failed because of {self.failure}"
-                self._tell(f"{self.failure}: the state is not kept")
+            self.attempt(lambda: self._write(self._content(pipeline)), None)
 
     def _begin(self, pipeline: Pipeline, worker: Executor) -> None:
         self._writing = worker.submit(self._write, self._content(pipeline))
