@@ -36,7 +36,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/terminal": {"results", "sinks"},
     "report": {"config", "estimation", "offline", "physics", "results"} | {"sinks", "sinks/mcap"},
     "pipeline": {*STAGES, "manoeuvres", "results", "sinks"},
-    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"} | {"sources", *SINKS},
+    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
+    | {"sources", RECORDS, *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
     "runs/regress": {"config", "channels", "runs", "sinks", "sources", LOGS},

@@ -46,7 +46,7 @@ JUDGED_AGAIN = frozenset(
 
 
 class FinishedRun:
-    """A run's MCAP to be replayed, as :class:`yawid.runs.recorded_log.RecordedLog` is.
+    """A run's MCAP to be replayed, as :class:`yawid.runs.job.RecordedLog` is.
 
     Raises:
         SourceError: the file cannot be read, was not finished or is not a run's.

@@ -36,8 +36,7 @@ from yawid.results.make_card import SAMPLES_PER_PERIOD, Flown, make_card, why_no
 from yawid.results.reasons import Verdict
 from yawid.results.summary import as_summary
 from yawid.runs.choose_orders import with_orders
-from yawid.runs.job import KeptSamples, run
-from yawid.runs.recorded_log import RecordedLog
+from yawid.runs.job import KeptSamples, RecordedLog, run
 from yawid.runs.trials import Trial, Trials
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions

@@ -20,7 +20,6 @@ from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import Signing, SigningKey
 
 if TYPE_CHECKING:
-    from yawid.sources.records.column_values import Settled
     from yawid.sources.records.record import Record
 
 IN_MEMORY = 64 << 20
@@ -130,26 +129,6 @@ class Log:
 
         assert isinstance(self._reader, Record)
         return self._reader
-
-    def settle(
-        self,
-        columns: tuple[str, ...],
-        units: str | None,
-        rudder_unit: str | None,
-        rudder_sign: str | None,
-        rudder_max_deg: float | None,
-        needs: tuple[str, ...],
-    ) -> "Settled":
-        """Say what a record's columns mean; see :class:`yawid.sources.records.find_columns.Asked`.
-
-        Raises:
-            ConfigError, ChannelError, SourceError: as ``Record.settle``.
-        """
-        from yawid.sources.records.find_columns import Asked
-
-        asked = Asked(columns, units, rudder_unit, rudder_sign, rudder_max_deg, needs)
-        assert self.record is not None, "a log needs no settling"
-        return self.record.settle(asked)
 
     @property
     def sha256(self) -> str:
