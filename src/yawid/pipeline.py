@@ -13,9 +13,10 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.channel_report import ChannelReport
 from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.blocks import FrameBlock, ModesBlock, RecordBlock, SampleBlock
-from yawid.channels.report import ChannelReport, report_of
+from yawid.channels.report import report_of
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank

@@ -1,77 +1,20 @@
-"""What a run's channels have to say at its end, or at any time: a frozen struct for the summary.
+"""What a run's channels have to say at its end, or at any time."""
 
-Reasons are pairs of id and text: what an id means is said in ``results/reasons.py``.
-"""
-
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from functools import partial
 
-from yawid.blocks import Held
+from msgspec import convert
+from msgspec.structs import replace
+
+from yawid.answers.channel_report import ChannelReport, Said
+from yawid.answers.run_summary import BootSpan, ChannelFound, LinkCounts, VehicleSeen
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US
 from yawid.channels.stage import Channels
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.surface_reader import LEAST_SHARE, TOLERANCE, Twins
-from yawid.channels.vehicle import Vehicle
 from yawid.channels.yaw_reader import COARSE, SOURCES
-
-Said = tuple[str, str]
-"""The id of a reason, and its text."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelSource:
-    """Where a channel comes from, how it was found, its travel, and how often it comes.
-
-    ``rate_hz`` is of the first seconds, which chose the grid, unless ``first_rate_hz`` stands
-    beside it: then it is the whole run's, which is another by more than its jitter.
-    """
-
-    source: str = ""
-    how: str | None = None
-    min_us: float | None = None
-    trim_us: float | None = None
-    max_us: float | None = None
-    reversed: bool | None = None
-    rate_hz: float | None = None
-    first_rate_hz: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelReport:
-    """What the channels have to say.
-
-    ``vehicles`` are all on the link, by the fields of their addresses; ``boots_us`` is what each
-    boot covers, in microseconds since it. ``missing`` says which of rudder and yaw there is not,
-    where a vehicle was found; ``why_no_vehicle`` why none was. ``reasons`` are what is assumed of
-    the channels; ``commands`` gives those of a rudder that commanded nothing, where it is told why
-    it is believed all the same. ``rates_hz`` are those of yaw and rudder in the first seconds, None
-    without samples, ``later_hz`` those of the whole run. ``used`` samples update the estimators,
-    ``held`` is why others do not. ``rudder_message`` is the one that a rudder was found in, and
-    ``has_functions`` says whether any servo has one.
-    """
-
-    is_record: bool
-    vehicle: Vehicle | None
-    vehicles: list[dict[str, int]]
-    why_no_vehicle: str
-    boots_us: Mapping[int, tuple[float, float]]
-    reboots: int
-    clock_steps: int
-    gaps: int
-    leap_us: int
-    channels: Mapping[str, ChannelSource]
-    rudder_message: str | None
-    has_functions: bool
-    missing: tuple[Said, ...]
-    reasons: tuple[Said, ...]
-    commands: Callable[[Callable[[], str]], Iterable[Said]]
-    rates_hz: tuple[float, float] | None
-    later_hz: tuple[float, float]
-    used: int
-    held: Held
 
 
 def report_of(channels: Channels) -> ChannelReport:
@@ -80,14 +23,19 @@ def report_of(channels: Channels) -> ChannelReport:
     intervals_us, (yaw_flow, rudder_flow) = channels.intervals_us, channels.flows
     return ChannelReport(
         is_record=channels.is_record,
-        vehicle=lock.vehicle,
-        vehicles=lock.vehicles,
+        vehicle=convert(lock.vehicle, VehicleSeen | None, from_attributes=True),
+        vehicles=convert(lock.vehicles, list[VehicleSeen]),
         why_no_vehicle="" if lock.vehicle else lock.why_none(),
-        boots_us=dict(channels.boots.spans_us),
-        reboots=segmenter.reboots,
-        clock_steps=segmenter.clock_steps,
-        gaps=segmenter.silences + (0 if aligner is None else aligner.gaps),
-        leap_us=segmenter.leap_us,
+        boots=[
+            BootSpan(boot=number, from_s=first / 1e6, to_s=last / 1e6)
+            for number, (first, last) in channels.boots.spans_us.items()
+        ],
+        breaks=LinkCounts(
+            reboots=segmenter.reboots,
+            clock_steps=segmenter.clock_steps,
+            gaps=segmenter.silences + (0 if aligner is None else aligner.gaps),
+            clock_leap_s=segmenter.leap_us / 1e6 if segmenter.leap_us else None,
+        ),
         channels=_sources(channels),
         rudder_message=channels.surfaces[0].message if channels.surfaces else None,
         has_functions=any(channels.parameters.functions().values()),
@@ -101,8 +49,8 @@ def report_of(channels: Channels) -> ChannelReport:
     )
 
 
-def _sources(channels: Channels) -> dict[str, ChannelSource]:
-    yaw_rate, surface_rate = ChannelSource(), ChannelSource()
+def _sources(channels: Channels) -> dict[str, ChannelFound]:
+    yaw_rate, surface_rate = ChannelFound(""), ChannelFound("")
     if channels.intervals_us is not None:
         yaw_rate, surface_rate = (
             _rate(1e6 / interval_us, flow.rate_hz)
@@ -117,13 +65,13 @@ def _sources(channels: Channels) -> dict[str, ChannelSource]:
     return found
 
 
-def _rate(first_hz: float, whole_hz: float) -> ChannelSource:
+def _rate(first_hz: float, whole_hz: float) -> ChannelFound:
     changed = abs(whole_hz - first_hz) > (RATE_TOLERANCE - 1.0) * first_hz
     rates = (whole_hz, first_hz) if changed else (first_hz, None)
-    return ChannelSource(rate_hz=rates[0], first_rate_hz=rates[1])
+    return ChannelFound("", rate_hz=rates[0], first_rate_hz=rates[1])
 
 
-def _source_of(surface: Surface, twins: Twins, rate: ChannelSource) -> ChannelSource:
+def _source_of(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFound:
     found = replace(rate, source=surface.source, how=twins.how(surface))
     first = surface.parts[0]
     if first.travel_us is None:

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
+from yawid.answers.channel_report import ChannelReport
 from yawid.answers.run_summary import ReasonSummary, RunSummary
-from yawid.channels.report import ChannelReport
 from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
 
@@ -40,7 +40,8 @@ def _no_rudder(report: ChannelReport) -> str:
     if message is not None:
         return f"ask for {message} at {ASK_HZ} Hz or more: it tells where the rudder is"
     if vehicle.type in WITHOUT_RUDDER:
-        return f"a {vehicle.type_name} has no rudder to learn from: record an aircraft that has one"
+        kind = f"{vehicle.type_name} (type {vehicle.type})"
+        return f"a {kind} has no rudder to learn from: record an aircraft that has one"
     if vehicle.autopilot == ARDUPILOT and report.has_functions:
         return (
             "if a servo does move a rudder, give it SERVOn_FUNCTION = 21 (V-tail: 79 and 80), or "

@@ -2,17 +2,15 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
 import numpy as np
-from msgspec import convert
 from msgspec.structs import replace
 
+from yawid.answers.channel_report import ChannelReport
 from yawid.answers.run_summary import (
-    BootSpan,
-    ChannelFound,
     DutchRoll,
     Fit,
     Flight,
@@ -24,11 +22,9 @@ from yawid.answers.run_summary import (
     ReasonSummary,
     RunSummary,
     Value,
-    VehicleSeen,
     VerdictSummary,
 )
 from yawid.blocks import Floats, finite, strokes, window_of, words
-from yawid.channels.report import ChannelReport
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, PastModels, SampleHistory
 from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
@@ -77,10 +73,6 @@ def summarise(
     ``link`` counts what was read.
     """
     bank, report = pipeline.bank, pipeline.report()
-    boots = [
-        BootSpan(boot=number, from_s=first / 1e6, to_s=last / 1e6)
-        for number, (first, last) in report.boots_us.items()
-    ]
     estimates: dict[str, MethodSummary] | None = None
     evidence: dict[str, Evidence] = {}
     if bank is not None and report.rudder_message is not None:
@@ -92,11 +84,11 @@ def summarise(
         log=log,
         sha256=sha256,
         duration_s=max((link.last_us or 0) - (link.first_us or 0), 0) / 1e6,
-        vehicle=convert(report.vehicle, VehicleSeen | None, from_attributes=True),
-        vehicles=convert(report.vehicles, list[VehicleSeen]) if len(report.vehicles) > 1 else None,
-        boots=boots if len(boots) > 1 else None,
+        vehicle=report.vehicle,
+        vehicles=report.vehicles if len(report.vehicles) > 1 else None,
+        boots=report.boots if len(report.boots) > 1 else None,
         link=_link(link, report),
-        channels={name: ChannelFound(**asdict(each)) for name, each in report.channels.items()},
+        channels=dict(report.channels),
         estimates=estimates,
         verdict=as_summary(verdict),
         manoeuvres=pipeline.manoeuvres,
@@ -117,16 +109,10 @@ def as_summary(verdict: Verdict) -> VerdictSummary:
 
 
 def _link(link: LinkStats, report: ChannelReport) -> LinkCounts:
-    breaks = LinkCounts(
-        reboots=report.reboots,
-        clock_steps=report.clock_steps,
-        gaps=report.gaps,
-        clock_leap_s=report.leap_us / 1e6 if report.leap_us else None,
-    )
     if report.is_record:
-        return breaks
+        return report.breaks
     return replace(
-        breaks,
+        report.breaks,
         frames=link.frames,
         skipped_bytes=link.skipped_bytes,
         bad_crc=link.bad_crc,
