@@ -65,9 +65,8 @@ def arx(record: RecordFit, _settled: float) -> Floats:
                 "    ),\n",
             ),
             (
-                "from yawid.config.estimator import ELS, RML\n",
-                "from yawid.config.estimator import ELS, RML\n"
-                "from yawid.estimation.arx import arx\n",
+                "from yawid.config.names import ELS, RML\n",
+                "from yawid.config.names import ELS, RML\nfrom yawid.estimation.arx import arx\n",
             ),
         )
     },

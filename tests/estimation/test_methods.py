@@ -4,10 +4,10 @@ import re
 
 from places import SRC
 
-from yawid.config.estimator import RECURSIVE
+from yawid.config.names import RECURSIVE
 from yawid.estimation.methods import METHODS, of_a_record
 
-NAMED = {SRC / "config/estimator.py", SRC / "estimation/methods.py"}
+NAMED = {SRC / "config/names.py"}
 
 
 def test_no_other_file_compares_the_names_of_methods():

@@ -7,7 +7,7 @@ from collections.abc import Callable, Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
-from yawid.config.estimator import ELS, RECURSIVE, RML
+from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError
 from yawid.sinks.door import plain, tell_whole
 

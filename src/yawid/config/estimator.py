@@ -10,12 +10,10 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from yawid.config.fields import Count, NotNegative, Positive, Share, check_fields, one_of
+from yawid.config.names import ELS, RECURSIVE
 from yawid.errors import ConfigError
 
 Engine = Literal["numba", "filterpy"]
-ELS, RML = "els", "rml"
-RECURSIVE = (ELS, RML)
-"""The methods that recurse. What else there is to say of them: ``estimation/methods.py``."""
 Order = Annotated[int, Meta(ge=0, le=50, description="be an int from 0 to 50")]
 
 

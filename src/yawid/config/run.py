@@ -11,15 +11,13 @@ import tomli_w
 from msgspec import Meta, ValidationError, convert
 
 from yawid.config.estimator import (
-    ELS,
-    RECURSIVE,
-    RML,
     ArmaxOrders,
     Engine,
     EstimatorConfig,
     forgetting_factor,
 )
 from yawid.config.fields import Finite, Positive, Share, check_fields, fits, one_of
+from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError
 
 BOTH = ("rudder", "aileron")

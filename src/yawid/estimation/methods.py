@@ -1,7 +1,7 @@
 """THE table of methods: what each is called, how it learns, how it is drawn, and who checks it.
 
 A further method of a record is a file with its fit and its scores, and a row here. One that
-recurses is a recursion of the kernel as well, and a name in ``config/estimator.py``.
+recurses is a recursion of the kernel as well, and a name in ``config/names.py``.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from yawid.blocks import Floats
-from yawid.config.estimator import ELS, RML
+from yawid.config.names import ELS, RML
 from yawid.estimation.prediction_error import RecordFit, Scores
 
 

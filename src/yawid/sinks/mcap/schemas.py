@@ -19,7 +19,7 @@ from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
 from yawid.blocks import Held, Noted, Status, words
-from yawid.config.estimator import RECURSIVE
+from yawid.config.names import RECURSIVE
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import OF_NOISE, RUDDER, YAW_CHANNEL, quantity
 from yawid.quantities.units import HALF_TRAVEL
