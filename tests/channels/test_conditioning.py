@@ -173,6 +173,7 @@ def test_the_stroke_is_that_of_the_newest_window_wherever_the_stream_is_cut(u, w
         np.testing.assert_array_equal(later, expected[cut:])
 
 
+@settings(max_examples=30)
 @given(cuts=st.lists(st.integers(1, 399), max_size=6, unique=True), seed=st.integers(0, 50))
 def test_notes_do_not_depend_on_the_cut_and_a_new_meaning_of_the_rudder_is_new_rest(cuts, seed):
     rng = np.random.default_rng(seed)

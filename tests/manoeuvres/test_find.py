@@ -301,7 +301,7 @@ def built(pieces: list[dict[str, Any]]) -> SampleBlock:
 EDGES = st.lists(st.integers(0, 3500), max_size=30)
 
 
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=50)
 @given(pieces=PIECES, edges=EDGES)
 def test_where_the_stream_is_cut_into_blocks_changes_nothing(
     pieces: list[dict[str, Any]], edges: list[int]
@@ -310,14 +310,14 @@ def test_where_the_stream_is_cut_into_blocks_changes_nothing(
     assert_same(found_in(samples, edges), found_in(samples))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=8)
 @given(pieces=PIECES)
 def test_sample_by_sample_is_the_same_too(pieces: list[dict[str, Any]]):
     samples = built(pieces)
     assert_same(found_in(samples, range(len(samples))), found_in(samples))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(pieces=PIECES)
 def test_each_is_a_piece_of_the_stream_as_it_came(pieces: list[dict[str, Any]]):
     """In order, once each, no row invented, none longer than 120 s, one boot, mode and epoch"""
@@ -335,7 +335,7 @@ def test_each_is_a_piece_of_the_stream_as_it_came(pieces: list[dict[str, Any]]):
         assert np.all(np.diff(each.k[each.held == 0]) <= 2 * HZ)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(pieces=PIECES, stop=st.integers(1, 3500))
 def test_what_has_been_found_depends_on_nothing_that_comes_later(
     pieces: list[dict[str, Any]], stop: int

@@ -6,6 +6,7 @@ The pages are of a real run whose summary was given the manoeuvres of flights ma
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -44,6 +45,7 @@ from yawid.sinks.mcap.reader import McapRun, open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
 Paged = Callable[[RunSummary], McapRun]
+Drawn = Callable[[RunSummary], str]
 
 
 @pytest.fixture(scope="module")
@@ -58,13 +60,27 @@ def paged(tmp_path_factory: pytest.TempPathFactory) -> Paged:
     return of
 
 
+@pytest.fixture(scope="module")
+def drawn(drawn: Drawn) -> Callable[[RunSummary], str]:
+    """Return a function that gives the page of such a run, which takes seconds to draw, once."""
+    pages: dict[str, str] = {}
+
+    def of(hand: RunSummary) -> str:
+        key = json.dumps(hand.to_json())
+        if key not in pages:
+            pages[key] = drawn(hand)
+        return pages[key]
+
+    return of
+
+
 def section(html: str, heading: str) -> str:
     """Return the text between a heading and the next one."""
     return Page(html.partition(f"<h2>{heading}</h2>")[2].partition("<h2>")[0]).text
 
 
-def test_the_first_screen_is_the_flights(paged: Paged) -> None:
-    text = first_screen(report(paged(four_of_a_flight())))
+def test_the_first_screen_is_the_flights(drawn: Drawn) -> None:
+    text = first_screen(drawn(four_of_a_flight()))
 
     assert "2026-03-05 12:14:37 UTC · RML, orders na,nb,nc,nk = 3,3,2,1" in text
     assert "It is that of the aircraft with its roll loop, at 22.0 m/s (airspeed)" in text
@@ -99,8 +115,8 @@ def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path)
     assert "M. T. Vu" in symbols
 
 
-def test_each_manoeuvre_stands_with_all_its_conditions(paged: Paged) -> None:
-    html = report(paged(four_of_a_flight()))
+def test_each_manoeuvre_stands_with_all_its_conditions(drawn: Drawn) -> None:
+    html = drawn(four_of_a_flight())
     text = section(html, "Manoeuvres")
 
     assert (
@@ -129,8 +145,8 @@ def test_the_section_says_what_sigma_is_of() -> None:
     assert "11.92 ± 0.11 0.410 ± 0.012 0.3080" in older
 
 
-def test_what_was_flown_otherwise_is_said_row_by_row(paged: Paged) -> None:
-    text = section(report(paged(mixed_loops())), "Manoeuvres")
+def test_what_was_flown_otherwise_is_said_row_by_row(drawn: Drawn) -> None:
+    text = section(drawn(mixed_loops()), "Manoeuvres")
 
     assert "MANUAL airframe 22.00 ± 0.30 airspeed 102 rudder, aileron" in text
     assert "FBWA with roll loop 22.00 ± 0.30 ground speed" in text
@@ -138,18 +154,18 @@ def test_what_was_flown_otherwise_is_said_row_by_row(paged: Paged) -> None:
     assert text.count("other loop") == 2
 
 
-def test_what_is_the_streams_is_called_so(paged: Paged) -> None:
-    text = Page(report(paged(four_of_a_flight()))).text
+def test_what_is_the_streams_is_called_so(drawn: Drawn) -> None:
+    text = Page(drawn(four_of_a_flight())).text
 
     assert "not of the flight's answer above. By themselves they would be usable (" in text
     assert "answers" not in text.partition("Parameters, ± σ")[2].partition("a1")[0]
-    alone = Page(report(paged(summary(None, None)))).text
+    alone = Page(drawn(summary(None, None))).text
     assert "The stream, sample by sample" not in alone
     assert "Manoeuvres" not in alone
 
 
-def test_a_run_in_which_none_was_found_says_so_on_the_page(paged: Paged) -> None:
-    html = report(paged(summary([], None)))
+def test_a_run_in_which_none_was_found_says_so_on_the_page(drawn: Drawn) -> None:
+    html = drawn(summary([], None))
 
     assert section(html, "Manoeuvres").startswith("no manoeuvre found: the rudder never moved")
     assert "hatched" not in Page(html).text
@@ -157,9 +173,9 @@ def test_a_run_in_which_none_was_found_says_so_on_the_page(paged: Paged) -> None
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_picture_over_airspeed_stands_where_there_are_airspeeds(
-    name: str, paged: Paged
+    name: str, drawn: Drawn
 ) -> None:
-    page = Page(report(paged(EVERY[name]())))
+    page = Page(drawn(EVERY[name]()))
 
     assert len(page.ids) == len(set(page.ids))
     has = "airspeed" in page.ids
@@ -240,10 +256,10 @@ def test_numbers_of_many_manoeuvres_do_not_hide_one_another(paged: Paged) -> Non
     assert min(np.diff(places)) > 0.07 * 2500.0
 
 
-def test_hostile_words_of_a_manoeuvre_are_shown_and_never_obeyed(paged: Paged) -> None:
+def test_hostile_words_of_a_manoeuvre_are_shown_and_never_obeyed(drawn: Drawn) -> None:
     bad = "<img src=x onerror=alert(1)>"
     odd = manoeuvre(1, mode=bad, loop=bad, date=bad, airspeed_source=bad, inputs=[bad])
-    page = Page(report(paged(summary([odd, manoeuvre(2)], flight(date=bad, loop=bad)))))
+    page = Page(drawn(summary([odd, manoeuvre(2)], flight(date=bad, loop=bad))))
 
     assert "img" not in page.tags
     assert bad in page.text
@@ -271,10 +287,10 @@ PAPER_PX = round((210.0 - 2 * 13.0) / 25.4 * 96.0)
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
 @pytest.mark.parametrize("name", ["four_of_a_flight", "forty"])
 def test_a_browser_shows_it_within_its_width_and_no_legend_on_a_line(
-    name: str, paged: Paged, tmp_path: Path
+    name: str, drawn: Drawn, tmp_path: Path
 ) -> None:
     path = tmp_path / "page.html"
-    path.write_text(report(paged(EVERY[name]())))
+    path.write_text(drawn(EVERY[name]()))
     with Browser() as browser:
         for width, phone in ((1280, False), (360, True)):
             browser.open(path.as_uri(), width, 800, phone=phone)
@@ -288,8 +304,8 @@ def test_a_browser_shows_it_within_its_width_and_no_legend_on_a_line(
 
 
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
-def test_printed_every_number_is_on_the_paper(paged: Paged, tmp_path: Path) -> None:
-    html = report(paged(four_of_a_flight()))
+def test_printed_every_number_is_on_the_paper(drawn: Drawn, tmp_path: Path) -> None:
+    html = drawn(four_of_a_flight())
     path, printed = tmp_path / "page.html", tmp_path / "page.pdf"
     path.write_text(html)
     with Browser() as browser:
