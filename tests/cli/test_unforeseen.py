@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hostile import FLIGHT
 
-import yawid.runs.replay
+import yawid.runs.job
 from yawid.cli.main import main
 from yawid.errors import EXIT_CODES
 
@@ -19,7 +19,7 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a line\nand \x1b[2Jmore")
 
-    monkeypatch.setattr(yawid.runs.replay, "summarise", fail)
+    monkeypatch.setattr(yawid.runs.job, "summarise", fail)
     (tmp_path / "a.tlog").write_bytes(FLIGHT)
     return tmp_path / "a.tlog"
 

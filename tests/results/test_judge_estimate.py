@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -42,7 +43,8 @@ def test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit(lined: Path):
 
 @pytest.mark.slow
 def test_choosing_the_orders_by_the_log_does_not_make_the_line_usable(lined: Path):
-    verdict = judged(lined, with_orders(open_log(lined, again=True), RunConfig(orders="auto")))
+    with closing(open_log(lined, again=True)) as source:
+        verdict = judged(lined, with_orders(source, RunConfig(orders="auto")))
 
     assert "mode_not_driven" in {reason.id for reason in verdict.reasons}
 

@@ -92,7 +92,7 @@ def _card(card: Card, kind: str) -> str:
 def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
     """Return a list of what is to be known: of each its weight, name, text, and what to do."""
     lines = [
-        f'<li class="{weight}"><b>{safe(name)}</b>{prose(text)}. '
+        f'<li class="{safe(weight)}"><b>{safe(name)}</b>{prose(text)}. '
         f'<span class="advice">{prose(to_do)}</span></li>\n'
         for weight, name, text, to_do in items
     ]

@@ -14,6 +14,8 @@ from yawid.sinks.words import dutch_roll
 QUIET_S = 1.5
 """So long without anything, and what was last estimated is no longer how things stand."""
 SILENT = "silent"
+_LATE_S = 0.3
+"""By so much a busy machine may read the last bytes later than they came."""
 _STEP_US = 250
 _BINS = 4000  # to 1 s; what takes longer counts as that
 
@@ -63,10 +65,10 @@ class Standing:
 
     def quiet(self, pipeline: Pipeline, now_us: int) -> str:
         """Return what is to be said of a link or a vehicle that has fallen silent, or nothing."""
-        quiet_s = (now_us - self.received_us) / 1e6
-        if self.received_us and quiet_s > QUIET_S:
+        quiet_s, idle_s = (now_us - self.received_us) / 1e6, _idle_s(pipeline, now_us)
+        ends_with_samples = idle_s > 0.0 and idle_s - quiet_s < _LATE_S
+        if self.received_us and (quiet_s > QUIET_S or ends_with_samples):
             return f"nothing received for {quiet_s:.0f} s"
-        idle_s = _idle_s(pipeline, now_us)
         return f"no sample for {idle_s:.0f} s" if idle_s else ""
 
 

@@ -7,7 +7,7 @@ there is no answer, and the verdict says so.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -96,14 +96,8 @@ class Remains:
 
     def _config(self) -> RunConfig:
         """Return the configuration that the head of the file tells."""
-        of_type = {known.name: known.type for known in fields(RunConfig)}
-        texts_of = self.metadata["configuration"]
-        settings = {
-            name: text
-            if of_type.get(name) is str or (of_type.get(name) == str | None and text != "null")
-            else json.loads(text)
-            for name, text in texts_of.items()
-        }
+        texts = self.metadata["configuration"]
+        settings = {name: _value(text) for name, text in texts.items()}
         given = {name: value for name, value in settings.items() if value is not None}
         return RunConfig(**check_settings(given, "configuration"))
 
@@ -147,6 +141,14 @@ class Remains:
             dutch_roll=roll,
             fit=Fit(),
         )
+
+
+def _value(text: str) -> Any:
+    """Return a setting as metadata have it: in JSON, but for a text, which stands as it is."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
 
 
 def _read(topic: str, data: bytes) -> Any:
