@@ -68,7 +68,7 @@ def drawn(drawn: Drawn) -> Callable[[RunSummary], str]:
     def of(hand: RunSummary) -> str:
         key = json.dumps(hand.to_json())
         if key not in pages:
-            pages[key] = drawn(hand)
+            pages[key] = report(paged(hand))
         return pages[key]
 
     return of
