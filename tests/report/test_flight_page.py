@@ -61,7 +61,7 @@ def paged(tmp_path_factory: pytest.TempPathFactory) -> Paged:
 
 
 @pytest.fixture(scope="module")
-def drawn(drawn: Drawn) -> Callable[[RunSummary], str]:
+def drawn(paged: Paged) -> Callable[[RunSummary], str]:
     """Return a function that gives the page of such a run, which takes seconds to draw, once."""
     pages: dict[str, str] = {}
 
