@@ -21,7 +21,7 @@ PYTEST = [sys.executable, "-m", "pytest", "-p", "no:hypothesispytest"]  # it tak
 READS = {"recv", "recvfrom", "accept"}
 HAS_A_LIMIT = {
     # It is the wait that is tested: its socket has a timeout.
-    ("tests/sources/link/test_receiver.py", "receiver.wait()"),
+    ("tests/sources/link/test_recvmmsg.py", "receiver.wait()"),
     ("tools/checks/children.py", "subprocess.Popen(command, **options)"),
 }
 

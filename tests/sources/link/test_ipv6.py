@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import struct
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,11 +16,12 @@ from sources.tlog_records import BY_NAME, message, pack, random_records, sender
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
-from yawid.sources.link.receiver import _address
+from yawid.sources.link.recvmmsg import ManyAtOnce, OneByOne, _address, _Senders
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
 
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 50)]
+KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
 
 
 def has_ipv6() -> bool:
@@ -48,9 +51,11 @@ def heard(tap: UdpTap | StreamTap, size: int) -> bytes:
     return data
 
 
+@pytest.mark.parametrize("kind", KINDS)
 def test_datagrams_come_whole_and_an_answer_goes_back_to_their_sender(
-    vehicle: socket.socket,
+    kind: type[OneByOne | ManyAtOnce], vehicle: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("yawid.sources.link.udp.make_receiver", kind)
     with UdpTap(Endpoint("::1", 0), may_transmit=True) as tap:
         for frame in FRAMES:
             vehicle.sendto(frame, tap.address)
@@ -99,7 +104,10 @@ def test_an_address_of_another_machine_is_one_line_with_the_remedy() -> None:
 
 
 def test_a_sender_on_a_link_of_its_own_is_named_with_the_link() -> None:
-    assert _address("fe80::1", 14550, 0, 2) == ("fe80::1%2", 14550)
+    raw = socket.inet_pton(socket.AF_INET6, "fe80::1")
+    name = struct.pack("=H", socket.AF_INET6) + struct.pack(">HI", 14550, 0) + raw
+    name += struct.pack("=I", 2) + bytes(4)
+    assert _Senders()[name] == _address("fe80::1", 14550, 0, 2) == ("fe80::1%2", 14550)
 
 
 def test_a_tcp_connection_is_recorded_and_can_be_answered() -> None:

@@ -1,21 +1,23 @@
-"""Datagrams off a real socket: whole, in order, with their senders and times."""
+"""Datagrams off a real socket: one by one and many at once are the same datagrams."""
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import socket
 import struct
 import sys
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from yawid.sources.link.receiver import MOST, NOTHING, Receiver
+from yawid.sources.link.recvmmsg import MOST, NOTHING, ManyAtOnce, OneByOne, Receiver, make_receiver
 
 SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
-IS_TIMED = [True, False] if sys.platform == "linux" else [False]
-"""Whether a datagram comes with its time."""
+KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
 
 
 @pytest.fixture
@@ -35,33 +37,28 @@ def vehicles() -> Iterator[list[socket.socket]]:
         link.close()
 
 
-@pytest.mark.parametrize("timed", IS_TIMED)
+@pytest.mark.parametrize("kind", KINDS)
 def test_datagrams_of_any_size_come_whole_in_order_and_with_their_senders(
-    timed: bool,
-    hearing: socket.socket,
-    vehicles: list[socket.socket],
-    monkeypatch: pytest.MonkeyPatch,
+    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    monkeypatch.setattr("yawid.sources.link.receiver._HAS_TIME", timed)
     rng = np.random.default_rng(0)
     sent = []
     for i in range(3 * MOST // 2):
         link, data = vehicles[i % 2], rng.bytes(SIZES[i % len(SIZES)])
         link.sendto(data, hearing.getsockname())
         sent.append((data, ("127.0.0.1", link.getsockname()[1])))
-    receiver = Receiver(hearing)
+    receiver = kind(hearing)
     assert [(data, sender) for _, data, sender in everything(receiver)] == sent
 
 
-@pytest.mark.parametrize("timed", IS_TIMED)
+@pytest.mark.parametrize("kind", KINDS)
 def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
-    timed: bool, hearing: socket.socket, monkeypatch: pytest.MonkeyPatch
+    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket
 ) -> None:
-    monkeypatch.setattr("yawid.sources.link.receiver._HAS_TIME", timed)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
-    receiver = Receiver(hearing)
+    receiver = kind(hearing)
     assert receiver.wait() == receiver.get() == NOTHING
     hearing.connect(nobody)
     for ask in (receiver.wait, receiver.get):
@@ -73,7 +70,8 @@ def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
 def test_the_time_told_is_when_the_system_had_the_datagram(
     hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    receiver = Receiver(hearing)
+    receiver = make_receiver(hearing)
+    assert isinstance(receiver, ManyAtOnce)
     until_it_tells(receiver, hearing, vehicles[0])
     before_us = time.time_ns() // 1000
     for link in vehicles:
@@ -90,12 +88,27 @@ def test_the_time_told_is_when_the_system_had_the_datagram(
 def test_a_time_the_system_does_not_tell_is_not_the_one_before(
     hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    receiver = Receiver(hearing)
+    receiver = make_receiver(hearing)
     vehicles[0].sendto(b"told", hearing.getsockname())
     assert everything(receiver)[0][0] > 0
     hearing.setsockopt(socket.SOL_SOCKET, 29, 0)
     vehicles[0].sendto(b"not told", hearing.getsockname())
     assert [(told_us, data) for told_us, data, _ in everything(receiver)] == [(0, b"not told")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the call is Linux's")
+@pytest.mark.parametrize("code", [None, errno.ENOSYS, errno.EPERM])
+def test_a_system_that_has_no_such_call_or_refuses_it_is_asked_one_by_one(
+    code: int | None, hearing: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> int:
+        assert code is not None
+        ctypes.set_errno(code)
+        return -1
+
+    library = SimpleNamespace() if code is None else SimpleNamespace(recvmmsg=refuse)
+    monkeypatch.setattr("yawid.sources.link.recvmmsg.ctypes.CDLL", lambda *_, **__: library)
+    assert isinstance(make_receiver(hearing), OneByOne)
 
 
 def until_it_tells(receiver: Receiver, hearing: socket.socket, link: socket.socket) -> None:
