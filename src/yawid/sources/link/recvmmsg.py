@@ -2,8 +2,8 @@
 
 Measured with 100 datagrams waiting: 0.55 us of CPU each, with their times of arrival, against 0.93
 us by ``recvfrom`` without; besides, each call gives the interpreter's lock away and waits for it
-again: with 50 vehicles recvmsg for each costs 15 % more of a core. ``recvmmsg`` is not in Python's socket module; what it is given and
-gives back is laid out as in recvmmsg(2) and cmsg(3).
+again: with 50 vehicles recvmsg for each costs 15 % more of a core. ``recvmmsg`` is not in Python's
+socket module; what it is given and gives back is laid out as in recvmmsg(2) and cmsg(3).
 """
 
 import contextlib
