@@ -136,11 +136,11 @@ def test_what_is_sent_to_a_vehicle_is_not_drawn_to_who_claims_to_be_it(key: byte
             vehicle.sendto(true, tap.address)
             forger.sendto(forged, tap.address)
             sent += 2
-        patience_s = time.monotonic() + 10.0
+        patience_s = time.monotonic() + 60.0
         while tap.inbox.received < sent and time.monotonic() < patience_s:
             tap.read(0.05)
         tap.read(0.0)
-        vehicle.settimeout(5.0)
+        vehicle.settimeout(60.0)
         forger.settimeout(0.0)
         assert tap.transmit(b"hello", 1)
         assert vehicle.recv(100) == b"hello"

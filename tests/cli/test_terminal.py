@@ -195,7 +195,7 @@ def test_no_frame_of_a_link_is_a_command_to_the_terminal(
     sender = threading.Timer(0.7, send, ([*hostile, *frames(12.0)], port))
     sender.start()
     main(["live", *argv, "--manoeuvres", "off", "--rate", "10"])
-    sender.join(10.0)
+    sender.join(60.0)
     written = capfdbinary.readouterr()
 
     assert b"verdict" in written.out

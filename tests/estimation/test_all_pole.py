@@ -56,7 +56,7 @@ def test_a_long_record_is_filtered_beside_other_threads():
     filtered = all_pole(np.array([-0.5]), x, np.zeros((1, 1)))
     counted = times[0] - before
     is_over.set()
-    other.join(10.0)
+    other.join(60.0)
     assert filtered[-1, 0] == 2.0
     assert counted > 3
 

@@ -66,7 +66,7 @@ def test_a_pipe_in_the_place_of_code_is_not_waited_for(code: Path) -> None:
     os.mkfifo(code)
     looking = threading.Thread(target=kept.find, args=[NAME], daemon=True)
     looking.start()
-    looking.join(5.0)
+    looking.join(60.0)
     is_waiting = looking.is_alive()
     if is_waiting:  # who waits for a writer gets one that writes nothing
         os.close(os.open(code, os.O_WRONLY | os.O_NONBLOCK))

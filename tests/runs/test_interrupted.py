@@ -212,7 +212,7 @@ def test_a_second_signal_ends_at_once() -> None:
             process.send_signal(signal.SIGINT)
             assert process.stdout.readline() == "told\n"
             process.send_signal(second)
-            assert process.wait(10.0) == code
+            assert process.wait(60.0) == code
 
 
 def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -
         process.send_signal(signal.SIGINT)
         assert process.stdout.readline() == "finishing\n"
         process.send_signal(signal.SIGINT)
-        assert process.wait(10.0) == -signal.SIGINT
+        assert process.wait(60.0) == -signal.SIGINT
 
 
 def test_a_sigint_that_is_ignored_from_the_start_stays_so_and_sigterm_stops() -> None:
@@ -278,7 +278,7 @@ def test_a_sigint_that_is_ignored_from_the_start_stays_so_and_sigterm_stops() ->
         process.stdin.flush()
         assert next(said) == "True\n"
         process.terminate()
-        assert process.wait(10.0) == -signal.SIGTERM
+        assert process.wait(60.0) == -signal.SIGTERM
 
 
 def test_the_flag_is_looked_at_or_raises_and_leaves_the_handlers_as_they_were() -> None:
@@ -286,7 +286,7 @@ def test_the_flag_is_looked_at_or_raises_and_leaves_the_handlers_as_they_were() 
     with StopFlag().installed() as stop:
         assert not stop.is_set
         os.kill(os.getpid(), signal.SIGTERM)
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + 60.0
         while not stop.is_set and time.monotonic() < deadline:
             time.sleep(0.001)
         assert (stop.is_set, stop.exit_code, stop.name) == (True, 143, "SIGTERM")

@@ -86,7 +86,7 @@ class Screen(io.StringIO):
             self._changed.notify_all()
         return written
 
-    def wait_for(self, text: str, timeout_s: float = 30.0) -> None:
+    def wait_for(self, text: str, timeout_s: float = 60.0) -> None:
         with self._changed:
             assert self._changed.wait_for(lambda: text in self.getvalue(), timeout_s), (
                 f"{text!r} was not said, but ... {self.getvalue()[-500:]!r}"
@@ -118,7 +118,7 @@ def listening(
     """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
     port = free_port()
     stop, screen, ended = StopFlag(), Screen(), []
-    asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
     asked = replace(asked, **options)
     outputs = outputs or Outputs(folder, "live")
 
@@ -145,7 +145,7 @@ def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None
 def wait_for_size(path: Path, size: int) -> None:
     """Wait until a file has grown to a size, which it does as fast as the tap reads."""
     never = threading.Event()
-    for _ in range(300):
+    for _ in range(600):
         if path.exists() and path.stat().st_size >= size:
             return
         never.wait(0.1)
@@ -175,7 +175,7 @@ def attend(folder: Path, then: object, ended: threading.Event | None = None) -> 
 
     sender = threading.Thread(target=vehicle, daemon=True)
     sender.start()
-    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
     try:
         live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
     finally:

@@ -103,7 +103,7 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
         listening(tmp_path, request_hz=50.0) as session,
     ):
-        vehicle.settimeout(30.0)
+        vehicle.settimeout(60.0)
         send(frames(1.0), session.port, vehicle)
         asked = mavlink.MAVLink(None).decode(bytearray(vehicle.recv(300)))
         ack = mavlink.MAVLink_command_ack_message(511, 0)
@@ -196,7 +196,7 @@ def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_re
     tmp_path: Path,
 ):
     sent, port, screen = frames(20.0), free_port(), Screen()
-    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=60.0)
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
     config = replace(CONFIG, rate=90.0)
 
     def play() -> None:

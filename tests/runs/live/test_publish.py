@@ -46,7 +46,7 @@ def ground() -> Iterator[socket.socket]:
 
 def receive(station: socket.socket, enough: Callable[[list[object]], bool]) -> list[object]:
     """Return the messages that a station receives until there are enough of them."""
-    parser, found, patience_s = mavlink.MAVLink(None), [], time.monotonic() + 30.0
+    parser, found, patience_s = mavlink.MAVLink(None), [], time.monotonic() + 60.0
     while not enough(found):
         assert time.monotonic() < patience_s, f"only {Counter(m.get_type() for m in found)}"
         try:
@@ -150,7 +150,7 @@ def test_what_is_asked_and_what_is_published_is_of_one_sender_in_one_sequence(tm
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
         listening(tmp_path, **options) as session,
     ):
-        vehicle.settimeout(20.0)
+        vehicle.settimeout(60.0)
         send(
             [bytes(reader.decode(bytearray(f)).pack(link)) for f in SENT[:60]],
             session.port,

@@ -45,7 +45,7 @@ def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):
     stuck = Stuck()
     viewer = Viewer(lambda _: stuck, print, Worker("viewers"))
     viewer.log(0, "info", "hello")
-    assert stuck.asked.wait(10.0)
+    assert stuck.asked.wait(60.0)
     ender = threading.Thread(target=viewer.abort, daemon=True)
     ender.start()
     ender.join(2.0)
@@ -53,4 +53,4 @@ def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):
         assert not ender.is_alive()
     finally:
         stuck.freed.set()
-        ender.join(10.0)
+        ender.join(60.0)

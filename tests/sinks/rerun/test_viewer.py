@@ -44,7 +44,7 @@ def viewer(*options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 def wait_for_rows(path: Path, n: int) -> dict[str, dict[str, Any]]:
     """What the other process has written once it holds ``n`` rows: it gives no sign of its own."""
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
         try:
             entities = recorded(path)

@@ -40,12 +40,12 @@ pytestmark = pytest.mark.skipif(not has_ipv6(), reason="no IPv6 here")
 def vehicle() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as link:
         link.bind(("::1", 0))
-        link.settimeout(10.0)
+        link.settimeout(60.0)
         yield link
 
 
 def heard(tap: UdpTap | StreamTap, size: int) -> bytes:
-    data, patience = b"", time.monotonic() + 10.0
+    data, patience = b"", time.monotonic() + 60.0
     while len(data) < size and time.monotonic() < patience:
         data += tap.read(0.2)
     return data
@@ -114,13 +114,13 @@ def test_a_tcp_connection_is_recorded_and_can_be_answered() -> None:
     with socket.create_server(("::1", 0), family=socket.AF_INET6) as server:
         host, port, *_ = server.getsockname()
         tap = StreamTap(Endpoint(host, port, "tcp"), may_transmit=True)
-        server.settimeout(10.0)
+        server.settimeout(60.0)
         vehicle, _ = server.accept()
         with tap, vehicle:
             vehicle.sendall(b"".join(FRAMES))
             assert len(heard(tap, tlog_size(FRAMES))) == tlog_size(FRAMES)
             assert tap.transmit(b"hello", next(iter(tap.senders.first)))
-            vehicle.settimeout(10.0)
+            vehicle.settimeout(60.0)
             assert vehicle.recv(100) == b"hello"
             assert str(tap.endpoint) == f"tcp:[::1]:{port}"
 

@@ -224,9 +224,9 @@ def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() 
     with socket.create_server(("127.0.0.1", 0)) as server:
         tap = StreamTap(Endpoint(*server.getsockname(), "tcp"), may_transmit=True)
         tap._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-        server.settimeout(10.0)
+        server.settimeout(60.0)
         peer, _ = server.accept()
-        peer.settimeout(10.0)
+        peer.settimeout(60.0)
         with tap, peer:
             tap.senders.first[1] = "127.0.0.1", 1
             went = 0

