@@ -1,4 +1,4 @@
-"""Which orders suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
+"""The orders that suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
 
 import sys
 from collections.abc import Mapping
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 
 def with_orders(source: Recording, config: RunConfig) -> RunConfig:
-    """Return the configuration, with the orders that suit the source where they are ``auto``.
+    """Return the configuration; orders ``auto`` are replaced by those that suit the source.
 
-    Where nothing can be compared they are the usual ones: the verdict of the replay then says why.
+    Where no orders can be compared they are the default ones: the verdict of the replay then
+    gives the reason.
 
     Raises:
         SourceError: the source cannot be read.
@@ -75,9 +76,9 @@ def _with(chosen: "Tried", config: RunConfig) -> RunConfig:
 def orders_report(
     log: Path, settings: Mapping[str, Any], read_options: ReadOptions | None = None
 ) -> tuple[OrdersReport, Verdict]:
-    """Return what ``yawid orders`` says, and the verdict of a replay with its best orders.
+    """Return what ``yawid orders`` prints, and the verdict of a replay with the best orders.
 
-    None are recommended where such a replay cannot be used: they would fit what is no answer.
+    No orders are recommended where that replay is not usable.
 
     Raises:
         ChannelError: the log has no vehicle, rudder or yaw.

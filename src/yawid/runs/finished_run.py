@@ -1,7 +1,7 @@
-"""A run estimated once more from the samples its file holds: other orders, another memory.
+"""A finished run estimated again from the samples in its file, with other orders or memory.
 
-What concerns the channels was decided when the samples were made and cannot be changed here; what
-concerns the estimators can, and gives what a replay of the log itself would give.
+Settings of the channels were fixed when the samples were made and cannot be changed here. Settings
+of the estimators can, and the result is that of a replay of the log itself.
 """
 
 import hashlib
@@ -42,14 +42,14 @@ CHANGEABLE = (
 JUDGED_AGAIN = frozenset(
     kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
 )
-"""Reasons that samples and estimates give; all others come from the log and stay as they were."""
+"""Reasons judged again from samples and estimates; all others come from the log and are kept."""
 
 
 class FinishedRun:
-    """A run's MCAP to be replayed, as :class:`yawid.runs.job.RecordedLog` is.
+    """A run's MCAP to be replayed, with the methods of :class:`yawid.runs.job.RecordedLog`.
 
     Raises:
-        SourceError: the file cannot be read, was not finished or is not a run's.
+        SourceError: the file cannot be read, was not finished or is not the file of a run.
     """
 
     format = RUN
@@ -65,7 +65,9 @@ class FinishedRun:
         self._said: list[str] = []
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
-        """Return the run's configuration, overruled by the settings; an older run's lacks more.
+        """Return the run's configuration, overruled by the settings.
+
+        The file of an older version may lack the state of flight: then no manoeuvres are found.
 
         Raises:
             ConfigError: a setting asks for other samples than the file holds.
@@ -77,17 +79,17 @@ class FinishedRun:
         return replace(config, manoeuvres="off")
 
     def read(self) -> Iterator[tuple[int, SampleBlock]]:
-        """Yield (bytes, samples); samples lie evenly in the file."""
+        """Yield (bytes, samples); each sample counts for the same part of the file's size."""
         each = self.size / max(self._run.rows, 1)
         for block in self._run.samples():
             yield int(each * len(block)), block
 
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
-        """Return the rates of yaw and rudder messages, as the channels found them."""
+        """Return the rates of yaw and rudder messages in Hz, None where the run had no grid."""
         return self._run.rates_hz(rudder)
 
     def left_open(self, pipeline: Pipeline) -> list[str]:
-        """Return what is missing in an older file."""
+        """Return a warning where the file of an older version cannot give manoeuvres."""
         return self._said
 
     def parameters(self, pipeline: Pipeline) -> bytes:
@@ -95,11 +97,11 @@ class FinishedRun:
         return self._run.attachments.get("parameters.txt", b"")
 
     def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict: what concerns the log stays as it was.
+        """Return the summary and the verdict; reasons that come from the log stay as they were.
 
         Raises:
-            ConfigError: no sample lies where it was asked for.
-            SourceError: there is no sample, or a reason is unknown.
+            ConfigError: no sample lies between --from and --to.
+            SourceError: there is no sample, or a reason is unknown to this version.
         """
         run, bank, before = self._run, pipeline.bank, self._run.summary
         if is_whole and bank is None and run.grid is not None:
@@ -137,7 +139,7 @@ class FinishedRun:
         return summary, verdict if flight is None else flight[1]
 
     def close(self) -> None:
-        """Do nothing: the file is opened for each reading."""
+        """Do nothing: the file is opened and closed at each reading."""
 
 
 def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
@@ -166,7 +168,7 @@ def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
 
 
 def _nothing(run: McapRun, config: RunConfig) -> YawidError:
-    """Return what is to be said of a run without a sample where one was asked for."""
+    """Return the error of a run that has no sample, or none between --from and --to."""
     if config.from_s is None and config.to_s is None:
         return SourceError(f"{run.path} holds no sample: replay the log itself")
     t_us = [block.boot_us[[0, -1]] for block in run.samples() if len(block)]

@@ -1,7 +1,7 @@
-"""Is this log usable? By which channels, at which rate, excited where; and if not, what to record.
+"""``yawid inspect``: whether a log is usable, its channels, rates and excited stretches.
 
-The answer comes from a replay without outputs, and from looking at where the rudder moved on its
-own.
+Where it is not usable the answer lists what to record next time. It comes from a replay without
+outputs and from the stretches in which the rudder moved on its own.
 """
 
 import shlex
@@ -42,22 +42,22 @@ from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
 
 BRIDGE_S = 20.0
-"""Excited stretches this near to each other are one."""
+"""Excited stretches that are no more than this far apart are joined to one."""
 BEFORE_S = 2.0
-"""A stretch begins so long before the rudder moves."""
+"""A stretch begins this long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
 NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
 UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
-"""Reasons that no other option of a replay can mend."""
+"""Reasons that no other option of a replay can remove."""
 WORTH_SAYING = frozenset({"rudder_assumed", "unit_assumed", "rate_low"})
-"""Warnings that the next recording can do away with."""
+"""Warnings for which the answer says how the next recording can avoid them."""
 LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
-"""Messages per period of the Dutch roll: fewer than the first are no answer, the second is well."""
+"""Messages per period of the Dutch roll: at least the first for an answer, better the second."""
 STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
 NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 MOST_REMEDIES = 2
 TAP = "udpin:127.0.0.1:14560"
-"""Where a ground station is told to pass its link on to."""
+"""The endpoint of the test card's live command: a ground station has to forward its link there."""
 
 
 def inspect(
@@ -69,8 +69,9 @@ def inspect(
 ) -> tuple[Inspection, Verdict]:
     """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
 
-    Where its manoeuvres answer, the whole log as asked for is recommended, else an excited stretch.
-    The verdict is that of what is recommended, else of the whole log.
+    Where the log's manoeuvres give a usable answer, a replay of the whole log as asked for is
+    recommended, else one of an excited stretch. The verdict is that of the recommended replay, or
+    that of the whole log where nothing is recommended.
 
     Raises:
         SourceError: the log cannot be read.
@@ -137,7 +138,7 @@ def _card(
     rates: Mapping[str, MessageRate],
     known: Mapping[str, float],
 ) -> FlightTestCard | None:
-    """Return what to fly next, None for what has no rudder."""
+    """Return the flight test card, None for a vehicle for which no card can be made."""
     summary, config = whole.summary, whole.config
     if why_no_card(summary.vehicle, summary.verdict) is not None:
         return None
@@ -151,12 +152,12 @@ def _card(
 
 
 def said_options(config: RunConfig) -> dict[str, Any]:
-    """Return rate, orders, inputs and what else differs from its default, as JSON has them."""
+    """Return rate, orders, inputs and each option not at its default, with values as in JSON."""
     return _options(config, {"rate", "orders", "inputs"})
 
 
 def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
-    """Return the options that differ from their defaults, and those that are ``always`` told."""
+    """Return the options that differ from their defaults, and those in ``always``."""
     named = {"from_s": "from", "to_s": "to"}
     found = {}
     for option in fields(config):
@@ -171,9 +172,10 @@ def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
 
 
 def command_line(log: Path, config: RunConfig, read_options: ReadOptions) -> str:
-    """Return the command that replays a log so, to be copied into a shell.
+    """Return the command that replays a log with this configuration, to be copied into a shell.
 
-    It gives no option at its default that was not given: what is given binds every manoeuvre.
+    An option at its default is left out unless the user gave it: a given option is binding for
+    every manoeuvre.
     """
     words = ["yawid", "replay", str(log), *_words(config)]
     if read_options.form != "auto":
@@ -189,7 +191,7 @@ def _words(config: RunConfig) -> list[str]:
 
 
 def _rates(survey: Survey) -> dict[str, MessageRate]:
-    """Return the rates of yaw and rudder messages with their jitter, on the vehicle's clock."""
+    """Return the rates of yaw and rudder messages and their jitter, on the vehicle's clock."""
     named = zip(("yaw", "rudder"), survey.intervals(), strict=True)
     return {
         name: MessageRate(found.messages, found.rate_hz, found.median_s, found.p5_s, found.p95_s)
@@ -199,7 +201,7 @@ def _rates(survey: Survey) -> dict[str, MessageRate]:
 
 
 def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
-    """Return what Dutch rolls both rates can answer, None where a channel is missing or slow."""
+    """Return the fastest Dutch rolls that the slower rate can answer, None if it is too low."""
     slowest_hz = min((each.rate_hz for each in rates.values()), default=0.0)
     if len(rates) < 2 or slowest_hz < LEAST_RATE_HZ * RATE_SLACK:
         return None
@@ -208,7 +210,7 @@ def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
 
 
 def _phase(phase: Phase, autopilot: int, vehicle_type: int) -> FlightPhase:
-    """Describe a phase in seconds since boot; what hovers may be slow without standing."""
+    """Return a phase in seconds since boot; a vehicle that hovers is slow, not on ground."""
     mode = mode_name(autopilot, vehicle_type, phase.mode) if phase.mode >= 0 else None
     state = STATES.get(phase.state)
     hovers = vehicle_type not in (GENERIC, FIXED_WING) or (mode or "").startswith("Q")
@@ -218,9 +220,9 @@ def _phase(phase: Phase, autopilot: int, vehicle_type: int) -> FlightPhase:
 
 
 def stretches(samples: SampleBlock, config: RunConfig, boots: Boots) -> list[Span]:
-    """Return where the rudder moved on its own, by the verdict's own measure, near ones joined.
+    """Return the stretches in which the rudder moved on its own, measured as the verdict does.
 
-    A reboot and a change of flight mode end a stretch.
+    Stretches near each other are joined; a reboot and a change of flight mode end a stretch.
     """
     t_s, mode = samples.boot_us / 1e6, samples.mode
     rudder = np.where(np.isfinite(samples.y), samples.u[:, 0], np.nan)
@@ -239,9 +241,9 @@ def stretches(samples: SampleBlock, config: RunConfig, boots: Boots) -> list[Spa
 
 
 def _boot_numbers(t_s: Floats, boots: Boots) -> Ints:
-    """Return the number of the boot of each sample (n,), in seconds since boot: one after another.
+    """Return the number of each sample's boot (n,), from the times since boot (n,) in s.
 
-    A boot without samples is passed over, by the times that each covers.
+    Boots are counted from 1. One without samples is skipped, found by the times each boot covers.
     """
     runs = np.cumsum(np.diff(t_s, prepend=t_s[0]) < -REBOOT_US / 1e6)
     numbers = np.ones(len(t_s), np.int64)
@@ -255,7 +257,7 @@ def _boot_numbers(t_s: Floats, boots: Boots) -> Ints:
 
 
 def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Span]:
-    """Yield the excited stretches of one boot and flight mode, bridging short rests."""
+    """Yield the excited stretches of one boot and flight mode; short rests do not end a stretch."""
     rows = np.flatnonzero(excited)
     for part in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > BRIDGE_S) + 1):
         if len(part):
@@ -265,12 +267,12 @@ def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Span]:
 
 
 def _best(trials: Trials, whole: Trial, stretch: Span, later_hz: float) -> Trial:
-    """Return the replay to recommend: of an excited stretch, with what mends its reasons.
+    """Return the replay to recommend: of an excited stretch, with options that remove its reasons.
 
-    The rate gives about sixteen samples per Dutch-roll period, and no more than ``later_hz``, what
-    the slower message has over the whole log; the aileron is an input where it tells the yaw rate
-    noticeably better than the rudder alone. Every option was tried as it is recommended; where no
-    trial may be used and the ``whole`` log as asked for may, that is it.
+    The rate gives about sixteen samples per Dutch-roll period and is no more than ``later_hz``, the
+    rate of the slower message over the whole log. The aileron is an input where with it the model
+    explains the yaw rate noticeably better. Every option is tried before it is recommended. Where
+    no trial is usable and the ``whole`` log as asked for is, that one is returned.
     """
     config = replace(whole.config, boot=stretch.boot, from_s=stretch.from_s, to_s=stretch.to_s)
     if config.memory is None and config.forgetting is None:
@@ -284,7 +286,7 @@ def _best(trials: Trials, whole: Trial, stretch: Span, later_hz: float) -> Trial
                 best = both
     if whole.config.rate is None:
         rate = _rate(best, later_hz)
-        with suppress(ConfigError):  # a rate that jitters below what it seemed
+        with suppress(ConfigError):  # the messages' rate varies and is too low at times
             best = trials.of(replace(best.config, rate=rate))
     for _ in range(MOST_REMEDIES):
         better = _mended(trials, best)
@@ -295,14 +297,14 @@ def _best(trials: Trials, whole: Trial, stretch: Span, later_hz: float) -> Trial
 
 
 def _mended(trials: Trials, trial: Trial) -> Trial | None:
-    """Return the trial of what its reasons ask for, None where that is nothing or no better."""
+    """Return a trial with the remedies of a trial's reasons, None where none makes it better."""
     remedy: dict[str, Any] = {}
     for reason in trial.verdict.reasons:
         if reason.exit_code:
             remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
     if not remedy:
         return None
-    assert trial.answer is not None  # a fatal reason with a remedy comes of an estimate
+    assert trial.answer is not None  # a fatal reason with a remedy comes from an estimate
     own_hz = 1.0 / trial.answer.sample_time_s
     if "rate" in remedy:
         remedy["rate"] = max(NICE_RATES_HZ[0], min(remedy["rate"], own_hz))
@@ -317,7 +319,7 @@ def _mended(trials: Trials, trial: Trial) -> Trial | None:
 
 
 def _rate(trial: Trial, later_hz: float) -> float:
-    """Return the nice rate nearest to sixteen samples per period, no more than the log has."""
+    """Return the round rate nearest to sixteen samples per period, at most that of the log."""
     rates = [each.first_rate_hz or each.rate_hz for each in trial.summary.channels.values()]
     own = min(later_hz, *(rate for rate in rates if rate is not None))
     wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0

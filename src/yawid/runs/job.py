@@ -1,4 +1,4 @@
-"""A run is composed here, once: a log or a finished run, the pipeline, sinks, a summary.
+"""How a run is composed: a source (a log or a finished run), a pipeline, sinks, a summary.
 
 with closing(open_log(path)) as source:
     config = source.settled(settings)
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 class RecordedLog(Log):
     """A log opened for the messages that the channels read.
 
-    ``modes_of`` are autopilot and vehicle type, ``log_lines`` what a run said to people: both are
-    known beforehand of a finished run alone.
+    ``modes_of`` holds the autopilot and the vehicle type, ``log_lines`` the messages that a run
+    printed for its user: only a finished run knows these two before it is read.
 
     Raises:
-        SourceError: there is no such file, it cannot be read, or it is no log.
+        SourceError: there is no such file, it cannot be read, or it is not a log.
     """
 
     modes_of = (0, 0)
@@ -49,12 +49,12 @@ class RecordedLog(Log):
         super().__init__(path, WANTED, options, again=again)
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
-        """Return the configuration, with what a record says of its rudder.
+        """Return the configuration; for a record, with the rudder's unit and sign found in it.
 
         Raises:
             ConfigError: an option is missing, does not fit, or is for another kind of file.
             ChannelError: the record has no time, rudder or yaw rate.
-            SourceError: a cell of it is not understood.
+            SourceError: a cell of the record is not understood.
         """
         config, record = RunConfig(**settings), self.record
         if record is None:
@@ -88,15 +88,15 @@ class RecordedLog(Log):
         )
 
     def rates_hz(self, rudder: str) -> None:
-        """Return None: the messages themselves say it."""
+        """Return None: the rates of a log are measured from its messages."""
 
     def left_open(self, pipeline: Pipeline) -> list[str]:
-        """Return what a replay leaves open: boots passed over, signatures nobody looked at."""
+        """Return warnings: --from and --to cut several boots, signatures were not checked."""
         boots = pipeline.channels.boots.warning(pipeline.config)
         return [said for said in (boots, self.options.unchecked(self.link)) if said is not None]
 
     def parameters(self, pipeline: Pipeline) -> bytes:
-        """Return the parameters that were seen."""
+        """Return the vehicle's parameters that were seen, as text; see :func:`parameters_of`."""
         return parameters_of(pipeline)
 
     def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
@@ -105,14 +105,16 @@ class RecordedLog(Log):
 
 
 Recording: TypeAlias = "RecordedLog | FinishedRun"
-"""What can be replayed; both settle a configuration, yield blocks and conclude alike."""
+"""What can be replayed. Both kinds settle a configuration, yield blocks and conclude."""
 
 
 def open_log(path: Path, options: ReadOptions | None = None, *, again: bool = False) -> Recording:
-    """Open a log or a finished run, known by its first bytes; ``again``: it is read repeatedly.
+    """Open a log or a finished run, recognised by its first bytes.
+
+    ``again``: the source will be read more than once.
 
     Raises:
-        SourceError: there is no such file, it cannot be read, or it is no log.
+        SourceError: there is no such file, it cannot be read, or it is not a log.
     """
     if format_of(path) is not RUN:
         return RecordedLog(path, options, again=again)
@@ -123,7 +125,7 @@ def open_log(path: Path, options: ReadOptions | None = None, *, again: bool = Fa
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A source that has gone through a pipeline: ``read`` bytes of it, ``is_whole`` if all."""
+    """A source that a pipeline has read: ``read`` bytes of it, ``is_whole`` where that is all."""
 
     source: Recording
     pipeline: Pipeline
@@ -131,7 +133,7 @@ class Job:
     is_whole: bool
 
     def conclude(self) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict that decides; see :meth:`RecordedLog.conclude`."""
+        """Return the summary and the deciding verdict; see :meth:`RecordedLog.conclude`."""
         return self.source.conclude(self.pipeline, is_whole=self.is_whole)
 
 
@@ -143,10 +145,10 @@ def run(
     advance: Callable[[int], None] = lambda size: None,
     survey: Survey | None = None,
 ) -> Job:
-    """Run a source through a pipeline; the sinks stay open. ``survey`` notes all messages.
+    """Run a source through a pipeline; the sinks stay open. ``survey`` is given all messages.
 
     Raises:
-        Interrupted: told to ``stop`` before there was anything to keep.
+        Interrupted: ``stop`` was set before anything was read.
         SourceError, ConfigError, SinkError: as :func:`feed_all`.
     """
     rates_hz = source.rates_hz(config.inputs[0])
@@ -165,9 +167,10 @@ def feed_all(
     stop: StopFlag | None = None,
     advance: Callable[[int], None] = lambda size: None,
 ) -> tuple[int, bool]:
-    """Run a source through a pipeline, whose sinks stay open; return the bytes read, and if all.
+    """Run a source through a pipeline; return the bytes read, and whether they are all of it.
 
-    Told to ``stop``, it ends before the next piece; ``advance`` is called with the size of each.
+    The sinks stay open. When ``stop`` is set, reading ends before the next piece; ``advance`` is
+    called with the size of each piece in bytes.
 
     Raises:
         SourceError: the source cannot be read.
@@ -189,7 +192,7 @@ def feed_all(
 
 
 class KeptSamples(Sink):
-    """A sink that keeps the samples, for what looks at a record as a whole."""
+    """A sink that keeps the samples, for methods that need the whole record."""
 
     def __init__(self) -> None:
         self._blocks: list[SampleBlock] = []
@@ -201,5 +204,5 @@ class KeptSamples(Sink):
         self._blocks.append(samples)
 
     def joined(self) -> SampleBlock | None:
-        """Return all of them, None where there is none."""
+        """Return all samples as one block, None where there is no sample."""
         return SampleBlock.joined(self._blocks) if self._blocks else None

@@ -1,4 +1,4 @@
-"""Where a run writes, and what every output says of its own origin."""
+"""Where a run writes, and the facts about its origin that every output holds."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,9 +25,9 @@ SIGN = "positive rudder = nose right, positive yaw rate = nose right"
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where a run writes: the folder, the name of its files, and which of them.
+    """Where a run writes: the folder, the name of its files, and which files are written.
 
-    With ``sink`` there is no file: it takes all that would have been written.
+    Where ``sink`` is given no file is written: the sink takes everything.
     """
 
     folder: Path
@@ -39,7 +39,7 @@ class Outputs:
 
     @property
     def has_viewer(self) -> bool:
-        """Whether the run is shown as it goes on."""
+        """Whether a viewer shows the run while it goes on."""
         return self.rerun not in ("off", "save")
 
     def path(self, suffix: str) -> Path:
@@ -47,7 +47,7 @@ class Outputs:
         return (self.folder / f"{self.name}{suffix}").absolute()
 
     def files(self) -> dict[str, str]:
-        """Return the paths of MCAP and Rerun recording."""
+        """Return the paths of the MCAP and the Rerun recording, by "mcap" and "rrd"."""
         if self.sink is not None:
             return {}
         rrd = {"rrd": str(self.path(".rrd"))} if self.rerun == "save" else {}
@@ -55,7 +55,7 @@ class Outputs:
 
 
 def output_names(logs: Sequence[Path]) -> list[str]:
-    """Name each log's outputs: by its stem, and by its folder too where two agree."""
+    """Return a name for each log's outputs: its stem, with the folder's name where two agree."""
     stems = [log.stem for log in logs]
     names: list[str] = []
     for log, stem in zip(logs, stems, strict=True):
@@ -66,7 +66,7 @@ def output_names(logs: Sequence[Path]) -> list[str]:
 
 
 def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
-    """Open every sink of a replay: files and viewer, or the one in their place.
+    """Open every sink of a replay: files and viewer, or the one sink given instead.
 
     Raises:
         SinkError: the folder or a file cannot be written.
@@ -81,7 +81,7 @@ def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
 
 @contextmanager
 def whole_or_none(sinks: Sequence[Sink]) -> Iterator[None]:
-    """Drop what was written of a run that fails: its source is still there, half is of no use."""
+    """Delete what a failing run has written: half a file is of no use, and its source remains."""
     try:
         yield
     except BaseException:
@@ -91,10 +91,10 @@ def whole_or_none(sinks: Sequence[Sink]) -> Iterator[None]:
 
 
 def keep_as_interrupted(sinks: Sequence[Sink], outputs: Outputs) -> dict[str, str]:
-    """Have the files of a run that was cut short bear a name that says so; return their paths.
+    """Name the files of a run that was cut short ``NAME.interrupted``; return their paths.
 
     Raises:
-        SinkError: such a file exists and is not to be overwritten.
+        SinkError: such a file exists and may not be overwritten.
     """
     kept = replace(outputs, name=f"{outputs.name}.interrupted")
     for sink in sinks:
@@ -105,7 +105,11 @@ def keep_as_interrupted(sinks: Sequence[Sink], outputs: Outputs) -> dict[str, st
 
 
 def open_mcap(config: RunConfig, outputs: Outputs, disk: Disk | None = None) -> McapSink:
-    """Open the MCAP file with what is known before the first frame."""
+    """Open the MCAP file with its first metadata: configuration, versions, sign convention.
+
+    Raises:
+        SinkError: the folder or the file cannot be written.
+    """
     metadata: dict[str, str | Mapping[str, object]] = {
         "configuration": asdict(config),
         "versions": versions(),
@@ -116,7 +120,11 @@ def open_mcap(config: RunConfig, outputs: Outputs, disk: Disk | None = None) -> 
 
 
 def open_rerun(outputs: Outputs) -> list[Sink]:
-    """Open the Rerun recording or viewer, if one is wanted."""
+    """Open the Rerun recording or viewer, if one is asked for.
+
+    Raises:
+        SinkError: the folder or the recording cannot be written.
+    """
     if outputs.rerun == "off":
         return []
     _make_folder(outputs.folder)
@@ -154,7 +162,7 @@ def finish(
 
 
 def refused(summary: RunSummary, verdict: Verdict, reason: Reason) -> tuple[RunSummary, Verdict]:
-    """Return summary and verdict with a fatal reason first, the flight's verdict too."""
+    """Return the summary and the verdict with a fatal reason put first, also the flight's."""
     said = ReasonSummary(reason.id, reason.weight, reason.text)
     marked = msgspec.structs.replace(summary, verdict=_with(said, summary.verdict))
     if (flight := summary.flight) is not None:
@@ -169,6 +177,6 @@ def _with(fatal: ReasonSummary, verdict: VerdictSummary) -> VerdictSummary:
 
 
 def parameters_of(pipeline: Pipeline) -> bytes:
-    """Return the vehicle's parameters, a line each, as they are attached to a run's file."""
+    """Return the vehicle's parameters, one on each line, as they are attached to a run's file."""
     values = pipeline.channels.parameters.values
     return "".join(f"{name} {value!r}\n" for name, value in sorted(values.items())).encode()

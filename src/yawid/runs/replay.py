@@ -1,4 +1,4 @@
-"""One replay, from a log or a finished run to its files."""
+"""The replay of one log or finished run to its output files."""
 
 import sys
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from yawid.runs.outputs import (
     refused,
     whole_or_none,
 )
-from yawid.runs.stop import StopFlag as StopFlag  # and who replays by Python finds it here
+from yawid.runs.stop import StopFlag as StopFlag  # a user of replay() needs it and finds it here
 from yawid.sinks.door import say
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import ReadOptions
@@ -37,11 +37,12 @@ def replay(
 ) -> tuple[RunSummary, Verdict]:
     """Replay one log or finished run; return its summary and verdict.
 
-    ``settings`` are those of :class:`RunConfig` that were given; they overrule a finished run's.
-    Told to ``stop`` it keeps what it has read, by names and with a verdict that say so.
+    ``settings`` are the fields of :class:`RunConfig` that the user gave; they overrule those of a
+    finished run. When ``stop`` is set, what has been read is kept: the names of the files and the
+    verdict report the interruption.
 
     Raises:
-        Interrupted: told to stop before there was anything to keep.
+        Interrupted: ``stop`` was set before there was anything to keep.
         SourceError: the log cannot be read.
         SinkError: an output cannot be written.
         ConfigError: what is asked for does not fit the log.
@@ -60,7 +61,7 @@ def replay(
 def to_files(
     source: Recording, config: RunConfig, outputs: Outputs, stop: StopFlag
 ) -> tuple[RunSummary, Verdict]:
-    """Run a source to its files; return the summary and the verdict.
+    """Run a source and write its files; return the summary and the verdict.
 
     Raises:
         Interrupted, SourceError, SinkError, ConfigError: as :func:`replay`.
@@ -86,9 +87,9 @@ def to_files(
 def _cut_short(
     summary: RunSummary, verdict: Verdict, signal: str, read_bytes: tuple[int, int]
 ) -> tuple[RunSummary, Verdict]:
-    """Return summary and verdict of a run that a signal ended: a part of a log answers for no log.
+    """Return the summary and the verdict of a run that a signal ended, as not usable.
 
-    ``read_bytes`` are those read and those there are; there is no hash of the log.
+    ``read_bytes`` holds the bytes read and the size of the log, whose hash is not known.
     """
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"

@@ -1,4 +1,4 @@
-"""``yawid simulate``: a reference plant of the paper under a chosen input, into a file."""
+"""``yawid simulate``: simulate a reference plant of the paper and write its record to a file."""
 
 import csv
 import io
@@ -22,8 +22,8 @@ from yawid.sources.open_log import TlogBytes
 from yawid.sources.simulated_tlog import SimulatedFlight, tlog_of
 
 FULL_RUDDER_RAD = np.deg2rad(25.0)
-"""The deflection that a tlog shows as full travel: --rudder-max-deg 25 makes radians of it
-again."""
+"""The deflection that a simulated tlog holds as full travel; a replay with --rudder-max-deg 25
+gives it in radians again."""
 COLUMNS = {
     "t": ("t", "s"),
     "rudder": ("u", "rad nose-right"),
@@ -31,10 +31,12 @@ COLUMNS = {
     "yaw": ("yaw", "rad"),
     "roll": ("roll", "rad"),
 }
-"""A record's columns, by the simulation's, and their units: no option is needed to replay it."""
+"""A record's columns: name of each, with the field of :class:`Simulation` and the unit.
+
+A record with these units needs no option to be replayed."""
 STDOUT = Path("-")
 MOST_SAMPLES = 5_000_000
-"""A day at 50 Hz, and what fits into the memory of a small machine."""
+"""The largest number of samples: about a day at 50 Hz, which fits into a small machine's memory."""
 
 
 def simulate_to_file(
@@ -50,9 +52,9 @@ def simulate_to_file(
     seed: int,
     force: bool,
 ) -> None:
-    """Simulate and write; the suffix of ``out`` says as what: csv, parquet, tlog or mcap.
+    """Simulate and write to ``out``, whose suffix is the format: csv, parquet, tlog or mcap.
 
-    ``-`` is a CSV on stdout. ``kind``, ``amplitude`` (rad) and ``unit_s`` are those of the input.
+    ``-`` is a CSV on stdout. ``kind``, ``amplitude`` (rad) and ``unit_s`` describe the input.
 
     Raises:
         ConfigError: another suffix, or a value outside its limits.

@@ -27,10 +27,13 @@ _PARAMETERS = {
 def step_report(
     file: Path, model: str | None, u0: float | None, step_time: float | None
 ) -> StepReport:
-    """Return the model of the step response in a file, the one that fits best unless it is named.
+    """Return the model of the step response in a file: ``model``, or the one that fits best.
+
+    ``u0`` is the height of the step and ``step_time`` its time in s. Where one is None it is read
+    from the column u, and without such a column is 1 or 0 s.
 
     Raises:
-        NotIdentifiable: none of them fits.
+        NotIdentifiable: no model fits.
         SourceError: the file cannot be read.
     """
     from yawid.offline.step_response import fit_first_order, fit_second_order, fit_yaw, read_step
@@ -50,7 +53,7 @@ def step_report(
     if model in (None, "second"):
         fit("second", fit_second_order)
     if model == "yaw" or (model is None and not found):
-        fit("yaw", fit_yaw)  # which holds both as corner cases: asked where neither holds
+        fit("yaw", fit_yaw)  # it contains both others as special cases: used where neither fits
     if not found:
         hint = "; of an aircraft that also rolls, replay a 3-2-1-1: yawid replay"
         raise NotIdentifiable("; ".join(refusals) + hint)

@@ -1,4 +1,4 @@
-"""How a command is told to stop: by SIGINT or SIGTERM, heeded one time; a second one ends it."""
+"""How a command is stopped: the first SIGINT or SIGTERM asks it to end, a second one kills it."""
 
 import signal
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(KeyboardInterrupt):
-    """A command was told to stop where there is nothing of it to keep; ``exit_code`` 130 or 143."""
+    """A signal stopped a command that has nothing to keep; ``exit_code`` is 130 or 143."""
 
     def __init__(self, exit_code: int) -> None:
         super().__init__()
@@ -18,12 +18,12 @@ class Interrupted(KeyboardInterrupt):
 
 
 class StopFlag:
-    """Set by the first SIGINT or SIGTERM; whoever holds it keeps what is finished and ends.
+    """A flag set by the first SIGINT or SIGTERM: its reader keeps what is finished and ends.
 
-    ``exit_code`` is 128 plus the signal's number, ``name`` the signal's own. Where it ``raises`` it
-    is not waited for that somebody looks: :class:`Interrupted` comes at once. A second signal finds
-    the system's own handler and ends the process there and then, whatever it does. A signal that
-    the process was started to ignore, as a shell starts a job in the background, stays ignored.
+    ``exit_code`` is 128 plus the signal's number, ``name`` the signal's name. With ``raises`` the
+    signal raises :class:`Interrupted` at once, and nobody has to look at the flag. A second signal
+    meets the system's default handler, which ends the process at once. A signal that the process
+    was started to ignore, as shells do for jobs in the background, stays ignored.
     """
 
     def __init__(self, *, raises: bool = False) -> None:
@@ -43,10 +43,10 @@ class StopFlag:
 
     @contextmanager
     def raising(self) -> Iterator[None]:
-        """Raise while the context lasts: it makes nothing that could be kept.
+        """Raise at a signal while the context lasts: for work with no result that could be kept.
 
         Raises:
-            Interrupted: a signal comes, or has come before.
+            Interrupted: a signal comes, or came before.
         """
         self._raises = True
         try:
@@ -58,7 +58,7 @@ class StopFlag:
 
     @contextmanager
     def installed(self) -> "Iterator[StopFlag]":
-        """Catch the two signals while the context lasts, but for one that is ignored."""
+        """Catch the two signals while the context lasts, except one that is ignored."""
         handlers = {number: signal.getsignal(number) for number in SIGNALS}
         self._before = {n: old for n, old in handlers.items() if old is not signal.SIG_IGN}
         for number in self._before:

@@ -1,4 +1,4 @@
-"""Replays without outputs: what a log would answer with one configuration or another."""
+"""Replays without outputs, to compare the answers of one log under several configurations."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,10 @@ from yawid.sinks.terminal.progress import Bar
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A replay without outputs: its configuration, what came of it, and the verdict that decides.
+    """A replay without outputs: its configuration, its summary, and the deciding verdict.
 
-    ``aileron_reacts`` is the part of an aileron among the inputs that yaw rate and roll explain.
+    ``aileron_reacts`` is the part (0 to 1) of the aileron, where it is an input, that yaw rate and
+    roll explain: such an aileron only reacts to the motion.
     """
 
     config: RunConfig
@@ -26,19 +27,19 @@ class Trial:
 
     @property
     def wn_rad_s(self) -> float:
-        """The natural frequency of what answers, NaN where there is none."""
+        """The answer's natural frequency in rad/s, NaN where there is none."""
         roll = None if self.answer is None else self.answer.dutch_roll
         return np.nan if roll is None else roll.wn_rad_s
 
     @property
     def simulation_pct(self) -> float:
-        """The free-running fit of what answers."""
+        """The answer's free-running fit in percent, -inf where there is none."""
         fit_pct = None if self.answer is None else self.answer.fit.simulation_pct
         return -np.inf if fit_pct is None else fit_pct
 
     @property
     def answer(self) -> MethodSummary | None:
-        """The estimate that answers: a manoeuvre's, or the stream's where there is none."""
+        """The estimate that is the answer: a manoeuvre's, or the stream's without a flight."""
         manoeuvres, flight = self.summary.manoeuvres, self.summary.flight
         if not manoeuvres or flight is None:
             return (self.summary.estimates or {}).get(self.verdict.method or "")
@@ -46,7 +47,10 @@ class Trial:
 
 
 class Trials:
-    """Replays of one log without outputs, each configuration estimated once; ``bar`` shows each."""
+    """Replays of one log without outputs; each configuration is estimated once.
+
+    ``bar`` shows the progress of each.
+    """
 
     def __init__(self, source: Recording, bar: Bar) -> None:
         self._source = source
@@ -57,7 +61,7 @@ class Trials:
         """Return the trial of a configuration.
 
         Raises:
-            ConfigError: the channels or the rate do not fit.
+            ConfigError: the channels or the rate asked for do not fit the log.
         """
         if config not in self._made:
             name, size = self._source.path.name, self._source.size

@@ -1,7 +1,7 @@
-"""A finished run in a viewer: in Rerun as it was drawn during the run, or in another program.
+"""A finished run in a viewer: in Rerun as it is drawn during a run, or in another program.
 
-PlotJuggler 3 and Foxglove read the MCAP themselves; how they are to draw it stands in the layouts,
-package data beside this room.
+PlotJuggler 3 and Foxglove read the MCAP themselves. How they draw it is described by layouts, which
+are package data in the folder ``layouts``.
 """
 
 import shutil
@@ -23,21 +23,24 @@ from yawid.sinks.mcap.schemas import FLIGHT, MANOEUVRE, MODES, SAMPLE, VERDICT, 
 from yawid.sinks.rerun.sink import RerunSink
 
 NEAR_S: Final = 2.0
-"""Within which of its date a manoeuvre's sample is looked for by boot time."""
+"""A manoeuvre's first and last sample lie at most this far from its date; boot time selects them.
+"""
 LAYOUTS: Final = Path(__file__).parents[1] / "layouts"
 PLOTJUGGLER, FOXGLOVE = LAYOUTS / "plotjuggler.xml", LAYOUTS / "foxglove.json"
-"""Of a run with the default orders and methods."""
+"""Layouts for a run with the default orders and methods."""
 START_S: Final = 1.0
-"""Within which a program that cannot start has ended."""
+"""A program that ends with an error within this time has failed to start."""
 
 
 def view(
     mcap: Path, save: Path | None = None, target: str = "spawn", *, force: bool = False
 ) -> None:
-    """Show a run: in a recording ``save``, or else in the viewer ``target`` (spawn or an address).
+    """Write a run to the Rerun recording ``save``, or show it in the viewer ``target``.
+
+    ``target`` is "spawn", which starts a viewer, or the address of one.
 
     Raises:
-        SourceError: the MCAP cannot be read, was not finished or is not a run's.
+        SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
         SinkError: there is no viewer, or the recording cannot be written.
     """
     run = open_run(mcap)
@@ -57,11 +60,11 @@ def view(
 
 
 def view_in_plotjuggler(mcap: Path) -> str:
-    """Start PlotJuggler on a run, with a layout of what is in it; return what to tell of it.
+    """Start PlotJuggler on a run, with a layout of the run's own curves; return a message.
 
     Raises:
-        SourceError: the MCAP cannot be read, was not finished or is not a run's.
-        SinkError: there is no PlotJuggler, or it does not start.
+        SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
+        SinkError: PlotJuggler is not installed, or it does not start.
     """
     run = open_run(mcap)
     program = shutil.which("plotjuggler")
@@ -77,11 +80,11 @@ def view_in_plotjuggler(mcap: Path) -> str:
 
 
 def view_in_foxglove(mcap: Path) -> str:
-    """Start Foxglove, or Lichtblick, its open-source sibling, on a run; return what is left to do.
+    """Start Foxglove, or its open-source fork Lichtblick, on a run; return what is left to do.
 
     Raises:
-        SourceError: the MCAP cannot be read, was not finished or is not a run's.
-        SinkError: there is none of them, or it does not start.
+        SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
+        SinkError: neither is installed, or it does not start.
     """
     run = open_run(mcap)
     program = shutil.which("foxglove-studio") or shutil.which("lichtblick")
@@ -100,13 +103,13 @@ VIEWERS: Final[dict[str, Callable[[Path], str]]] = {
     "plotjuggler": view_in_plotjuggler,
     "foxglove": view_in_foxglove,
 }
-"""Programs other than Rerun, by what ``--in`` calls them."""
+"""Viewers other than Rerun: the function that starts each, by its name in ``--in``."""
 
 
 def plotjuggler_layout(run: McapRun) -> bytes:
-    """Return PlotJuggler's layout without the curves that a run has not, and with its file in it.
+    """Return PlotJuggler's layout without the curves that a run lacks, and with the run's file.
 
-    It asks a question for each file named on its command line, and none for one in the layout.
+    PlotJuggler asks a question for each file named on its command line, none for one in a layout.
     """
     root = ET.fromstring(PLOTJUGGLER.read_bytes())
     equations = {each.get("name"): each for each in root.iter("snippet")}
@@ -128,7 +131,7 @@ def plotjuggler_layout(run: McapRun) -> bytes:
 
 
 def _has(run: McapRun, curve: str) -> bool:
-    """Tell whether a run's file has a curve: a topic, a slash, a field, a slash, its field."""
+    """Return whether a run's file has a curve: TOPIC/FIELD, or TOPIC/parameters/NAME."""
     topics, grid = {VERDICT}, run.grid
     if grid is not None:
         topics |= {SAMPLE, MODES, *estimate_topics(grid.methods).values()}
@@ -136,16 +139,16 @@ def _has(run: McapRun, curve: str) -> bool:
         topics |= {MANOEUVRE, FLIGHT}
     topic, _, parameter = curve.partition("/parameters/")
     if parameter:
-        tells = "Estimate.parameters" in run.metadata.get("units", {})  # older files do not
+        tells = "Estimate.parameters" in run.metadata.get("units", {})  # older files lack them
         return tells and grid is not None and parameter in grid.parameters and topic in topics
     return topic.rpartition("/")[0] in topics
 
 
 def _start(program: str, *arguments: str) -> None:
-    """Start a program that goes on by itself.
+    """Start a program that goes on running without this process.
 
     Raises:
-        SinkError: it does not start, or has failed already.
+        SinkError: it does not start, or it ends with an error within ``START_S``.
     """
     quiet = subprocess.DEVNULL
     try:
@@ -189,27 +192,29 @@ def _show(run: McapRun, sink: RerunSink) -> None:
 
 
 def _span_ns(found: Manoeuvre, boot_us: Ints, unix_ns: Ints) -> tuple[int, int]:
-    """Return Unix time of a manoeuvre's first and last sample, of all samples' times (n,).
+    """Return the Unix times in ns of a manoeuvre's first and last sample.
+
+    ``boot_us`` (n,) and ``unix_ns`` (n,) are the times of all samples of the run.
 
     Raises:
-        ValueError: its date is none.
+        ValueError: the manoeuvre's date cannot be read.
     """
-    # Where no date is known the samples' Unix time is that since boot.
+    # Where no date is known the samples' Unix time is their time since boot.
     text = found.date or datetime.fromtimestamp(found.from_s, UTC).isoformat()
     date = datetime.fromisoformat(text)
     begin_s = date.replace(tzinfo=date.tzinfo or UTC).timestamp()
     ends = (found.from_s, begin_s), (found.to_s, begin_s + found.duration_s)
     span_ns = []
     for boot_s, unix_s in ends:
-        # The date may be a rounded one; two boots may count the same seconds, not at one time.
+        # The date may be rounded. Two boots may count the same seconds, but not at the same date.
         near = np.flatnonzero(np.abs(unix_ns / 1e9 - unix_s) < NEAR_S)
         if len(near):
             nearest = near[np.argmin(np.abs(boot_us[near] / 1e6 - boot_s))]
             span_ns.append(int(unix_ns[nearest]))
-        else:  # a recovered file may have lost them
+        else:  # a recovered file may lack these samples
             span_ns.append(round(unix_s * 1e9))
     return span_ns[0], span_ns[1]
 
 
 def _never(text: str) -> None:
-    raise SinkError(text)  # not reached: a viewer that is needed fails by itself
+    raise SinkError(text)  # not reached: the sink itself raises where a viewer is needed

@@ -1,4 +1,4 @@
-"""The live session: a tlog being written, and estimated as it grows."""
+"""The live session: a link is recorded to a tlog and estimated at the same time."""
 
 from yawid.runs.live.loop import LiveOptions, live, session_name
 from yawid.runs.live.vehicle_session import Ended

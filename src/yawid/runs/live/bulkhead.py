@@ -1,4 +1,4 @@
-"""What keeps a failure where it happened: one part of a session fails, and the others go on."""
+"""How a failure is confined: one part of a session fails, and the others go on."""
 
 import traceback
 from collections.abc import Callable
@@ -10,14 +10,14 @@ from yawid.sinks.door import show_traceback
 
 _T = TypeVar("_T")
 _LONGEST = 200
-"""Characters of an error's own text in a line: NumPy's may hold a whole array."""
+"""The largest number of characters of an error's text in a line: NumPy's may hold an array."""
 
 
 class Bulkhead:
-    """Stands around one part of a session: its first error ends that part and nothing else.
+    """A guard around one part of a session: the part's first error ends this part and no other.
 
-    The error is said one time, with its cause and how the session goes on; ``failure`` is the cause
-    from then on. An error that ``lets_pass`` returns true for is raised.
+    The error is reported once, with its cause and how the session goes on; from then on ``failure``
+    is the cause. An error for which ``lets_pass`` returns True is raised.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Bulkhead:
         self._lets_pass = lets_pass
 
     def attempt(self, act: Callable[[], _T], otherwise: _T) -> _T:
-        """Return what ``act`` returns, ``otherwise`` where it fails or did so before."""
+        """Return the result of ``act``, or ``otherwise`` where it fails or has failed before."""
         if self.failure is None:
             try:
                 return act()
@@ -45,19 +45,19 @@ class Bulkhead:
         return otherwise
 
     def give_up(self, error: Exception) -> None:
-        """Do without the part from here on."""
+        """End the part because of an error, and report it."""
         if self.failure is None:
             cause = cause_of(error)
-            # What could not be written says that by itself.
+            # The text of a SinkError already names what failed.
             is_said = isinstance(error, SinkError)
             self.failure = cause if is_said else f"{self.what} failed because of {cause}"
             self._tell(f"{self.failure}: {self._goes_on}")
 
 
 def cause_of(error: Exception) -> str:
-    """Return an error in one line: yawid's own text, or what Python raised and where.
+    """Return an error in one line: the text of yawid's errors, of others also type and place.
 
-    ``YAWID_DEBUG=1`` shows the traceback of the latter too.
+    With ``YAWID_DEBUG=1`` the traceback of the others is shown too.
     """
     text = " ".join(str(error).split())
     if isinstance(error, YawidError):

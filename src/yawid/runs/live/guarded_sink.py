@@ -1,4 +1,4 @@
-"""A tlog or sink that fails is one line, and the session goes on without it."""
+"""Guards of the tlog and the sinks: one that fails is reported, and the session goes on."""
 
 import contextlib
 from collections.abc import Callable
@@ -13,14 +13,14 @@ LOOK_S = 1.0
 
 
 class Guard(Bulkhead):
-    """What writes ``part`` and may fail, and is then closed; ``failure`` says why.
+    """A guard of what writes the file ``part``: after a failure, whose cause is ``failure``, close.
 
-    A file that is removed while it is written raises no error by itself: that it is still there is
-    looked at every ``LOOK_S``.
+    Writing to a file that has been removed raises no error: therefore the guard checks every
+    ``LOOK_S`` that the file still exists.
     """
 
     without = "it"
-    """What the session goes on without."""
+    """The name of what the session goes on without, in a message."""
 
     def __init__(self, part: Path, tell: Callable[[str], None]) -> None:
         super().__init__(part.name, f"the session goes on without {self.without}", tell)
@@ -28,13 +28,13 @@ class Guard(Bulkhead):
         self._look = Pace(LOOK_S)
 
     def give_up(self, error: Exception) -> None:
-        """Do without it from here on."""
+        """Report the error and close: nothing more is written."""
         super().give_up(error)
-        with contextlib.suppress(Exception):  # why it failed has been said
+        with contextlib.suppress(Exception):  # the cause has been reported
             self._close()
 
     def abort(self) -> None:
-        """Close what is open, where it has not failed; its file keeps its unfinished name."""
+        """Close, unless that is done after a failure; the file keeps its unfinished name."""
         if self.failure is None:
             self._close()
 
@@ -46,7 +46,7 @@ class Guard(Bulkhead):
             raise SinkError(f"{self._part} has been removed")
 
     def _attempt(self, act: Callable[[], object]) -> None:
-        """Do it, unless there was a failure before."""
+        """Call ``act``, unless there was a failure before."""
         self.attempt(lambda: self._write_by(act), None)
 
     def _write_by(self, act: Callable[[], object]) -> None:
@@ -55,14 +55,14 @@ class Guard(Bulkhead):
 
 
 class Guarded(Guard, Relay):
-    """Stands in front of a sink that writes ``part``."""
+    """A sink that hands every call to another sink, which writes ``part``, and guards it."""
 
     def __init__(self, sink: Sink, part: Path, tell: Callable[[str], None]) -> None:
         super().__init__(part, tell)
         self._sink = sink
 
     def flush(self) -> None:
-        """See :class:`yawid.sinks.base.Sink`; looks, too, whether the file is still there."""
+        """See :class:`yawid.sinks.base.Sink`; the file is also checked to be still there."""
         self._attempt(self._flush)
 
     def _hand(self, call: Call) -> None:
@@ -77,9 +77,9 @@ class Guarded(Guard, Relay):
 
 
 class TlogRecorder(Guard):
-    """Writes ``<path>.part`` and gives it the name ``path`` at the end.
+    """The recorder of a tlog: it writes ``<path>.part``, which is renamed ``path`` at the end.
 
-    What the operating system has been handed kill -9 cannot take back; a power cut can.
+    Data handed to the operating system survive kill -9, but not a power cut.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -94,21 +94,21 @@ class TlogRecorder(Guard):
         self._force = force
 
     def write(self, data: bytes) -> None:
-        """Add whole records and hand them to the operating system, before they are estimated."""
+        """Add whole records and hand them to the operating system, before they are used."""
         self._attempt(lambda: self._write(data))
 
     def look(self) -> None:
-        """See that the file is still there, every ``LOOK_S``."""
+        """Check every ``LOOK_S`` that the file still exists."""
         self._attempt(self._check_present)
 
     def finish(self) -> Path | None:
-        """Close and rename; return the file, None where there is none to be had."""
+        """Close and rename the file; return its path, None where the recorder has failed."""
         self._attempt(self._finish)
         return None if self.failure else self._path
 
     def _close(self) -> None:
-        """Close under the unfinished name: what was recorded stays."""
-        with contextlib.suppress(OSError):  # what it could not write has been said already
+        """Close the file under its unfinished name: it keeps what was recorded."""
+        with contextlib.suppress(OSError):  # the failure to write has been reported already
             self._stream.close()
 
     def _write(self, data: bytes) -> None:

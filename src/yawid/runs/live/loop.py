@@ -1,4 +1,4 @@
-"""The loop of ``yawid live``: read, record, estimate, and say what has happened."""
+"""The loop of ``yawid live``: read, record, estimate, and report events on the link."""
 
 import sys
 import time
@@ -38,32 +38,33 @@ from yawid.sources.open_log import ReadOptions
 READ_S = 0.2
 SILENT_US = 5_000_000
 LAST_READ_US = 1_000_000
-"""What came within this time before a stop is still read: a session that is not behind loses none.
-"""
+"""If reading is less than this behind the link at a stop, all that has arrived is still read."""
 SWITCH_S = 0.001
-"""How long a fit on its thread may keep the stream waiting for Python; its usual 5 ms can be seen.
+"""How long a fit in another thread may hold the interpreter before the loop gets it.
 
-With 1 ms the latency of the stream's estimates is the same while a fit runs.
+With 1 ms the latency of the stream's estimates is the same while a fit runs; with Python's usual
+5 ms it is visibly longer.
 """
 LOAD, LOAD_BESIDE_FITS, LONGEST_PAUSE_S = 1 / 3, 1 / 8, 0.5
-"""How much of the time the loop may take, before reads are further apart, up to half a second.
+"""The part of the time that the loop may take, alone and while fits wait, and the longest pause.
 
-A block costs much the same whether it has two samples of a vehicle or ten: many vehicles are
-estimated in larger ones, which leaves the time that their fits need. Fits that wait have it first.
+A loop that needs more reads less often, with pauses up to the longest. A block takes nearly the
+same time for two samples of a vehicle as for ten: many vehicles are therefore estimated in larger
+blocks, which leaves time for their fits.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class LiveOptions:
-    """What a live run is asked for beside its configuration and outputs.
+    """The options of a live run that are not in its configuration and outputs.
 
-    ``seconds`` None: until asked to stop. ``request_hz`` None: nothing is ever transmitted.
-    ``every_vehicle``: each has its own session, ``most_vehicles`` at most, in whose tlog frames of
-    who is no vehicle stand only where ``record_others`` asks for it. ``publish`` None: no answer is
-    ever sent.
+    ``seconds`` None: the run lasts until it is stopped. ``request_hz`` None: no rate is requested.
+    ``every_vehicle``: each vehicle has its own session, ``most_vehicles`` at most; their tlogs hold
+    frames of senders that are not vehicles only with ``record_others``. ``publish`` None: no
+    answer is ever sent.
 
     Raises:
-        ConfigError: a value outside its limits, or values that exclude one another.
+        ConfigError: a value is outside its limits, or two options exclude each other.
     """
 
     endpoint: str
@@ -79,7 +80,7 @@ class LiveOptions:
 
     @property
     def may_transmit(self) -> bool:
-        """Whether the tap's own link is ever sent anything."""
+        """Whether anything is ever sent on the link that the tap listens to."""
         by_tap = self.publish is not None and (
             parse_publish(self.publish, parse_endpoint(self.endpoint)) is None
         )
@@ -124,12 +125,12 @@ def live(
     console: Console,
     read_options: ReadOptions | None = None,
 ) -> list[Ended]:
-    """Tap a link until asked to stop; return what each vehicle's session came to.
+    """Listen on a link until asked to stop; return the result of each vehicle's session.
 
     Raises:
         ConfigError: the state to resume from does not fit, or the rate asked for is too high.
         SourceError: the endpoint cannot be opened.
-        SinkError: the folder cannot be made, or the state not be written there.
+        SinkError: the folder cannot be made, or the state cannot be written.
     """
     endpoint, stamps = parse_endpoint(options.endpoint), Stamps()
     with os_errors_as_sink_error(outputs.folder):
@@ -140,7 +141,7 @@ def live(
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     try:
-        # The tap comes first: it queues what is sent while a viewer takes its time.
+        # The tap comes first: it queues what arrives while a viewer is being opened.
         key = read_options.key
         with open_tap(endpoint, stamps, may_transmit=options.may_transmit, key=key) as tap:
             RUNNER.compile_behind()
@@ -166,14 +167,14 @@ def _attend(
     console: Console,
     publish: Publish | None,
 ) -> list[Ended]:
-    """Read the tap until asked to stop, close it and finish; what is cut short is left readable."""
+    """Read the tap until asked to stop, close it and finish; after an error files stay readable."""
     sessions: Single | Fleet = Single(setting)
     if options.every_vehicle:
         sessions = Fleet(setting, options.most_vehicles, record_others=options.record_others)
     try:
         loop = _Loop(tap, sessions, setting, options, console, publish)
         loop.run(stop)
-        console.close()  # what is left to do is told in lines; a second Ctrl-C ends it at once
+        console.close()  # from here on lines are printed; a second Ctrl-C ends the program at once
         tap.close()
         return loop.finish()
     except ConfigError as error:
@@ -188,7 +189,7 @@ def _attend(
 
 @contextmanager
 def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Publish | None]:
-    """Open what answers are published by, if they are to be."""
+    """Open the publisher of answers, if ``--publish`` asks for one."""
     if options.publish is None:
         yield None
         return
@@ -207,19 +208,19 @@ def open_tap(
     """Return the tap that listens on an endpoint.
 
     Raises:
-        SourceError: it cannot be opened.
+        SourceError: the endpoint cannot be opened.
     """
     kind = StreamTap if endpoint.kind in ("tcp", "serial") else UdpTap
     return kind(endpoint, may_transmit=may_transmit, stamps=stamps, key=key)
 
 
 def session_name() -> str:
-    """Return a name for a live session's files: its start in UTC."""
+    """Return a name for the files of a live session that starts now: its time in UTC."""
     return datetime.now(UTC).strftime("live-%Y%m%dT%H%M%SZ")
 
 
 class _Loop:
-    """Reads until asked to stop; what happens on the link is reported and kept for the summary."""
+    """The loop: it reads until asked to stop, reports events on the link, and keeps them."""
 
     def __init__(
         self,
@@ -276,7 +277,7 @@ class _Loop:
                 self._keep_apart(time.monotonic() - self._read_s)
 
     def _show(self) -> None:
-        """Show where the sessions stand: as a line, or on the screen."""
+        """Show the state of the sessions: as a line, or on the screen."""
         begun_s = time.monotonic()
         line = self._sessions.line(self._dropped()) or "no vehicle yet"
         if self._console.failure is not None:
@@ -287,7 +288,7 @@ class _Loop:
             self._console.close()
 
     def _draw(self, line: str, begun_s: float) -> bool:
-        """Draw the screen; return that it was drawn."""
+        """Draw the screen; return True, since it was drawn."""
         now_us, last_us = self._tap.stamps.now(), self._tap.inbox.last_us
         facts = ScreenFacts(
             endpoint=str(self._tap.endpoint),
@@ -301,9 +302,10 @@ class _Loop:
         return True
 
     def finish(self) -> list[Ended]:
-        """Take what came last, then finish every session; the tap is closed.
+        """Read what arrived last, then finish every session; the tap is already closed.
 
-        Where the estimates are behind the link what waits is skipped, in files and estimates alike.
+        Where the estimates are behind the link, what waits is skipped: no file and no estimate has
+        it.
         """
         if self._tap.stamps.now() - self._tap.reached_us() < LAST_READ_US:
             self._feed(0.0)
@@ -345,7 +347,7 @@ class _Loop:
         return ended
 
     def _feed(self, timeout_s: float) -> bool:
-        """Read and hand on what there is; return whether there was anything."""
+        """Read what has arrived and give it to the sessions; return whether there was anything."""
         try:
             data = self._tap.read(timeout_s)
         except SourceError as error:
@@ -361,13 +363,16 @@ class _Loop:
         return bool(data)
 
     def _keep_apart(self, busy_s: float) -> None:
-        """Set how far reads are apart by what was done since the last; one long pass is no rule."""
+        """Set the pause between reads from the time that the last two passes took.
+
+        The shorter of the two counts, so that a single long pass changes nothing.
+        """
         usual_s, self._busy_s = min(busy_s, self._busy_s), busy_s
         load = LOAD_BESIDE_FITS if self._fits.waiting else LOAD
         self._tap.pause_s = min(max(BATCH_S, usual_s / load), LONGEST_PAUSE_S)
 
     def _watch(self) -> None:
-        """Say what is new: senders, silence, a clock that was set, rates."""
+        """Report what is new: senders, silence, a clock that was set, overload, rates."""
         while self._tap.news:
             self._tell(self._tap.news.popleft())
         jump_s = self._tap.stamps.jump()
@@ -397,9 +402,9 @@ class _Loop:
         return next((s.vehicle for s in self._sessions.running()), None)
 
     def _dropped(self) -> str:
-        """Return how many datagrams had to be dropped here."""
+        """Return how many datagrams were dropped here, with "at least" where not all are known."""
         inbox = self._tap.inbox
         count = inbox.dropped + inbox.too_long + (self._tap.socket_dropped or 0)
-        # Where nobody counts them, dropped frames show only in the sequence numbers.
+        # A system that does not count its drops: they show only as gaps in sequence numbers.
         known = self._tap.socket_dropped is not None or self._tap.receive_buffer is None
         return f"{count}" if known else f"at least {count}"

@@ -1,4 +1,4 @@
-"""What a session says where more comes than it can estimate: nothing is dropped in silence."""
+"""Reports of overload: where more arrives than a session can estimate, every drop is reported."""
 
 from collections.abc import Iterator
 
@@ -8,11 +8,11 @@ from yawid.sources.link.tap import Tap
 
 BEHIND_S, CAUGHT_UP_S = 3.0, 1.0
 AGAIN_S = 10.0
-"""How often the count of what was dropped is said again while it grows."""
+"""How often the number of dropped datagrams is reported again while it grows."""
 
 
 class Overload:
-    """Watches how far the reading of a tap is behind its link, and what it had no room for."""
+    """A watch on how far reading is behind the link, and on the datagrams that were dropped."""
 
     def __init__(self, tap: Tap) -> None:
         self._tap = tap
@@ -22,7 +22,7 @@ class Overload:
         self._again = Pace(AGAIN_S)
 
     def lines(self) -> Iterator[str]:
-        """Yield what is new; made to be called when a read has been estimated."""
+        """Yield a line for each new event; to be called after each read has been estimated."""
         inbox = self._tap.inbox
         behind_s = (self._tap.stamps.now() - self._tap.reached_us()) / 1e6
         if behind_s > BEHIND_S and not self._is_behind:

@@ -1,4 +1,4 @@
-"""What is published of each session, and when: a round a second, a text where there is news."""
+"""What is published of each session, and when: values each second, a text for each event."""
 
 import math
 import re
@@ -14,15 +14,15 @@ from yawid.sources.link.publisher import INFO, LONGEST_TEXT, NOTICE, Publisher
 
 ROUND_S = 1.0
 SILENT_US = 5_000_000
-"""Nobody speaks for a vehicle that has been silent for so long."""
+"""Nothing is published for a vehicle that has been silent for this long."""
 SETTLE_S = 10.0
-"""A verdict of the first seconds, when little has come yet, is not worth a text."""
+"""No text is sent on a verdict of the first seconds, when few data have arrived."""
 REASON_S = 15.0
-"""The reasons of texts that say "not usable", one after the other, are so far apart."""
+"""The least time between two texts that say "not usable" for different reasons."""
 
 
 class Published:
-    """What is known of one session between two looks at it."""
+    """The state of what has been published of one session."""
 
     def __init__(self, worker: Worker) -> None:
         self.answer = RunningAnswer(worker)
@@ -34,9 +34,9 @@ class Published:
 
 
 class Publish:
-    """Publishes the running answers of all sessions, a round a second, the sessions in turn.
+    """The publisher of all sessions' running answers: values of one session each second, in turn.
 
-    ``reached_us`` returns the stamp up to which all that came has been read.
+    ``reached_us`` returns the stamp up to which all that arrived has been read.
     """
 
     def __init__(self, publisher: Publisher, worker: Worker, reached_us: Callable[[], int]) -> None:
@@ -75,7 +75,7 @@ class Publish:
         return [news.popleft() for _ in range(len(news))]
 
     def _may_speak(self, vehicle: tuple[int, int], session: LiveSession) -> bool:
-        """Return whether there is something to say, the vehicle is there and not our component."""
+        """Return whether to publish: estimated, not silent, and of a component other than ours."""
         if session.publishing.failure is not None or not session.is_estimated:
             return False
         if vehicle[1] == self._publisher.compid:
@@ -109,16 +109,17 @@ class Publish:
             known.round_s = now_s
 
     def _tell_manoeuvres(self, sysid: int, session: LiveSession, known: Published) -> None:
-        """Have a text sent of each manoeuvre answered since the last look."""
+        """Queue a text on each manoeuvre answered since the last call."""
         answered = session.pipeline.manoeuvres or []
         news, known.manoeuvres = answered[known.manoeuvres :], len(answered)
         for found in news:
             self._publisher.say(sysid, INFO, manoeuvre_text(found))
 
     def _tell_change(self, sysid: int, answer: Answer, known: Published, now_s: float) -> None:
-        """Have a text sent where the verdict is another than the one told last.
+        """Queue a text where the verdict differs from the one that was sent last.
 
-        Of what cannot be used yet the reason may change with every look: it is told less often.
+        While a session is not usable, its first reason may change with every call: such changes are
+        sent less often.
         """
         turns = "usable" in (answer.state, known.state) or known.state is None
         if answer.state == known.state or not (turns or now_s - known.told_s >= REASON_S):
@@ -129,9 +130,9 @@ class Publish:
 
 
 def values_of(answer: Answer | None) -> dict[str, float]:
-    """Return what a round says: the numbers there are, with total sigmas, and whether to use them.
+    """Return the values to publish: wn in rad/s, zeta, their total sigmas, and ``yaw_ok``.
 
-    Without an answer there is ``yaw_ok`` alone, 0.
+    ``yaw_ok`` is 1.0 where the answer is usable, else 0.0. A number that is unknown is left out.
     """
     roll = None if answer is None else answer.dutch_roll
     usable = answer is not None and answer.verdict.usable
@@ -157,7 +158,7 @@ def verdict_text(answer: Answer) -> str:
 
 
 def _fitting(text: str) -> str:
-    """Return a text in ASCII, without the unit and at last the sigmas where it has no room."""
+    """Return a text in ASCII; one too long loses its unit, and then its sigmas if need be."""
     text = text.replace(" ± ", "+-")
     if len(text) > LONGEST_TEXT:
         text = text.replace(" rad/s", "")

@@ -1,4 +1,4 @@
-"""The answer as it stands while a session runs: what its summary would say if it ended now."""
+"""The answer while a session runs: the one that its summary would have if it ended now."""
 
 import time
 from concurrent.futures import Future
@@ -13,20 +13,20 @@ from yawid.results.summary import Basis, bank_summaries, basis_of, of_the_log
 from yawid.runs.live.worker import Worker
 
 AGAIN_S, SHARE = 2.0, 0.05
-"""A stream is judged so far apart at least, and so that judging takes this part of the time."""
+"""The least time between two verdicts on a stream, and the part of the time they may take."""
 SHARE_SHOWN = 0.01
-"""The same where a person looks on and nobody else hears of it."""
+"""The same part where the answer is only shown on the screen and not published."""
 
 
 class Answer(NamedTuple):
-    """A verdict and the Dutch roll that it is about, None where there is none."""
+    """A verdict and the Dutch roll it judges, None where there is none."""
 
     verdict: Verdict
     dutch_roll: DutchRoll | None
 
     @property
     def state(self) -> str:
-        """``usable``, or the first reason why it is not."""
+        """The word "usable", or the id of the first fatal reason."""
         fatal = next((reason.id for reason in self.verdict.reasons if reason.exit_code), None)
         return "usable" if fatal is None else fatal
 
@@ -34,9 +34,9 @@ class Answer(NamedTuple):
 class RunningAnswer:
     """The answer of one session: the flight's where a manoeuvre was answered, else the stream's.
 
-    A stream takes a tenth of a second to be judged: that is done beside the loop, by ``worker``, of
-    the stream as it stood. Where the flight cannot be used yet its verdict stands and the stream
-    still gives the numbers. ``share`` is the part of the time that judging the stream may take.
+    Judging a stream takes a tenth of a second: ``worker`` does it outside the loop, on a copy of
+    the stream. Where the flight has no Dutch roll yet, the verdict is the flight's and the numbers
+    are the stream's. ``share`` is the part of the time that judging the stream may take.
     """
 
     def __init__(self, worker: Worker, share: float = SHARE) -> None:
@@ -47,7 +47,7 @@ class RunningAnswer:
         self._next_s = float("-inf")
 
     def look(self, pipeline: Pipeline, link: LinkStats) -> Answer | None:
-        """Return the answer, None before there is one; made to be called about once a second."""
+        """Return the answer, None before there is one; to be called about once each second."""
         basis = basis_of(pipeline, link)
         flight = pipeline.flight(of_the_log(basis.reasons))
         if flight is not None and flight[0].dutch_roll is not None:
@@ -58,7 +58,7 @@ class RunningAnswer:
         return stream
 
     def _stream(self, bank: Bank | None, basis: Basis) -> Answer | None:
-        """Return what was judged last, and have the stream judged again where it is time."""
+        """Return the last answer of the stream, and have the stream judged again when it is due."""
         now_s = time.monotonic()
         if self._judging is not None and self._judging.done():
             self._of_stream, took_s = self._judging.result()
@@ -71,7 +71,7 @@ class RunningAnswer:
 
 
 def _judge(bank: Bank, basis: Basis) -> tuple[Answer, float]:
-    """Judge a stream; return how long it took, too."""
+    """Judge a stream; return its answer, and the seconds that this took."""
     begun_s = time.monotonic()
     summaries, evidence = bank_summaries(bank)
     verdict = basis.verdict(bank, evidence)

@@ -1,4 +1,4 @@
-"""What was learnt, kept from one session to the next: ``--state FILE``."""
+"""The estimators' state, kept in a file from one session to the next: ``--state FILE``."""
 
 import json
 import os
@@ -25,21 +25,22 @@ from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
 VERSION = "yawid-state-1"
 SAVE_S = 60.0
 _REMEDY = "remove it or take another file for --state to start again"
-# Which samples and what is read off the model, not what is made of them.
+# These settings choose the samples, or what is derived from the model; they do not change it.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "given")
 _OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad")
 
 
 class StateFile(Bulkhead):
-    """Estimators on disk, keyed by vehicle, channels and configuration.
+    """Estimators in a file, keyed by vehicle, channels and configuration.
 
-    A line of JSON (version, key, sizes), then the bytes of each estimator. A state of another
-    configuration is refused at once, one of another vehicle or other channels once these are known:
-    the session then starts again, and the file is kept as ``<path>.old``, or ``.old-2`` and on.
+    The file is a line of JSON (version, key, time, sizes), then the bytes of each estimator. A
+    state of another configuration is refused at once. One of another vehicle or other channels is
+    refused when these are known: estimation then starts without it, and the file is kept as
+    ``<path>.old``, or ``.old-2`` and so on.
 
     Raises:
-        ConfigError: the file is there and is no state, or of another version or configuration.
-        SinkError: it could not be written.
+        ConfigError: the file exists and is not a state, or has another version or configuration.
+        SinkError: the file cannot be written.
     """
 
     def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
@@ -56,7 +57,7 @@ class StateFile(Bulkhead):
                 raise ConfigError(f"the state in {path} does not fit: {reason}")
 
     def resume(self, bank: Bank, pipeline: Pipeline) -> None:
-        """Put the saved estimators into a new bank, if they fit; say which it is."""
+        """Put the saved estimators into a new bank if they fit; report whether they do."""
         if self._head is None:
             return
         head, self._head = self._head, None
@@ -71,7 +72,7 @@ class StateFile(Bulkhead):
             self._tell(f"the state in {self._path} does not fit, starting again: {reason}")
             return
         for method, estimator in estimators.items():
-            # What lies between the sessions is a gap: the lags must not reach across it.
+            # The time between the sessions is a gap: the lags must not reach across it.
             estimator.run(np.full((1, estimator.config.orders.n_inputs), np.nan), [np.nan])
             bank.estimators[method] = estimator
         minutes = (time.time() - head["saved_s"]) / 60.0
@@ -79,7 +80,7 @@ class StateFile(Bulkhead):
         self._tell(f"resumed from {self._path}: {updates} updates, saved {minutes:.0f} min ago")
 
     def tick(self, pipeline: Pipeline, worker: Executor) -> None:
-        """Have the worker save every ``SAVE_S``; a file that cannot be written is said one time."""
+        """Have the worker save every ``SAVE_S``; a failure to write is reported once."""
         if self._writing is not None:
             if not self._writing.done():
                 return
@@ -89,7 +90,7 @@ class StateFile(Bulkhead):
             self.attempt(lambda: self._begin(pipeline, worker), None)
 
     def save(self, pipeline: Pipeline) -> None:
-        """Save now, if there is anything."""
+        """Save now, if there is anything to save."""
         if self._writing is not None:
             self.attempt(self._writing.result, None)
         if pipeline.bank is not None:
@@ -99,11 +100,11 @@ class StateFile(Bulkhead):
         self._writing = worker.submit(self._write, self._content(pipeline))
 
     def _content(self, pipeline: Pipeline) -> bytes:
-        """Return the file as it is to be now; the pipeline has a bank."""
+        """Return the content of the file for the present state; the pipeline must have a bank."""
         bank = pipeline.bank
         assert bank is not None
         saved = {m: e.to_bytes() for m, e in bank.estimators.items()}  # type: ignore[union-attr] # no reference here
-        # The reference engine, which has no bytes, was refused when this was built.
+        # The reference engine has no to_bytes; __init__ has refused it.
         head = {
             "version": VERSION,
             "key": _key(bank, pipeline),
@@ -121,11 +122,11 @@ class StateFile(Bulkhead):
 
 
 def check_place(path: Path, config: RunConfig) -> None:
-    """Find out before a flight whether a state can be kept there.
+    """Check before a flight that a state can be kept in the file.
 
     Raises:
         ConfigError: estimators of this configuration cannot be saved.
-        SinkError: it could not be written.
+        SinkError: its folder cannot be written to.
     """
     if config.engine != "numba":
         raise ConfigError(f"--state needs --engine numba: {config.engine} cannot be saved")
@@ -134,19 +135,19 @@ def check_place(path: Path, config: RunConfig) -> None:
 
 
 def _free_name(path: Path) -> Path:
-    """Return the first of ``<path>.old``, ``<path>.old-2``, ``<path>.old-3`` ... that is free."""
+    """Return the first of ``<path>.old``, ``<path>.old-2``, ``<path>.old-3`` ... not in use."""
     names = chain([".old"], (f".old-{number}" for number in count(2)))
     kept = (path.with_name(path.name + name) for name in names)
     return next(each for each in kept if not os.path.lexists(each))
 
 
 def of_vehicle(path: Path, sysid: int) -> Path:
-    """Return the state of one of several vehicles."""
+    """Return the path of the state of one of several vehicles."""
     return path.with_name(f"{path.name}-{sysid}")
 
 
 def check_states(path: Path, config: RunConfig) -> None:
-    """Find out before a flight whether the states of all vehicles are of use and can be kept.
+    """Check before a flight that the states of all vehicles fit and can be kept.
 
     Raises:
         ConfigError, SinkError: as :class:`StateFile` does.
@@ -158,7 +159,11 @@ def check_states(path: Path, config: RunConfig) -> None:
 
 
 def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]:
-    """Return the head and each estimator; None where there is no file yet."""
+    """Return the head and the estimators by method; None and none where there is no file yet.
+
+    Raises:
+        ConfigError: as :class:`StateFile` does.
+    """
     try:
         head_line, _, body = path.read_bytes().partition(b"\n")
     except FileNotFoundError:
@@ -186,7 +191,7 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]
 
 
 def _key(bank: Bank, pipeline: Pipeline) -> dict[str, Any]:
-    """Return all that must agree for a state to be resumed, in JSON's own types."""
+    """Return all that must agree for a state to be resumed, in JSON's types."""
     channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
     assert vehicle is not None
     key = {
@@ -204,7 +209,7 @@ def _settings(config: RunConfig) -> dict[str, Any]:
 
 
 def _difference(ours: dict[str, Any], theirs: dict[str, Any]) -> str:
-    """Say the first thing that differs, "" if nothing does."""
+    """Return a text on the first difference, "" if there is none."""
     for name, value in ours.items():
         other = theirs.get(name)
         if isinstance(value, dict) and isinstance(other, dict):

@@ -1,4 +1,4 @@
-"""What the live screen shows of a session, gathered from where it stands."""
+"""The facts that the live screen shows of a session, gathered from its pipeline."""
 
 import time
 from collections import deque
@@ -17,14 +17,14 @@ from yawid.runs.live.worker import Worker
 from yawid.sinks.terminal.live_facts import VehicleFacts
 
 WINDOW_S = 2.0
-"""Rates are of so long, and so long no sample is used before it is said why."""
+"""Rates are counted over this time; where no sample is used for this long, the reason is shown."""
 
 
 class Gatherer:
-    """Gathers one session's facts; it keeps what rates are counted from.
+    """Gathers the facts of one session; it keeps the counts that rates are made from.
 
-    With ``worker`` the stream too is judged now and then, beside the loop, until a manoeuvre has
-    been answered.
+    With ``worker`` the stream is also judged from time to time, outside the loop, until a
+    manoeuvre has been answered.
     """
 
     def __init__(self, worker: Worker | None = None) -> None:
@@ -34,7 +34,7 @@ class Gatherer:
     def facts(
         self, pipeline: Pipeline, link: LinkStats, quiet: str, *, closely: bool
     ) -> VehicleFacts:
-        """Return the facts; ``closely`` with what takes a while: rudder, running estimate."""
+        """Return the facts; ``closely``: also the slower ones, rudder and running estimate."""
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress(closely=closely)
@@ -85,7 +85,7 @@ class Gatherer:
         return rates, lasted_s >= WINDOW_S and now[4] == first[4]
 
     def _answer(self, pipeline: Pipeline, link: LinkStats) -> tuple[Flight | None, Verdict | None]:
-        """Return the flight and its verdict; before there is one the stream's, where judged."""
+        """Return the flight and its verdict; without a flight, the stream's verdict if known."""
         found = pipeline.flight(of_the_log(basis_of(pipeline, link).reasons))
         if found is not None:
             return found
@@ -96,14 +96,14 @@ class Gatherer:
 
 
 def _held(pipeline: Pipeline) -> str:
-    """Return why the newest sample is not used."""
+    """Return in words why the newest sample is not used, "" where there is none."""
     if pipeline.newest is None:
         return ""
     return ", ".join(words(flag) for flag in Held(int(pipeline.newest.held[-1])))
 
 
 def _stream(pipeline: Pipeline) -> str:
-    """Return the running estimate in words."""
+    """Return the running estimate in words, "" before the first."""
     if pipeline.bank is None or not pipeline.bank.last:
         return ""
     method, status, roll = answering(pipeline.bank)

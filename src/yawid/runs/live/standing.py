@@ -1,4 +1,4 @@
-"""Where a session stands, in one line; how long samples wait."""
+"""The state of a session in one line, and how long samples wait to be estimated."""
 
 import time
 
@@ -12,16 +12,16 @@ from yawid.results.judge_estimate import answering
 from yawid.sinks.words import dutch_roll
 
 QUIET_S = 1.5
-"""So long without anything, and what was last estimated is no longer how things stand."""
+"""After this long without data or samples, the last estimate is no longer shown as current."""
 SILENT = "silent"
 _LATE_S = 0.3
-"""By so much a busy machine may read the last bytes later than they came."""
+"""A busy machine may read the last bytes this much later than they arrived."""
 _STEP_US = 250
-_BINS = 4000  # to 1 s; what takes longer counts as that
+_BINS = 4000  # up to 1 s; a longer wait is counted in the last bin
 
 
 class Standing:
-    """Makes the line of one session; ``received_us`` is when its last bytes came, 0 before."""
+    """Makes the line of one session; ``received_us`` is when its last bytes were recorded, or 0."""
 
     def __init__(self) -> None:
         self.received_us = 0
@@ -29,9 +29,9 @@ class Standing:
         self._is_idle = False
 
     def line(self, pipeline: Pipeline, link: LinkStats, now_us: int, dropped: str) -> str:
-        """Return how much comes, what is lost of it and what it gives; ``dropped`` in words.
+        """Return the line: rate, losses, running estimate; ``dropped`` is a number as text.
 
-        What matters least stands last: a narrow terminal cuts it off.
+        The least important part is the last one: a narrow terminal cuts it off.
         """
         now_s = time.monotonic()
         since_s, before = self._rate_from
@@ -51,7 +51,7 @@ class Standing:
         return ", ".join([*parts, samples])
 
     def word(self, pipeline: Pipeline, now_us: int) -> str:
-        """Return how things stand in a word or two: the method's status where samples come."""
+        """Return the state in a word or two: the status of the method while samples arrive."""
         if self.quiet(pipeline, now_us):
             return SILENT
         if pipeline.bank is None or not pipeline.bank.last:
@@ -59,12 +59,12 @@ class Standing:
         return words(Status(int(pipeline.bank.last[pipeline.config.method].status[-1])))
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
-        """Whether samples have stopped since this was last asked."""
+        """Return whether samples have stopped arriving since the last call."""
         was_idle, self._is_idle = self._is_idle, _idle_s(pipeline, now_us) > 0.0
         return self._is_idle and not was_idle
 
     def quiet(self, pipeline: Pipeline, now_us: int) -> str:
-        """Return what is to be said of a link or a vehicle that has fallen silent, or nothing."""
+        """Return a text on a link or vehicle that has fallen silent, "" where none has."""
         quiet_s, idle_s = (now_us - self.received_us) / 1e6, _idle_s(pipeline, now_us)
         ends_with_samples = idle_s > 0.0 and idle_s - quiet_s < _LATE_S
         if self.received_us and (quiet_s > QUIET_S or ends_with_samples):
@@ -73,12 +73,12 @@ class Standing:
 
 
 def running(roll: DutchRoll | None) -> str:
-    """Return the line of a running estimate."""
+    """Return the running estimate's wn and zeta in words."""
     return "wn: not yet" if roll is None else dutch_roll(roll)
 
 
 def _idle_s(pipeline: Pipeline, now_us: int) -> float:
-    """Return how long no sample has come, 0 while they come or before the first."""
+    """Return for how many seconds no sample has come; 0 while they come or before the first."""
     if pipeline.bank is None or pipeline.newest is None:
         return 0.0
     idle_s = (now_us - int(pipeline.newest.received_us[-1])) / 1e6
@@ -86,14 +86,14 @@ def _idle_s(pipeline: Pipeline, now_us: int) -> float:
 
 
 class Latency:
-    """Counts waiting times in bins of a quarter of a millisecond: any number in the same memory."""
+    """A count of waiting times in bins of 0.25 ms, so that its memory does not grow."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, np.int64)
 
     @property
     def count(self) -> int:
-        """How many samples were counted."""
+        """The number of samples counted."""
         return int(self._counts.sum())
 
     def add(self, waited_us: Ints) -> None:

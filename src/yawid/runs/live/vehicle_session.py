@@ -1,4 +1,4 @@
-"""One vehicle's live session: the same bytes go to its tlog and to its pipeline."""
+"""The live session of one vehicle: the same bytes go to its tlog and to its pipeline."""
 
 import hashlib
 from collections.abc import Callable
@@ -44,9 +44,11 @@ _T = TypeVar("_T")
 
 
 class Ended(NamedTuple):
-    """What a session came to: summary, verdict, and the exit code.
+    """The result of a session: summary, verdict and exit code.
 
-    That is 70 where the estimation failed, 6 where an output did, else the verdict's.
+    The code is 70 where the estimation failed, 6 where another part of the session did, else the
+    verdict's. The loop raises a lower one to 6 where the link, publishing, rate requests or the
+    screen failed.
     """
 
     summary: RunSummary
@@ -55,7 +57,7 @@ class Ended(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What every session of a run shares."""
+    """The settings, clocks and workers that all sessions of a run share."""
 
     endpoint: str
     config: RunConfig
@@ -71,20 +73,20 @@ class Setting(NamedTuple):
 
 
 class LiveSession:
-    """Records, estimates and shows one vehicle; ``label`` names it where there are several.
+    """A session that records, estimates and shows one vehicle; ``label`` names it among several.
 
-    Each of these may fail by itself; what is recorded goes on in any case. ``publishing`` is the
-    part in which others publish of the session.
+    Each of these parts may fail without the others; recording goes on where estimation fails.
+    ``publishing`` guards what :class:`yawid.runs.live.publish.Publish` does for this session.
 
     Raises:
         ConfigError: the state to resume from does not fit.
-        SinkError: it could not be written.
+        SinkError: the state cannot be written.
     """
 
     def __init__(self, setting: Setting, label: str = "") -> None:
         self.events: list[str] = []
         self.failures: dict[str, str] = {}
-        """Why a part could not be had from the start, by its name."""
+        """Why a part failed to open, by the part's name."""
         self.latency = Latency()
         self._setting = setting
         self._label = label
@@ -103,7 +105,7 @@ class LiveSession:
         self._others: set[int] = set()
         self._signing_said = setting.read_options.key is not None
         self._standing = Standing()
-        # Of several vehicles nobody has the streams judged while they fly.
+        # With several vehicles the streams are not judged for the screen during the flight.
         self._gatherer = Gatherer(None if label else setting.fits)
         self._estimating = Bulkhead(
             "the estimation", "no longer estimated, recorded as before", self.tell, self._misfit
@@ -113,7 +115,7 @@ class LiveSession:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """The (sysid, compid) that is estimated, once known."""
+        """The vehicle that is estimated, as (sysid, compid); None before it is known."""
         found = self.pipeline.channels.lock.vehicle
         return None if found is None else (found.sysid, found.compid)
 
@@ -123,18 +125,18 @@ class LiveSession:
         return self._estimating.failure is None
 
     def tell(self, text: str) -> None:
-        """Say a line, and keep it for the summary."""
+        """Print a line, and keep it for the summary."""
         if len(self.events) < MOST_EVENTS:
             self.events.append(text)
         self._setting.say(f"{self._label}{text}")
 
     def feed(self, data: bytes) -> None:
-        """Record the bytes, then estimate."""
+        """Record the bytes (whole records), then estimate from them."""
         self.record(data)
         self.estimate(data)
 
     def record(self, data: bytes) -> None:
-        """Record the bytes; the files are opened with the first of them."""
+        """Record the bytes; the first call opens the files."""
         if not self._opened:
             self._open()
         self._sha256.update(data)
@@ -143,7 +145,7 @@ class LiveSession:
         self._standing.received_us = self._setting.now_us()
 
     def estimate(self, data: bytes) -> None:
-        """Estimate what was recorded."""
+        """Estimate from bytes that were recorded."""
         self._estimating.attempt(lambda: self._estimate(data), None)
 
     def _estimate(self, data: bytes) -> None:
@@ -151,11 +153,11 @@ class LiveSession:
         self.pipeline.feed(self.decoder.feed(data))
         newest = self.pipeline.newest
         if before and newest is not None and self.pipeline.samples > before:
-            # Not the first samples of all: they wait for the rate to be known.
+            # The first samples are not counted: they wait until the rate is known.
             self.latency.add(self._setting.now_us() - newest.received_us)
 
     def tick(self) -> None:
-        """Bring out what is complete; made to be called several times a second."""
+        """Write out and report what is complete; to be called several times each second."""
         if self._tlog is not None:
             self._tlog.look()
         self._estimating.attempt(self._look, None)
@@ -165,7 +167,7 @@ class LiveSession:
             self._state.tick(self.pipeline, self._setting.disk.worker)
 
     def _look(self) -> None:
-        """Say what is new of manoeuvres and senders."""
+        """Report new manoeuvres, further vehicles, and signatures that are not checked."""
         self._tell_of(self.pipeline.collect())
         if self._setting.config.sysid is None:
             self._look_for_others()
@@ -173,7 +175,7 @@ class LiveSession:
             self._look_for_signatures()
 
     def settle(self) -> None:
-        """Estimate all there is, what was held back for want of more too."""
+        """Estimate from everything received, also what was waiting for more data."""
         self._estimating.attempt(self._settle, None)
 
     def _settle(self) -> None:
@@ -183,13 +185,13 @@ class LiveSession:
             self._look_for_signatures()
 
     def stopped(self) -> bool:
-        """Whether samples have stopped since this was last asked: the line is due at once."""
+        """Return whether samples have stopped since the last call: the line is then due at once."""
         return self._shown(
             lambda: self._standing.stopped(self.pipeline, self._setting.reached_us()), False
         )
 
     def line(self, dropped: str) -> str:
-        """Return one line on where the session stands; ``dropped`` is what the tap had to drop."""
+        """Return the session's state in one line; ``dropped`` is the tap's count as text."""
         now_us = self._setting.reached_us()
         stands = self._shown(
             lambda: self._standing.line(self.pipeline, self.decoder.link, now_us, dropped),
@@ -198,7 +200,7 @@ class LiveSession:
         return f"{self._label}{stands}"
 
     def facts(self, *, closely: bool = True) -> VehicleFacts:
-        """Return what a screen shows of the session, ``closely`` with the rudder's movement."""
+        """Return the facts a screen shows of the session; see :meth:`Gatherer.facts`."""
         vehicle = self.vehicle or (0, 0)
         name = f"{vehicle[0]}/{vehicle[1]}" if self.vehicle else ""
         failed = VehicleFacts(vehicle[0], name, quiet=FAILED, state=FAILED)
@@ -209,17 +211,17 @@ class LiveSession:
         return self._gatherer.facts(self.pipeline, self.decoder.link, quiet, closely=closely)
 
     def word(self) -> str:
-        """Return one word or two on where the session stands."""
+        """Return the session's state in one or two words."""
         return self._shown(
             lambda: self._standing.word(self.pipeline, self._setting.reached_us()), FAILED
         )
 
     def _shown(self, act: Callable[[], _T], failed: _T) -> _T:
-        """Return what shows the session, or that it failed: no number of before stands for now."""
+        """Return the result of ``act``, or ``failed``: no older number is shown as current."""
         return self._showing.attempt(act, failed) if self.is_estimated else failed
 
     def finish(self, live: LiveFacts) -> Ended:
-        """Finish every file, all being settled; ``live`` is what the tap adds to the summary."""
+        """Finish every file, after :meth:`settle`; ``live`` is the tap's part of the summary."""
         if self._state is not None and self.is_estimated:
             self._state.save(self.pipeline)
         tlog = None if self._tlog is None else self._tlog.finish()
@@ -230,7 +232,7 @@ class LiveSession:
         files = {n: str(path(f".{n}")) for n, g in self._guards.items() if g.failure is None}
         files |= {} if tlog is None else {"tlog": str(tlog)}
         summary = finish(self.pipeline, summary, files, parameters_of(self.pipeline))
-        # A file may fail as it is finished.
+        # A file may fail while it is finished.
         failed = {n for n, guard in self._guards.items() if guard.failure is not None}
         files = {name: path for name, path in files.items() if name not in failed}
         summary = msgspec.structs.replace(summary, files=files, live=self._own(live))
@@ -242,7 +244,7 @@ class LiveSession:
         return Ended(summary, verdict, code)
 
     def _summarise(self, log: str) -> tuple[RunSummary, Verdict]:
-        """Summarise all that was estimated; after a failure as far as that can be had."""
+        """Return the summary and verdict; after a failure, of the parts that can be summarised."""
         sha256 = self._sha256.hexdigest()
         channels_alone, nothing = Pipeline(self.pipeline.config), Pipeline(self.pipeline.config)
         channels_alone.channels = self.pipeline.channels
@@ -259,20 +261,20 @@ class LiveSession:
         return refused(summary, verdict, Reason("interrupted", text))
 
     def abort(self) -> None:
-        """Close what is open under its unfinished name: what was recorded stays."""
+        """Close what is open; files keep their unfinished names and what was recorded."""
         if self._tlog is not None:
             self._tlog.abort()
         for sink in self._sinks:
             sink.abort()
 
     def give_up(self) -> Path | None:
-        """End what cannot be estimated as asked; return its tlog, whole, if there is one."""
+        """End a session that does not fit what was asked for; return its finished tlog, if any."""
         tlog, self._tlog = self._tlog, None
         self.abort()
         return None if tlog is None else tlog.finish()
 
     def _tell_of(self, answered: list[Manoeuvre]) -> None:
-        """Say a line of each manoeuvre that has been answered."""
+        """Report each manoeuvre that has been answered in a line."""
         for found in answered:
             self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}")
 
@@ -289,7 +291,7 @@ class LiveSession:
                 self._go_on_without("tlog", error)
 
     def _look_for_others(self) -> None:
-        """Say of every further vehicle, one time, that it is not estimated."""
+        """Report every further vehicle once: it is not estimated."""
         lock = self.pipeline.channels.lock
         if lock.vehicle is None or len(lock.senders) == self._seen:
             return
@@ -305,7 +307,7 @@ class LiveSession:
             )
 
     def _look_for_signatures(self) -> None:
-        """Say, one time, that frames are signed and nobody checks them."""
+        """Report once that frames are signed and their signatures are not checked."""
         said = self._setting.read_options.unchecked(self.decoder.link)
         if said is not None:
             self._signing_said = True
@@ -340,11 +342,11 @@ class LiveSession:
         return bank
 
     def _misfit(self, error: Exception) -> bool:
-        """Whether what was asked for does not fit the link, which shows before any sample."""
+        """Return whether what was asked for does not fit the link; that shows before any sample."""
         return isinstance(error, ConfigError) and self.pipeline.bank is None
 
     def _failed(self) -> dict[str, str]:
-        """Return why each part failed that did, by its name."""
+        """Return the causes of the parts that failed, by the part's name."""
         viewing = None if self._viewer is None else self._viewer.working
         parts = {
             "estimation": self._estimating, **self._guards, "tlog": self._tlog,
@@ -355,7 +357,7 @@ class LiveSession:
         return self.failures | {name: why for name, why in found.items() if why is not None}
 
     def _own(self, live: LiveFacts) -> LiveFacts:
-        """Add what is this session's own to what the tap says."""
+        """Return the tap's facts with those of this session added."""
         return msgspec.structs.replace(
             live,
             events=[*live.events, *self.events],
@@ -366,7 +368,7 @@ class LiveSession:
 
 
 def for_vehicle(setting: Setting, sysid: int) -> LiveSession:
-    """Return the session of one of several vehicles: files and state are suffixed by its number."""
+    """Return the session of one of several vehicles; its files and state have its number."""
     outputs = replace(setting.outputs, name=f"{setting.outputs.name}-{sysid}")
     state = setting.state
     own = setting._replace(

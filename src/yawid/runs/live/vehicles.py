@@ -1,4 +1,4 @@
-"""Which session gets which records: one takes everything, or each vehicle has its own."""
+"""Which session gets which records: one session takes all, or each vehicle has its own."""
 
 import time
 from collections import Counter, deque
@@ -18,18 +18,18 @@ from yawid.sources.link.tap import sysid_of
 from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
 
 KEPT = 8192
-"""Records kept of systems that have not said that they are vehicles, for who does say so later."""
+"""How many records of systems without a session are kept, for one that turns out a vehicle."""
 MOST_VEHICLES = 64
-"""Sessions that are opened unless more are asked for: anybody can claim to be 255 vehicles."""
+"""The default for how many sessions may be opened: one sender can claim to be 255 vehicles."""
 FEW = 4
-"""Vehicles of which each has its own part of the line."""
+"""Up to this many vehicles each have their own part of the line."""
 CLOSELY = 20
-"""Vehicles of which a screen shows how their rudders move: as many as a usual one has rows."""
+"""For how many vehicles a screen shows the rudder's movement: about as many as it has rows."""
 _HEARTBEAT = 0
 
 
 class Single:
-    """One session that records and reads everything received."""
+    """One session, which records and reads everything received."""
 
     def __init__(self, setting: Setting) -> None:
         self._session = LiveSession(setting)
@@ -39,36 +39,36 @@ class Single:
         self._session.feed(data)
 
     def tick(self) -> None:
-        """Bring out what is complete; made to be called several times a second."""
+        """Write out and report what is complete; to be called several times each second."""
         self._session.tick()
 
     def running(self) -> list[LiveSession]:
-        """Return the sessions there are."""
+        """Return the sessions that are running."""
         return [self._session]
 
     def line(self, dropped: str) -> str:
-        """Return a line on where they stand, "" before the first; ``dropped`` is the tap's part."""
+        """Return the sessions' state as a line, "" without any; ``dropped`` is the tap's count."""
         return self._session.line(dropped)
 
     def facts(self) -> list[VehicleFacts]:
-        """Return what a screen shows of them."""
+        """Return the facts a screen shows of each session."""
         return [self._session.facts()]
 
     def finish(self, live: LiveFacts) -> list[Ended]:
-        """Finish them all; ``live`` is what the tap adds to their summaries."""
+        """Finish all sessions; ``live`` is the tap's part of their summaries."""
         self._session.settle()
         return [self._session.finish(live)]
 
 
 class Fleet:
-    """A session for each system id whose HEARTBEAT says that it flies, opened with the first.
+    """A session for each system whose HEARTBEAT is that of a vehicle, opened with the first one.
 
     Where there is a key the HEARTBEAT must be signed with it.
 
-    Each has its vehicle's own records, also the last of them from before it was opened, and with
-    ``record_others`` what a ground station would have: those of everybody who is no vehicle (ground
-    stations, radios, or who has not said yet). ``most`` sessions are opened. Without any vehicle
-    nothing is recorded.
+    Each session gets its own vehicle's records, also the last ones from before it was opened. With
+    ``record_others`` it also gets the records of all systems without a session (ground stations,
+    radios, systems that are not yet known), as a ground station would. At most ``most`` sessions
+    are opened. Without any vehicle nothing is recorded.
 
     Raises:
         ConfigError: the state of some vehicle does not fit.
@@ -112,7 +112,7 @@ class Fleet:
                 for own in parts.values() if self._record_others else ():
                     own.append(record)
         joined = {sysid: b"".join(own) for sysid, own in parts.items() if own}
-        for act in (LiveSession.record, LiveSession.estimate):  # on record first, all of it
+        for act in (LiveSession.record, LiveSession.estimate):  # everything is recorded first
             for sysid, own_data in joined.items():
                 self._guard(sysid, partial(act, data=own_data))
 
@@ -126,7 +126,7 @@ class Fleet:
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
     def line(self, dropped: str) -> str:
-        """See :class:`Single`; of more than ``FEW`` it counts how many stand how."""
+        """See :class:`Single`; more than ``FEW`` vehicles are counted by their state."""
         running = self.running()
         if len(running) <= FEW:
             return " | ".join(session.line(dropped) for session in running)
@@ -143,14 +143,14 @@ class Fleet:
         return f"{counts}: {', '.join(parts)}"
 
     def facts(self) -> list[VehicleFacts]:
-        """See :class:`Single`; of many only what comes first is looked at closely."""
+        """See :class:`Single`; of many only the ``CLOSELY`` most urgent have the slower facts."""
         found = [(s.facts(closely=False), s) for s in self.running()]
         first = sorted(found, key=lambda each: each[0].urgency)[:CLOSELY]
         close = {facts.sysid: session.facts() for facts, session in first}
         return [close.get(facts.sysid, facts) for facts, _ in found]
 
     def finish(self, live: LiveFacts) -> list[Ended]:
-        """See :class:`Single`; where there was no vehicle, one summary says so."""
+        """See :class:`Single`; where there was no vehicle, one summary reports that."""
         for sysid in self._sessions:
             self._guard(sysid, LiveSession.settle)
         if not self.running():
@@ -159,7 +159,7 @@ class Fleet:
         return [session.finish(live) for session in self.running()]
 
     def _may_open(self, frame: bytes) -> bool:
-        """Whether the frame is a HEARTBEAT for which a session is to be opened."""
+        """Return whether the frame is a HEARTBEAT for which a session is to be opened."""
         if not self._is_vehicle(frame):
             return False
         if len(self._sessions) < self._most:
@@ -188,7 +188,7 @@ class Fleet:
         return False
 
     def _open(self, sysid: int) -> None:
-        """Open a session; a state that has gone bad since the start costs no more than itself."""
+        """Open a session; a state that has become unusable since the start is left out."""
         try:
             self._sessions[sysid] = for_vehicle(self._setting, sysid)
         except Exception as error:
@@ -198,7 +198,7 @@ class Fleet:
             self._sessions[sysid] = session
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
-        """Serve one vehicle; one whose link does not fit what was asked for stops no other."""
+        """Call ``act`` for one vehicle; a ConfigError ends its session and no other."""
         if sysid in self._refused:
             return
         try:
@@ -221,7 +221,7 @@ def records(data: bytes) -> Iterator[bytes]:
 
 
 def is_vehicle(frame: bytes) -> bool:
-    """Whether the frame is a HEARTBEAT of something that flies."""
+    """Return whether the frame is a HEARTBEAT of a vehicle."""
     is_v1 = frame[0] == MAGIC_V1
     header = 6 if is_v1 else 10
     number = frame[5] if is_v1 else int.from_bytes(frame[7:10], "little")

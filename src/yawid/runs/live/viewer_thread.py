@@ -1,4 +1,4 @@
-"""A Rerun viewer beside a live session: it may be slow, go away and come back."""
+"""A Rerun viewer next to a live session: it may be slow, go away and come back."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, wait
@@ -9,19 +9,19 @@ from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Call, Grid, Pace, Relay, Sink
 
 WAITING = 512
-"""Calls of a session that may wait for the viewer; what comes on top is skipped and counted."""
+"""How many calls of a session may wait for the viewer; further ones are skipped and counted."""
 AGAIN_S = 10.0
-"""How often a viewer that has gone is looked for."""
+"""How often a connection to a lost viewer is tried again."""
 CLOSE_S = 5.0
 
 
 class Viewer(Relay):
-    """A sink that hands everything to the worker of all viewers: no session waits for a viewer.
+    """A sink that hands every call to the worker of all viewers: no session waits for a viewer.
 
-    ``connect`` returns a new sink and calls its argument with one line when the viewer is lost,
-    then or later. ``skipped`` counts the samples that were not shown. The first connection is made
-    here and now, so that what it has to load is loaded before the socket opens. A viewer that is
-    gone is looked for again; ``working`` says whether showing failed otherwise, for good.
+    ``connect`` returns a new sink, and calls its argument with one line when the viewer is lost,
+    at once or later. The first connection is made by the constructor itself, not by the worker. A
+    lost viewer is tried again. ``skipped`` counts the samples that were not shown. ``working``
+    guards the showing: any other failure ends it for good.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Viewer(Relay):
 
     @property
     def skipped(self) -> int:
-        """Samples that no viewer showed so far."""
+        """The number of samples that no viewer has shown so far."""
         return self._not_taken + self._not_shown
 
     def start(self, grid: Grid) -> None:
@@ -59,7 +59,7 @@ class Viewer(Relay):
 
         def show(sink: Sink) -> None:
             sink.write(samples, estimates, modes)
-            if self._lost:  # found out meanwhile
+            if self._lost:  # that showed during the call
                 self._not_shown += len(samples)
 
         if self._lost or self.working.failure or not self._hand(show):
@@ -71,7 +71,7 @@ class Viewer(Relay):
             super().flush()
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.finish`; a viewer that does not take it is left."""
+        """See :meth:`yawid.sinks.base.Sink.finish`; a viewer gets ``CLOSE_S`` for it, no more."""
         wait([self._submit(lambda sink: sink.finish(summary, attachments))], CLOSE_S)
 
     def _hand(self, call: Call) -> bool:
@@ -104,7 +104,7 @@ class Viewer(Relay):
             self._begin(self._sink)
 
     def _gone(self, text: str) -> None:
-        """Take the line of a lost viewer; only the first of them is worth a line."""
+        """Note that the viewer is lost; the line about it is printed once until it is back."""
         self._lost = True
         if not self._was_lost:
             self._was_lost = True

@@ -1,4 +1,4 @@
-"""Threads that do for all sessions what none may wait for: one for fits, one for the disk."""
+"""Threads for slow work of all sessions: one for fits, one for the disk, one for viewers."""
 
 import os
 import queue
@@ -15,10 +15,10 @@ _T = TypeVar("_T")
 
 
 class Worker(Executor):
-    """One thread that does what it is given, one after the other; what it raises is its future's.
+    """One thread that makes the calls it is given one after the other; futures hold their errors.
 
-    A second signal ends the process at once: unlike ``ThreadPoolExecutor``'s the thread is a
-    daemon, for which Python does not wait when it exits.
+    The thread is a daemon, unlike those of ``ThreadPoolExecutor``: Python does not wait for it at
+    exit, so that a second signal ends the process at once.
     """
 
     def __init__(self, name: str) -> None:
@@ -27,7 +27,7 @@ class Worker(Executor):
 
     @property
     def waiting(self) -> int:
-        """How many calls wait for the one being done."""
+        """The number of calls that wait for the present one to end."""
         return self._calls.qsize()
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> "Future[_T]":
@@ -37,7 +37,7 @@ class Worker(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the thread when it is done with what it was given; nobody waits for that."""
+        """End the thread after the calls it was given; this returns at once."""
         self._calls.put(None)
 
     def _run(self) -> None:
@@ -53,10 +53,10 @@ def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
 
 
 class DiskBeside(Disk):
-    """Has a thread bring files to the disk, which takes milliseconds each: no loop waits for it.
+    """A disk whose files a thread synchronises, which takes milliseconds: the loop does not wait.
 
-    A file waits there one time at most: what is written meanwhile is for the next call. ``worker``
-    also writes for those who need more.
+    Each file waits once at most; what is written after that is for the next call. Others may use
+    ``worker`` for writing too.
     """
 
     def __init__(self, worker: Executor) -> None:
@@ -72,7 +72,7 @@ class DiskBeside(Disk):
         if before is not None:
             del self._syncing[stream]
             before.result()
-        # A descriptor of its own: the stream may be closed before its turn comes.
+        # The thread needs its own descriptor: the stream may be closed before its turn comes.
         self._syncing[stream] = self.worker.submit(_sync_and_close, os.dup(stream.fileno()))
 
     def sync_now(self, stream: BinaryIO) -> None:

@@ -1,4 +1,4 @@
-"""One case: its folder, what its case.toml says, and a replay of its log."""
+"""One case: its folder, the settings in its case.toml, and a replay of its log."""
 
 import json
 import tomllib
@@ -29,7 +29,7 @@ _KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One case as its case.toml describes it; ``floor`` is the least number of updates."""
+    """A case as its case.toml describes it; ``floor`` is the least number of updates."""
 
     folder: Path
     sha256: str
@@ -39,21 +39,21 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The folder's own name."""
+        """The name of the case's folder."""
         return self.folder.absolute().name
 
     @property
     def log(self) -> Path:
-        """The log replayed, the first there is: log.tlog, log.bin, ..."""
+        """The path of the log: the first of log.tlog, log.bin, ... that exists, else log.tlog."""
         found = (self.folder / f"log{each.suffix}" for each in FORMATS)
         return next((log for log in found if log.is_file()), self.folder / "log.tlog")
 
     @staticmethod
     def read(folder: Path) -> "Case":
-        """Read a case.
+        """Read a case from its folder.
 
         Raises:
-            ConfigError: there is none, or its case.toml is not one.
+            ConfigError: the folder has no case.toml, or one that does not describe a case.
         """
         path = folder / "case.toml"
         try:
@@ -73,7 +73,7 @@ class Case:
         return Case(folder, loaded["sha256"], loaded.get("floor", 1), config, tolerances)
 
     def replay(self) -> "Replayed":
-        """Replay the log.
+        """Replay the log with the options of the case.
 
         Raises:
             SourceError: the log cannot be read.
@@ -88,7 +88,7 @@ class Case:
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
 
     def unsound(self, replayed: "Replayed") -> list[str]:
-        """Return why a replay is not one of this case at all."""
+        """Return why a replay cannot be one of this case: another log, too few updates."""
         wrong = []
         if replayed.summary["sha256"] != self.sha256:
             wrong.append(
@@ -101,7 +101,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What a replay gave: a row a second and the last, and the summary as JSON gives it back."""
+    """The result of a replay: a row for each second and the last, and the summary from JSON."""
 
     columns: list[str]
     rows: list[list[float]]
@@ -109,16 +109,16 @@ class Replayed:
 
     @property
     def updates(self) -> int:
-        """The updates of the estimator that had the most."""
+        """The largest number of updates of any estimator, 0 where there is none."""
         estimates = self.summary.get("estimates", {}).values()
         return max((int(e["updates"]) for e in estimates), default=0)
 
 
 def find_cases(folder: Path, names: Sequence[str]) -> list[Case]:
-    """Return the cases named, by folder or by name below ``folder``; all of them where none is.
+    """Return the cases given by folder, or by name below ``folder``; without names all of them.
 
     Raises:
-        ConfigError: there is no such case, or none at all.
+        ConfigError: a case does not exist, or there is no case at all.
     """
     if names:
         paths = [Path(n) if (Path(n) / "case.toml").exists() else folder / n for n in names]

@@ -1,6 +1,6 @@
-"""Replay cases, compare them with their references, and leave what differs to be looked at.
+"""Replay cases, compare them with their references, and write what differs for a person to see.
 
-What a machine reads of it: JUnit XML and JSON.
+For machines the result is written as JUnit XML and JSON.
 """
 
 import json
@@ -27,17 +27,19 @@ from yawid.runs.regress.table import csv_of, read_csv
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
 PARALLEL_BYTES = 50_000_000
-"""A second process costs as much as replaying some tens of megabytes: it has all to import."""
+"""Logs larger than this in sum are replayed by several processes: each has to import everything,
+which takes as long as replaying some tens of megabytes."""
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one case.
+    """The result of one case.
 
-    ``wrong`` says what differs, worst first; nothing where the case matches. ``code`` is its exit
-    code: 0, 1 (differs), 2 (the case does not fit its log), 6 (its log cannot be read), 130 or 143
-    (not reached).
+    ``wrong`` lists what differs, of each table the worst first; it is empty where the case matches.
+    ``code`` is its exit code: 0, 1 (differs), 2 (the case does not fit its log), 6 (its log cannot
+    be read), 130 or 143 (not reached). ``files`` names the files written, by "actual" and
+    "picture".
     """
 
     name: str
@@ -54,10 +56,10 @@ class Outcome:
 
 
 def regress(cases: Sequence[Case], workers: int | None = None) -> Iterator[Outcome]:
-    """Replay cases and compare; yield what came of each, in their order.
+    """Replay cases and compare; yield the result of each, in their order.
 
-    ``workers`` is the number of processes (None: one for each core where the logs are large, else
-    one alone), no more than there are cases.
+    ``workers`` is the largest number of processes; None means one for each core where the logs are
+    large, else one. There are never more processes than cases.
     """
     count = min(workers or _worthwhile(cases), len(cases))
     if count == 1:
@@ -71,19 +73,19 @@ def _worthwhile(cases: Sequence[Case]) -> int:
 
 
 def _in_processes(cases: Sequence[Case], workers: int) -> Iterator[Outcome]:
-    # Spawned, not forked: the libraries below have threads of their own.
+    # Spawned, not forked: the libraries in use have threads of their own.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer=_leave_interrupts) as pool:
         yield from pool.map(check_case, cases)
 
 
 def _leave_interrupts() -> None:
-    """Let the parent alone answer ctrl-C."""
+    """Ignore Ctrl-C in this process: only the parent handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def check_case(case: Case) -> Outcome:
-    """Replay one case and compare; what differs is written beside its references."""
+    """Replay one case and compare; what differs is written next to its references."""
     began = time.perf_counter()
     files: dict[str, str] = {}
     try:
@@ -113,7 +115,7 @@ def _compare(case: Case, files: dict[str, str]) -> list[str]:
 
 
 def _as_read(replayed: Replayed) -> Floats:
-    """Return the rows as text gives them back: the reference went through text too."""
+    """Return the rows (n, m) rounded as they are in text, since the reference is a text file."""
     rows = [[float(f"{value:.9g}") for value in row] for row in replayed.rows]
     return np.array(rows).reshape(len(rows), len(replayed.columns))
 
@@ -126,7 +128,7 @@ def _leave(
     files: dict[str, str],
     differs: bool,
 ) -> None:
-    """Write the actual rows and a picture where something differs; else remove older ones."""
+    """Write the actual rows and a picture where something differs; remove older ones first."""
     actual, picture = (folder / name for name in (ACTUAL, PICTURE))
     try:
         actual.unlink(missing_ok=True)
@@ -142,14 +144,14 @@ def _leave(
             draw(picture, folder.absolute().name, columns, expected, now, mismatches)
             files["picture"] = str(picture.absolute())
     except OSError:
-        return  # a read-only folder can be checked all the same
+        return  # a case in a read-only folder can still be checked
 
 
 def check_junit(path: Path) -> None:
-    """Find out before a run whether its result may be written there: over an earlier one, say.
+    """Check before a run that its result may be written there; an earlier result is overwritten.
 
     Raises:
-        SinkError: another file is there.
+        SinkError: the file exists and holds something else.
     """
     try:
         is_result = not path.stat().st_size or ET.parse(path).getroot().tag == "testsuites"
@@ -162,7 +164,7 @@ def check_junit(path: Path) -> None:
 
 
 def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write JUnit XML: a test case per case; what differs is a failure, what cannot run an error.
+    """Write JUnit XML, a test case per case: a difference is a failure, a failed replay an error.
 
     Raises:
         SinkError: the file cannot be written.
@@ -190,7 +192,7 @@ def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return what ``--json`` prints: the same for the same logs and references."""
+    """Return what ``--json`` prints; equal logs and references give equal output."""
     cases = [
         CaseReport(
             name=o.name, folder=str(o.folder), ok=o.ok, exit_code=o.code, wrong=list(o.wrong),
@@ -202,7 +204,7 @@ def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def exit_code(outcomes: Sequence[Outcome]) -> int:
-    """Return the highest code of all cases."""
+    """Return the highest exit code of all cases, 0 where there is none."""
     return max((o.code for o in outcomes), default=0)
 
 
@@ -211,5 +213,5 @@ def _seconds(outcomes: Sequence[Outcome]) -> str:
 
 
 def _clean(text: str) -> str:
-    """Return the text without what XML cannot hold: a log may put anything into a name."""
+    """Return the text with U+FFFD for what XML cannot hold: names in a log may hold anything."""
     return _NOT_XML.sub("\ufffd", text)

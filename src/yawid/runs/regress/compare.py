@@ -1,8 +1,8 @@
-"""Golden references: what a replay once gave, and how far a new one may differ.
+"""How a replay is compared with its references, the results of an earlier replay.
 
-``expected.csv`` holds one row a second and the last one, ``expected.json`` the summary. Counts,
-times and status are compared exactly, values by a tolerance per column relative to the larger of
-the value and the column's root mean square; NaN equals NaN.
+``expected.csv`` holds one row for each second and the last one, ``expected.json`` the summary.
+Counts, times and status are compared exactly. Values are compared by a tolerance for each column,
+relative to the larger of the value and the column's root mean square; NaN equals NaN.
 """
 
 import math
@@ -18,18 +18,19 @@ from yawid.errors import ConfigError
 EXACT = ("k", "t", "held", "status")
 VALUE_TOLERANCE = 1e-6
 SPREAD_TOLERANCE = 1e-3
-"""For sigmas: small differences of a covariance's factors show in them first."""
+"""Tolerance of sigmas: small differences in a covariance's factors show in them first."""
 TOTAL_TOLERANCE = 1e-2
-"""For total sigmas: they lie between fits, each of which may end elsewhere."""
+"""Tolerance of total sigmas: they contain differences of fits, each of which may end at slightly
+different values."""
 TOTALS = (".wn_std", ".zeta_std", ".std")
 MOST_SAID = 300
-"""Characters of a value in a message."""
+"""The largest number of characters of a value that a message shows."""
 NOT_COMPARED = frozenset({"log", "files", "text"})
-"""Where a run stood on disk, and the wording of reasons, are no result."""
+"""Keys that are not compared: paths on the disk and the words of a reason are not results."""
 
 
 def tolerance_of(column: str, tolerances: Mapping[str, float]) -> float:
-    """Return a column's tolerance; zero means exactly."""
+    """Return a column's relative tolerance; zero means that values must be equal."""
     if column in tolerances:
         return tolerances[column]
     name = column.rpartition(".")[2]
@@ -40,7 +41,7 @@ def tolerance_of(column: str, tolerances: Mapping[str, float]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """One column that differs: which ("" where it is the table itself), how far, and in words."""
+    """A column that differs: its name ("" for a whole table), by how many tolerances, a message."""
 
     column: str
     excess: float
@@ -54,10 +55,10 @@ def compare_tables(
     actual: Floats,
     tolerances: Mapping[str, float],
 ) -> list[Mismatch]:
-    """Return the columns that differ, worst first.
+    """Return the columns that differ, worst first; the tables are (n, m) and (n', m').
 
     Raises:
-        ConfigError: a tolerance is given for no such column.
+        ConfigError: a tolerance is given for a column that does not exist.
     """
     if unused := sorted(set(tolerances) - set(columns)):
         raise ConfigError(f"tolerance for no such column: {', '.join(unused)}")
@@ -103,10 +104,10 @@ def _compare_column(
 def split_tolerances(
     tolerances: Mapping[str, float], columns: Sequence[str], reference: Any
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the tolerances of columns, and those of keys of the summary and all below them.
+    """Return the tolerances of columns, and those of the summary's keys and all keys below them.
 
     Raises:
-        ConfigError: a tolerance is given for no such column or key.
+        ConfigError: a tolerance is given for a column or key that does not exist.
     """
     by_column = {name: value for name, value in tolerances.items() if name in columns}
     by_key = {name: value for name, value in tolerances.items() if name not in columns}
@@ -118,9 +119,10 @@ def split_tolerances(
 
 
 def _side_by_side(expected: Any, actual: Any, where: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield the dotted name of everything in two summaries and what each holds; None: no such key.
+    """Yield (dotted name, expected value, actual value) for all keys of two summaries.
 
-    What the two have in common is taken apart to its last key, what only one has is not.
+    None stands for a missing key. What both summaries have is followed down to its last key; what
+    only one of them has is yielded as a whole.
     """
     if isinstance(expected, dict) and isinstance(actual, dict):
         for key in sorted((expected.keys() | actual.keys()) - NOT_COMPARED):
@@ -136,7 +138,7 @@ def _side_by_side(expected: Any, actual: Any, where: str = "") -> Iterator[tuple
 def compare_summaries(
     expected: Any, actual: Any, tolerances: Mapping[str, float] | None = None
 ) -> Iterator[str]:
-    """Yield every key of the summary that differs; a tolerance holds for all below its key."""
+    """Yield a message for each key that differs; a tolerance holds for all keys below its own."""
     for name, a, b in _side_by_side(expected, actual):
         if a is None or b is None:
             yield f"summary.{name}: {'there' if a is None else 'not there'}, unlike the reference"
@@ -145,7 +147,7 @@ def compare_summaries(
 
 
 def _short(value: Any) -> str:
-    """Return the value in a line; of a long list how many there are, and the beginning."""
+    """Return the value in a line; a long one is cut, and a list is preceded by its length."""
     said = repr(value)
     if len(said) <= MOST_SAID:
         return said

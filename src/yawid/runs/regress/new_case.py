@@ -1,4 +1,4 @@
-"""A case from any telemetry log: cut to the stretch asked for and to what yawid reads, hashed."""
+"""How a case is made from a log: a tlog is cut to a stretch and to the messages yawid reads."""
 
 import hashlib
 import re
@@ -25,22 +25,23 @@ from yawid.sources.open_log import TlogBytes
 
 MOST_BYTES = 1_000_000
 LEAD_S = 10.0
-"""Kept before --from: the first seconds of both channels set the rate of the grid."""
+"""Kept before --from and after --to: the first seconds of both channels set the grid's rate."""
 FLOOR_SHARE = 0.9
 FACTS = ("PARAM_VALUE", "HEARTBEAT")
-"""Kept of the whole log: what the vehicle is does not depend on the stretch."""
+"""Messages kept from the whole log: the facts about the vehicle do not depend on the stretch."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> Case:
-    """Make ``folder/name`` with its log and case.toml; its references come by ``update``.
+    """Make ``folder/name`` with its log and case.toml; ``update`` then writes its references.
 
-    An on-board log, or a telemetry log of less than 1 MB without --from and --to, is taken as it
-    is; else only the messages that yawid reads are kept, of the stretch asked for.
+    An on-board log, or a telemetry log of less than 1 MB without --from and --to, is copied as it
+    is. Of other telemetry logs only the messages that yawid reads are kept, from the stretch asked
+    for.
 
     Raises:
-        ConfigError: the name is none, the case exists, the options do not fit the log, or what is
-        asked for is still 1 MB or more.
+        ConfigError: the name is not allowed, the case exists, the options do not fit the log, or
+        the case's log would have 1 MB or more.
         SourceError: the log cannot be read.
         SinkError: the case cannot be written.
     """
@@ -63,7 +64,7 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
             f"{log}: {len(kept)} bytes of what yawid reads, a case has less than {MOST_BYTES}: "
             "choose a stretch by --from and --to"
         )
-    # A file's name may hold bytes that are no text.
+    # A file's name may hold bytes that are not text.
     called = log.name.encode("utf-8", "backslashreplace").decode()
     origin = f"{called}, sha256 {hashlib.sha256(data).hexdigest()}"
     origin += "" if kept is data else ", trimmed by yawid regress --new"
@@ -71,7 +72,12 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
 
 
 def _on_board(log: Path) -> bytes:
-    """Return a dataflash log or ULog, which is not cut."""
+    """Return a dataflash log or ULog as it is, uncut.
+
+    Raises:
+        ConfigError: it has 1 MB or more.
+        SourceError: it cannot be read.
+    """
     try:
         size = log.stat().st_size
         if size >= MOST_BYTES:
@@ -82,7 +88,7 @@ def _on_board(log: Path) -> bytes:
 
 
 def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
-    """Write the case, replay it once for its floor, and leave nothing where that fails."""
+    """Write the case and replay it once to set its floor; remove everything where that fails."""
     told = {
         "origin": origin,
         "licence": "not stated: whose log is it, and who may have it?",
@@ -98,7 +104,7 @@ def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[s
         told["floor"] = int(FLOOR_SHARE * Case.read(place).replay().updates)
         (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
     except BaseException as error:
-        shutil.rmtree(place, ignore_errors=True)  # it is ours: mkdir made it
+        shutil.rmtree(place, ignore_errors=True)  # this function made the folder itself
         if isinstance(error, OSError):
             raise SinkError(f"cannot write {place}: {error.strerror}") from error
         raise
@@ -106,7 +112,7 @@ def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[s
 
 
 def _trimmed(data: bytes, config: RunConfig) -> bytes:
-    """Return the records that yawid reads, of the stretch asked for, and all facts."""
+    """Return the records that yawid reads from the stretch asked for, and all of ``FACTS``."""
     found = TlogBytes([data], WANTED).read()
     heard = _Heard.of([block for _, block in found if block is not None])
     low = -np.inf if config.from_s is None else config.from_s - LEAD_S
@@ -117,7 +123,7 @@ def _trimmed(data: bytes, config: RunConfig) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Heard:
-    """Every record read, in the order heard (n,): where it starts, the boot time then, its kind."""
+    """All records read, in the order received (n,): offset in the log, time since boot, kind."""
 
     order: Ints
     boot_s: np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -125,7 +131,7 @@ class _Heard:
 
     @staticmethod
     def of(blocks: list[FrameBlock]) -> "_Heard":
-        """Join the blocks of a decoder; a record without a time has that of the one before it."""
+        """Join the blocks of a decoder; a record without a time gets the time of the one before."""
         order, boot, fact = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros(0, bool)]
         for name, block in ((n, b) for found in blocks for n, b in found.messages.items()):
             timed = name in SOURCES and name != UNTIMED

@@ -1,4 +1,4 @@
-"""Before and after in one picture: what a person looks at first when a case differs."""
+"""Expected and actual curves in one picture, for a person to see how a case differs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from yawid.runs.regress.compare import Mismatch
 
 ALWAYS = ("wn", "zeta")
 WORST = 2
-"""So many of the columns that differ most are drawn below wn and zeta."""
+"""How many of the columns that differ most are drawn below wn and zeta."""
 UNITS = {"wn": "wn, rad/s", "zeta": "zeta", "t": "vehicle time, s"}
 
 
@@ -48,13 +48,13 @@ def draw(
 
 
 def _curves(axis: Any, expected: Floats, actual: Floats) -> None:
-    """Draw both, the reference broad and pale below; the span is what they do most of the time."""
+    """Draw both curves, the reference broad and pale; the axis spans most of their values."""
     axis.plot(*expected.T, color="#b0b0b0", linewidth=4.0, label="expected")
     axis.plot(*actual.T, color="#c03000", linewidth=1.2, label="actual")
     values = np.concatenate([expected[:, 1], actual[:, 1]])
     values = values[np.isfinite(values)]
     if len(values):
-        # The first seconds of an estimate may lie anywhere: they would flatten all the rest.
+        # The first seconds of an estimate may have any value, which would flatten all the rest.
         low, high = np.percentile(values, [2.0, 98.0])
         margin = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
         axis.set_ylim(low - margin, high + margin)

@@ -1,4 +1,4 @@
-"""The table of a run, one row a second and the last one: what ``expected.csv`` holds."""
+"""The table in ``expected.csv``: one row for each second of a run, and the last one."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ from yawid.sinks.base import Grid, Sink
 
 @dataclass(slots=True)
 class TableSink(Sink):
-    """A sink that keeps one row a second and the last."""
+    """A sink that keeps one row for each second, and the last one."""
 
     columns: list[str] = field(default_factory=list)
     rows: list[list[float]] = field(default_factory=list)
@@ -24,7 +24,7 @@ class TableSink(Sink):
     _second: int = -1
 
     def start(self, grid: Grid) -> None:
-        """Name the columns."""
+        """Set the names of the columns."""
         self.columns = ["k", "t", "held", *grid.inputs, "yaw_rate"]
         for method in grid.methods:
             per_sample = ("status", "y_hat", "innovation", "residual", "noise_std")
@@ -54,7 +54,7 @@ class TableSink(Sink):
 
 
 def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:
-    """Return a table as text that ``git diff`` can show."""
+    """Return a table as CSV text, which ``git diff`` can show."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -63,7 +63,11 @@ def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:
 
 
 def read_csv(path: Path) -> tuple[list[str], Floats]:
-    """Return the columns' names and the table (n, m) of a reference."""
+    """Return the names of the columns and the table (n, m) of a reference.
+
+    Raises:
+        OSError, ValueError: the file cannot be read, or is not such a table.
+    """
     with path.open(newline="", encoding="utf-8") as stream:
         header, *rows = csv.reader(stream)
     return header, np.array([[float(value) for value in row] for row in rows]).reshape(

@@ -18,22 +18,22 @@ from yawid.sinks.part_file import write_whole
 
 
 def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], None]) -> None:
-    """Write the references of cases anew, and into case.toml when, why and by which versions.
+    """Write the references of cases again, and note date, reason and versions in case.toml.
 
-    A case whose replay is not one of it (another log, too few updates) keeps its references; the
-    others are updated first.
+    A case whose replay does not belong to it (another log, too few updates) keeps its references
+    and is reported after the others are updated.
 
     Raises:
-        ConfigError: no reason is given, or it is no text; there is no such case, its case.toml
-        cannot take another update, or a replay is not one of its case.
+        ConfigError: no reason is given, or it is not text; a case does not exist, its case.toml
+        cannot take another update, or a replay does not belong to its case.
         SourceError: a log cannot be read.
         SinkError: a reference cannot be written.
-        Interrupted: told to stop; the cases not reached are named on stderr.
+        Interrupted: a signal came; the cases not reached are named on stderr.
     """
     if not why.strip():
         raise ConfigError("--why must give a reason")
     cases = find_cases(folder, names)
-    # Before anything is replayed: a reason that cannot be recorded is none.
+    # This comes before any replay, so that a reason that cannot be recorded is refused early.
     told = {case.folder: _recorded(case, why) for case in cases}
     refused, done = [], 0
     try:
@@ -53,7 +53,7 @@ def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], No
 
 
 def _recorded(case: Case, why: str) -> bytes:
-    """Return the case's case.toml with one update more."""
+    """Return the case's case.toml with one more entry in its updates."""
     path = case.folder / "case.toml"
     used = ", ".join(f"{name} {number}" for name, number in versions().items())
     row = {"date": datetime.now(UTC).date(), "why": why, "versions": used}
@@ -70,7 +70,7 @@ def _recorded(case: Case, why: str) -> bytes:
 
 
 def _write(case: Case, replayed: Replayed, toml: bytes) -> None:
-    """Write all three beside their places; only then does each get its name, references last."""
+    """Write all three files under other names first, then rename each, the references last."""
     summary = json.dumps(replayed.summary, indent=1) + "\n"
     files = {
         "case.toml": toml,
