@@ -1,4 +1,4 @@
-"""The report's first screen, in words: what is wn, what is zeta, how sure, can it be used.
+"""The report's first screen in words: wn, zeta, how sure they are, and whether to use them.
 
 Where manoeuvres were found the answer is the flight's, else that of the stream at its end.
 """
@@ -32,14 +32,14 @@ from yawid.sinks.words import (
 
 ROUGHLY: Final = "Roughly"
 Stretch = tuple[float | None, float | None]
-"""From and to, in s since boot."""
+"""The begin and the end of a stretch in s since boot; None where not given."""
 _NONE: Final = ("none found", "")
 _NO_SIGMA: Final = "σ not known"
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One of the four answers: the question, the answer in large, what stands below it."""
+    """One of the four answers: the question, the answer in large type, and the lines below it."""
 
     question: str
     answer: str
@@ -48,7 +48,7 @@ class Card:
 
 
 def cards(summary: RunSummary) -> list[Card]:
-    """Return the answers to the four questions, of the flight or of the method that answers."""
+    """Return the cards of the four questions, for the flight or for the stream's answer."""
     mode, flight = _dutch_roll(summary), summary.flight
     others = summary.others if flight is None else {}
     levelled = summary.deciding.usable and (flight is None or flight.loop == "airframe")
@@ -67,7 +67,7 @@ def cards(summary: RunSummary) -> list[Card]:
 
 
 def use(summary: RunSummary) -> Card:
-    """Return whether the answer can be used."""
+    """Return the card that says whether the answer can be used."""
     reasons = summary.deciding.reasons
     if not summary.deciding.usable:
         shown = _dutch_roll(summary) is not None
@@ -86,7 +86,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
     """Return the whole answer in a sentence or two; ``stretch`` are --from and --to, if given."""
     mode, flight = _dutch_roll(summary), summary.flight
     if not summary.deciding.usable:
-        # The first fatal reason is the one that decides.
+        # The first fatal reason decides.
         why = next((reason.text for reason in summary.deciding.fatal), "the reasons stand below")
         what = _stretch(stretch) or ("This flight" if flight is not None else "This log")
         said = f"{what} cannot say how the yaw answers the rudder: {_sentences(why)}"
@@ -109,7 +109,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
 
 
 def _stretch(stretch: Stretch) -> str:
-    """Name the part of the log that was looked at, empty where it was all of it."""
+    """Return the name of the part of the log that was read, "" where all of it was."""
     ends = [
         f"{word} {at:g} s" for word, at in zip(("from", "to"), stretch, strict=True)
         if at is not None
@@ -118,7 +118,7 @@ def _stretch(stretch: Stretch) -> str:
 
 
 def _elsewhere(summary: RunSummary) -> str:
-    """Say what of a refused log can be used by itself, empty where there is nothing."""
+    """Return a sentence on the part of a refused log that is usable by itself, "" without any."""
     if summary.flight is None:
         return ""
     alone = [
@@ -136,7 +136,7 @@ def _elsewhere(summary: RunSummary) -> str:
 
 
 def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
-    """Return the answer: the flight's where there is a flight."""
+    """Return the answer's Dutch roll: the flight's where there is a flight, else the stream's."""
     return summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
 
 
@@ -147,7 +147,7 @@ def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
 def _of_number(
     question: str, i: int, mode: DutchRoll | None, others: Mapping[str, MethodSummary]
 ) -> Card:
-    """Return the card of wn (0) or zeta (1), with what other methods say of it."""
+    """Return the card of wn (``i`` 0) or zeta (1), with the values of the other methods."""
     said = [
         f"{m.upper()} beside it: {' '.join(_known(e.dutch_roll)[i])}" for m, e in others.items()
     ]
@@ -163,7 +163,7 @@ def _of_number(
 
 
 def _known(mode: DutchRoll | None) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Return wn and zeta, each with its sigma."""
+    """Return wn and zeta as texts, each with its sigma."""
     if mode is None:
         return _NONE, _NONE
     wn, zeta = with_sigma(mode.wn_rad_s, mode.wn_std), with_sigma(mode.zeta, mode.zeta_std)
@@ -221,7 +221,7 @@ def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> 
 
 
 def _sureness(summary: RunSummary, mode: DutchRoll | None) -> str:
-    """Return how well a usable answer is known: the least of what sigma and the warnings allow."""
+    """Return how well a usable answer is known, from its sigmas and its warnings, "" if unknown."""
     if mode is None or mode.wn_std is None or mode.zeta_std is None:
         return ""
     wn_pct, zeta_pct = _sigma_pct(mode, mode.wn_std, mode.zeta_std)
@@ -236,7 +236,7 @@ def _sureness(summary: RunSummary, mode: DutchRoll | None) -> str:
 
 
 def _sigma_pct(mode: DutchRoll, wn_std: float, zeta_std: float) -> tuple[float, float]:
-    """Return these sigmas in percent of wn and of zeta."""
+    """Return the sigmas in percent of wn and of zeta."""
     zeta_pct = 100.0 * zeta_std / abs(mode.zeta) if mode.zeta else math.inf
     return 100.0 * wn_std / mode.wn_rad_s, zeta_pct
 
@@ -256,5 +256,5 @@ def _period(wn_rad_s: float, zeta: float) -> float:
 
 
 def _sentences(text: str) -> str:
-    """Return a reason as a whole sentence: a part of it may be the half that misleads."""
+    """Return a reason's whole text, with a full stop: a part of it alone may mislead."""
     return text if text.endswith(("?", "!", ".")) else f"{text}."

@@ -1,4 +1,4 @@
-"""What every sink offers the pipeline."""
+"""The interface of a sink, which takes the results of a pipeline."""
 
 import math
 import time
@@ -17,12 +17,12 @@ LogLevel = Literal["debug", "info", "warning", "error"]
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What the rows of a run mean, the same from its first row to its last.
+    """The meaning of a run's rows, the same from the first row to the last.
 
     ``parameters`` (p,) names theta, ``inputs`` (n_inputs,) the columns of u, ``methods`` the
-    estimators, the first asked for before the others. The rudder is in ``rudder_unit``, the aileron
-    in half travel. ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers, by which a flight
-    mode has its name; 0 where unknown.
+    estimators, the primary one first. The rudder is in ``rudder_unit``, the aileron in half travel.
+    ``autopilot`` and ``vehicle_type`` are the numbers in HEARTBEAT, on which the names of flight
+    modes depend; 0 where unknown.
     """
 
     parameters: tuple[str, ...]
@@ -34,7 +34,7 @@ class Grid:
     vehicle_type: int = 0
 
     def unit_of(self, surface: str) -> str:
-        """Return the unit of an input."""
+        """Return the unit of an input, rudder or aileron."""
         return self.rudder_unit if surface == "rudder" else HALF_TRAVEL
 
     def mode_name(self, custom_mode: float) -> str:
@@ -45,54 +45,54 @@ class Grid:
 
 
 def rudder_unit(*, in_rad: bool) -> str:
-    """Return the unit of a rudder that is in rad or not."""
+    """Return the rudder's unit: rad, or half travel."""
     return "rad" if in_rad else HALF_TRAVEL
 
 
 class Sink:
-    """Where results go: ``start`` once the grid is known, ``write`` per block, then ``finish``.
+    """A taker of results: ``start`` once the grid is known, ``write`` per block, then ``finish``.
 
     ``log`` and ``flush`` may be called at any time before the end, also before ``start``; a run
-    that never came to a grid is finished without it. Every method may raise
+    whose grid never becomes known is finished without ``start``. Every method may raise
     :class:`yawid.errors.SinkError` except ``abort`` and ``discard``, which take the place of
-    ``finish`` after an error. By default each does nothing: a sink has those that concern it.
+    ``finish`` after an error. By default each does nothing: a sink overrides those it needs.
     """
 
     path: Path | None = None
-    """The name that its file gets when finished; it may be changed until then. None: no file."""
+    """The final name of the sink's file, which may be changed until ``finish``; None: no file."""
 
     def start(self, grid: Grid) -> None:
-        """Say what the rows will mean."""
+        """Take the meaning of the rows that follow."""
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
-        """Add one row for each sample; ``modes`` are those of the primary method, the first key."""
+        """Add one row for each sample; ``modes`` belong to the primary method, the first key."""
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """Add a manoeuvre and its answer; ``span_ns`` is Unix time of its first and last sample.
+        """Add a manoeuvre and its answer; ``span_ns``: Unix times in ns of first and last sample.
 
-        It comes some time after the last sample's row, live later than in a replay.
+        It comes some time after the row of its last sample, in a live run later than in a replay.
         """
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """Add one line for people."""
+        """Add one message for people, with its Unix time in ns."""
 
     def flush(self) -> None:
-        """Bring out what is complete: made to be called after every block of a live run.
+        """Write out what is complete; to be called after every block of a live run.
 
-        It acts at most twice a second, so that a live file is not made of chunks of one sample:
-        call it when the link is silent too.
+        It acts at most twice a second, so that a live file does not consist of chunks of one
+        sample. Therefore it has to be called while the link is silent, too.
         """
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Add the verdict of ``summary``, close, and give the file its final name."""
+        """Add the verdict in ``summary`` and the attachments, close, give the file its name."""
 
     def abort(self) -> None:
-        """Close without the final name, as readable as it can be; never raises."""
+        """Close without the final name, the file as readable as possible; never raises."""
 
     def discard(self) -> None:
-        """Abort and remove what was written, which is this sink's own; never raises."""
+        """Abort and remove the sink's own file; never raises."""
         self.abort()
 
 
@@ -100,7 +100,7 @@ Call = Callable[[Sink], None]
 
 
 class Relay(Sink):
-    """A sink that hands every call to another one, by ``_hand``: where, when, and if at all."""
+    """A sink that hands calls to another; ``_hand`` decides where, when and whether."""
 
     def _hand(self, call: Call) -> object:
         raise NotImplementedError
@@ -137,14 +137,14 @@ class Relay(Sink):
 
 
 class Pace:
-    """Says at most once in ``period_s`` seconds of wall time that something is due."""
+    """A clock by which something is due once in ``period_s`` seconds of wall time at most."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._next_s = float("-inf")
 
     def due(self) -> bool:
-        """Whether the period has passed since this was last true."""
+        """Return whether the period has passed since this last returned True."""
         now = time.monotonic()
         if now < self._next_s:
             return False

@@ -1,9 +1,9 @@
-"""The one door for text to a terminal, a line of error or a log: none of it is a command there.
+"""The one place through which text goes to a terminal or a log, so that none of it is a command.
 
-What a log, a record, a finished run, a file's name or a link says was written by anybody. Escape
-sequences in it could colour a refusal green, move the cursor over it, or reach the clipboard; an
-override of the reading direction could turn a name round. Such characters are shown by their code,
-backslash and all, in place of being obeyed. Styles of yawid's own come from rich, after this door.
+Text in a log, a record, a finished run, a file's name or on a link may come from anybody. Escape
+sequences in it could colour a refusal green, move the cursor over it, or write to the clipboard; an
+override of the reading direction could reverse a name. Such characters are shown as escape codes
+with a backslash and have no effect. Yawid's own styles are added by rich, after this step.
 """
 
 import contextlib
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 WIDTH: Final = 80
-"""Of what is printed where there is no terminal."""
+"""The width in columns of pages that are not printed to a terminal."""
 DEBUG: Final = "YAWID_DEBUG"
-"""Set to anything but 0 in the environment: where an unforeseen error was raised is shown."""
+"""The variable of the environment that shows tracebacks, unless it is 0 or empty."""
 _CONTROL: Final = re.compile(
     "[\x00-\x1f\x7f-\x9f"  # C0, DEL, C1
     "\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff"  # direction, ends of lines
-    "\U000e0000-\U000e007f"  # tags: nothing of them is seen
-    "\udc80-\udc9f]"  # C1 as bytes of a file's name that are no text
+    "\U000e0000-\U000e007f"  # tags, which are invisible
+    "\udc80-\udc9f]"  # C1 as bytes in a file's name that are not text
 )
 
 
 def plain(text: str) -> str:
-    """Return a text as one line that a terminal only shows."""
+    """Return a text as one line without control characters: they are shown as escape codes."""
     return text if text.isascii() and text.isprintable() else _CONTROL.sub(_code, text)
 
 
@@ -48,7 +48,7 @@ def _code(found: re.Match[str]) -> str:
 
 
 def cleaned(content: _T) -> _T:
-    """Return a structure of facts with every text in it made :func:`plain`."""
+    """Return a structure with every text in it made :func:`plain`."""
     found: Any = content
     if isinstance(found, str):
         found = plain(found)
@@ -71,14 +71,14 @@ def cleaned(content: _T) -> _T:
 
 
 def show_traceback(error: Exception) -> None:
-    """Write to stderr where an error was raised, for who asks for it by ``DEBUG``."""
+    """Write the traceback of an error to stderr, where the variable ``DEBUG`` asks for it."""
     if os.environ.get(DEBUG, "0") not in ("", "0"):
         for line in "".join(traceback.format_exception(error)).splitlines():
             say(line)
 
 
 def say(text: str) -> None:
-    """Write a line to stderr; one that has gone or is full is no error."""
+    """Write a line to stderr; that stderr is closed or full is not an error."""
     try:
         sys.stderr.write(f"yawid: {plain(text)}\n")
         sys.stderr.flush()
@@ -105,7 +105,7 @@ def tell_json(answer: object) -> None:
 
 
 def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
-    """Print a page to stdout as one piece.
+    """Print a page to stdout as one piece, with every text in ``content`` made :func:`plain`.
 
     Raises:
         OSError: stdout takes no more.
@@ -116,7 +116,7 @@ def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
 
 
 def page_console(stream: TextIO) -> "Console":
-    """Return what prints a page: as wide as the terminal, or ``WIDTH``; ``[red]`` is a text."""
+    """Return a console as wide as the terminal, or ``WIDTH``; it prints ``[red]`` as text."""
     from rich.console import Console  # not every command prints a page
 
     width = None if stream.isatty() else WIDTH
@@ -124,7 +124,7 @@ def page_console(stream: TextIO) -> "Console":
 
 
 def tell_whole(text: str) -> None:
-    """Write to stdout what yawid alone has made: nothing in it comes from outside as it was.
+    """Write to stdout a text made by yawid: what comes from outside must be made plain before.
 
     Raises:
         OSError: stdout takes no more.
@@ -134,13 +134,13 @@ def tell_whole(text: str) -> None:
 
 
 def mute(stream: TextIO) -> None:
-    """Drop what a stream that failed still holds: else it fails once more when Python ends."""
+    """Drop what a failed stream still holds in its buffer: else it fails again when Python ends."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 class _Page(io.StringIO):
-    """Text for stdout, as wide and coloured as if it were written there line by line."""
+    """A text for stdout, with the width and colours that stdout itself would have."""
 
     def isatty(self) -> bool:
         return sys.stdout.isatty()

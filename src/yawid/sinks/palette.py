@@ -1,7 +1,7 @@
 """The colours of every picture, one meaning each: in the report, in Rerun, on the trend's page.
 
-All differ for the three kinds of colour blindness too, wherever two of them meet in one picture,
-and have a contrast of 2.9 at least on white paper and on the viewer's dark ground.
+Any two that meet in one picture also differ for the three kinds of colour blindness. Each has a
+contrast of at least 2.9 on white paper and on the viewer's dark background.
 """
 
 from collections.abc import Mapping
@@ -12,32 +12,32 @@ from yawid.estimation import methods
 Rgba = tuple[int, int, int, int]
 
 DATA: Final = "#0072b2"
-"""Measured."""
+"""Measured values."""
 MODEL: Final = "#cc7a00"
-"""Predicted or simulated by what answers, and what that model is: poles, response."""
+"""Values predicted or simulated by the answering model, its poles and its response."""
 RUDDER: Final = "#009e73"
-"""The input; pale: a manoeuvre, the rudder moved by itself."""
+"""The input; pale: a manoeuvre, in which the rudder moved on its own."""
 AILERON: Final = "#87702a"
 BAD: Final = "#c4183c"
-"""Refused, fatal, diverged, changed for the worse; outside its bound."""
+"""What is refused, fatal, diverged, worse than before or outside its bound."""
 NEUTRAL: Final = "#7d7d7d"
-"""All else: held samples, levels, other methods' numbers; dotted: the flight mode changed."""
+"""Everything else: held samples, levels, other methods' numbers; dotted: changes of flight mode."""
 GOOD: Final = "#3f8f29"
-"""Usable; of states and cards alone, never of a line, as it is near to RUDDER."""
+"""What is usable: for states and cards, never for a line, as it is too similar to RUDDER."""
 CARE: Final = "#e8c000"
-"""Usable with care; beside words alone, as it is too pale for a line."""
+"""What is usable with care: only next to words, as it is too pale for a line."""
 
 INPUTS: Final[Mapping[str, str]] = {"rudder": RUDDER, "aileron": AILERON}
 METHODS: Final[Mapping[str, str]] = {name: row.colour for name, row in methods.METHODS.items()}
 OF_METHODS: Final = ", ".join(f"{name.upper()} {methods.METHODS[name].shade}" for name in METHODS)
-"""Those in words."""
+"""The names of all methods with their colours in words."""
 MANOEUVRE: Final = METHODS[methods.of_a_record()[0]]
-"""A manoeuvre among others: by the method that answers them."""
+"""A manoeuvre among others: the colour of the method that answers manoeuvres."""
 LINES: Final = ("#d85e15", "#8c8cd8", "#2d6a72", "#a58f6b", "#a715d8")
-"""Of the parameters in one panel: a colour says which line is which, and has no other meaning."""
+"""The parameters in one panel: these colours only distinguish lines and mean nothing else."""
 
 
 def rgba(colour: str, alpha: int = 255) -> Rgba:
-    """Return a colour as four numbers of 0 to 255."""
+    """Return a colour "#rrggbb" as red, green, blue and alpha, each 0 to 255."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue, alpha

@@ -1,4 +1,4 @@
-"""How a file comes to bear its final name: who opens a ``.part`` owns it, names or removes it."""
+"""How a file gets its final name: whoever opens a ``.part`` file owns it, renames or removes it."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,7 @@ from yawid.errors import SinkError
 
 @contextmanager
 def os_errors_as_sink_error(path: Path) -> Iterator[None]:
-    """Turn what the operating system says about ``path`` into one line."""
+    """Turn an OSError about ``path`` into a SinkError of one line."""
     try:
         yield
     except OSError as error:
@@ -19,7 +19,7 @@ def os_errors_as_sink_error(path: Path) -> Iterator[None]:
 
 
 def open_part(path: Path, *, force: bool, suffix: str = ".part") -> tuple[Path, BinaryIO]:
-    """Open ``<path><suffix>``, the name a file bears until it is finished.
+    """Open ``<path><suffix>``, the name that a file has until it is finished.
 
     Raises:
         SinkError: the file or its part exists and ``force`` is not set, or it cannot be written.
@@ -36,10 +36,10 @@ def open_part(path: Path, *, force: bool, suffix: str = ".part") -> tuple[Path, 
 
 
 def check_free(path: Path, *, force: bool) -> None:
-    """Look whether a file may get this name.
+    """Check that a file may get this name.
 
     Raises:
-        SinkError: it is a folder's, or that of a file and ``force`` is not set.
+        SinkError: a folder has it, or a file has it and ``force`` is not set.
     """
     if path.is_dir():
         raise SinkError(f"cannot write {path}: it is a folder")
@@ -48,10 +48,11 @@ def check_free(path: Path, *, force: bool) -> None:
 
 
 def take_name(part: Path, path: Path, *, force: bool) -> None:
-    """Give a finished file its name; a file that came there meanwhile is somebody else's.
+    """Give a finished file its final name.
 
     Raises:
-        SinkError: there is such a file and ``force`` is not set, or the name cannot be given.
+        SinkError: another file has got that name meanwhile and ``force`` is not set, or renaming
+        fails.
     """
     check_free(path, force=force)
     with os_errors_as_sink_error(path):
@@ -59,7 +60,7 @@ def take_name(part: Path, path: Path, *, force: bool) -> None:
 
 
 def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
-    """Write files beside their places, then give each its name: all of them whole, or none.
+    """Write all files under ``.part`` names, then rename each: all are written whole, or none is.
 
     Raises:
         SinkError: one exists and ``force`` is not set, or one cannot be written.
@@ -82,7 +83,7 @@ def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
 
 @contextmanager
 def written_whole(path: Path, *, force: bool = False, suffix: str = ".part") -> Iterator[BinaryIO]:
-    """Open a file to be written piece by piece: whole it gets its name, after an error it is gone.
+    """Open a file to be written piece by piece; it gets its name at the end, an error removes it.
 
     Raises:
         SinkError: it exists and ``force`` is not set, or it cannot be written.
@@ -98,22 +99,26 @@ def written_whole(path: Path, *, force: bool = False, suffix: str = ".part") -> 
 
 
 class Disk:
-    """Brings files to the disk while who writes them waits; a subclass may do so later."""
+    """A disk that is synchronised at once, while the writer waits; a subclass may do it later."""
 
     def sync_soon(self, stream: BinaryIO) -> None:
-        """Hand what was written to the operating system at once, and to the disk soon.
+        """Hand what was written to the operating system at once, and have it on the disk soon.
 
         Raises:
-            OSError: it could not be written, now or when this was last asked for.
+            OSError: writing failed, now or after the last call.
         """
         sync(stream)
 
     def sync_now(self, stream: BinaryIO) -> None:
-        """Return when all that was written is on the disk; raises as :meth:`sync_soon` does."""
+        """Return when everything written is on the disk.
+
+        Raises:
+            OSError: as :meth:`sync_soon`.
+        """
         sync(stream)
 
 
 def sync(stream: BinaryIO) -> None:
-    """Bring what was written to ``stream`` through every buffer to the disk."""
+    """Write the buffers of ``stream`` and of the operating system to the disk."""
     stream.flush()
     os.fsync(stream.fileno())

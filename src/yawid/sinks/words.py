@@ -1,7 +1,7 @@
-"""The words of an answer, one form for all: presenters only lay out what is said here.
+"""The words of an answer, the same in all outputs, which only lay them out.
 
-A number with its sigma, the line of a Dutch roll, the verdict in a word, how a manoeuvre or a
-flight was flown, and the rows that tell a flight's answer.
+A number with its sigma, the line of a Dutch roll, the result of a manoeuvre in a word, how a
+manoeuvre or a flight was flown, and the rows of a flight's answer.
 """
 
 import math
@@ -21,20 +21,20 @@ from yawid.quantities.airspeed import GROUND_SPEED
 
 LATIN: Final = ("wn", "zeta")
 GREEK: Final = ("ωn", "ζ")
-"""The names of the two numbers of a Dutch roll: in a terminal, and where there are all signs."""
+"""The names of a Dutch roll's two numbers: for a terminal, and where Greek letters are shown."""
 NONE: Final = "–"
-"""Stands for a number that there is not."""
+"""The sign for a number that is missing."""
 LARGEST_IN_FULL: Final = 1e6
-"""A larger number, of an estimate that diverged, is not written digit by digit."""
+"""A number as large as this comes from an estimate that diverged; it has few digits."""
 MOST_DIGITS: Final = 6
-"""After the point: a smaller number is written with its power of ten."""
+"""The most digits after the decimal point; where more are needed a power of ten is written."""
 NOT_USED: Final = "usable, not used"
 _AS_GIVEN: Final = ("calibrated", "indicated")
-"""Kinds of airspeed that are taken for the equivalent one."""
+"""Kinds of airspeed that are used as if they were the equivalent airspeed."""
 
 
 class Loop(NamedTuple):
-    """Whose numbers they are: in a word for a column, by name, and in a sentence."""
+    """What the numbers describe: a word for a column, a name, and a phrase for a sentence."""
 
     short: str
     name: str
@@ -49,7 +49,7 @@ _NO_LOOP: Final = Loop("?", "not known", "the aircraft as flown (the flight mode
 
 
 class Row(NamedTuple):
-    """One row of an answer: its name, its text, and rich's style of it."""
+    """One row of an answer: its name, its text, and its style in rich."""
 
     name: str
     text: str
@@ -57,12 +57,12 @@ class Row(NamedTuple):
 
 
 def percent(value: float, spec: str = ".1f") -> str:
-    """Return a fit in percent; of a model that explodes only that it does."""
+    """Return a fit in percent; of a diverging model only that it is below the worst shown."""
     return format(value, spec) if value > WORST_PCT else f"< {WORST_PCT:.0f}"
 
 
 def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
-    """Return a value and one sigma, rounded to where that has two digits; empty if unknown."""
+    """Return a value and its sigma, both rounded to two digits of sigma, which is "" if unknown."""
     if sigma is None or not sigma > 0.0:
         return f"{value:.4g}", ""
     if max(abs(value), sigma) >= LARGEST_IN_FULL:
@@ -74,50 +74,50 @@ def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
 
 
 def plus_minus(value: float | None, sigma: float | None, noise: float | None = None) -> str:
-    """Return a value with one sigma, and in brackets that of noise alone, where these are known."""
+    """Return a value with its sigma, and in brackets the sigma of noise alone, where known."""
     if value is None:
         return NONE
     return " ".join(filter(None, (*with_sigma(value, sigma), in_brackets(noise))))
 
 
 def in_brackets(noise: float | None) -> str:
-    """Return the part of a sigma that noise explains, empty where it is not known."""
+    """Return the sigma of noise alone in brackets, "" where it is unknown."""
     return "" if noise is None else f"({noise:.2g})"
 
 
 def of_value(found: Value) -> str:
-    """Return a coefficient with its sigma and that of noise."""
+    """Return a coefficient with its sigma, and in brackets that of noise alone."""
     return plus_minus(found.value, found.std, found.std_noise)
 
 
 def numbers(mode: DutchRoll | None) -> tuple[str, str]:
-    """Return wn in rad/s and zeta, each with one sigma; ``none`` without a Dutch roll."""
+    """Return wn in rad/s and zeta, each with its sigma; ``none`` without a Dutch roll."""
     if mode is None:
         return "none", "none"
     return plus_minus(mode.wn_rad_s, mode.wn_std), plus_minus(mode.zeta, mode.zeta_std)
 
 
 def dutch_roll(mode: DutchRoll, names: tuple[str, str] = LATIN) -> str:
-    """Return the line of a Dutch roll: wn and zeta, each with one sigma."""
+    """Return the line of a Dutch roll: wn and zeta, each with its sigma."""
     wn, zeta = numbers(mode)
     return f"{names[0]} {wn} rad/s, {names[1]} {zeta}"
 
 
 def noise_spreads(mode: DutchRoll | None) -> tuple[str, str] | None:
-    """Return the sigmas of wn and zeta that noise alone explains; None where not known."""
+    """Return the sigmas of wn and zeta from noise alone; None where they are unknown."""
     if mode is None or mode.wn_std_noise is None or mode.zeta_std_noise is None:
         return None
     return f"± {mode.wn_std_noise:.2g}", f"± {mode.zeta_std_noise:.2g}"
 
 
 def of_noise(mode: DutchRoll | None, names: tuple[str, str] = LATIN) -> str:
-    """Return how much of the sigmas is of noise, empty where not known."""
+    """Return the sigmas of noise alone as a phrase, "" where they are unknown."""
     noise = noise_spreads(mode)
     return f"of it noise: {names[0]} {noise[0]}, {names[1]} {noise[1]}" if noise else ""
 
 
 def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
-    """Say what the sigmas of these are of, to stand after ``one sigma``; empty without any."""
+    """Return what the sigmas contain, as a phrase that follows ``one sigma``; "" without any."""
     told = [mode for mode in modes if mode is not None and mode.wn_std is not None]
     if any(noise_spreads(mode) for mode in told):
         return ": noise, scatter over the record, structure"
@@ -125,24 +125,24 @@ def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return how long something lasts, roughly."""
+    """Return a duration rounded to s, min or h."""
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def loop_of(loop: str | None) -> Loop:
-    """Return whose numbers they are, by ``loop`` of a manoeuvre or a flight."""
+    """Return what the numbers describe, from the ``loop`` of a manoeuvre or a flight."""
     return _LOOPS.get(loop or "", _NO_LOOP)
 
 
 def count(manoeuvres: int) -> str:
-    """Return how many manoeuvres it is."""
+    """Return a number of manoeuvres in words."""
     return "one manoeuvre" if manoeuvres == 1 else f"{manoeuvres} manoeuvres"
 
 
 def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:
-    """Return how many of the manoeuvres the flight's answer rests on."""
+    """Return from how many of the manoeuvres the flight's answer is made."""
     total = len(manoeuvres)
     return f"from {len(flight.used) or 'none'} of {total} manoeuvre{'s' if total > 1 else ''}"
 
@@ -157,26 +157,26 @@ def flown(found: Manoeuvre) -> str:
 
 
 def says(found: Manoeuvre) -> str:
-    """Return what a manoeuvre says: its Dutch roll, or the first reason why it cannot be used."""
+    """Return a manoeuvre's answer: its Dutch roll, or the first reason why it is not usable."""
     if found.verdict.why is not None or found.dutch_roll is None:
         return f"not usable: {found.verdict.why}"
     return dutch_roll(found.dutch_roll)
 
 
 def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
-    """Say in a word or two what came of a manoeuvre: the first fatal reason's id where refused."""
+    """Return a manoeuvre's result in a word or two; if refused, the first fatal reason's id."""
     if not manoeuvre.verdict.usable:
         return manoeuvre.verdict.why or "not usable"
     if flight is not None and manoeuvre.n in flight.disagree:
         return "disagrees"
     if flight is not None and manoeuvre.n in flight.used:
         return "used"
-    # A flight is told of one aircraft: with its roll loop or without.
+    # A flight's answer describes either the airframe or the aircraft with its roll loop.
     return "other loop" if flight is not None and manoeuvre.loop != flight.loop else NOT_USED
 
 
 def conditions(flight: Flight) -> str:
-    """Return the airspeed and altitude that the flight's answer is told at, empty if unknown."""
+    """Return the airspeed and altitude for which the flight's answer holds, "" if unknown."""
     speed, altitude = flight.airspeed_m_s, flight.altitude_m
     source = "" if flight.airspeed_source is None else f" ({flight.airspeed_source})"
     known = [] if speed is None else [f"{speed:.1f} m/s{source}"]
@@ -185,21 +185,21 @@ def conditions(flight: Flight) -> str:
 
 
 def kappa(flight: Flight) -> str:
-    """Return wn as it goes with the airspeed V, and its sigma; empty where not known."""
+    """Return wn as a multiple of the airspeed V, with the factor's sigma; "" where unknown."""
     if flight.kappa_rad_m is None or flight.kappa_rad_m.value is None:
         return ""
     return f"{plus_minus(flight.kappa_rad_m.value, flight.kappa_rad_m.std)} · V"
 
 
 def utc(date: str | None) -> str:
-    """Return an ISO 8601 time in UTC as people read it, to the second."""
+    """Return an ISO 8601 time in UTC in a form for people, to the second."""
     if date is None:
         return "date unknown"
     return f"{date[:19].replace('T', ' ')} UTC"
 
 
 def no_manoeuvre(summary: RunSummary) -> str:
-    """Say that manoeuvres were looked for in vain, and why that may be."""
+    """Return a text that no manoeuvre was found, with the likely cause."""
     if summary.estimates is None:
         return "no manoeuvre found: rudder and yaw rate were never there together"
     return (
@@ -209,7 +209,7 @@ def no_manoeuvre(summary: RunSummary) -> str:
 
 
 def flight_rows(summary: RunSummary) -> Iterator[Row]:
-    """Yield each row that tells the flight's answer."""
+    """Yield the rows of the flight's answer; without a flight, one row why there is none."""
     flight = summary.flight
     if flight is None:
         if summary.manoeuvres is not None:

@@ -1,4 +1,4 @@
-"""The test card on one page of paper: what to fly next, in the order in which it is done."""
+"""The flight test card on one page of paper: what to fly next, in the order of the flight."""
 
 import math
 import textwrap
@@ -16,19 +16,19 @@ from yawid.sinks.words import count, dutch_roll
 
 BLANK = "________"
 HAND_S = 0.25
-"""A piece that is shorter is nothing for a hand."""
+"""A deflection that is shorter than this cannot be flown by hand."""
 SCRIPT_STEPS = 45.0
-"""plane-doublets.lua counts the rudder in parts of 45."""
+"""Full deflection in the unit of plane-doublets.lua's DOUBLET_MAGNITUDE."""
 NAMES = 11
-"""Width of the column of names."""
+"""The width of the column of names."""
 COLUMNS = {"time": 8, "m/s": 5, "height": 6, "mode": 10, "%": 4, "remark": 24}
 PAGE = 60
-"""Lines on a sheet of paper, at most."""
+"""The largest number of lines on a sheet of paper."""
 Row = tuple[str, str]
 
 
 def print_card(report: Inspection, stream: TextIO) -> None:
-    """Print the card, or in one line why there is none."""
+    """Print the card, or a line with the reason why there is none."""
     card = report.card
     if card is None:
         stream.write(f"{why_no_card(report.vehicle, report.verdict)}: {report.log}\n")
@@ -55,7 +55,7 @@ def _table(cells: Iterable[str]) -> str:
 
 
 def _lines(rows: Iterator[Row]) -> Iterator[str]:
-    """Yield the lines of rows, each beside its name; a word is not broken."""
+    """Yield the lines of rows, each text next to its name; words are not broken."""
     for name, text in rows:
         body = textwrap.wrap(text, WIDTH - NAMES, break_long_words=False, break_on_hyphens=False)
         for i, line in enumerate(body):
@@ -179,7 +179,7 @@ def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:
 
 
 def _automatic(card: FlightTestCard) -> Iterator[Row]:
-    """Yield how the autopilot itself can fly it."""
+    """Yield how the autopilot itself can fly the manoeuvre, by a script or its autotune."""
     asked = card.manoeuvre
     if card.autopilot == ARDUPILOT:
         magnitude = SCRIPT_STEPS * asked.amplitude[0].percent / 100.0

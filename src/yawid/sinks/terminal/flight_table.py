@@ -1,6 +1,6 @@
-"""The terminal's part on a flight: its answer, its manoeuvres, and what they were flown in.
+"""The table of a flight's manoeuvres in the terminal, and the notes below it.
 
-It keeps within 80 columns: of many manoeuvres the first and the last stand there.
+It is at most 80 columns wide; of many manoeuvres it has the first and the last.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,19 +14,19 @@ from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.sinks.words import loop_of, outcome, sigma_means, utc
 
 MOST_ROWS: Final = 20
-"""The manoeuvres between the first and the last ten are left to --json."""
+"""The largest number of rows; manoeuvres between the first and the last ten are in --json."""
 MOST_BOOTS: Final = 4
 SAME_BOOT: Final = timedelta(seconds=10)
-"""Within which the boots of two manoeuvres, by date and seconds, are one and the same."""
+"""Two manoeuvres whose boots, from date and seconds, differ by no more have the same boot."""
 _FINE: Final = 0.05
-"""A sigma of wn in rad/s below which there is room for another digit."""
+"""A sigma of wn in rad/s below which wn has a third decimal."""
 _MODE_WIDTH: Final = 10
 _LARGEST: Final = 1000.0
-"""Larger numbers, of estimates that diverged, keep three digits."""
+"""Numbers as large as this, from estimates that diverged, have three digits."""
 
 
 def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> Table:
-    """Return a row for each manoeuvre, those that are not usable dim."""
+    """Return a table with a row for each manoeuvre; those that are not usable are dim."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("n", "from-to s"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -59,7 +59,7 @@ def _cells(each: Manoeuvre) -> Iterator[str]:
 
 
 def in_columns(mode: DutchRoll | None) -> tuple[str, str]:
-    """Return wn in rad/s and zeta for columns that are no wider than 80 allow."""
+    """Return wn in rad/s and zeta with their sigmas, short enough for 80 columns in all."""
     if mode is None:
         return "none", "none"
     fine = mode.wn_rad_s < 10.0 and (mode.wn_std or 1.0) < _FINE
@@ -72,12 +72,12 @@ def _short(value: float, sigma: float | None, digits: int) -> str:
     said = f"{value:.{digits}f}"
     if sigma is None:
         return said
-    # Sigma of what is that unsure needs no decimals, and there is no room for them.
+    # So large a sigma needs no decimals, and there is no room for them.
     return f"{said}±{sigma:.{digits}f}" if sigma < 10.0 else f"{said}±{min(sigma, _LARGEST):.0f}"
 
 
 def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
-    """Return what the table's signs mean, how many rows it leaves out, and when the boot was."""
+    """Return the meaning of the table's signs, how many rows it leaves out, and the boot's date."""
     notes = [f"± is one sigma{sigma_means(each.dutch_roll for each in manoeuvres)}"]
     sources = dict.fromkeys(each.airspeed_source for each in manoeuvres)
     if GROUND_SPEED in sources:
@@ -95,14 +95,14 @@ def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
 
 
 def _since(manoeuvres: Sequence[Manoeuvre]) -> Iterator[str]:
-    """Say when the seconds of the manoeuvres began: with it the date of each is known."""
+    """Yield the dates from which the manoeuvres' seconds are counted, one for each boot."""
     boots: list[tuple[datetime, list[int]]] = []
     for each in manoeuvres:
         if each.date is None:
             continue
         try:
             boot = datetime.fromisoformat(each.date) - timedelta(seconds=each.from_s)
-        except (ValueError, OverflowError):  # the vehicle's clock may say anything
+        except (ValueError, OverflowError):  # the vehicle's clock may have any value
             continue
         if not boots or abs(boot - boots[-1][0]) > SAME_BOOT:
             boots.append((boot, []))

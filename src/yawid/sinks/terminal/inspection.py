@@ -1,4 +1,4 @@
-"""The page of ``yawid inspect``: what a log can answer, to be read in ten seconds."""
+"""The page of ``yawid inspect``: what a log can answer, short enough to read in ten seconds."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ def print_inspection(report: Inspection, stream: TextIO) -> None:
     for name, text in _rows(report):
         console.print(Text(hanging(name, text, console.width)))
     if report.command is not None:
-        # What was tried, for copying: it must not be wrapped.
+        # The command that was tried is for copying: it must not be wrapped.
         word = "try" if report.verdict.usable else "tried"
         console.print(Text(f"{word:>{NAME_WIDTH - 1}}  {report.command}"), soft_wrap=True)
 
@@ -68,7 +68,7 @@ def _vehicle(vehicle: VehicleSeen, seconds: float) -> str:
 
 
 def _sender(name: str, counts: Mapping[str, int]) -> str:
-    """Describe one sender: its frames, and what of the rest is not zero."""
+    """Return a text on one sender: its frames, and its other counts that are not zero."""
     others = [f"{n} {key.replace('_', ' ')}" for key, n in counts.items() if n and key != "frames"]
     return f"{name} ({', '.join([str(counts['frames']), *others])})"
 
@@ -79,7 +79,7 @@ def _interval(rate: MessageRate) -> str:
 
 
 def _phases(phases: Sequence[FlightPhase]) -> str:
-    """Return the longest phases in their order, and how many others there were."""
+    """Return the longest phases in their order, and the number of shorter ones."""
     lasts = np.array([phase.to_s - phase.from_s for phase in phases])
     longest = np.sort(np.argsort(-lasts, kind="stable")[:MOST_PHASES])
     shown = [i for i in longest.tolist() if lasts[i] >= LEAST_PHASE_S]
@@ -98,7 +98,7 @@ def _window(stretch: Span) -> str:
 
 
 def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[str, str]]:
-    """Yield the flight's answer and its manoeuvres, or why none of these may be used."""
+    """Yield the flight's answer and its manoeuvres, or why none of them is usable."""
     if flight.dutch_roll is None:
         fatal = Counter(each.verdict.why for each in manoeuvres)
         why = ", ".join(f"{n} {reason}" for reason, n in fatal.most_common())

@@ -1,4 +1,4 @@
-"""What a live screen shows, as plain facts: a live session fills them in, a screen draws them."""
+"""The facts that a live screen shows: a live session fills them in, a screen draws them."""
 
 from dataclasses import dataclass
 
@@ -7,18 +7,19 @@ from yawid.answers.run_summary import Flight, Manoeuvre
 
 @dataclass(frozen=True, slots=True)
 class VehicleFacts:
-    """Where one vehicle's session stands.
+    """The state of one vehicle's session.
 
-    ``name`` says which vehicle, ``rudder`` and ``yaw`` where these come from, all empty before that
-    is known. ``quiet`` says how long nothing has come, ``held`` why no sample is used now;
-    both are empty while all is well. Rates are of the last seconds, in Hz.
+    ``name`` is the vehicle, ``rudder`` and ``yaw`` the sources of these channels; each is empty
+    before it is known. ``quiet`` says for how long nothing has come, ``held`` why no sample is used
+    now; both are empty in normal operation. Rates are those of the last seconds, in Hz.
 
-    ``stroke`` is how far the rudder's own part moved within 5 s, in parts of half its travel, None
-    where that is not known; ``rests_s`` how long it has rested. The manoeuvre being recorded began
-    at ``from_s`` since boot, None where there is none, and ``is_excited`` once it has moved far
-    enough; ``unanswered`` have ended and are being estimated. ``stream`` is the running estimate in
-    words, ``state`` in one or two; ``verdict`` is whether the answer may be used, the flight's or
-    before that the stream's, None where it is not known, and ``why`` its reasons in words.
+    ``stroke`` is how far the rudder's own part moved within 5 s, as a part of half its travel, None
+    where that is unknown; ``rests_s`` is how long it has rested. The manoeuvre that is recorded
+    began at ``from_s`` since boot (None: there is none) and has lasted ``lasted_s``; ``is_excited``
+    is True once the rudder has moved far enough. ``unanswered`` manoeuvres have ended and are being
+    estimated; ``finds`` is False where manoeuvres are not looked for. ``stream`` is the running
+    estimate in words, ``state`` its status in one or two. ``verdict`` says whether the answer is
+    usable, the flight's or before that the stream's, None where unknown; ``why`` lists its reasons.
     """
 
     sysid: int = 0
@@ -47,17 +48,17 @@ class VehicleFacts:
 
     @property
     def urgency(self) -> tuple[bool, bool, bool, int]:
-        """The key by which what is wrong or under way comes first."""
+        """A sort key: silent vehicles first, then those that record, then those being estimated."""
         return not self.quiet, self.from_s is None, not self.unanswered, self.sysid
 
 
 @dataclass(frozen=True, slots=True)
 class LiveFacts:
-    """Where a live run stands: its link and its vehicles.
+    """The state of a live run: its link and its vehicles.
 
-    ``lasted_s`` is its own age, ``age_s`` that of the last datagram, None before the first;
-    ``dropped`` the datagrams dropped here. ``line`` says it all in one line, for a window too small
-    for more.
+    ``lasted_s`` is how long it has run, ``age_s`` the age of the last datagram, None before the
+    first; ``dropped`` is the number of datagrams dropped here, as text. ``line`` is the state in
+    one line, for a window too small for more.
     """
 
     endpoint: str

@@ -1,4 +1,4 @@
-"""The live screen as a page of text: of one vehicle everything, of several a row each."""
+"""The live screen as a page of text: all facts of one vehicle, or a row for each of several."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -17,31 +17,32 @@ from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
 from yawid.sinks.words import conditions, counted, dutch_roll
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
-"""A smaller window has no room for the page: it shows one line."""
+"""A smaller window has no room for the page and shows one line."""
 DEAD_S = 1.2
-"""A link that has brought nothing for so long is dead: with what drawing takes, said within 2 s."""
+"""A link with no data for this long is shown as dead, so that a person sees it within 2 s."""
 NAME_WIDTH = 10
 SCALE = 0.5
-"""The meter's end, in parts of half the travel."""
+"""The end of the meter's scale, as a part of half the travel."""
 BAR, SHORT_BAR = 20, 5
 MOVING_S = 1.0
-"""A rudder that has rested for less is still moving."""
+"""A rudder that has rested for less than this is still moving."""
 LEAST_EVENTS, MOST_WHY, MOST_LINES = 3, 3, 60
-"""Lines that what was said has at least, a verdict's reasons and the last state at most."""
+"""The least number of lines for messages, and the largest for a verdict's reasons and for the
+page that stays at the end."""
 _NEEDED = f"{100 * LEAST_STROKE:.0f} %"
 _LEGEND = (
     f"rudder: how far it moved by itself in {WINDOW_S:.0f} s, {_NEEDED} needed; ± is one sigma"
 )
 _RED = "bold white on red"
 Said = Sequence[tuple[str, str]]
-"""What was said so far, the time of day and the text of each, the newest last."""
+"""The messages so far, each as (time of day, text), the newest last."""
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """Renders facts and what was said to the size of the window.
+    """A page with the facts and the messages, in the size of the window.
 
-    What stays when the screen is left, ``is_last``, is as high as need be, without what was said.
+    The page that stays when the screen is left (``is_last``) has all its lines and no messages.
     """
 
     facts: LiveFacts
@@ -49,7 +50,7 @@ class Page:
     is_last: bool = False
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the lines, see rich's protocol."""
+        """Yield the page's lines, as rich's protocol asks for."""
         width, height = options.max_width, console.height
         if not self.is_last and (width < LEAST_WIDTH or height < LEAST_HEIGHT):
             yield Text(f"yawid: {self.facts.line}")
@@ -66,7 +67,7 @@ class Page:
 
 
 def what_to_do(vehicle: VehicleFacts) -> tuple[str, str]:
-    """Return what the pilot is to do next, in words, and rich's style of it."""
+    """Return what the pilot should do next, in words, and the style of these words in rich."""
     if vehicle.quiet:
         return "wait: while nothing comes nothing is recorded", "red"
     if not vehicle.rudder or not vehicle.yaw:
@@ -93,7 +94,7 @@ def what_to_do(vehicle: VehicleFacts) -> tuple[str, str]:
 
 
 def _one(facts: LiveFacts, width: int, room: int) -> Group:
-    """Return the page of the one vehicle there is."""
+    """Return the page of a single vehicle."""
     [vehicle] = facts.vehicles
     head = [
         _title(facts, vehicle.name, width),
@@ -112,7 +113,7 @@ def _one(facts: LiveFacts, width: int, room: int) -> Group:
 
 
 def _several(facts: LiveFacts, width: int, room: int) -> Group:
-    """Return the page of none or of several vehicles: what is wrong first where not all fit."""
+    """Return the page of no or several vehicles; where not all fit, the most urgent are shown."""
     vehicles = facts.vehicles
     lost, rate = sum(v.lost for v in vehicles), sum(v.message_hz for v in vehicles)
     title = _title(facts, f"{len(vehicles) or 'no'} vehicles{'' if vehicles else ' yet'}", width)
@@ -160,7 +161,7 @@ def _cells(vehicle: VehicleFacts) -> Iterator[RenderableType]:
 
 
 def _now(vehicle: VehicleFacts) -> str:
-    """Return in a few words what goes on."""
+    """Return in a few words what the vehicle is doing."""
     if vehicle.quiet:
         return f"silent {vehicle.quiet.partition(' for ')[2]}"
     if vehicle.held or not vehicle.state:
@@ -178,7 +179,7 @@ def _title(facts: LiveFacts, about: str, width: int) -> Text:
 
 
 def _link(facts: LiveFacts, vehicle: VehicleFacts, width: int) -> Iterator[Text]:
-    """Yield the rows of a link and its channels; a dead one is in red, with how long."""
+    """Yield the rows of a link and its channels; a dead link is shown in red, with its silence."""
     if quiet := _dead(facts) or vehicle.quiet:
         yield _row("LINK", Text(f" {quiet.upper()} ", _RED))
     else:
@@ -200,21 +201,21 @@ def _counts(facts: LiveFacts, rate: float, lost: int) -> Text:
 
 
 def _dead(facts: LiveFacts) -> str:
-    """Return how long nothing has come, empty while something does."""
+    """Return a text on how long no data have come, "" while they come."""
     age_s = facts.lasted_s if facts.age_s is None else facts.age_s
     yet = "yet " if facts.age_s is None else ""
     return f"nothing received {yet}for {_span(age_s)}" if age_s > DEAD_S else ""
 
 
 def _meter(vehicle: VehicleFacts) -> Text:
-    """Return how far the rudder moved by itself against what is needed."""
+    """Return a bar with how far the rudder moved on its own, and how far it needs to."""
     text = _bar(vehicle.stroke, BAR)
     text.append(f" of half travel in {WINDOW_S:.0f} s; {_NEEDED} needed")
     return text
 
 
 def _bar(stroke: float | None, size: int) -> Text:
-    """Return a bar of ``size`` columns with the threshold marked, and the stroke in percent."""
+    """Return a bar of ``size`` columns with a mark at the threshold, and the stroke in percent."""
     mark, full = round(size * LEAST_STROKE / SCALE), 0.0 if stroke is None else stroke / SCALE
     filled = min(round(size * full), size)
     style = "green" if stroke is not None and stroke >= LEAST_STROKE else "yellow"
@@ -228,7 +229,7 @@ def _bar(stroke: float | None, size: int) -> Text:
 
 
 def _recording(vehicle: VehicleFacts) -> Text:
-    """Return what is being recorded and how many manoeuvres there have been."""
+    """Return the manoeuvre being recorded and the number of those answered."""
     count = len(vehicle.manoeuvres)
     number = count + vehicle.unanswered + 1
     waits = f", {vehicle.unanswered} being estimated" if vehicle.unanswered else ""
@@ -240,7 +241,7 @@ def _recording(vehicle: VehicleFacts) -> Text:
 
 
 def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
-    """Yield the rows of the flight's answer, and of the verdict as it stands."""
+    """Yield the rows of the flight's answer, and of the present verdict."""
     flight = vehicle.flight
     if flight is not None:
         count, roll = counted(flight, vehicle.manoeuvres), flight.dutch_roll
@@ -261,7 +262,7 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
 
 
 def _events(said: Said, width: int, room: int) -> list[RenderableType]:
-    """Return the last of what was said, as many lines as there is room for."""
+    """Return the latest messages, as many lines as there is room for."""
     lines: list[RenderableType] = []
     for clock, text in reversed(said):
         parts = wrap(text, width - NAME_WIDTH, break_on_hyphens=False) or [""]

@@ -1,4 +1,4 @@
-"""The live screen: facts drawn on a terminal by rich, a few times a second, on its own thread."""
+"""The live screen: a thread draws facts on a terminal by rich, a few times a second."""
 
 import os
 import threading
@@ -13,14 +13,14 @@ from yawid.sinks.terminal.progress import Console, updates_in_place
 
 REFRESH_S = 0.4
 SHARE = 0.03
-"""The part of a session's time that gathering what is drawn may take."""
+"""The part of a session's time that gathering the facts to be drawn may take."""
 KEPT = 200
-"""Lines said that stand below the screen once it is left."""
+"""The largest number of messages that are kept, and written when the screen is left."""
 USUAL_SIZE = 80, 24
 
 
 def console_for(stream: TextIO) -> Console:
-    """Return what a live session talks to: a screen, or lines where there is no room for one."""
+    """Return a live session's console: a screen, or lines where a screen is not possible."""
     if not updates_in_place(stream) or not (stream.encoding or "").lower().startswith("utf"):
         return Console(stream)
     from yawid.sinks.terminal.live_page import LEAST_HEIGHT, LEAST_WIDTH
@@ -32,7 +32,7 @@ def console_for(stream: TextIO) -> Console:
 
 
 def size_of(stream: TextIO) -> tuple[int, int]:
-    """Return columns and lines of a terminal; one that does not say has the usual ones."""
+    """Return the columns and lines of a terminal, ``USUAL_SIZE`` where they are unknown."""
     try:
         columns, lines = os.get_terminal_size(stream.fileno())
     except (OSError, ValueError):
@@ -41,10 +41,10 @@ def size_of(stream: TextIO) -> tuple[int, int]:
 
 
 class LiveScreen(Console):
-    """Draws on the terminal's other screen until it is closed; before and after it says lines.
+    """A console that draws on the terminal's alternate screen; before and after it writes lines.
 
-    Closing leaves the terminal as it was, with what was said and the last state as lines. All
-    drawing is done by a thread: a terminal that hangs keeps nobody waiting.
+    Closing leaves the alternate screen and writes the messages and the last state as lines. A
+    thread does all drawing, so that the session does not wait for a terminal that hangs.
     """
 
     draws = True
@@ -53,14 +53,14 @@ class LiveScreen(Console):
         super().__init__(stream, REFRESH_S)
         self._stream = stream
         self._said: deque[tuple[str, str]] = deque(maxlen=KEPT)
-        self._unsaid: deque[str] = deque(maxlen=KEPT)  # as a line
+        self._unsaid: deque[str] = deque(maxlen=KEPT)  # not yet written as lines
         self._facts: LiveFacts | None = None
         self._news = threading.Event()
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
 
     def say(self, text: str) -> None:
-        """Show a line among those that were said last."""
+        """Show a message on the screen; without the screen, write it as a line."""
         text = plain(text)
         with self._lock:
             self._said.append((time.strftime("%H:%M:%S"), text))
@@ -72,7 +72,7 @@ class LiveScreen(Console):
             super().say(text)
 
     def draw(self, facts: LiveFacts, took_s: float) -> None:
-        """Show where the session stands; of many vehicles the less often the more they are."""
+        """Show the facts; the longer they took to gather, the later the next call is due."""
         self._next_s = time.monotonic() + max(self._period_s, took_s / SHARE)
         is_first, self._facts = self._facts is None, facts
         if is_first:
@@ -83,7 +83,7 @@ class LiveScreen(Console):
         self._news.set()
 
     def close(self) -> None:
-        """Leave the screen."""
+        """Leave the screen, after at most ``LEAVE_S``."""
         thread = self._thread
         if thread is not None:
             self._closing.set()
@@ -95,7 +95,7 @@ class LiveScreen(Console):
     def _run(self, facts: LiveFacts) -> None:
         try:
             self._draw_until_closed(facts)
-        except Exception as error:  # the session says so; a thread's own would be a traceback
+        except Exception as error:  # the session reports it; the thread would print a traceback
             self.failure = error
 
     def _draw_until_closed(self, facts: LiveFacts) -> None:
@@ -121,7 +121,7 @@ class LiveScreen(Console):
                     facts = cleaned(self._facts or facts)
                     console.size = size_of(self._stream)
                     live.update(Page(facts, tuple(self._said)), refresh=True)
-                    self._closing.wait(REFRESH_S / 4)  # what comes at once is drawn at once
+                    self._closing.wait(REFRESH_S / 4)  # events within this time are drawn together
         finally:
             with self._lock:
                 unsaid, self._thread = list(self._unsaid), None

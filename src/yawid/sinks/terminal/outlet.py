@@ -1,4 +1,4 @@
-"""The way to a terminal that may hang (Ctrl-S, a slow ssh, a pager): it keeps nobody waiting."""
+"""Writing to a terminal that may hang (Ctrl-S, a slow ssh, a pager) without waiting for it."""
 
 import contextlib
 import io
@@ -8,16 +8,16 @@ import threading
 from typing import TextIO
 
 MOST_WAITING = 1000
-"""Texts that may wait for the terminal; what comes on top is left out."""
+"""How many texts may wait for the terminal; further ones are left out."""
 LEAVE_S = 1.0
-"""How long an end waits for what has not been written."""
+"""How long the end of a session waits for texts that are not yet written."""
 
 
 class Direct(io.TextIOBase):
-    """Writes to the file behind ``stream`` and holds nothing back; one that has gone is no error.
+    """A stream that writes to the file of ``stream`` unbuffered; a closed file is not an error.
 
-    No lock of the stream is held meanwhile: who waits for a terminal holds up nobody else, not even
-    the end of the process.
+    It holds no lock of the stream while it writes: a thread that waits for a terminal blocks no
+    other thread and not the end of the process.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -25,20 +25,20 @@ class Direct(io.TextIOBase):
         self._errors = stream.errors or "replace"
         self._file: int | None = None
         if os.name == "posix":
-            with contextlib.suppress(OSError, ValueError):  # one of Python's own has no file
+            with contextlib.suppress(OSError, ValueError):  # a StringIO has no file
                 self._file = stream.fileno()
 
     @property
     def encoding(self) -> str:  # type: ignore[override] # in typeshed an attribute
-        """How text becomes bytes."""
+        """The encoding in which text is written."""
         return self._stream.encoding or "utf-8"
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Return whether the stream is a terminal."""
         return self._stream.isatty()
 
     def write(self, text: str) -> int:
-        """Write all of it, however long that takes."""
+        """Write the whole text, however long that takes; return its length."""
         try:
             if self._file is None:
                 self._stream.write(text)
@@ -48,12 +48,12 @@ class Direct(io.TextIOBase):
                 while data:
                     data = data[os.write(self._file, data) :]
         except OSError:
-            pass  # the terminal has gone: the session need not
+            pass  # the terminal is closed; the session goes on
         return len(text)
 
 
 class Outlet:
-    """Writes texts whole and in their order on a thread of its own; one caller at a time."""
+    """A thread that writes texts whole and in their order; only one caller at a time may use it."""
 
     def __init__(self, stream: TextIO) -> None:
         self._direct = Direct(stream)
@@ -61,12 +61,12 @@ class Outlet:
         self._thread: threading.Thread | None = None
 
     def write(self, text: str) -> None:
-        """Have it written."""
+        """Have a text written, unless ``MOST_WAITING`` wait already."""
         if self._texts.qsize() < MOST_WAITING:
             self._put(text)
 
     def drain(self) -> None:
-        """End the thread once all is written, or wait no longer; what follows has another one."""
+        """Wait until all is written, at most ``LEAVE_S``; a later text starts a new thread."""
         if self._thread is not None:
             written = threading.Event()
             self._put(written)

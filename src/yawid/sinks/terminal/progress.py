@@ -1,4 +1,4 @@
-"""What a person sees while it runs: a bar for a log that is read, a line for a live session."""
+"""Progress in the terminal: a bar while a log is read, a line for a live session."""
 
 import os
 import shutil
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 SOON_S = 1.0
-"""What takes no longer needs no bar."""
+"""Work that takes no longer than this gets no bar."""
 PLAIN_LINE_S = 10.0
 TERMINAL_LINE_S = 0.5
 _CLEAR = "\r\x1b[2K"
-_TASK: "TaskID" = 0  # type: ignore[assignment] # the one task there is
+_TASK: "TaskID" = 0  # type: ignore[assignment] # the only task
 
 
 class Bar:
-    """Shows on ``stream`` how far a piece of work has come, once it is to be shown."""
+    """A bar on ``stream`` that shows the progress of some work, after ``show`` was called."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -34,20 +34,20 @@ class Bar:
         self._is_over = False
 
     def begin(self, name: str, total: float = 0.0) -> None:
-        """Say what is done now and how much it is, in any unit; 0 where nobody can say."""
+        """Begin a piece of work: its name, and its size in any unit, 0 where that is unknown."""
         with self._lock:
             self._name, self._total, self._done = plain(name), total, 0
             if self._shown is not None:
                 self._shown.reset(_TASK, description=self._name, total=total or None)
 
     def __call__(self, count: int) -> None:
-        """Say that so much more is done."""
+        """Add ``count`` to the work that is done."""
         self._done += count
         if self._shown is not None:
             self._shown.update(_TASK, completed=self._done)
 
     def show(self) -> None:
-        """Show it from now on."""
+        """Show the bar from now on."""
         from rich import progress as parts
         from rich.console import Console as RichConsole
 
@@ -65,7 +65,7 @@ class Bar:
                 self._shown.start()
 
     def close(self) -> None:
-        """Take it away."""
+        """Remove the bar."""
         with self._lock:
             self._is_over = True
             if self._shown is not None:
@@ -74,9 +74,9 @@ class Bar:
 
 @contextmanager
 def progress(stream: TextIO, name: str, total: float = 0.0) -> Iterator[Bar]:
-    """Show on a terminal how far work has come that takes longer than ``SOON_S``.
+    """Show on a terminal the progress of work that takes longer than ``SOON_S``.
 
-    Yields what is called with how much more of ``total`` is done; 0 where nobody can say.
+    Yields a bar, which is called with each further part of ``total`` (0: unknown) that is done.
     """
     bar = Bar(stream)
     bar.begin(name, total)
@@ -94,16 +94,16 @@ def progress(stream: TextIO, name: str, total: float = 0.0) -> Iterator[Bar]:
 
 
 class Console:
-    """Writes to ``stream``; only on a terminal does a line update in place.
+    """A writer of lines to ``stream``; on a terminal, one line is updated in place.
 
-    ``period_s`` is the time between two states of the line, by default that of the stream's kind.
-    Any thread may use it: lines come whole, and nobody waits for a terminal that hangs.
+    ``period_s`` is the time between two updates; its default depends on the kind of the stream.
+    Any thread may use it: lines are written whole, and no caller waits for a terminal that hangs.
     """
 
     draws = False
-    """Whether it takes facts and draws a screen of them; else it takes a line."""
+    """Whether the console takes facts and draws a screen; else it takes a line."""
     failure: Exception | None = None
-    """Why nothing can be drawn any more; lines are still said and shown."""
+    """The error after which nothing is drawn any more; lines are still written."""
 
     def __init__(self, stream: TextIO, period_s: float | None = None) -> None:
         self._is_terminal = updates_in_place(stream)
@@ -121,15 +121,15 @@ class Console:
             self._outlet.write(f"{clear}yawid: {plain(text)}\n{self._shown}")
 
     def is_due(self) -> bool:
-        """Whether it is time for the next state of the line."""
+        """Return whether the next update of the line is due."""
         return time.monotonic() >= self._next_s
 
     def draw(self, facts: LiveFacts, took_s: float) -> None:
-        """Show where the session stands, where it draws; the facts took so long to gather."""
+        """Draw the facts, which took ``took_s`` to gather; only where ``draws`` is True."""
         raise NotImplementedError
 
     def show(self, line: str) -> None:
-        """Show where the session stands: in place on a terminal, else as a line of its own."""
+        """Show the session's state: in place on a terminal, else as a line of its own."""
         self._next_s, line = time.monotonic() + self._period_s, plain(line)
         with self._lock:
             if self._is_terminal:
@@ -139,7 +139,7 @@ class Console:
                 self._outlet.write(f"yawid: {line}\n")
 
     def close(self) -> None:
-        """Leave the line that updates: what follows stands below it, once all is written."""
+        """End the line that is updated, and wait for what is not yet written, see ``Outlet``."""
         with self._lock:
             if self._shown:
                 self._shown = ""
@@ -148,5 +148,5 @@ class Console:
 
 
 def updates_in_place(stream: TextIO) -> bool:
-    """Whether it is a terminal that can write over what it has written."""
+    """Return whether the stream is a terminal on which a line can be overwritten."""
     return stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown")

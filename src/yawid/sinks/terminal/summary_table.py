@@ -1,4 +1,4 @@
-"""What a person reads in the terminal: the summary as a table on stdout."""
+"""The summary of a run as text and tables on stdout."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import fill
@@ -23,15 +23,15 @@ from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
 from yawid.sinks.words import Row, flight_rows, noise_spreads, numbers, percent
 
 NAME_WIDTH = 9
-"""Width of the column of names."""
+"""The width of the column of names."""
 MOST_BOOTS = 4
-"""Further boots are left to --json."""
+"""The largest number of boots that are printed; --json has all."""
 
 
 def print_summary(summary: RunSummary, stream: TextIO) -> None:
-    """Print the summary of one run: the verdict first, then how sure, then where it comes from.
+    """Print the summary of one run: verdict, answer with its sigmas, and the channels and files.
 
-    Where there were manoeuvres the verdict is the flight's, and the stream's stands below it.
+    Where there were manoeuvres the verdict is the flight's; the stream's is printed further below.
     """
     console = page_console(stream)
     console.print(Text(summary.log, style="bold"))
@@ -49,7 +49,7 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
     for line in origin(summary):
         console.print(Text(line))
     for kind, path in (summary.files or {}).items():
-        # A path is for copying: it must not be wrapped.
+        # A path is for copying and must not be wrapped.
         console.print(Text(f"{kind:>8}  {path}"), soft_wrap=True)
 
 
@@ -64,13 +64,13 @@ def print_verdict(console: Console, verdict: VerdictSummary) -> None:
 
 
 def hanging(name: str, text: str, width: int) -> str:
-    """Return one row: its name, and its text beside that however many lines it has."""
+    """Return one row: its name, and its text next to it, all of whose lines are indented."""
     begin, indent = f"{name:>{NAME_WIDTH - 1}}  ", " " * (NAME_WIDTH + 1)
     return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def _stream(verdict: VerdictSummary) -> str:
-    """Return the heading of the stream's own estimates, beside which a flight's answer stands."""
+    """Return the heading of the stream's estimates, where there is also a flight's answer."""
     said = ", ".join([verdict.word, *(reason.id for reason in verdict.reasons)])
     return f"the stream at its end (not the flight): {said}"
 
@@ -79,7 +79,7 @@ def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]
     answers = summary.answering if summary.verdict.usable and summary.flight is None else None
     table = Table(box=None, pad_edge=False)
     has_total = any(noise_spreads(each.dutch_roll) for each in estimates.values())
-    said = bool(summary.manoeuvres) and has_total  # by the notes below these
+    said = bool(summary.manoeuvres) and has_total  # the notes below the manoeuvres explain it
     table.add_column("" if said else "± is one sigma" if has_total else "± is one sigma of noise")
     for method in estimates:
         marked = " answers" if method == answers and len(estimates) > 1 else ""
@@ -115,7 +115,7 @@ def _percent(value: float | None) -> str:
 
 
 def origin(summary: Origin) -> Iterator[str]:
-    """Yield a line for each channel, where it comes from, and one for the link."""
+    """Yield a line for each channel with its source, then one each for link, vehicles, boots."""
     for name, channel in summary.channels.items():
         rate = "" if channel.rate_hz is None else f" at {channel.rate_hz:.3g} Hz"
         how = "" if channel.how is None else f" ({channel.how})"
@@ -127,7 +127,7 @@ def origin(summary: Origin) -> Iterator[str]:
         if count or name == "frames"
     )
     leapt = f"; the vehicle's clock leapt by {leap_s:.0f} s" if leap_s else ""
-    if counts or leapt:  # of a recovered run nobody knows
+    if counts or leapt:  # a recovered run has neither
         yield f"    link  {counts}{leapt}"
     if summary.vehicles is not None:
         yield f"vehicles  {_vehicles(summary.vehicles, summary.vehicle)}"
@@ -137,7 +137,7 @@ def origin(summary: Origin) -> Iterator[str]:
 
 
 def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> str:
-    """Name every vehicle in the log, and which of them is answered."""
+    """Return the names of all vehicles in the log; the one that the answer is about is marked."""
     named = [
         f"{each.sysid}/{each.compid} {each.type_name}"
         + (" (answered)" if answered and each.address == answered.address else "")
@@ -147,7 +147,7 @@ def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> 
 
 
 def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
-    """Print the best structures of a log as a table, and the one to use."""
+    """Print the ``most`` best structures of a log as a table, and the recommended one."""
     console = page_console(stream)
     console.print(Text(report.log, style="bold"))
     table = Table(box=None, pad_edge=False)
