@@ -1,9 +1,9 @@
 """A data set on disk: Parquet files by table and month, and a manifest that names them.
 
-New rows are merged into new files, which count by the manifest (:mod:`yawid.dataset.places`):
-killed at any moment, a data set is as before or as after. A log has one outcome: its newest
-replaces its older one with all its rows. Rows are dicts by column name, times in microseconds since
-1970.
+A merge writes new files, which become part of the data set when the manifest names them
+(:mod:`yawid.dataset.places`): if it is killed at any moment, the data set is either as before or as
+after. A log has one outcome: a newer one replaces the older one with all its rows. Rows are dicts
+by column name, with times in microseconds since 1970.
 """
 
 import json
@@ -22,15 +22,15 @@ from yawid.errors import SinkError, SourceError
 from yawid.sinks.part_file import os_errors_as_sink_error, sync, write_whole
 
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
-"""What the columns say, for people and for programs."""
+"""Files that describe the columns: one for people, one for programs."""
 MOST_ROWS: Final = 1_000_000
-"""In a file; one that holds half of them is not merged with new rows any more."""
+"""Most rows in a file; a file with half as many is no longer merged with new rows."""
 
 
 def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return a table of a data set, all columns or some; ids are dictionaries.
+    """Return a table of a data set, with all columns or some; ids are dictionary-encoded.
 
-    Rows come month by month, each month by the table's own order.
+    Rows come month by month, and within each file in the table's own order.
 
     Raises:
         SourceError: there is no data set, or a file that its manifest names cannot be read.
@@ -40,14 +40,14 @@ def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) ->
 
 
 def merge(folder: Path, entries: Iterable[Entry]) -> Row:
-    """Merge logs with all their rows into a data set, made where there is none.
+    """Merge logs with all their rows into a data set, which is created if there is none.
 
-    Return the new manifest. Entries of one path: the last counts. Logs of the same bytes have
-    their rows in ``flights`` and below once.
+    Return the new manifest. Of several entries with one path, the last counts. Logs of the same
+    bytes have a row each in ``logs``, and share their rows in the other tables.
 
     Raises:
-        SourceError: what is there cannot be read.
-        SinkError: it cannot be written.
+        SourceError: the data set that is there cannot be read.
+        SinkError: the data set cannot be written.
     """
     by_path = {entry["logs"][0]["path"]: entry for entry in entries}
     before = completed(folder) or _begun(folder)
@@ -69,7 +69,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> Row:
         texts = {
             PAGE: schema_page().encode(),
             SCHEMA: _json(json_schema()),
-            MANIFEST: _json(manifest),  # the last: it makes the rest count
+            MANIFEST: _json(manifest),  # written last: it makes the other files count
         }
         write_whole({folder / name: text for name, text in texts.items()}, force=True)
         complete(folder, manifest)
@@ -79,11 +79,11 @@ def merge(folder: Path, entries: Iterable[Entry]) -> Row:
 
 
 def completed(folder: Path) -> Row | None:
-    """Complete what a kill has left of a data set; return its manifest, None where there is none.
+    """Complete a merge that a kill interrupted; return the manifest, or None if there is none.
 
     Raises:
-        SourceError: what is there cannot be read.
-        SinkError: it cannot be written.
+        SourceError: the manifest cannot be read.
+        SinkError: the data set cannot be written.
     """
     if not (folder / MANIFEST).exists():
         return None
@@ -94,7 +94,7 @@ def completed(folder: Path) -> Row | None:
 
 
 def _begun(folder: Path) -> Row:
-    """Make a folder a data set, still empty; return its manifest."""
+    """Make a folder an empty data set; return its manifest."""
     manifest = {"format": FORMAT, "generation": 0, "outcomes": {}, "tables": {}}
     with os_errors_as_sink_error(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,11 @@ def _begun(folder: Path) -> Row:
 
 
 def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
-    """Return rows as a table, ids still as plain strings; columns they do not have are NULL."""
+    """Return rows as a table, with ids as plain strings; columns that they lack are NULL.
+
+    Raises:
+        ValueError: a row has a column that the table does not have.
+    """
     clean = plain(list(rows))
     if unknown := {name for row in clean for name in row} - set(table.schema.names):
         raise ValueError(f"{table.name} has no column {', '.join(sorted(unknown))}")
@@ -111,7 +115,7 @@ def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
 
 
 def _without_ids(schema: pa.Schema) -> pa.Schema:
-    """Return a schema with strings in place of dictionaries: what can be sorted and joined."""
+    """Return a schema with strings in place of dictionaries, which can be sorted and joined."""
     fields = [each.with_type(pa.string()) if each.type == ID else each for each in schema]
     return pa.schema(fields)
 
@@ -125,7 +129,7 @@ def _read(
     found = []
     for name in files:
         try:
-            # Of an older version a column may be missing: it is NULL.
+            # A file of an older version may lack a column: it is NULL.
             with opened(folder, name) as stream, pq.ParquetFile(stream) as file:
                 has = set(file.schema_arrow.names)
                 part = file.read([each for each in names if each in has])
@@ -139,7 +143,7 @@ def _read(
 
 
 def _logs(folder: Path, before: ReadRow, by_path: Mapping[str, Entry]) -> pa.Table:
-    """Return the table of logs with those of ``by_path`` in the place of older ones."""
+    """Return the table ``logs``, in which the logs of ``by_path`` replace older rows."""
     table = TABLES["logs"]
     files = [each["path"] for each in before["tables"].get("logs", {"files": []})["files"]]
     old = _read(folder, table, files).cast(_without_ids(table.schema))
@@ -149,10 +153,10 @@ def _logs(folder: Path, before: ReadRow, by_path: Mapping[str, Entry]) -> pa.Tab
 
 
 def _owners(logs: pa.Table, by_path: Mapping[str, Entry]) -> dict[str, Entry]:
-    """Return, by the hash of their log, the new entries whose rows are the log's.
+    """Return, by the hash of their log, the new entries whose rows represent the log.
 
-    Of several files of one log it is the first by path, of its MCAPs only where there is no other:
-    so it does not matter which was run first.
+    If several files have the same hash, the first by path represents the log; an MCAP does so only
+    if there is no other file. So the result does not depend on the order of the runs.
     """
     new = {entry["logs"][0].get("log_sha256") for entry in by_path.values()} - {None}
     alike = logs.filter(pc.is_in(logs["log_sha256"], pa.array(list(new), pa.string())))
@@ -172,9 +176,9 @@ def _merged(
     is_alive: set[str],
     generation: int,
 ) -> list[Row]:
-    """Return the files of one table after the merge, those that change written anew.
+    """Return the files of one table after the merge; those that change are written again.
 
-    Rows of a log go where it is among ``replaced`` or not among those that are alive.
+    The old rows of a log are removed if its hash is in ``replaced`` or not in ``is_alive``.
     """
     rows_of: dict[str, list[ReadRow]] = {}
     for row in new:
@@ -201,7 +205,7 @@ def _merged(
 
 
 def _write(folder: Path, table: Table, place: str, rows: pa.Table, generation: int) -> list[Row]:
-    """Write rows, sorted, as files of at most ``MOST_ROWS``; return what the manifest says."""
+    """Write sorted rows as files of at most ``MOST_ROWS``; return their entries in the manifest."""
     rows = rows.sort_by([(name, "ascending") for name in table.order]).cast(table.schema)
     files = []
     for i, first in enumerate(range(0, len(rows), MOST_ROWS)):

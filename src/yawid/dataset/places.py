@@ -1,18 +1,18 @@
-"""Where the files of a data set lie, which are its own, and how new ones take the place of old.
+"""Where the files of a data set lie, which belong to it, and how new files replace old ones.
 
     DATASET/manifest.json                                        which files count, with their rows
     DATASET/logs/part-000001-0.parquet
     DATASET/flights/month=2026-03/part-000001-0.parquet          runs, manoeuvres, modes likewise
     DATASET/_new/flights/month=2026-03/part-000002-0.parquet     made, and not in its place yet
 
-The manifest is a journal. New files are made below ``_new``, outside of the folders that people
-read by a glob; the manifest that names them is written last, and makes them count. Then the files
-it does not name go, and at last the new ones come to their places: a glob never reads a row twice.
-After a kill this is completed by the next fleet; until then a glob may read short, which our own
-reader does not, and what no manifest names is removed.
+New files are made below ``_new``, outside of the folders that people read by a glob. The manifest
+that names them is written after them, and makes them part of the data set. Then the files that it
+does not name are removed, and finally the new files are moved to their places: a glob never reads a
+row twice. If this was interrupted by a kill, the next fleet completes it, and removes files that no
+manifest names. Until then a glob may miss rows; yawid's own reader does not.
 
-Only a manifest makes a folder a data set, and only files with names of our own form are removed:
-whatever else lies there stays as it is.
+Only a manifest makes a folder a data set, and only files with the data set's own form of name are
+removed: all other files in the folder stay as they are.
 """
 
 import json
@@ -28,12 +28,12 @@ from yawid.errors import SourceError
 
 MANIFEST: Final = "manifest.json"
 NEW: Final = "_new"
-"""Where files are made: next to the tables' folders, as some globs match hidden names too."""
+"""Folder where files are made. It is not inside a table's folder, as some globs match any name."""
 NO_MONTH: Final = "unknown"
-"""Of rows without a date. Hive's own word for it reads as a null, which pandas does not take."""
+"""The month of rows without a date. Hive's own name for it reads as null, which pandas rejects."""
 _PART: Final = r"part-\d{6,}-\d+\.parquet"
 _OLD_NO_MONTH: Final = "__HIVE_DEFAULT_PARTITION__"
-"""What an older version called it: such a file is written again by the next merge."""
+"""Its name in an older version: such a file is written again by the next merge."""
 _MONTH: Final = rf"month=(\d{{4}}-\d{{2}}|{NO_MONTH}|{_OLD_NO_MONTH})"
 _OWN: Final = re.compile(
     "|".join(
@@ -41,14 +41,14 @@ _OWN: Final = re.compile(
         for table in TABLES.values()
     )
 )
-"""Names of our own form, below the data set's folder."""
+"""The form of the names of a data set's files, below its folder."""
 
 
 def read_manifest(folder: Path) -> Row:
     """Return the manifest: ``tables`` by name with ``rows`` and ``files``; ``outcomes`` counted.
 
     Raises:
-        SourceError: there is no data set, or one of another format.
+        SourceError: there is no data set, or it has another format, or it cannot be read.
     """
     path = folder / MANIFEST
     try:
@@ -70,10 +70,10 @@ def read_manifest(folder: Path) -> Row:
 
 
 def complete(folder: Path, manifest: ReadRow) -> None:
-    """Bring the files to what the manifest says, wherever a kill has left them.
+    """Move and remove files until they are as the manifest says, wherever a kill has left them.
 
     Raises:
-        OSError: one cannot be removed or moved.
+        OSError: a file cannot be removed or moved.
     """
     named = set(_named(manifest))
     for name in set(_own_files(folder)) - named:
@@ -94,20 +94,20 @@ def complete(folder: Path, manifest: ReadRow) -> None:
 
 
 def opened(folder: Path, name: str) -> BinaryIO:
-    """Open a file that a manifest names, which may lie among the new ones still.
+    """Open a file that a manifest names; it may still lie among the new files.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be opened.
     """
     with suppress(FileNotFoundError):
         return (folder / name).open("rb")
     with suppress(FileNotFoundError):
         return (folder / NEW / name).open("rb")
-    return (folder / name).open("rb")  # it came to its place just now
+    return (folder / name).open("rb")  # it was moved to its place meanwhile
 
 
 def month_of(name: str) -> str:
-    """Return the month of a file that a manifest names, ``NO_MONTH`` of undated rows."""
+    """Return the month of a file that a manifest names; ``NO_MONTH`` for rows without a date."""
     month = Path(name).parent.name.removeprefix("month=")
     return NO_MONTH if month == _OLD_NO_MONTH else month
 

@@ -1,13 +1,13 @@
-"""The tables of a data set: every column with its type, its unit and what it says.
+"""The tables of a data set: every column with its type, its unit and its meaning.
 
-What does not apply is NULL, never NaN. A unit stands at the end of a column's name; without one a
-number has none. ``*_std`` is the total sigma of what stands before it, in the same unit;
-``*_std_noise`` the part of it that noise alone explains. Times are UTC. Rows without a date lie in
-``month=unknown``.
+A value that does not apply is NULL, never NaN. A column's name ends in its unit; a number without
+one has no unit. ``*_std`` is the total sigma of the number named before it, in the same unit;
+``*_std_noise`` is the part of it that noise alone explains. Times are UTC. Rows without a date are
+in ``month=unknown``.
 
-A glob over a table's folder never reads a row twice. After a fleet was killed it may read short,
-until the next ``yawid fleet`` on the data set completes its files; ``manifest.json`` names those
-that count, and one that is missing from its place lies below ``_new`` meanwhile.
+A glob over a table's folder never reads a row twice. After a fleet was killed, a glob may miss rows
+until the next ``yawid fleet`` on the data set completes its files. ``manifest.json`` names the
+files that count; a file that is missing from its place is below ``_new`` until then.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,12 @@ import pyarrow as pa
 from yawid.quantities.table import YAW_CHANNEL, quantity
 
 ANALYSIS_VERSION: Final = "3"
-"""Raised where the same log gives other numbers than before: a fleet's logs are then run again."""
+"""Version of the numbers: when the same log gives other numbers it is raised, and a fleet runs all
+logs again."""
 FORMAT: Final = 1
-"""Of the data set's folders and manifest."""
+"""Version of the data set's folders and manifest."""
 OUTCOMES: Final = ("ok", "unusable", "crashed", "timeout", "unreadable", "failed")
-"""Results of a log; ``failed``: a reason that may pass kept it from being read."""
+"""Results of a log; ``failed`` means that it was not read for a reason that may pass."""
 
 ID: Final = pa.dictionary(pa.int32(), pa.string())
 TIME: Final = pa.timestamp("us", tz="UTC")
@@ -31,11 +32,11 @@ TEXT, FLAG, NUMBER, COUNT = pa.string(), pa.bool_(), pa.float64(), pa.int64()
 NUMBERS, COUNTS, IDS = pa.list_(pa.float64()), pa.list_(pa.int64()), pa.list_(pa.string())
 
 Column = tuple[str, Any, str]
-"""Name, type, what it says."""
+"""A column's name, type and meaning."""
 
 
 def _columns(kind: Any, *names: str) -> tuple[Column, ...]:
-    """Return columns of one type; unit and words are the table's."""
+    """Return columns of one type, with the unit and words of the quantity of their name."""
     rows = [(name, quantity(name)) for name in names]
     return tuple(
         (name, kind, ", ".join(filter(None, (row.words, row.unit_for())))) for name, row in rows
@@ -103,9 +104,10 @@ _LINK: Final = _columns(
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One table: its columns, what one row is, by what rows are sorted, if split by month.
+    """One table: its name, what one ``row`` is, and its columns.
 
-    ``keys`` are the columns that no two rows have in common.
+    ``keys`` are the columns in whose values any two rows differ; ``order`` are the columns by which
+    rows are sorted. ``by_month`` is whether there is a folder for each month.
     """
 
     name: str
@@ -117,7 +119,7 @@ class Table:
 
     @property
     def schema(self) -> pa.Schema:
-        """As it is written and read."""
+        """The Arrow schema of the table's files."""
         said = {"yawid": f"{self.name} {FORMAT}"}
         return pa.schema(
             [pa.field(name, kind, metadata={"says": says}) for name, kind, says in self.columns],
@@ -236,7 +238,7 @@ TABLES: Final = {table.name: table for table in (LOGS, FLIGHTS, RUNS, MANOEUVRES
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a row of each table, as duckdb or pandas turn it into JSON."""
+    """Return the JSON schema of a row of each table, in the form that duckdb or pandas write."""
     tables = {
         table.name: {
             "description": f"one row is {table.row}; unique: {', '.join(table.keys)}",

@@ -1,4 +1,4 @@
-"""A run's summary as flat rows of the tables ``flights``, ``runs`` and ``manoeuvres``."""
+"""Turns a run's summary into flat rows of the tables ``flights``, ``runs`` and ``manoeuvres``."""
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
@@ -20,7 +20,7 @@ from yawid.quantities.table import YAW_CHANNEL
 def flight_row(summary: RunSummary, first_us: int | None, duration_s: float | None) -> Row:
     """Return the row of one boot of one vehicle: its flight's answer, else its stream's.
 
-    ``first_us`` is the time of its first sample in us since 1970.
+    ``first_us`` is the time of its first sample in us since 1970, ``duration_s`` its length in s.
     """
     flight, vehicle, stream = summary.flight, summary.vehicle, summary.answer
     yaw, rudder = summary.channels.get("yaw"), summary.channels.get("rudder")
@@ -62,12 +62,12 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
 
 
 def run_rows(summary: RunSummary) -> Iterator[Row]:
-    """Yield a row for each method's estimate of the stream."""
+    """Yield a row for each method's estimate from the stream."""
     for name, method in (summary.estimates or {}).items():
         is_answer = name == summary.answering
         judged = {"is_answer": is_answer, **_judged(summary.verdict)}
         if not is_answer:
-            judged = {"is_answer": False}  # nobody judged it
+            judged = {"is_answer": False}  # only the answer has a verdict
         yield _of_method(method) | _model(method) | judged
 
 
@@ -95,7 +95,7 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
 
 
 def _over_speed(each: Manoeuvre, answer: MethodSummary) -> Row:
-    """Return wn / V and K / V, V the equivalent airspeed: nothing without one."""
+    """Return wn / V and K / V with their sigmas; V is the equivalent airspeed. Empty without V."""
     speed = each.airspeed_m_s
     if each.airspeed_source != "airspeed" or not speed:
         return {}
@@ -113,7 +113,7 @@ def _of_method(method: MethodSummary) -> Row:
 
 
 def _taken(of: Part | None, columns: Sequence[Column]) -> Row:
-    """Return the fields of an object that are called as columns."""
+    """Return the fields of an object that have the names of ``columns``; none of None."""
     return {} if of is None else {name: getattr(of, name) for name, *_ in columns}
 
 
@@ -131,7 +131,7 @@ def _value(column: str, stem: str, value: Value | None, scale: float = 1.0) -> R
 def _model(method: MethodSummary) -> Row:
     physics: Row = {}
     for name, value in (method.physics or {}).items():
-        if name in YAW_CHANNEL:  # beside them stands the reduction's error
+        if name in YAW_CHANNEL:  # physics also has the error of the reduction, not a column here
             physics |= {name: value.value, f"{name}_std": value.std}
     fit = method.fit.to_json()
     names = list(method.theta)
@@ -158,10 +158,10 @@ def _judged(verdict: VerdictSummary) -> Row:
 
 
 def _us(date: str | None) -> int | None:
-    """Return us since 1970 of an ISO date in UTC; None where it is unknown or no date."""
+    """Return an ISO date in us since 1970; None if it is unknown or not a date."""
     try:
         return None if date is None else known_date(_unix_us(date))
-    except (ValueError, OverflowError):  # a forged summary may say anything
+    except (ValueError, OverflowError):  # a forged summary may contain anything
         return None
 
 

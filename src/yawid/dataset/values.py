@@ -1,4 +1,4 @@
-"""What a row may hold: plain numbers, None in place of what is not finite, dates that are known."""
+"""The values of a row: plain numbers, None in place of what is not finite, and known dates."""
 
 import math
 import re
@@ -10,17 +10,17 @@ from yawid.version import __version__
 
 _SERIAL = re.compile(r"^BRD_SERIAL_NUM (-?\d+)(?:\.\d*)?$", re.MULTILINE)
 Row = dict[str, Any]
-"""A row of a table by its columns, or an object in the manifest."""
+"""A row of a table by column name, or an object in the manifest."""
 ReadRow = Mapping[str, Any]
-"""One that is only read."""
+"""A row that is only read."""
 Entry = Mapping[str, Sequence[ReadRow]]
-"""All rows of one log, by table; ``logs`` has exactly one."""
+"""All rows of one log by table; ``logs`` has exactly one."""
 
 
 def plain(value: Any) -> Any:
-    """Return a value as a row may hold it: NumPy's scalars as Python's, NaN and infinity as None.
+    """Return a value with NumPy's scalars as Python's, and NaN and infinity as None.
 
-    Rows and lists are gone through.
+    Dicts and lists are converted recursively.
     """
     if isinstance(value, dict):
         return {name: plain(each) for name, each in value.items()}
@@ -31,21 +31,24 @@ def plain(value: Any) -> Any:
 
 
 def known_date(us: int | None) -> int | None:
-    """Return us since 1970; None where it is a time since boot."""
+    """Return ``us`` if it is a time since 1970, and None if it is only a time since boot."""
     return us if us is not None and us >= FIRST_DATE_US else None
 
 
 def serial_of(parameters: bytes) -> str | None:
-    """Return a vehicle's own number by its BRD_SERIAL_NUM among a run's parameters.txt, or None."""
+    """Return a vehicle's serial number, ``serial:N``, from the BRD_SERIAL_NUM in parameters.txt.
+
+    None if it is 0 or missing.
+    """
     found = _SERIAL.search(parameters.decode("utf-8", "replace"))
     return None if found is None or not int(found[1]) else f"serial:{int(found[1])}"
 
 
 FAILED = "failed"
-"""The outcome of a log that was not read for a reason that may pass: the next run tries again."""
+"""Outcome of a log that was not read for a reason that may pass: the next run tries it again."""
 
 
 def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[Row]]:
-    """Return the rows of a log that came to nothing, for a reason that is the outcome's name."""
+    """Return the rows of a log without an answer; ``reason`` is by default the outcome's name."""
     row = {"outcome": outcome, "reasons": [reason or outcome], "warnings": [], "text": text}
     return {"logs": [{**row, "yawid_version": __version__, "flights": 0, "manoeuvres": 0}]}

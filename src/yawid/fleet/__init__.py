@@ -1,1 +1,1 @@
-"""Many runs: a data set of thousands of logs, made once, read by anything that reads Parquet."""
+"""Replays thousands of logs into one data set of Parquet files, which other programs can read."""

@@ -1,7 +1,8 @@
-"""``python -m yawid.fleet.child``: replays one log after the other for a worker, by two pipes.
+"""``python -m yawid.fleet.child``: a process that replays one log after the other for a worker.
 
-Whatever a log does to its process it does to this one: a crash, a hang, all memory taken. The
-worker that feeds it lives on, knows which log it was, and starts another.
+The two exchange pickled objects over stdin and stdout. A log that crashes or hangs its process, or
+takes all memory, does so to this one; the worker survives, knows which log it was, and starts
+another child.
 """
 
 import contextlib
@@ -20,25 +21,26 @@ from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
 
 READY = "ready"
-"""Said once all is imported: a log's time begins after that."""
+"""The first answer, sent when all imports are done: a log's timeout starts after it."""
 GARBAGE_AFTER = 50_000
+"""The first threshold of the garbage collector, in objects: a high one saves time."""
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def main() -> None:
-    """Read (path, spec, scratch folder, data) from stdin, write rows to stdout, until stdin ends.
+    """Read (path, spec, scratch folder, data) from stdin and write rows to stdout until stdin ends.
 
-    What anything else prints goes to stderr.
+    Whatever any other code prints goes to stderr.
     """
     orders, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    for number in (signal.SIGINT, signal.SIGTERM):  # the worker's to heed; it closes the pipe
+    for number in (signal.SIGINT, signal.SIGTERM):  # the worker handles them and closes the pipe
         signal.signal(number, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     with contextlib.suppress(OSError):
-        # Where memory runs out the system is to end this process, and no other.
+        # When memory runs out, the system should end this process and no other.
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-    gc.freeze()  # what is imported is no garbage
+    gc.freeze()  # imported modules never become garbage
     gc.set_threshold(GARBAGE_AFTER)
     pickle.dump(READY, answers)
     answers.flush()
@@ -56,7 +58,10 @@ def _answer(orders: BinaryIO, answers: BinaryIO) -> None:
 
 
 def rows_here(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
-    """Return the rows of a log, None where this machine has no such file."""
+    """Return the rows of a log by table, or None if this machine has no such file.
+
+    A URL is first copied into the folder ``scratch``, from ``data`` where its bytes are given.
+    """
     if "://" not in path:
         return rows_of(Path(path), spec) if Path(path).is_file() else None
     local = scratch / (path.rpartition("/")[2] or "log")
@@ -66,7 +71,7 @@ def rows_here(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
                 out.write(data)
             else:
                 _stream(path, out)
-    except Exception as error:  # whatever a store's library raises
+    except Exception as error:  # a store's library may raise anything
         return failed(FAILED, f"{type(error).__name__}: {error}")
     try:
         return rows_of(local, spec)

@@ -1,6 +1,6 @@
-"""The workers of a Dask scheduler that somebody else runs.
+"""The workers of a Dask scheduler that runs outside of yawid.
 
-A worker that dies takes no log with it: Dask gives what it held to another one.
+No log is lost when a worker dies: Dask gives its logs to another worker.
 """
 
 import importlib.util
@@ -19,15 +19,17 @@ from yawid.runs.stop import StopFlag
 from yawid.version import __version__
 
 RESULT_S: Final = 10.0
+"""Time limit in s for fetching the result of a task that has ended."""
 LOOK_S: Final = 1.0
-"""How often the number of workers is asked for."""
+"""Interval in s at which the scheduler is asked for its number of threads."""
 CONNECT_S: Final = 5.0
+"""Time limit in s for connecting to the scheduler."""
 MOST_TRIES: Final = 3
-"""Dask gives a log up whose workers died again and again; as often it is handed in anew."""
+"""A log is given up after so many reports by Dask that several workers died of it."""
 
 
 class Workers:
-    """Workers to hand logs to; ``address`` is the scheduler's, ``threads`` are theirs at last."""
+    """The workers of the scheduler at ``address``; ``threads`` is how many they last had."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client = client
@@ -38,13 +40,13 @@ class Workers:
     def run(
         self, tasks: Iterable[Task], stop: StopFlag
     ) -> Generator[tuple[Task, Any] | None, None, None]:
-        """Yield each task as it ends, with its rows; fewer, once told to ``stop``.
+        """Yield each task with its rows when it ends; after ``stop`` is set, yield no more.
 
-        While none ends None comes, some times a second. Rows are None where a machine has no such
-        file, a text where the workers died.
+        While no task ends, yield None every ``POLL_S`` seconds. Rows are None if a worker's machine
+        has no such file, and a text if the workers died.
 
         Raises:
-            SinkError: the scheduler is lost.
+            SinkError: the connection to the scheduler is lost, or a worker failed.
         """
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
@@ -69,7 +71,7 @@ class Workers:
                 yield None
                 continue
             task, tries = flying.pop(future, (None, 0))
-            if task is None:  # it was handed in anew
+            if task is None:  # it was submitted again, as a new future
                 continue
             try:
                 rows = future.result(timeout=RESULT_S)
@@ -80,8 +82,8 @@ class Workers:
                     continue
                 rows = "its workers died, again and again"
             except (TimeoutError, CancelledError, UnboundLocalError, CommClosedError):
-                # It was lost with its worker, or with the scheduler, which the client is to notice;
-                # Dask trips over that in several ways.
+                # The result was lost with its worker, or the scheduler is lost, which _check sees
+                # from the client's status. Dask raises any of these errors then.
                 self._check()
                 again.append((task, tries))
                 continue
@@ -100,7 +102,7 @@ class Workers:
         return future
 
     def _room(self) -> int:
-        """Return how many logs may be with the workers at once; none where there is no worker."""
+        """Return how many logs the workers may hold at once: 0 while there is no worker."""
         self._check()
         if time.monotonic() >= self._look_s:
             try:
@@ -123,10 +125,10 @@ class Workers:
 
 
 def check_installed() -> None:
-    """Look whether Dask is there, without the time its import takes.
+    """Check that Dask is installed, without importing it, which takes long.
 
     Raises:
-        ConfigError: it is not.
+        ConfigError: Dask is not installed.
     """
     if importlib.util.find_spec("distributed") is None:
         raise ConfigError("--scheduler needs Dask: pip install 'yawid[fleet]'")
@@ -134,16 +136,17 @@ def check_installed() -> None:
 
 @contextmanager
 def workers_of(address: str) -> Iterator[Workers]:
-    """Use the workers of the scheduler at an address.
+    """Connect to the scheduler at ``address`` and use its workers.
 
     Raises:
-        SinkError: nobody answers there, or its workers have another yawid.
+        SinkError: no scheduler answers there, or its workers cannot import yawid or have another
+            version of it.
     """
     import dask
     from distributed import Client
 
     for name in list(logging.root.manager.loggerDict):
-        if name.startswith("distributed"):  # what is to be said of it, this module says
+        if name.startswith("distributed"):  # this module reports errors in its own words
             logging.getLogger(name).setLevel(logging.CRITICAL)
     settings = {
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
@@ -171,7 +174,10 @@ def _closing(client: Any) -> Iterator[None]:
 
 
 def _make_ready(client: Any) -> None:
-    """Have each machine compile once, before its workers would, all at the same time."""
+    """Check the workers' versions, and compile once on each machine before its workers start.
+
+    Without this, all workers of a machine would compile at the same time.
+    """
     try:
         found = client.run(about)
     except Exception as error:

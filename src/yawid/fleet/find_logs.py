@@ -1,4 +1,4 @@
-"""Which logs there are below paths, globs and URLs, and what tells whether one has changed."""
+"""Finds the logs below paths, globs and URLs, and what shows that a log has changed."""
 
 import glob
 import hashlib
@@ -18,18 +18,21 @@ _CHUNK: Final = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class FoundLog:
-    """A log: absolute path or URL, bytes, and its ETag or its time in ns since 1970."""
+    """A log file: where it is, and its size and state when it was found."""
 
     path: str
+    """The absolute path or the URL."""
     size: int
+    """The size in bytes."""
     modified: str
+    """The time of the last change in ns since 1970, or what a store reports instead (an ETag)."""
 
 
 def find_logs(paths: Iterable[str]) -> list[FoundLog]:
-    """Return every log below files, folders, globs and URLs, once each, the largest first.
+    """Return every log below the given files, folders, globs and URLs, once each, largest first.
 
     Raises:
-        SourceError: below one of them is none, or it cannot be listed.
+        SourceError: one of ``paths`` has no log, or cannot be listed.
         ConfigError: a URL is given and fsspec is not installed.
     """
     found: dict[str, FoundLog] = {}
@@ -42,10 +45,10 @@ def find_logs(paths: Iterable[str]) -> list[FoundLog]:
 
 
 def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> None:
-    """Find out whether a data set's folder and those of the logs are apart.
+    """Check that the data set's folder ``out`` and the folders of the logs are separate.
 
     Raises:
-        ConfigError: one of them holds the other.
+        ConfigError: one of them contains the other.
     """
     place = Path(os.path.realpath(out))
     for folder in {os.path.dirname(_local_path(log.path)) for log in found}:
@@ -64,13 +67,13 @@ def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> N
 
 
 def _local_path(path: str) -> str:
-    """Return a path of this machine; "" of what lies elsewhere."""
+    """Return a path of this machine without ``file://``, and "" for a URL of another store."""
     path = path.removeprefix("file://")
     return "" if "://" in path else path
 
 
 def _searched(path: str) -> str | None:
-    """Return the folder that is searched with all that is below it; None where there is none."""
+    """Return the folder that is searched recursively, or None if ``path`` does not name one."""
     before, wild, _ = path.partition("**")
     if wild and not _WILD & set(before):
         return os.path.dirname(before) or "."
@@ -78,16 +81,19 @@ def _searched(path: str) -> str | None:
 
 
 def is_log(name: str) -> bool:
-    """Tell by its name whether a file of a folder is a log; one that is named always is."""
+    """Return whether a file found in a folder is a log by its name.
+
+    A file that the user names is always taken for a log.
+    """
     lower = name.lower()
     return lower.endswith(IN_FOLDERS) and not lower.endswith(NOT_FINISHED)
 
 
 def sha256_of(log: FoundLog) -> str:
-    """Return the hash of a log's bytes.
+    """Return the SHA-256 of a log's bytes, in hexadecimal.
 
     Raises:
-        SourceError: it cannot be read.
+        SourceError: the log cannot be read.
     """
     try:
         if "://" not in log.path:
@@ -98,12 +104,12 @@ def sha256_of(log: FoundLog) -> str:
             while chunk := stream.read(_CHUNK):
                 digest.update(chunk)
         return digest.hexdigest()
-    except Exception as error:  # whatever a store's library raises
+    except Exception as error:  # a store's library may raise anything
         raise SourceError(f"{log.path}: {error}") from error
 
 
 def own_bytes(log: FoundLog) -> bytes | None:
-    """Return the bytes of a log that no other process sees: one in ``memory://``."""
+    """Return the bytes of a log in ``memory://``, which no other process can read, else None."""
     if not log.path.startswith("memory://"):
         return None
     with _fsspec().open(log.path, "rb") as stream:
@@ -149,12 +155,12 @@ def _below_url(url: str) -> Iterator[FoundLog]:
             if name == root or (about.get("type") == "file" and is_log(name)):
                 size = int(about.get("size") or 0)
                 yield FoundLog(store.unstrip_protocol(name), size, _modified(about))
-    except Exception as error:  # whatever a store's library raises
+    except Exception as error:  # a store's library may raise anything
         raise SourceError(f"{url}: {type(error).__name__}: {error}") from error
 
 
 def _modified(about: Any) -> str:
-    """Return what a store tells of a file's state: its ETag where there is one."""
+    """Return what a store reports as a file's state: its ETag, else a hash or a time."""
     names = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")
     return str(next((about[name] for name in names if about.get(name)), "unknown"))
 

@@ -1,8 +1,9 @@
-"""What a fleet has finished and not merged yet: a line a log, so that a kill loses no log's half.
+"""The journal of a fleet: one line for each log that is finished and not merged yet.
 
-``DATASET/finished.jsonl`` grows by one line as each log ends. Lines become Parquet when there are
-many, at the end, after an interrupt and at the next start. A last line that was torn is left out:
-its log is run again.
+``DATASET/finished.jsonl`` grows by one line when a log ends, so that a kill loses no finished log
+and leaves none half written. The lines are merged into Parquet files when there are many of them,
+at the end of the run, after an interrupt, and at the start of the next run. A last line that is
+incomplete is ignored: its log is run again.
 """
 
 import fcntl
@@ -21,20 +22,22 @@ from yawid.errors import SinkError, SourceError
 FINISHED: Final = "finished.jsonl"
 LOCK: Final = ".lock"
 MERGE_LOGS: Final = 20_000
+"""Number of lines at which the journal is merged into the tables."""
 MERGE_BYTES: Final = 128 << 20
-"""Of lines; as many are merged at once."""
+"""Size of the journal in bytes at which it is merged into the tables."""
 KNOWN: Final = (
     *("path", "size_bytes", "modified", "config_hash", "analysis_version"),
     *("outcome", "file_sha256"),
 )
+"""The columns of ``logs`` that decide whether a log is run again."""
 
 
 class Journal:
-    """The data set of one running fleet; nobody else writes to it meanwhile.
+    """The data set of one running fleet, locked against other fleets.
 
     Raises:
-        SinkError: the folder cannot be written, is no data set, or another fleet writes to it.
-        SourceError: what is there cannot be read.
+        SinkError: the folder cannot be written, is not a data set, or another fleet writes to it.
+        SourceError: the data set in the folder cannot be read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -50,14 +53,19 @@ class Journal:
             raise
 
     def known(self) -> dict[str, ReadRow]:
-        """Return what is known of each log, by path: the columns ``KNOWN`` of ``logs``."""
+        """Return the columns ``KNOWN`` of the table ``logs`` as one row for each path."""
         if not (self.folder / MANIFEST).exists():
             return {}
         rows = read_table(self.folder, "logs", KNOWN).to_pylist()
         return {row["path"]: row for row in rows}
 
     def add(self, entry: Entry) -> None:
-        """Add a log's rows; they outlive the end of this process, however it comes."""
+        """Add a log's rows. They are kept even if this process is killed right after.
+
+        Raises:
+            SinkError: the journal or the tables cannot be written.
+            SourceError: the tables cannot be read when it is time to merge.
+        """
         try:
             if self._stream is None:
                 self._stream = self._path.open("ab")
@@ -71,7 +79,7 @@ class Journal:
             self.merge()
 
     def merge(self) -> None:
-        """Merge what is finished into the tables, or complete what a kill has left."""
+        """Merge the finished logs into the tables, or complete a merge that a kill interrupted."""
         if self._stream is not None:
             self._stream.close()
             self._stream = None
@@ -84,7 +92,7 @@ class Journal:
         self._lines = self._size = 0
 
     def close(self) -> None:
-        """Merge and let others write."""
+        """Merge, and release the lock."""
         try:
             self.merge()
         finally:
@@ -93,7 +101,7 @@ class Journal:
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Journal]:
-    """Open a data set; what was finished is merged however the context ends."""
+    """Open a data set; finished logs are merged however the context ends."""
     journal = Journal(folder)
     try:
         yield journal
@@ -102,7 +110,7 @@ def opened(folder: Path) -> Iterator[Journal]:
 
 
 def peek(folder: Path) -> dict[str, ReadRow]:
-    """Return what is known of each log without writing anything."""
+    """Return the columns ``KNOWN`` of each log by path, without writing anything."""
     known: dict[str, ReadRow] = {}
     if (folder / MANIFEST).exists():
         known = {row["path"]: row for row in read_table(folder, "logs", KNOWN).to_pylist()}
@@ -111,11 +119,11 @@ def peek(folder: Path) -> dict[str, ReadRow]:
 
 
 def check_ours(folder: Path) -> None:
-    """Find out whether a folder is a data set or may become one; it need not exist.
+    """Check that a folder is a data set or may become one; it need not exist.
 
     Raises:
-        SinkError: it holds what is not a data set's.
-        SourceError: its manifest or its unmerged lines cannot be read, or are not ours.
+        SinkError: the folder holds other files, or cannot be listed.
+        SourceError: its manifest or its journal cannot be read, or was not written by yawid.
     """
     try:
         names = {path.name for path in folder.iterdir()} if folder.exists() else set()
@@ -164,4 +172,4 @@ def _locked(folder: Path) -> BinaryIO:
 
 
 _BEFORE_MANIFEST: Final = frozenset({LOCK, FINISHED, f"{MANIFEST}.part"})
-"""What a fleet may leave that was killed before it wrote a manifest."""
+"""Files that a fleet may leave if it is killed before it writes a manifest."""

@@ -1,7 +1,7 @@
-"""Workers of this machine: threads, each with a child process that replays.
+"""The workers of this machine: threads, each with a child process that replays logs.
 
-They listen nowhere and take work from no other process; Dask's own would open a port each, and its
-status page one for the whole network.
+They open no port and take work from no other process. Dask's local workers would open a port each,
+and its status page one that the whole network can reach.
 """
 
 import os
@@ -22,7 +22,10 @@ HERE: Final = "this machine"
 
 
 class LocalWorkers:
-    """As many threads as children; ``run`` hands them logs."""
+    """A pool of threads with one child process for each; :meth:`run` gives them logs.
+
+    ``threads`` is their number.
+    """
 
     address = HERE
 
@@ -36,12 +39,13 @@ class LocalWorkers:
     def run(
         self, tasks: Iterable[Task], stop: StopFlag
     ) -> Generator[tuple[Task, Any] | None, None, None]:
-        """Yield each task as it ends, with its rows; fewer, once told to ``stop``.
+        """Yield each task with its rows when it ends; after ``stop`` is set, yield no more.
 
-        While none ends None comes, some times a second. Rows are None where there is no such file.
+        While no task ends, yield None every ``POLL_S`` seconds. Rows are None if the file does not
+        exist.
 
         Raises:
-            SinkError: a child process does not even start.
+            SinkError: a child process cannot be started.
         """
         done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         waiting, flying = iter(tasks), dict[Future[Any], Task]()
@@ -73,10 +77,11 @@ class LocalWorkers:
 
 @contextmanager
 def local_workers(count: int | None) -> Iterator[LocalWorkers]:
-    """Start ``count`` workers, as many as this process may use cores; end them with what they do.
+    """Start ``count`` workers, by default one for each core that this process may use.
 
-    The threads block the signals that end a run, so that their children, which inherit that, never
-    see what a terminal sends to all its processes.
+    When the context ends, the children are killed and unfinished logs are dropped. The threads
+    block the signals that end a run; the children inherit this, so that a Ctrl-C in the terminal,
+    which goes to all its processes, does not reach them.
     """
     ready = threading.Thread(target=warm)
     ready.start()

@@ -1,6 +1,6 @@
-"""One log to its rows: replayed without files, every vehicle and every boot of it by itself.
+"""Turns one log into rows: replays each vehicle and each boot in it by itself, writing no files.
 
-Whatever goes wrong with the log becomes an outcome with its text; nothing is raised.
+Every error becomes an outcome with a text; none is raised.
 """
 
 import errno
@@ -29,7 +29,10 @@ _LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "cl
 
 @dataclass(frozen=True, slots=True)
 class _Flown:
-    """One replay of one boot of one vehicle; times in us since 1970."""
+    """One replay of one boot of one vehicle.
+
+    ``boots`` are the numbers of all boots that the replay saw.
+    """
 
     summary: RunSummary
     boot: int
@@ -39,14 +42,14 @@ class _Flown:
 
 
 class _OtherKeyError(SourceError):
-    """The key file of this machine, at this time, is not the fleet's."""
+    """The key file on this machine cannot be read, or is not the one the fleet started with."""
 
 
 def rows_of(path: Path, spec: Spec) -> Rows:
-    """Return a log's rows by table, ``logs`` with exactly one; a log's keys are in that one alone.
+    """Return a log's rows by table; ``logs`` has exactly one, which alone has the log's hash.
 
-    ``path``, ``size_bytes``, ``modified``, ``config_hash`` and ``analysis_version`` are left to the
-    caller.
+    The caller adds ``path``, ``size_bytes``, ``modified``, ``config_hash`` and
+    ``analysis_version``.
     """
     try:
         return _rows_of(path, spec)
@@ -62,10 +65,10 @@ def rows_of(path: Path, spec: Spec) -> Rows:
 
 
 def read_options_of(spec: Spec) -> ReadOptions:
-    """Return how bytes are read.
+    """Return how the log's bytes are read: their format and the signing key.
 
     Raises:
-        _OtherKeyError: it cannot be read here, or is not the one that the fleet was started with.
+        _OtherKeyError: the key cannot be read here, or differs from the one the fleet started with.
     """
     path = None if spec.key_file is None else Path(spec.key_file)
     try:
@@ -80,9 +83,9 @@ def read_options_of(spec: Spec) -> ReadOptions:
 
 
 def _may_pass(error: BaseException | None) -> bool:
-    """Tell whether an error is of the machine or the store: it says nothing of the log.
+    """Return whether an error comes from the machine or the store, and not from the log.
 
-    EINVAL is what a damaged log gives, whose readers then seek to places that there are not.
+    EINVAL counts as the log's: readers of a damaged log seek to places that do not exist.
     """
     is_system = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
     return is_system or isinstance(error, ImportError)
@@ -94,7 +97,7 @@ def _where(error: Exception) -> str:
 
 
 def _rows_of(path: Path, spec: Spec) -> Rows:
-    """Return the rows of a log; a finished run's are those of the log that it was made from."""
+    """Return the rows of a log. An MCAP gets the hash of the log that it was made from."""
     options, is_auto = read_options_of(spec), spec.settings.get("orders") == "auto"
     with ExitStack() as stack:
 
@@ -112,7 +115,7 @@ def _rows_of(path: Path, spec: Spec) -> Rows:
                 again[0].settled(spec.settings)
             try:
                 return _flown(again[0], config, spec)
-            except ConfigError:  # nothing of this boot is asked for
+            except ConfigError:  # the settings exclude this boot
                 return None
 
         flights = list(_each(first, config, another))
@@ -128,7 +131,10 @@ def _rows_of(path: Path, spec: Spec) -> Rows:
 
 
 def _each(first: _Flown, config: RunConfig, another: Any) -> Iterator[_Flown]:
-    """Yield every boot of every vehicle that the configuration leaves open; ``first`` was flown."""
+    """Yield every boot of every vehicle that the configuration does not exclude.
+
+    ``first`` is the replay that was already made; ``another`` makes one with a configuration.
+    """
     own = first.summary.vehicle
     found = first.summary.vehicles or ([] if own is None else [own])
     sysids = list(dict.fromkeys(each.sysid for each in found))

@@ -1,4 +1,4 @@
-"""``yawid fleet``: logs that a data set does not know yet, replayed by workers, and merged."""
+"""``yawid fleet``: replays the logs that a data set does not have yet, and merges their rows."""
 
 import importlib.util
 import time
@@ -27,13 +27,14 @@ from yawid.sinks.words import duration
 from yawid.sources.formats import FORMATS
 
 TIMEOUT_S: Final = 600.0
+"""Default time limit of one log in s."""
 TRIED_AGAIN: Final = ("crashed", "timeout")
-"""Outcomes that only --retry tries again."""
+"""Outcomes of logs that are run again only with ``--retry``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetRun:
-    """What is asked for: which logs, where to, by whom."""
+    """The settings of a fleet run: which logs, where the data set is, and which workers."""
 
     paths: Sequence[str]
     out: Path
@@ -47,23 +48,27 @@ class FleetRun:
 
 @dataclass(slots=True)
 class Plan:
-    """Logs to be run, how many are known already, and the paths with an answer of any state."""
+    """Which logs are to be run."""
 
     todo: list[FoundLog]
     known: int
+    """How many logs the data set already has as they are now."""
     answered: frozenset[str] = frozenset()
+    """Paths that have an outcome other than "failed", even of an older state of the log."""
 
     @property
     def size(self) -> int:
-        """Bytes to be read."""
+        """The number of bytes to be read."""
         return sum(log.size for log in self.todo)
 
 
 @dataclass(slots=True)
 class Progress:
-    """How far a run has come; ``threads`` of workers replay a log each; times in s.
+    """How far a run has come.
 
-    ``why_failed`` is of the first log that failed.
+    ``logs`` and ``size`` (bytes) are the whole, ``done`` and ``done_bytes`` what has ended.
+    ``threads`` workers each replay a log. ``start_s`` is on the monotonic clock. ``why_failed``
+    is the text of the first log that failed.
     """
 
     logs: int
@@ -77,7 +82,7 @@ class Progress:
 
     @property
     def failed(self) -> int:
-        """Logs that failed for a reason that may pass."""
+        """The number of logs that failed for a reason that may pass."""
         return self.outcomes[FAILED]
 
     def add(self, outcome: str, size: int) -> None:
@@ -86,7 +91,7 @@ class Progress:
         self.outcomes[outcome] += 1
 
     def line(self) -> str:
-        """Return it in words, with the rate and the time that remains."""
+        """Return the progress in words, with the rate and the time that remains."""
         if not self.threads:
             return f"{self.done} of {self.logs} logs; waiting for workers"
         passed_s = max(time.monotonic() - self.start_s, 1e-3)
@@ -99,10 +104,10 @@ class Progress:
 
 
 def plan_of(run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, ReadRow]) -> Plan:
-    """Return which logs are to be run: those that the data set does not know as they are now.
+    """Return which logs are to be run: those that the data set does not have as they are now.
 
     Raises:
-        SourceError: one of them cannot be read.
+        SourceError: a log cannot be read to verify it, or needs a library that is not installed.
     """
     config_hash = run.spec.config_hash
     todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
@@ -139,7 +144,7 @@ def _need_libraries(logs: Sequence[FoundLog]) -> None:
 
 
 def dry_run(run: FleetRun) -> Plan:
-    """Return what a run would do; nothing is written. Raises as :func:`run_fleet` does."""
+    """Return what a run would do, without writing anything. Raises as :func:`run_fleet` does."""
     found = _found(run)
     check_ours(run.out)
     return plan_of(run, found, peek(run.out))
@@ -157,16 +162,18 @@ def run_fleet(
     show: Callable[[Progress], None] = lambda progress: None,
     began: Callable[[Plan], None] = lambda plan: None,
 ) -> tuple[Row, Progress]:
-    """Run every log that is not known; return the manifest and what was done.
+    """Run every log that the data set does not have; return the manifest and the progress.
 
-    Told to ``stop`` it keeps what is finished. ``show`` is called after each log.
+    When ``stop`` is set, finished logs are kept. ``began`` is called once with the plan, ``show``
+    after each log and while waiting for one.
 
     Raises:
-        Interrupted: told to stop before a log was finished.
-        SourceError: there is no log, or one or the data set cannot be read.
+        Interrupted: ``stop`` was set before the run began, or, in a new data set, before a log was
+            finished.
+        SourceError: there is no log, or a log or the data set cannot be read.
         SinkError: the data set cannot be written, or the scheduler is lost.
         ConfigError: a scheduler is asked for and Dask is not installed, or the data set's folder
-            holds the logs or is held by theirs.
+            contains the logs or lies among them.
     """
     if run.scheduler is not None:
         check_installed()
@@ -210,7 +217,7 @@ def _run(
                 if row["outcome"] == FAILED:
                     progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
                 if row["outcome"] != FAILED or log.path not in plan.answered:
-                    journal.add(entry)  # what failed takes no earlier answer away
+                    journal.add(entry)  # a failure does not replace an earlier answer
                 progress.add(row["outcome"], log.size)
                 show(progress)
 
@@ -221,7 +228,10 @@ def _tasks(run: FleetRun, logs: Sequence[FoundLog]) -> Iterator[Task]:
 
 
 def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> Entry:
-    """Return a log's rows with their keys, as the tables take them."""
+    """Return a log's rows with their keys, checked to fit the tables.
+
+    ``rows`` are None where the worker found no such file, and a text where the workers died.
+    """
     if rows is None:
         if Path(log.path).exists():
             raise SinkError(
@@ -242,7 +252,7 @@ def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> En
 
 
 def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
-    """Return a log's rows with what tells them from others; ``own`` is of the whole run."""
+    """Return a log's rows with their keys; ``own`` are the keys that all logs of a run share."""
     row = rows["logs"][0]
     keys = {**own, "yawid_version": row["yawid_version"], "log_sha256": row.get("log_sha256")}
     found = {"path": log.path, "size_bytes": log.size, "modified": log.modified}

@@ -1,4 +1,4 @@
-"""A sink without a file: when a flight begins and ends, and its Dutch roll once a second."""
+"""A sink that keeps in memory when a flight begins and ends, and its Dutch roll once a second."""
 
 from collections.abc import Mapping
 
@@ -10,9 +10,10 @@ from yawid.sinks.base import Grid, Sink
 
 
 class FlightSink(Sink):
-    """Keeps ``first_us`` (us since 1970, None where unknown), ``duration_s`` and ``seconds``.
+    """Keeps ``first_us`` (us since 1970, None if unknown), ``duration_s`` (s) and ``seconds``.
 
-    ``seconds`` are rows of the table ``modes``, the first sample of each, where they are wanted.
+    With ``every_second``, ``seconds`` has a row of the table ``modes`` for each second, taken from
+    its first sample.
     """
 
     def __init__(self, *, every_second: bool = False) -> None:
@@ -23,7 +24,7 @@ class FlightSink(Sink):
         self._boot_s, self._last_s = 0.0, -1
 
     def start(self, grid: Grid) -> None:
-        """Take the name of the first method, whose modes come."""
+        """Take the name of the first method: :meth:`write` gets its modes."""
         self._method = grid.methods[0]
 
     def write(

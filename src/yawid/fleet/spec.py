@@ -1,4 +1,4 @@
-"""What a fleet asks of every log: it travels to the workers, and nothing heavy with it."""
+"""What a fleet does with every log: sent to the workers, so it imports nothing large."""
 
 import hashlib
 import json
@@ -12,12 +12,13 @@ from yawid.config.run import RunConfig
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """What is asked of every log: the settings of the run, how logs are read, what is kept.
+    """What is done with every log: the settings of the run, how logs are read, what is kept.
 
-    ``settings`` are those of :class:`RunConfig` that were given, ``modes`` keeps a row a second.
+    ``settings`` are the fields of :class:`RunConfig` that were given. With ``modes``, a row is kept
+    for each second.
 
     Raises:
-        ConfigError: the key cannot be read.
+        ConfigError: the signing key cannot be read.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -25,10 +26,10 @@ class Spec:
     key_file: str | None = None
     modes: bool = False
     key_mark: str | None = field(init=False, default=None)
-    """Of the key that the file held when this was made: what it holds, not its path, counts."""
+    """Fingerprint of the key that ``key_file`` held at the start: the key counts, not its path."""
 
     def __post_init__(self) -> None:
-        """Read the key's mark; the readers are imported where there is a key, as they are heavy."""
+        """Read the key's fingerprint; the readers are large, so only a key imports them."""
         if self.key_file is not None:
             from yawid.sources.open_log import ReadOptions
 
@@ -37,7 +38,7 @@ class Spec:
 
     @property
     def config_hash(self) -> str:
-        """The same for the same settings, however they were given."""
+        """A hash that is equal for equal settings, whether given or left at their defaults."""
         config = RunConfig(**self.settings)
         is_auto = config.orders == "auto"
         usual = replace(config, orders=RunConfig().orders) if is_auto else config

@@ -1,6 +1,6 @@
-"""What a worker does, here or in Dask: it has a child process replay a log and watches it.
+"""What a worker does, on this machine or in Dask: it starts and watches a child that replays logs.
 
-Nothing heavy is imported here: a worker is small beside its child.
+This file imports nothing large, so that a worker needs much less memory than its child.
 """
 
 import atexit
@@ -23,20 +23,25 @@ from yawid.errors import YawidError
 from yawid.version import __version__
 
 MOST_DEATHS = 3
-"""A log whose process was killed so often is to blame; fewer may be another's doing."""
+"""After so many deaths of its process a log is blamed; fewer may have another cause."""
 QUEUED, POLL_S = 2, 0.1
-"""Logs that a worker holds: one it replays, and one that waits; how often a result is asked for."""
+"""How many logs a worker holds (it replays one, one waits); the longest wait for a result in s."""
 CRASHED, TIMEOUT = "crashed", "timeout"
 START_S, DYING_S = 300.0, 1.0
+"""Time limits in s: for the start of a child, and for its end once its stdin is closed."""
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Each core has a worker already."""
+"""Environment of a child: one thread for linear algebra, as each core already has a worker."""
 TRIMMED = "MALLOC_TRIM_THRESHOLD_"
-"""Dask sets it for its workers; a child that gives all memory back each time needs 20 % longer."""
+"""A variable that Dask sets for its workers and a child does not get: with it memory goes back to
+the system each time, which takes 20 % longer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A log to be replayed: its path or URL, and its bytes where no other process sees them."""
+    """A log to be replayed: its path or URL, and its bytes if no other process can read them.
+
+    ``spec`` is a :class:`yawid.fleet.spec.Spec`, whose import would be large.
+    """
 
     path: str
     spec: Any
@@ -52,10 +57,13 @@ class Child:
         self._is_over = False
 
     def rows(self, task: Task) -> Any:
-        """Return a log's rows by table; None: there is no such file on this machine.
+        """Return a log's rows by table, or None if this machine has no such file.
+
+        A log that kills its process or takes longer than ``task.timeout_s`` gets the rows of a
+        failure.
 
         Raises:
-            RuntimeError: the process does not even start.
+            RuntimeError: the process cannot be started.
         """
         code = 0
         for _ in range(0 if self._is_over else MOST_DEATHS):
@@ -84,7 +92,7 @@ class Child:
             stderr=subprocess.DEVNULL,
             env={k: v for k, v in os.environ.items() if k != TRIMMED} | ONE_THREAD,
         )
-        if self._is_over:  # told so by another thread, before there was one to be killed
+        if self._is_over:  # another thread called end() before there was a process to kill
             process.kill()
         with _killed_after(START_S, process, threading.Event()):
             answer = _told(process)
@@ -93,7 +101,7 @@ class Child:
         return process
 
     def end(self) -> None:
-        """Kill the process from another thread; its log is not answered, and no other is begun."""
+        """Kill the process from another thread. Its log gets no answer, and no other is begun."""
         self._is_over = True
         if (process := self._process) is not None:
             process.kill()
@@ -105,9 +113,9 @@ class Child:
             return 0
         assert process.stdin is not None
         assert process.stdout is not None
-        with suppress(OSError):  # what it never read
+        with suppress(OSError):  # closing flushes what the process never read
             process.stdin.close()
-        with suppress(subprocess.TimeoutExpired):  # it ends by itself where it can
+        with suppress(subprocess.TimeoutExpired):  # a healthy process ends by itself
             process.wait(DYING_S)
         process.kill()
         process.stdout.close()
@@ -132,7 +140,7 @@ def _killed_after(
 
 
 def _told(process: "subprocess.Popen[bytes]", order: object = None) -> Any:
-    """Return what the process answers to an order; ``_DIED`` where it ended instead."""
+    """Return what the process answers to an order, or ``_DIED`` if it ended instead."""
     assert process.stdin is not None
     assert process.stdout is not None
     try:
@@ -149,7 +157,7 @@ _own = threading.local()
 
 
 def work(task: Task) -> Any:
-    """Return a log's rows by table, by the child process of this thread."""
+    """Return a log's rows by table, replayed by the child process of this thread."""
     child: Child | None = getattr(_own, "child", None)
     if child is None:
         child = _own.child = Child()
@@ -158,15 +166,15 @@ def work(task: Task) -> Any:
 
 
 def about() -> Mapping[str, str]:
-    """Return what must be alike on all machines."""
+    """Return the versions of yawid and Python on this machine."""
     return {"yawid": __version__, "python": sys.version.split()[0]}
 
 
 @cache
 def warm() -> None:
-    """Make the compiled code of this machine, in a process of its own: workers stay small.
+    """Compile the estimators of this machine in a separate process, so that workers stay small.
 
-    Where that cannot be, each child compiles for itself, or is slow; its one line says why.
+    If that fails, each child compiles for itself or runs slowly; a logged line gives the reason.
     """
     command = [sys.executable, "-m", "yawid", "warm"]
     pipe = subprocess.PIPE

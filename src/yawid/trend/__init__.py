@@ -1,1 +1,1 @@
-"""What changed: a vehicle's numbers over its flights, runs and data sets against each other."""
+"""Finds what changed in a vehicle's numbers over its flights, or between runs and data sets."""

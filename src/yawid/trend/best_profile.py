@@ -1,4 +1,4 @@
-"""The profile that fits a number's days best: many histories of one length at once."""
+"""Finds the profile that fits a history best, for many histories of one length at once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,40 +11,49 @@ from yawid.blocks import Bools, Floats
 from yawid.trend.days import FAR, Days, local_median
 
 LEAST_DAYS: Final = 12
+"""Least number of days in which a change is looked for."""
 LEAST_SIDE: Final = 4
-"""Days before the middle of a change, and after it: fewer may be outliers."""
+"""Least number of days before the middle of a change, and after it: fewer may be outliers."""
 WITHIN_FAR: Final = 0.9497
-"""Variance of a normal deviate that is not FAR off."""
+"""Variance of a standard normal deviate, given that it is less than FAR sigmas off."""
 _ROUNDS: Final = 4
+"""How often a fit is repeated with the weights that the last one gives."""
 _AT_ONCE: Final = 256
-"""Histories, for which all profiles need some 100 MB."""
+"""Number of histories fitted at once, for which all profiles need some 100 MB."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A history's best profile, weighted: what it makes of each day (d,), and how days scatter.
+    """A history's best profile, fitted by weighted least squares, and how the days scatter.
 
-    best: which profile, None where there are too few days; g2: by how much the sum of squares is
-    less with it; s2, dof: variance about it, in sigmas. slope: after less before; level: before;
-    den: its inverse variance, in sigmas; swing: of the slope by a season of an amplitude of 1.
+    The weight of a day is 1 / (sigma² + tau²).
     """
 
     best: int | None
+    """Row of the profile in :func:`profiles`; None if there are too few days."""
     fitted: Floats
+    """The fitted value of each day (d,)."""
     s2: float
+    """Variance of the days about the fit, as a multiple of sigma² + tau²; NaN without ``dof``."""
     dof: float
+    """Degrees of freedom of ``s2``; 0 or less if there are too few days."""
     g2: float
+    """By how much the profile reduces the weighted sum of squares."""
     slope: float
+    """The value after the change less that before it."""
     level: float
+    """The value before the change."""
     den: float
+    """The inverse variance of ``slope`` if ``s2`` were 1."""
     swing: float
+    """By how much a season of amplitude 1 could move ``slope``; 0 if a season is fitted."""
 
 
 @lru_cache(maxsize=128)
 def profiles(n: int) -> tuple[Floats, Floats, Bools]:
-    """Return profiles (m, n) of changes over n flights, their first and last flight (m, 2).
+    """Return the profiles (m, n) of changes over n days, and the first and last day of each (m, 2).
 
-    And whether each is slow (m,): it takes half of the history or more.
+    The third array (m,) says which are slow: a slow change takes half of the history or more.
     """
     ends: set[tuple[int, int]] = set()
     length, finest = 1.0, max(1, n // 100)
@@ -62,7 +71,7 @@ def profiles(n: int) -> tuple[Floats, Floats, Bools]:
 
 
 def variance(sigma: Floats, tau2: Floats | float) -> Floats:
-    """Return what a number of a sigma scatters by, in all."""
+    """Return the whole variance of numbers: sigma² + tau², at least 1e-12."""
     found: Floats = np.maximum(sigma**2 + tau2, 1e-12)
     return found
 
@@ -70,9 +79,10 @@ def variance(sigma: Floats, tau2: Floats | float) -> Floats:
 def fit_best(
     days: Sequence[Days], tau2: Floats, scale: Floats, *, slow: bool | None = None
 ) -> list[Fit]:
-    """Fit each history's best profile, of those that are slow, of the others, or (None) of all.
+    """Fit the best profile of each history: of the slow ones, the quick ones, or (None) of all.
 
-    tau2, scale: of each history; scale is by how much it scatters more than its sigmas and tau.
+    ``tau2`` (histories,) is tau²; ``scale`` (histories,) is the scatter of each history as a
+    multiple of what its sigmas and tau explain.
     """
     alike: dict[tuple[int, int], list[int]] = {}
     for i, each in enumerate(days):
@@ -87,7 +97,7 @@ def fit_best(
 
 
 class _Stack:
-    """Histories (r) of d days each, with q steady columns."""
+    """A stack of r histories of d days each, with q steady columns (:attr:`Days.steady`)."""
 
     def __init__(self, days: Sequence[Days], tau2: Floats, scale: Floats) -> None:
         self.value = np.array([each.value for each in days])
@@ -99,7 +109,7 @@ class _Stack:
         self.n = self.value.shape[1]
 
     def fit(self, slow: bool | None) -> list[Fit]:
-        """Return the fit of each history, by weights that leave out what is far off it."""
+        """Return the fit of each history; days far off their fit get no weight."""
         median = np.median(self.value, axis=1, keepdims=True)
         steady = np.broadcast_to(median, self.value.shape)
         for _ in range(_ROUNDS):
@@ -123,19 +133,19 @@ class _Stack:
         return Fit(None, found["fitted"][i], s2, dof, 0.0, 0.0, 0.0, 1.0, 0.0)
 
     def _near(self, fitted: Floats) -> Bools:
-        """Return the days (r, d) that have weight: all, where half of them were far off."""
+        """Return which days (r, d) have weight: all of a history if half of them are far off."""
         near: Bools = np.abs(self.value - fitted) * np.sqrt(self.weight) <= self.far
         near |= 2 * near.sum(axis=1, keepdims=True) <= self.n
         return near
 
     def _loss(self, fitted: Floats) -> Floats:
-        """Return the sum (r,) of squares in sigmas, of a day at most what one far off has."""
+        """Return the weighted sums of squares (r,); a day counts at most as one just FAR off."""
         squares = self.weight * (self.value - fitted) ** 2
         loss: Floats = np.minimum(squares, self.far**2).sum(axis=1)
         return loss
 
     def _steadily(self, y: Floats, w: Floats) -> Floats:
-        """Return what weighted least squares make of y (r, d) by the steady columns."""
+        """Return y (r, d) as fitted by the steady columns with the weights w (r, d)."""
         if self.steady.shape[2] == 1:
             mean = (w * y).sum(axis=1, keepdims=True) / w.sum(axis=1, keepdims=True)
             return np.broadcast_to(mean, y.shape)
@@ -156,7 +166,7 @@ class _Stack:
             s2 = np.where(dof > 0, s2, np.nan)
             return {"fitted": self._steadily(y, w), "s2": s2, "dof": dof}
         a, _, is_slow = profiles(self.n)
-        shares = a @ (root[:, :, None] * basis)  # (r, m, q): of the profiles, what is steady
+        shares = a @ (root[:, :, None] * basis)  # (r, m, q): the steady part of each profile
         den = w @ (a**2).T - (shares**2).sum(axis=2)
         num = (root * rest) @ a.T
         is_some = den > 1e-9 * w.sum(axis=1, keepdims=True)
@@ -168,7 +178,7 @@ class _Stack:
         den, best = den[rows, k], np.maximum(g2[rows, k], 0.0)
         slope = num[rows, k] / np.maximum(den, 1e-30)
         steady = self._steadily(y - slope[:, None] * a[k], w)
-        # Two levels, where the change begins and ends, and a season's two numbers.
+        # Parameters: where the change begins and ends, its size, and the steady columns.
         dof = count - 3.0 - self.steady.shape[2]
         s2 = np.where(dof > 0, (rss - best) / np.maximum(dof, 1e-9) / WITHIN_FAR, np.nan)
         apart = a[k] * root - _along(basis, a[k] * root)
@@ -181,6 +191,6 @@ class _Stack:
 
 
 def _along(basis: Floats, x: Floats) -> Floats:
-    """Return the part of x (r, d) that lies along a basis (r, d, q)."""
+    """Return the projection of x (r, d) on an orthonormal basis (r, d, q)."""
     part: Floats = (basis @ (np.swapaxes(basis, 1, 2) @ x[:, :, None]))[:, :, 0]
     return part

@@ -1,22 +1,24 @@
-"""Changes in a vehicle's numbers over the days it flew, found among many vehicles.
+"""Finds changes in a vehicle's numbers over the days it flew, among many vehicles.
 
-Pure statistics, on arrays. What a vehicle says on one day is one number (trend/days.py). It
-scatters by its own sigma and by tau, what days of one vehicle differ by beyond it. A change is a
-profile over the days: 0 before, 1 after, a straight line between (a step has no day between).
-Every profile is fitted by weighted least squares next to a constant, and, where two years show it,
-a season. A day FAR off counts as one just so far off in either, and the t of the best is judged
-with the scatter of this vehicle and of the fleet together (Smyth 2004, moderated t: where the
-vehicles scatter alike, each has the degrees of freedom of all).
+This file is pure statistics on arrays. All flights of one day are one number (trend/days.py). The
+numbers of a vehicle scatter by their own sigma and by tau, the scatter between days that sigma does
+not explain. A change is a profile over the days: 0 before it, 1 after it, and a straight line
+between (a step has no day between). Each profile is fitted by weighted least squares together with
+a constant and, if two years of days show one, a season. A day more than FAR sigmas off counts as
+one that is exactly FAR off, with the profile and without it. The t of the best profile is judged
+with the scatter of this vehicle and of the fleet together (Smyth 2004, moderated t: if the vehicles
+scatter alike, each has the degrees of freedom of all).
 
-P(the best of all profiles has |t| > c) is some ``looks(n)`` times that of a single one: looks is
-from drawn histories without a change (tools/checks/judge_trend.py). Of 60 000 more, drawn as the
-tool draws them, p was below 1/6000, the limit of 60 histories, .8 times as often as it says; of
-histories of 12 to 20 days 1.5 times, and with 10 % of outliers instead of 5 twice as often.
+The probability that the best of all profiles has |t| > c is about ``looks(n)`` times that of a
+single profile. ``looks`` was fitted to drawn histories without a change
+(tools/checks/judge_trend.py). In 60 000 further histories, drawn by the same tool, p was below
+1/6000 (the limit for 60 histories) 0.8 times as often as it should be; in histories of 12 to 20
+days 1.5 times as often; and with 10 % outliers instead of 5 %, twice as often.
 
-A history is looked at after every day flown, by whoever looks: ``nights(n)`` is by how much p grows
-so that all looks together, however many follow, err no more often than p says. Nothing is kept for
-it. And where fewer than two years are there, a change is only as clear as what is left of it when a
-season of SEASON has made as much of it as it can.
+A history may be tested after every day flown. ``nights(n)`` raises p so that all these tests
+together, however many follow, raise a false alarm no more often than p says; no state is kept for
+this. With less than two years of flights, a change is tested by what is left of it after a season
+of amplitude SEASON has explained as much of it as it can.
 """
 
 from collections.abc import Sequence
@@ -39,91 +41,94 @@ from yawid.trend.days import (
 from yawid.trend.moderated import moderated, prior, two_sided
 
 SEASON: Final = 0.04
-"""Of a number, by which a year may swing it either way: cold air is some 8 % denser than the mean,
-and zeta goes with the root of it."""
+"""Amplitude of a season as a fraction of the number: cold air is some 8 % denser than the mean, and
+zeta is proportional to the square root of the density."""
 NIGHTS: Final = 4.0
-"""A look's part of all looks, by draws (tools/checks/judge_trend.py nights)."""
+"""Factor of :func:`nights`, found by drawing histories (tools/checks/judge_trend.py nights)."""
 _SHARE: Final = {True: 0.75, False: 0.25}
-"""Of the false alarms, of slow changes, which wear makes and which are cheap to test, and quick."""
+"""Shares of the false alarms that slow changes (True) and quick ones (False) may cause. Wear is
+slow, and slow changes cost few looks."""
 _LEAST_S2: Final = 1e-4
-"""Of scatter: below, numbers were rounded."""
+"""Least ``s2`` with which a change is judged: numbers that scatter less were rounded."""
 _MEDIAN_EFFICIENCY: Final = 0.37
-"""Of a scatter by the median."""
+"""Degrees of freedom of a variance found by the median, as a fraction of those of the mean."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """The profile that fits a history best.
-
-    first, last: days (from 0) between which it happens, before that ``before``, after it
-    ``after`` (units of the values); std of the difference; p: probability of as much without any
-    change, of one history in all its looks; p_if_no_season: that, if no season could swing it.
-    """
+    """The profile that fits a history best, in the units of its values."""
 
     first: int
+    """The last day (from 0) with the value ``before``."""
     last: int
+    """The first day (from 0) with the value ``after``."""
     before: float
     after: float
     std: float
+    """Standard deviation of the difference ``after - before``."""
     t: float
+    """Signed square root of :attr:`Fit.g2` / s2: how clear the change is, in sigmas."""
     p: float
+    """Probability that a history with no more than a season shows as much in any of its tests."""
     p_if_no_season: float
+    """Probability that a history without change or season shows as much in any of its tests."""
 
     @property
     def is_step(self) -> bool:
-        """Whether it happens from one day to the next."""
+        """Whether the change happens from one day to the next."""
         return self.last == self.first + 1
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What a history says: its best change (None: too few days) and how it scatters.
-
-    days, and of each (d,) the std of its number, tau in it; std (n,): of a flight, sigma and what
-    flights scatter by beyond it, this vehicle's; tau: that scatter; s2: by how much the variances
-    exceed that of sigma and tau; its dof.
-    """
+    """A history's best change, and how its days and flights scatter, in the units of its values."""
 
     change: Change | None
+    """The best change; None if there are too few days."""
     days: Days
     day_std: Floats
+    """Standard deviation of each day's number (d,), from sigma and the scatter between days."""
     std: Floats
+    """Standard deviation of each flight's number (n,), from sigma and this vehicle's scatter."""
     tau: float
+    """Scatter between flights that their sigmas do not explain, of the whole fleet."""
     s2: float
+    """The vehicle's variance as a multiple of sigma² + tau²."""
     dof: float
+    """Degrees of freedom of ``s2``, with those that the fleet lends."""
 
 
 def profile(n: int, change: Change) -> Floats:
-    """Return the profile (n,) of a change: 0 before it, 1 after."""
+    """Return the profile (n,) of a change over n days: 0 before it, 1 after it."""
     found: Floats = np.clip((np.arange(n) - change.first) / (change.last - change.first), 0.0, 1.0)
     return found
 
 
 def looks(n: int, *, slow: bool) -> float:
-    """Return by how many profiles' worth a history of n flights is looked at, slow or quick.
+    """Return how many independent profiles the slow or quick ones of n days are worth.
 
-    Slow profiles are much alike. Of quick ones every few flights have their own, and some of them
-    fit a few outliers in a row.
+    Slow profiles resemble each other. Quick ones differ every few days, and some of them fit a few
+    outliers in a row.
     """
     return 2.5 if slow else 25.0 * float(np.log(n / 8.0))
 
 
 def nights(n: int) -> float:
-    """Return by how many single looks' worth a history is looked at, after each of its n days.
+    """Return how many independent tests the tests after each of n days are worth.
 
-    Neighbouring looks see nearly the same: what is new goes with the logarithm of n. The square
-    makes the sum over all days to come finite.
+    Tests on neighbouring days see nearly the same data: new information grows as the logarithm of
+    n. The square keeps the sum over all future days finite.
     """
     return NIGHTS * (1.0 + float(np.log(n / LEAST_DAYS))) ** 2
 
 
 def fit_tracks(tracks: Sequence[Track]) -> list[Fitted]:
-    """Fit the histories of one number in all vehicles; each has at least one flight."""
+    """Fit the histories of one number in all vehicles; each needs at least one flight."""
     return fit_fleets([tracks])[0]
 
 
 def fit_fleets(fleets: Sequence[Sequence[Track]]) -> list[list[Fitted]]:
-    """Fit several fleets or numbers, each by itself; all at once is quicker."""
+    """Fit several fleets or numbers, each by itself: one call is quicker than many."""
     parts = [_Fleet(tracks) for tracks in fleets]
     for part, fits in zip(parts, _fits(parts), strict=True):
         part.see_scatter(fits)
@@ -145,7 +150,7 @@ def _fits(parts: Sequence["_Fleet"], *, slow: bool | None = None) -> list[list[F
 
 
 class _Fleet:
-    """One number in all vehicles, each in units of its own level."""
+    """One number in all vehicles, each divided by its own level."""
 
     def __init__(self, tracks: Sequence[Track]) -> None:
         self.units = [_unit(track) for track in tracks]
@@ -159,7 +164,7 @@ class _Fleet:
         self.scale: Floats = np.ones(len(tracks))
 
     def see_scatter(self, fits: Sequence[Fit]) -> None:
-        """Find tau, and by how much each vehicle scatters more than its sigmas and tau."""
+        """Find tau, and each vehicle's scatter as a multiple of what its sigmas and tau explain."""
         self.tau2 = _tau2(self.days, fits)
         rough = np.array([_rough_s2(*each, self.tau2) for each in
                           zip(self.days, fits, strict=True)])  # fmt: skip
@@ -173,7 +178,7 @@ class _Fleet:
         dof, s2 = np.array([fit.dof for fit in fits]), np.array([fit.s2 for fit in fits])
         lent = prior(s2, dof)
         s2 = moderated(s2, dof, lent)
-        # No vehicle's scatter is known better than that of all together.
+        # No vehicle has more degrees of freedom than all vehicles have together.
         own = np.maximum(dof, 0.0)
         dof = np.minimum(lent[0] + own, own.sum())
         return [self._judged(i, pair, float(s2[i]), float(dof[i])) for i, pair in enumerate(pairs)]
@@ -192,9 +197,10 @@ class _Fleet:
 
 
 def scatter(sigma: Floats, tau2: float, s2: float) -> Floats:
-    """Return the variance of numbers of a sigma, tau and s2.
+    """Return the variance of numbers: s2 (sigma² + tau²), but at least sigma².
 
-    Sigmas have parts in common: flights may agree better, but none is known better than that.
+    The sigmas of several flights share errors: flights may agree better than their sigmas say, but
+    none of them is more accurate than its sigma.
     """
     found: Floats = np.maximum(s2 * variance(sigma, tau2), sigma**2)
     return found
@@ -206,7 +212,7 @@ def _unit(track: Track) -> float:
 
 
 def _first_tau2(days: Sequence[Days]) -> float:
-    """Return tau² from differences of neighbours, which no slow change moves."""
+    """Return tau² from the differences of neighbouring days, which slow changes hardly affect."""
     pairs = [(np.diff(d.value) ** 2, d.sigma[1:] ** 2 + d.sigma[:-1] ** 2) for d in days]
     d2 = np.concatenate([np.zeros(0), *(pair[0] for pair in pairs)])
     s2 = np.concatenate([np.zeros(0), *(pair[1] for pair in pairs)])
@@ -214,7 +220,7 @@ def _first_tau2(days: Sequence[Days]) -> float:
 
 
 def _tau2(days: Sequence[Days], fits: Sequence[Fit]) -> float:
-    """Return tau² of the fleet, robust against days far off."""
+    """Return tau² of the fleet from the days' residuals, robust against outliers."""
     many = [(d, f) for d, f in zip(days, fits, strict=True) if f.dof > 0]
     r2 = [(d.value - f.fitted) ** 2 * len(d.value) / f.dof for d, f in many]
     s2 = [d.sigma**2 for d, _ in many]
@@ -222,7 +228,7 @@ def _tau2(days: Sequence[Days], fits: Sequence[Fit]) -> float:
 
 
 def _rough_s2(days: Days, fit: Fit, tau2: float) -> float:
-    """Return by how much a vehicle's residuals exceed their sigmas, squared, by their median."""
+    """Return a vehicle's variance as a multiple of sigma² + tau², from the residuals' median."""
     if fit.dof <= 0:
         return np.nan
     r2 = (days.value - fit.fitted) ** 2 / variance(days.sigma, tau2)

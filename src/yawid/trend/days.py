@@ -1,9 +1,9 @@
-"""Flights to days flown: what a vehicle says on one day is one number.
+"""Combines the flights of each day flown into one number.
 
-Flights of one day share more than their own sigmas say: the air, the load, the battery, the pilot.
-So no day counts for more than one number, however many flights it has: the mean of its flights,
-weighted by their sigmas and by ``within``, what flights of one day differ by beyond them. What days
-differ by beyond that is tau, as it is found between days.
+Flights of one day share errors that their sigmas do not contain: the air, the load, the battery,
+the pilot. So each day counts as one number, however many flights it has: the mean of its flights,
+weighted by 1 / (sigma² + within²). ``within`` is the scatter between flights of one day that their
+sigmas do not explain. The scatter between days that is left over is tau.
 """
 
 from collections.abc import Sequence
@@ -18,28 +18,30 @@ from yawid.blocks import Bools, Floats, Ints
 HOUR_US: Final = 3_600_000_000
 DAY_US: Final = 24 * HOUR_US
 NIGHT_US: Final = 6 * HOUR_US
-"""Without a flight, after which a day has ended. Dates are UTC: midnight may be an afternoon."""
+"""A longer time between two flights ends a day; midnight (UTC) does not, as it may be at noon."""
 LONGEST_US: Final = 18 * HOUR_US
-"""Of a day, where no night ends it."""
+"""Longest day, from its first flight, if no night ends it."""
 YEAR_US: Final = 365.25 * DAY_US
 LEAST_YEARS: Final = 2.0
+"""Least time in years between the first day and the last for a season to be fitted."""
 LEAST_QUARTERS: Final = 3
+"""Least number of quarters of the year with a flight for a season to be fitted."""
 LEAST_SEASON_DAYS: Final = 24
-"""Years between the first day and the last, quarters of the year flown, and days, that show a
-season; it has two numbers of its own."""
+"""Least number of days for a season to be fitted, which has two parameters."""
 FAR: Final = 2.75
-"""Sigmas off, beyond which a flight or a day has no weight."""
+"""Distance in sigmas beyond which a flight or a day has no weight."""
 MEDIAN_CHI2: Final = 0.4549364231195724
-"""Of a squared normal deviate."""
+"""Median of a squared standard normal deviate."""
 _AROUND: Final = 4
-"""Flights on each side, to whose median a flight is compared."""
+"""Number of flights on each side of one whose median it is compared with."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One number of one vehicle in the order of its flights: value (n,) and total sigma (n,).
+    """One number of one vehicle in the order of its n flights: value (n,) and total sigma (n,).
 
-    date_us (n,): when they were flown; without it each had a day of its own, one after the other.
+    ``date_us`` (n,) is the time of each flight in us since 1970; without it, the flights count as
+    flown on one day after the other.
     """
 
     value: Floats
@@ -48,22 +50,23 @@ class Track:
 
     @cached_property
     def dates(self) -> Ints:
-        """Return when each was flown (n,), in us."""
+        """Return the time of each flight (n,) in us."""
         if self.date_us is None:
             return np.arange(len(self.value), dtype=np.int64) * DAY_US
         return self.date_us
 
     @cached_property
     def day(self) -> Ints:
-        """Return the day (n,) of each flight, from 0."""
+        """Return the number of each flight's day (n,), from 0."""
         return days_of(self.dates)
 
 
 @dataclass(frozen=True)
 class Days:
-    """A track's days: value (d,), sigma (d,) of their flights and ``within``.
+    """The d days of a track: each day's value (d,), and its sigma (d,), which contains ``within``.
 
-    day (n,): each flight's; year (d,): when, in years since 1970.
+    ``day`` (n,) is the number of each flight's day, ``year`` (d,) the day's date in years since
+    1970.
     """
 
     value: Floats
@@ -72,24 +75,24 @@ class Days:
     year: Floats
 
     def mean(self, x: Floats) -> Floats:
-        """Return the mean (d,) over each day's flights of x (n,)."""
+        """Return the mean (d,) of x (n,) over the flights of each day."""
         return np.bincount(self.day, x) / np.bincount(self.day)
 
     @cached_property
     def first(self) -> Ints:
-        """Return each day's first flight (d,)."""
+        """Return the index of each day's first flight (d,)."""
         return np.searchsorted(self.day, np.arange(len(self.value)))
 
     @cached_property
     def last(self) -> Ints:
-        """Return each day's last flight (d,)."""
+        """Return the index of each day's last flight (d,)."""
         return np.searchsorted(self.day, np.arange(len(self.value)), side="right") - 1
 
     @cached_property
     def steady(self) -> Floats:
-        """Return what is fitted where nothing changes (d, 1 or 3): a constant, and a season.
+        """Return the columns (d, 1 or 3) of a fit without a change: a constant, and a season.
 
-        The season is there where the days show one.
+        The season is left out unless :attr:`shows_season`.
         """
         ones = np.ones(len(self.year))
         if not self.shows_season:
@@ -99,7 +102,7 @@ class Days:
 
     @cached_property
     def shows_season(self) -> bool:
-        """Whether two years are there, flown in most of their quarters."""
+        """Whether the days suffice to fit a season: two years, and most quarters of the year."""
         if len(self.year) < LEAST_SEASON_DAYS:
             return False
         quarters = np.unique(np.floor(4.0 * self.year).astype(int) % 4)
@@ -107,7 +110,7 @@ class Days:
 
 
 def days_of(date_us: Ints) -> Ints:
-    """Return the day (n,), from 0, of flights in the order of their dates (n,)."""
+    """Return the number of each flight's day (n,), from 0; the dates (n,) in us are sorted."""
     day = np.zeros(len(date_us), dtype=np.int64)
     begin = date_us[0] if len(date_us) else 0
     for i in range(1, len(date_us)):
@@ -118,7 +121,7 @@ def days_of(date_us: Ints) -> Ints:
 
 
 def within_tau2(tracks: Sequence[Track]) -> float:
-    """Return tau² between the flights of one day, of all tracks; 0 where no day has two."""
+    """Return ``within``² of all tracks: tau² between flights of one day; 0 if no day has two."""
     r2, s2 = [np.zeros(0)], [np.zeros(0)]
     for track in tracks:
         same = np.diff(track.day) == 0
@@ -128,7 +131,7 @@ def within_tau2(tracks: Sequence[Track]) -> float:
 
 
 def by_day(track: Track, within2: float) -> Days:
-    """Return the days of a track, without the flights that are far off where a day has others."""
+    """Return the days of a track; flights far off have no weight unless all of their day are."""
     day, count = track.day, int(track.day[-1]) + 1
     w = 1.0 / np.maximum(track.sigma**2 + within2, 1e-12)
     if count < len(day):
@@ -142,7 +145,7 @@ def by_day(track: Track, within2: float) -> Days:
 
 
 def _near(track: Track) -> Bools:
-    """Return which flights (n,) are near the median of those around them."""
+    """Return which flights (n,) are at most FAR sigmas off the median of their neighbours."""
     off = np.abs(track.value - local_median(track.value))
     scale2 = track.sigma**2 + solve_tau2(off**2, track.sigma**2)
     near: Bools = off <= FAR * np.sqrt(scale2)
@@ -150,7 +153,10 @@ def _near(track: Track) -> Bools:
 
 
 def local_median(y: Floats) -> Floats:
-    """Return the median of each one's neighbourhood of nine, in y (n,) or its rows (r, n)."""
+    """Return the running median of nine values of y (n,), or of each row of y (r, n).
+
+    If a row has eight values or fewer, it is their median.
+    """
     local: Floats
     if y.shape[-1] <= 2 * _AROUND:
         local = np.broadcast_to(np.median(y, axis=-1, keepdims=True), y.shape)
@@ -162,8 +168,8 @@ def local_median(y: Floats) -> Floats:
 
 
 def solve_tau2(r2: Floats, s2: Floats) -> float:
-    """Return tau² at which half of r² / (s² + tau²) is below the median of chi²; at least 0.
+    """Return the tau² at which half of r² / (s² + tau²) is below the median of chi²; at least 0.
 
-    r² / (s² + tau²) is below it where tau² is above r² / median - s².
+    One of these ratios is below that median if tau² is above r² / median - s².
     """
     return max(0.0, float(np.median(r2 / MEDIAN_CHI2 - s2))) if len(r2) else 0.0

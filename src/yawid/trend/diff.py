@@ -1,10 +1,11 @@
-"""``yawid diff``: two finished runs, two data sets, or a run against its fleet.
+"""``yawid diff``: compares two finished runs, two data sets, or a run with a data set.
 
-A number has changed where its difference is beyond what the total sigmas of both sides explain, at
-FALSE_ALARMS over all the numbers judged. A data set's side is where each vehicle stands at its end;
-how it scatters is known by its days flown, so the difference is judged by Student's t with the
-degrees of freedom that the days and the fleet give (trend/moderated.py). A run next to a data set
-is one flight more: it scatters by tau too, and its own log is left out of the data set.
+A number has changed if the total sigmas of both sides do not explain its difference, with the
+false-alarm rate FALSE_ALARMS for all numbers judged together. The numbers of a data set are the
+levels of its vehicles at their last flight. Their scatter is estimated from the days flown, so the
+difference is judged by Student's t with the degrees of freedom of the days and the fleet
+(trend/moderated.py). A run that is compared with a data set counts as one more flight of it: it
+also scatters by tau, and the flights of its own log are left out of the data set.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,15 +26,17 @@ from yawid.trend.moderated import two_sided
 from yawid.trend.trend import FALSE_ALARMS, Studied, study
 
 LEAST_OWN: Final = 3
-"""Days flown by a vehicle, below which a run of it is compared with all vehicles."""
+"""Least number of days flown (or of vehicles) for comparing a run with its own vehicle (or with all
+vehicles)."""
 ALL: Final = 1e9
-"""Degrees of freedom of a sigma that is taken as it is."""
+"""Degrees of freedom of a sigma that is assumed to be exact."""
 SAME_SPEED: Final = 0.02
+"""Airspeeds that differ by at most this fraction count as equal."""
 _RUN_QUANTITIES: Final = {"wn_rad_s": "wn_std"} | FOLLOWED
 
 
 class Difference(Part, frozen=True, kw_only=True):
-    """A number of both sides, B less A, and by how many sigmas of the difference."""
+    """A number of both sides, and the difference B less A, also in sigmas of the difference."""
 
     vehicle: str
     loop: str
@@ -48,7 +51,7 @@ class Difference(Part, frozen=True, kw_only=True):
 
 
 class Fact(Part, frozen=True, kw_only=True):
-    """What stands otherwise in B than in A; ``changed`` where that is a change of the answer."""
+    """Something that differs between A and B; ``changed`` if it is a change of the answer."""
 
     what: str
     a: str
@@ -57,7 +60,7 @@ class Fact(Part, frozen=True, kw_only=True):
 
 
 class Diff(Part, frozen=True, kw_only=True):
-    """What changed from A to B; ``judged`` is the count of numbers judged."""
+    """What changed from A to B; ``judged`` is how many numbers were judged."""
 
     a: str
     b: str
@@ -71,7 +74,11 @@ class Diff(Part, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class _Side:
-    """Numbers by (vehicle, loop, quantity) and the dof of their sigmas; a run's row and file."""
+    """One side of the comparison, a run or a data set.
+
+    ``numbers`` and the degrees of freedom ``dof`` of their sigmas are by (vehicle, loop, quantity).
+    ``row``, ``run`` and ``sha256`` are those of a run.
+    """
 
     path: Path
     numbers: dict[tuple[str, str, str], Value] = field(default_factory=dict)
@@ -129,9 +136,9 @@ def _vehicle(run: McapRun) -> str:
 
 
 def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) -> None:
-    """Leave of a data set what a run is compared with: its own vehicle, else all of them.
+    """Reduce a data set to what a run is compared with: its own vehicle, else all vehicles.
 
-    The sigmas become those of one flight more.
+    The sigmas become those of one more flight.
     """
     (old, loop) = next((key[:2] for key in run.numbers), (_vehicle_of(run), NO_LOOP))
     own = [each for each in studied if each.history.loop == loop]
@@ -156,19 +163,22 @@ def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) ->
 
 
 def one_more(each: Studied, sigma: float) -> Value:
-    """Return what a vehicle's next flight will say, its own sigma aside."""
+    """Return the prediction of a vehicle's next flight, whose own ``sigma`` is not in its std."""
     fitted, level = each.fitted, each.level
-    # The scatter found is of sigma and tau together.
+    # scatter() contains sigma and tau.
     whole = scatter(np.array(sigma), fitted.tau**2, fitted.s2) + level.std**2
     return Value(value=level.value, std=float(np.sqrt(level.excess * whole - sigma**2)))
 
 
 def _among(alike: list[Studied], sigma: float) -> Value:
-    """Return what a flight of one more vehicle will say, its own sigma aside."""
+    """Return the prediction of a flight of one more vehicle, whose own ``sigma`` is not in its std.
+
+    ``alike`` are the histories of the same quantity in the vehicles known.
+    """
     values = np.array([each.level.value for each in alike])
     value, count = float(np.median(values)), len(values)
     stds = np.array([each.level.std for each in alike])
-    # 1.57: a median scatters by that much more than a mean.
+    # 1.57 is the variance of a median over that of a mean.
     apart = solve_tau2((values - value) ** 2 * count / (count - 1), stds**2) * (1.0 + 1.57 / count)
     beyond = np.median([one_more(each, sigma).std or 0.0 for each in alike])
     return Value(value=value, std=float(np.hypot(np.sqrt(apart), beyond)))
@@ -178,7 +188,7 @@ def _nothing(
     run: _Side, fleet: _Side, studied: list[Studied], own: list[Studied], loop: str,
     vehicle: str | None,
 ) -> str:  # fmt: skip
-    """Say why a data set has nothing to compare a run with."""
+    """Return in words why a data set has nothing to compare a run with."""
     if not studied:
         return f"{fleet.path} has no usable flight with a date, a number and its sigma"
     if not run.numbers:
@@ -203,7 +213,7 @@ def _vehicle_of(run: _Side) -> str:
 
 
 def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
-    """Return the run's vehicle as the data set names it; None where that is not plain."""
+    """Return the run's vehicle as the data set names it; None if it cannot be identified."""
     assert run.run is not None
     seen = run.run.summary.vehicle
     names = {each.history.vehicle for each in studied}
@@ -216,7 +226,7 @@ def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
 
 def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
     if a.row is not None and b.row is not None:
-        # Of two runs the vehicle's id matters less than that somebody compares them.
+        # Two runs are compared whatever their vehicles are called.
         (a_numbers, b_numbers) = (_by_quantity(side.numbers) for side in (a, b))
     else:
         a_numbers, b_numbers = a.numbers, b.numbers
@@ -249,7 +259,7 @@ def _by_quantity(
 
 
 def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None:
-    """Say why a difference says nothing of the vehicle, None where it does."""
+    """Return in words why a difference cannot be judged, or None if it can be."""
     for side, name in ((a, "A"), (b, "B")):
         if side.row is not None and not side.row["usable"]:
             return f"{name} is not usable: {', '.join(side.row['reasons'])}"
@@ -269,7 +279,7 @@ def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None
 
 
 def _airspeed(row: FlightRow) -> float | None:
-    """Return the airspeed of a run; a ground speed is none."""
+    """Return the airspeed of a run in m/s; None if it is unknown or only a ground speed."""
     return row.get("airspeed_m_s") if row.get("airspeed_source") == "airspeed" else None
 
 
@@ -290,9 +300,9 @@ def _difference(
 
 
 def _of_runs(a: _Side, b: _Side) -> Iterator[Fact]:
-    """Yield what two runs say otherwise of verdict, channels and configuration.
+    """Yield what differs between two runs: verdict, reasons, loop, channels, settings, versions.
 
-    Verdict and channels are answers; the configuration is what somebody chose.
+    A different verdict or channel counts as a change, the others do not.
     """
     assert a.run is not None
     assert b.run is not None

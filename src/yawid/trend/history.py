@@ -1,6 +1,7 @@
 """A data set's flights as histories: one number of one vehicle, flight after flight.
 
-A vehicle with its roll loop answers otherwise than its airframe: each loop is a history of its own.
+A vehicle flown with its roll loop responds differently from the airframe alone, so each loop is a
+history of its own.
 """
 
 import re
@@ -16,12 +17,12 @@ from yawid.dataset.files import read_table
 from yawid.trend.days import Track
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
-"""What is followed, by its column, and the column of its total sigma."""
+"""The numbers that are followed, by their column, each with the column of its total sigma."""
 MADE: Final = (
     "config_hash", "analysis_version", "yawid_version", "method", "na", "nb", "nc", "nk",
     "rudder_source", "yaw_source", "airspeed_source", "rate_hz",
 )  # fmt: skip
-"""Columns that say how a flight was measured: where they change too, that may be why."""
+"""Columns that say how a flight was measured: if they change with a number, they may explain it."""
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
 NO_LOOP: Final = "unknown"
 FlightRow = Mapping[str, Any]
@@ -30,7 +31,10 @@ FlightRow = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """One number of one vehicle and loop by date; ``flights`` are the rows of :class:`Flights`."""
+    """One number of one vehicle and loop, sorted by date.
+
+    ``flights`` (n,) are the indices of its flights in the rows of :class:`Flights`.
+    """
 
     vehicle: str
     loop: str
@@ -43,7 +47,7 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class Flights:
-    """The rows of ``flights`` with what trends need, and how many were left out and why."""
+    """The rows of the table ``flights``, their histories, and how many were left out by reason."""
 
     rows: Sequence[FlightRow]
     left_out: dict[str, int]
@@ -51,7 +55,9 @@ class Flights:
 
 
 def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
-    """Return a data set's histories, vehicles in order; without the flights of one log.
+    """Return a data set's histories, sorted by vehicle.
+
+    The flights of the log with the hash ``without_sha`` are left out.
 
     Raises:
         SourceError: there is no data set, or it cannot be read.
@@ -66,7 +72,7 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
 
 
 def flights_of(rows: Sequence[FlightRow]) -> Flights:
-    """Return the histories in rows of ``flights``, whose dates are us since 1970."""
+    """Return the histories in rows of the table ``flights``, whose dates are in us since 1970."""
     left_out = {"not usable": 0, "without a date": 0, "without a number and its sigma": 0}
     by_whose: dict[tuple[str, str], list[int]] = {}
     for i, row in enumerate(rows):
@@ -91,12 +97,12 @@ def flights_of(rows: Sequence[FlightRow]) -> Flights:
 
 
 def shown(text: object) -> str:
-    """Return a text as it may stand in a terminal: anybody may have written the log it is from."""
+    """Return a text that is safe to print: it comes from a log, which anybody may have written."""
     return "".join(each if each.isprintable() else "?" for each in str(text))
 
 
 def _natural(whose: tuple[str, str]) -> list[tuple[int, str]]:
-    """Return a key by which 10 comes after 9."""
+    """Return a sort key by which 10 comes after 9."""
     parts = re.split(r"(\d+)", " ".join(whose))
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
@@ -124,9 +130,9 @@ def _history(
 
 
 def measured_otherwise(flights: Flights, history: History, first: int, last: int) -> list[str]:
-    """Say how flights up to ``first`` and from ``last`` on were measured otherwise, most of them.
+    """Return in words which of MADE differ between flights up to ``first`` and from ``last`` on.
 
-    first, last: from 0, in the history.
+    Both are indices in the history, from 0. Each side is represented by its most frequent value.
     """
     before = [flights.rows[i] for i in history.flights[: first + 1]]
     after = [flights.rows[i] for i in history.flights[last:]]

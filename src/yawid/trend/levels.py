@@ -1,4 +1,4 @@
-"""Where a vehicle's number stands, how it leans, what is far off, and how vehicles compare."""
+"""The level of a vehicle's number, its slope, its outliers, and how vehicles compare."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,17 +12,18 @@ from yawid.trend.days import FAR, Track, solve_tau2
 from yawid.trend.moderated import two_sided
 
 LEAST_COMPARED: Final = 5
-"""Vehicles, below which none is compared with the others."""
+"""Least number of vehicles for comparing each with the others."""
 LEAST_SLOPE: Final = 3
-"""Days that a straight line needs, one more than it has numbers."""
+"""Least number of days for a straight line: one more than it has parameters."""
 _ROUNDS: Final = 6
+"""How often a fit is repeated without the days that are far off it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Season:
-    """What returns every year: how far it goes either way, its sigma, and when it is highest.
+    """A swing that returns every year: its amplitude with sigma, and the time of its peak.
 
-    peak: the part of the year.
+    ``peak`` is a fraction of the year, from 0 to 1.
     """
 
     amplitude: float
@@ -32,27 +33,28 @@ class Season:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A number as it stands at the end of a history.
-
-    value, std: after the last change; z (n,): every flight's distance from the level or
-    profile, in its own std (sigma and tau); kept (n,): those that have weight; tau: scatter of this
-    vehicle's flights beyond their sigmas, None of fewer than five; fitted (n,); season: None where
-    fewer than two years show it; excess: by how much the variance of days about it is larger than
-    they were taken to have, at least 1: the best of many profiles leaves too little about it.
-    """
+    """A number at the end of a history, and how its n flights lie about the fit."""
 
     value: float
+    """The number after the last change."""
     std: float
+    """Its standard deviation."""
     z: Floats
+    """Each flight's distance from the level or profile (n,), in its own std (sigma and tau)."""
     kept: Bools
+    """Which flights (n,) are not far off."""
     tau: float | None
+    """Scatter of this vehicle's flights beyond their sigmas; None for fewer than five flights."""
     fitted: Floats
+    """The level or profile at each flight (n,)."""
     season: Season | None
+    """The season; None if the days do not suffice to fit one."""
     excess: float
+    """Variance of the days about the fit as a multiple of the assumed one, at least 1."""
 
 
 def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
-    """Return the level of a history, about a profile (d,) of 0 to 1 where it has changed."""
+    """Return the level of a history; ``profile`` (d,) is that of its change, None without one."""
     days, std = fitted.days, fitted.day_std
     n, steady = len(track.value), days.steady
     about = np.zeros((len(std), 0)) if profile is None else profile[:, None] - 1.0
@@ -76,16 +78,16 @@ def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
 
 
 def _season(theta: Floats, cov: Floats) -> Season:
-    """Return the season of the parameters of cosine and sine, and their covariance."""
+    """Return the season given the coefficients (2,) of cosine and sine, and their covariance."""
     amplitude = float(np.hypot(*theta))
     std = float(np.sqrt(np.trace(cov) / 2.0))
     return Season(amplitude, std, float(np.arctan2(theta[1], theta[0]) / (2.0 * np.pi)) % 1.0)
 
 
 def slope_of(x: Floats, fitted: Fitted, kept: Bools) -> tuple[float, float] | None:
-    """Return the slope of a straight line over x (n,) and its sigma; None of too few days.
+    """Return the slope of a straight line over x (n,) and its sigma; None for too few days.
 
-    kept (n,): the flights that have weight; a day has weight where most of its flights have.
+    ``kept`` (n,) are the flights that have weight; a day has weight if most of its flights have.
     """
     days = fitted.days
     kept = days.mean(kept.astype(float)) > 0.5
@@ -98,7 +100,10 @@ def slope_of(x: Floats, fitted: Fitted, kept: Bools) -> tuple[float, float] | No
 
 
 def weighted_fit(design: Floats, value: Floats, std: Floats, kept: Bools) -> tuple[Floats, Floats]:
-    """Return parameters (p,) and covariance (p, p) of least squares weighted by 1 / std²."""
+    """Return the parameters (p,) and their covariance (p, p) by least squares weighted by 1 / std².
+
+    ``design`` is (d, p); ``value``, ``std`` and ``kept`` are (d,).
+    """
     weighted: Floats = design[kept] / std[kept, None]
     cov = np.asarray(np.linalg.pinv(weighted.T @ weighted), dtype=np.float64)
     return cov @ weighted.T @ (value[kept] / std[kept]), cov
@@ -106,7 +111,11 @@ def weighted_fit(design: Floats, value: Floats, std: Floats, kept: Bools) -> tup
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A vehicle among others: their median, by how many sigmas it is off, p of as much."""
+    """A vehicle compared with others.
+
+    ``median`` is that of all, ``z`` the vehicle's distance from it in sigmas, and ``p`` the
+    probability of a larger one by chance.
+    """
 
     median: float
     z: float
@@ -114,7 +123,10 @@ class Compared:
 
 
 def compare(value: Floats, std: Floats) -> list[Compared | None]:
-    """Compare vehicles by their levels (v,) and sigmas (v,), each with the scatter between all."""
+    """Compare vehicles by their levels (v,) and sigmas (v,), given the scatter between all of them.
+
+    Each entry is None if there are fewer than LEAST_COMPARED vehicles.
+    """
     n = len(value)
     if n < LEAST_COMPARED:
         return [None] * n

@@ -1,4 +1,4 @@
-"""Student's t with a variance that a fleet lends degrees of freedom to (Smyth 2004)."""
+"""Student's t with a vehicle's variance moderated by that of the fleet (Smyth 2004)."""
 
 from typing import Final
 
@@ -8,14 +8,18 @@ from scipy.special import digamma, stdtr, zeta
 from yawid.blocks import Floats
 
 MOST_DOF: Final = 300.0
-"""That the fleet's scatter may lend to a vehicle's."""
+"""Most degrees of freedom that the fleet may lend to a vehicle."""
 _LEAST_DOF: Final = 3.0
+"""Least degrees of freedom for a vehicle's variance to count in the fleet's."""
 _LEAST_VEHICLES: Final = 3
-"""Whose variances, of so many degrees of freedom, say how vehicles differ."""
+"""Least number of such vehicles: fewer do not show how vehicles differ, and nothing is lent."""
 
 
 def prior(s2: Floats, dof: Floats) -> tuple[float, float]:
-    """Return degrees of freedom and variance that the fleet lends to a vehicle."""
+    """Return the degrees of freedom and the variance that the fleet lends to each vehicle.
+
+    ``s2`` and ``dof`` (v,) are the vehicles' own. Without enough vehicles: 0 and 1.
+    """
     known = (dof >= _LEAST_DOF) & (s2 > 0)
     if known.sum() < _LEAST_VEHICLES:
         return 0.0, 1.0
@@ -34,7 +38,7 @@ def prior(s2: Floats, dof: Floats) -> tuple[float, float]:
 
 
 def moderated(s2: Floats, dof: Floats, lent: tuple[float, float]) -> Floats:
-    """Return each vehicle's variance with what the fleet lends; 1 where nothing is known."""
+    """Return each vehicle's variance (v,) combined with the fleet's; 1 if neither is known."""
     d = np.where(np.isfinite(s2) & (dof > 0), dof, 0.0)
     total = lent[0] + d
     own = np.where(d > 0, s2, 0.0) * d
@@ -42,5 +46,5 @@ def moderated(s2: Floats, dof: Floats, lent: tuple[float, float]) -> Floats:
 
 
 def two_sided(t: float, dof: float) -> float:
-    """Return the probability of a larger |t| by chance."""
+    """Return the probability of a larger |t| by chance, by Student's t with ``dof``."""
     return float(2.0 * stdtr(dof, -abs(t)))

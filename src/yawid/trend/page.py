@@ -20,18 +20,20 @@ from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Followed, Studied, Trend
 
 MOST_VEHICLES: Final = 12
-"""Vehicles with a picture of their own: those that changed come first."""
+"""Most vehicles that get a picture of their own: those that changed come first."""
 MOST_COMPARED: Final = 60
+"""Most vehicles in the picture that compares them."""
 SIGMAS: Final = 2.0
+"""Length of an error bar and half width of a band, in sigmas."""
 LEAST_DAYS: Final = 2.0
-"""Of the axis of dates."""
+"""Least length of the axis of dates in days."""
 
 
 def write_page(told: Trend, studied: Sequence[Studied], path: Path, *, force: bool = False) -> None:
-    """Write the page of a data set's trends.
+    """Write the page of a data set's trends to ``path``.
 
     Raises:
-        SinkError: it exists and ``force`` is not set, or it cannot be written.
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
     check_free(path, force=force)
     html = page(f"{Path(told.dataset).name} - yawid trend", _sections(told, studied))
@@ -78,7 +80,7 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
 
 
 def _changes(told: Trend) -> Iterator[tuple[str, str, str, str]]:
-    """Yield weight, name, text and advice of each change, then of what may be a season."""
+    """Yield weight, name, text and advice of each change, then of each possible season."""
     for each in told.followed:
         if each.change is not None:
             otherwise = "; ".join(each.change.measured_otherwise)
@@ -123,7 +125,7 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
         for ax, each in zip(axes, some, strict=True):
             _draw_history(ax, each)
         first, last = axes[-1].get_xlim()  # in days
-        if last - first < LEAST_DAYS:  # flights of one hour: the locator knows no such dates
+        if last - first < LEAST_DAYS:  # the locator cannot divide an axis of one hour
             axes[-1].set_xlim(first - LEAST_DAYS / 2.0, last + LEAST_DAYS / 2.0)
         locator = AutoDateLocator(minticks=3, maxticks=8)  # type: ignore[no-untyped-call]  # matplotlib's own
         axes[-1].xaxis.set_major_locator(locator)
@@ -151,7 +153,7 @@ def _draw_history(ax: Axes, each: Studied) -> None:
     ax.plot(when, level.fitted, color=shade, linewidth=1.3, zorder=3)
     reach = SIGMAS * each.fitted.std
     band(ax, when, level.fitted - reach, level.fitted + reach, NEUTRAL)
-    # One flight far off must not flatten all the others.
+    # The axis ends before flights far off, which would flatten all others.
     room = FAR * 1.5 * float(np.median(each.fitted.std))
     low, high = float(level.fitted.min()) - room, float(level.fitted.max()) + room
     if high > low:
@@ -173,7 +175,7 @@ def _beside(studied: Sequence[Studied]) -> Iterator[Picture]:
         some = sorted(some, key=lambda each: each.level.value)
         if len(some) < 2:
             continue
-        if len(some) > MOST_COMPARED:  # both ends, and what lies between thinned out
+        if len(some) > MOST_COMPARED:  # keep both ends, and evenly chosen vehicles between them
             rows = np.unique(np.linspace(0, len(some) - 1, MOST_COMPARED).astype(int))
             some = [some[i] for i in rows]
         yield _beside_picture(quantity, some)

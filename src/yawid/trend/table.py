@@ -1,4 +1,4 @@
-"""What ``yawid trend`` and ``yawid diff`` print for people."""
+"""Prints the results of ``yawid trend`` and ``yawid diff`` for people."""
 
 from textwrap import fill
 from typing import Final, TextIO
@@ -14,12 +14,13 @@ from yawid.trend.history import shown
 from yawid.trend.trend import Followed, Trend
 
 MOST_ROWS: Final = 60
-"""Of histories without a change; the others are left to --json."""
+"""Most histories without a change that are printed; ``--json`` has all."""
 MOST_OUTLIERS: Final = 20
+"""Most outliers that are printed; ``--json`` has all."""
 
 
 def print_trend(told: Trend, stream: TextIO) -> None:
-    """Print a data set's trends: what changed first, then every history."""
+    """Print a data set's trends: first what changed, then the histories and outliers."""
     console = page_console(stream)
     console.print(Text(told.dataset, "bold"), soft_wrap=True)
     changed = [each for each in told.followed if each.change is not None]
@@ -114,7 +115,7 @@ def print_diff(told: Diff, stream: TextIO) -> None:
 
 
 def _table(*numbers: str) -> Table:
-    """Return a table of vehicles, what is told of them, numbers and what came of it."""
+    """Return an empty table with columns for vehicle, quantity, ``numbers`` and result."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("vehicle", overflow="ellipsis", max_width=18, no_wrap=True)
     table.add_column("", no_wrap=True)

@@ -1,10 +1,10 @@
 """``yawid trend``: every vehicle's wn/V, zeta and K/V over its flights, and what has changed.
 
-The false-alarm rate is that of the whole data set and of all looks at it, one after every day
-flown: in FALSE_ALARMS of all data sets in which nothing changed, any history is ever called changed
-(Bonferroni over the histories tested). What may as well be a season is no change before two years
-are there. Outliers and vehicles that stand out are reported at the same rate, of one look; they are
-no change.
+The false-alarm rate holds for the whole data set and for all tests of it, one after every day
+flown: among data sets in which nothing changed, a fraction FALSE_ALARMS ever reports a change in
+any history (Bonferroni over the histories tested). A change that a season may explain is not
+reported as one before there are two years of flights. Outliers and vehicles that stand out are
+reported at the same rate for a single test; they do not count as changes.
 """
 
 from collections.abc import Sequence
@@ -25,17 +25,18 @@ from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
 from yawid.trend.moderated import two_sided
 
 FALSE_ALARMS: Final = 0.01
+"""Rate of false alarms of a whole data set."""
 A_YEAR: Final = 40.0
-"""Since 1970, whose days stand for those of any."""
+"""A year, counted from 1970, whose calendar turns a fraction of a year into a date."""
 LEAST_SPAN_YEARS: Final = 1.0 / 12.0
-"""Between the first flight and the last: of days nobody tells what a year will bring."""
+"""Least time from the first flight to the last for a slope per year: a few days do not show one."""
 
 
 class Changed(Part, frozen=True, kw_only=True):
-    """A change: ``step`` between two days or ``slope`` over several; flights numbered from 1.
+    """A change: a ``step`` between two days or a ``slope`` over several; flights count from 1.
 
-    ``p`` is the probability of one as clear in any history of the data set, at any look, where none
-    changed; of what may be a season, as if there were none.
+    ``p`` is the probability that any history of an unchanged data set shows a change as clear as
+    this in any test. For a possible season it is the probability if there were no seasons.
     """
 
     kind: str
@@ -54,7 +55,7 @@ class Changed(Part, frozen=True, kw_only=True):
 
 
 class Outlier(Part, frozen=True, kw_only=True):
-    """A flight far off the others, and by how many sigmas (its own and tau)."""
+    """A flight far off the others; its distance is in sigmas (its own sigma and tau together)."""
 
     flight: int
     date: str
@@ -66,14 +67,14 @@ class Outlier(Part, frozen=True, kw_only=True):
 
 
 class Yearly(Part, frozen=True, kw_only=True):
-    """A season: by how much it swings a number either way, and the day of the year of its peak."""
+    """A season: the amplitude by which a number swings, and the day of the year of its peak."""
 
     amplitude: Value
     peak: str
 
 
 class Beside(Part, frozen=True, kw_only=True):
-    """A vehicle beside the others of its type and loop: their median, sigmas off it."""
+    """A vehicle compared with all of its type and loop: their median, its distance in sigmas."""
 
     vehicles: int
     median: float
@@ -85,9 +86,9 @@ class Beside(Part, frozen=True, kw_only=True):
 class Followed(Part, frozen=True, kw_only=True):
     """One number of one vehicle over its flights; ``now`` is its level after the last change.
 
-    ``between_std`` is by how much flights scatter beyond their own sigmas. ``tested``: whether
-    there were days enough to look for a change. ``may_be_season``: what is clear, but is no more
-    than a season may make of it, where fewer than two years are there to show one.
+    ``between_std`` is the scatter of the flights that their own sigmas do not explain. ``tested``
+    is whether there were enough days to look for a change. ``may_be_season`` is a clear change that
+    a season may explain, as there are fewer than two years of flights to show one.
     """
 
     vehicle: str
@@ -111,7 +112,7 @@ class Followed(Part, frozen=True, kw_only=True):
 
 
 class Trend(Part, frozen=True, kw_only=True):
-    """What a data set says of its vehicles over time."""
+    """The trends of all vehicles in a data set."""
 
     dataset: str
     changed: bool
@@ -125,7 +126,7 @@ class Trend(Part, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Studied:
-    """A history with all that was found, for tables and pictures."""
+    """A history with all results, for tables and pictures."""
 
     history: History
     fitted: Fitted
@@ -135,11 +136,11 @@ class Studied:
 
 
 def trend(folder: Path, vehicle: str | None = None) -> tuple[Trend, list[Studied]]:
-    """Return the trends of a data set; of one vehicle, but judged among all.
+    """Return the trends of a data set, or only those of ``vehicle``, judged among all the same.
 
     Raises:
-        SourceError: there is no data set.
-        ConfigError: it has no such vehicle.
+        SourceError: there is no data set, or it cannot be read.
+        ConfigError: the data set has no such vehicle.
     """
     flights = read_flights(folder)
     studied = study(flights)
@@ -163,7 +164,7 @@ def trend(folder: Path, vehicle: str | None = None) -> tuple[Trend, list[Studied
 
 
 def study(flights: Flights) -> list[Studied]:
-    """Return what each history says, every one judged among all."""
+    """Return each history with its results, judged among all histories."""
     histories = flights.histories
     fits = _fits(histories)
     among = _Among(
@@ -189,14 +190,14 @@ def study(flights: Flights) -> list[Studied]:
 
 @dataclass(frozen=True, slots=True)
 class _Among:
-    """How many histories are tested for a change, and how many numbers for an outlier."""
+    """How many histories are tested for a change, and how many numbers are tested as outliers."""
 
     histories: int
     numbers: int
 
 
 def _fits(histories: Sequence[History]) -> list[Fitted]:
-    """Return the fit of each history, its scatter judged with that of all vehicles' like it."""
+    """Return the fit of each history; those of one loop and quantity share their scatter."""
     alike: dict[tuple[str, str], list[int]] = {}
     for i, history in enumerate(histories):
         alike.setdefault((history.loop, history.quantity), []).append(i)
@@ -273,7 +274,7 @@ def _value(found: tuple[float, float] | None) -> Value | None:
 
 
 def _is_clear(change: Change, among: _Among) -> bool:
-    """Return whether something changed, be it by a season."""
+    """Return whether something changed, even if a season may explain it."""
     return change.p_if_no_season * among.histories <= FALSE_ALARMS
 
 
@@ -325,5 +326,5 @@ def _outliers(
 
 
 def date(us: int) -> str:
-    """Return a time in us since 1970 as ISO 8601, UTC."""
+    """Return a time in us since 1970 as ISO 8601 in UTC."""
     return datetime.fromtimestamp(int(us) / 1e6, UTC).isoformat(timespec="seconds")

@@ -1,4 +1,4 @@
-"""Trends and differences in words, as the terminal and the page have them."""
+"""Trends in words, for the terminal and the page."""
 
 from typing import Final
 
@@ -17,14 +17,14 @@ def name_of(quantity: str) -> str:
 
 
 def spread(value: Value | None, unit: str = "") -> str:
-    """Return a value with one sigma, ``-`` where there is none."""
+    """Return a value with one sigma in words, or ``-`` if there is no value."""
     if value is None or value.value is None:
         return "-"
     return f"{plus_minus(value.value, value.std)} {unit}".rstrip()
 
 
 def change_line(change: Changed) -> str:
-    """Say what changed, when, by how much and how sure that is."""
+    """Return in words what changed, when, by how much and how sure that is."""
     verb = "fell" if change.difference < 0.0 else "rose"
     size = "" if change.percent is None else f" by {abs(change.percent):.0f} %"
     when = f"{change.from_date[:10]} and {change.to_date[:10]}"
@@ -37,17 +37,17 @@ def change_line(change: Changed) -> str:
 
 
 def season_line(change: Changed) -> str:
-    """Say what may be a change or a season."""
+    """Return in words what may be a change or a season."""
     return f"{change_line(change)}; a season may do as much: two years of flights show which"
 
 
 def outlier_line(outlier: Outlier) -> str:
-    """Say which flight is far off, and by how much."""
+    """Return in words which flight is far off, and by how much."""
     return f"{outlier.date[:10]} (flight {outlier.flight}) {outlier.sigmas:+.1f} sigma"
 
 
 def came_of_it(each: Followed) -> str:
-    """Say in a few words what is to be said of one number of one vehicle."""
+    """Return the result for one number of one vehicle in a few words."""
     said = []
     if each.change is not None:
         size = each.change.percent
@@ -65,7 +65,7 @@ def came_of_it(each: Followed) -> str:
 
 
 def flights_line(told: Trend) -> str:
-    """Say how many flights there are, and how many were left out and why."""
+    """Return in words how many flights there are, and how many were left out and why."""
     left = ", ".join(f"{count} {why}" for why, count in told.left_out.items())
     text = f"{told.flights} flights" + (f", left out: {left}" if left else "")
     if any(each.vehicle.startswith("sysid:") for each in told.followed):
@@ -74,7 +74,7 @@ def flights_line(told: Trend) -> str:
 
 
 def rate_line(told: Trend) -> str:
-    """Say what was tested and how often it errs."""
+    """Return in words what was tested, and how often the tests give false alarms."""
     rate = 100.0 * told.false_alarm_rate
     return (
         f"false alarms: {rate:g} % of data sets in which nothing changed, over all "
@@ -94,4 +94,4 @@ LIMITS: Final = (
     "Vehicles that change together are each judged by themselves.",
     "The rate holds for up to 5 % of outliers; with 10 % it is about twice as high.",
 )
-"""What trend cannot do, as its page says it."""
+"""The limits of ``yawid trend``, as its page lists them."""
