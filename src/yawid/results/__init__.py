@@ -1,1 +1,1 @@
-"""Is the answer usable, why not, and what to do."""
+"""The verdict: whether the answer is usable, why not, and what to do about it."""

@@ -1,4 +1,4 @@
-"""What to do where a log cannot answer: with this one now, and what to record next time."""
+"""Advice about a log without a usable answer: what to do now, and what to record next time."""
 
 from collections.abc import Iterable, Iterator
 
@@ -8,8 +8,9 @@ from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
 
 _OFTEN = 3
-"""Manoeuvres, after which more of the same are no advice."""
+"""With this many manoeuvres, more of the same are no longer advised."""
 _LONG_S = 60.0
+"""The rudder moved long enough where the estimator learnt from this many seconds."""
 _NOT_MOVED = frozenset({"not_excited", "mixed_rudder", "collinear_inputs"})
 _FLOWN_ENOUGH = {
     "not_converged": "The rudder moved enough: choose calmer air or a steadier speed by --from and "
@@ -20,7 +21,7 @@ _FLOWN_ENOUGH = {
 
 
 def what_to_record(reasons: Iterable[str], report: ChannelReport) -> list[str]:
-    """Return what to do about each of the reasons of a verdict, in the order given."""
+    """Return what to record next time for the reasons (ids), in the order given, each text once."""
     return list(dict.fromkeys(_advice(reasons, report)))
 
 
@@ -34,7 +35,7 @@ def _advice(reasons: Iterable[str], report: ChannelReport) -> Iterator[str]:
 
 
 def _no_rudder(report: ChannelReport) -> str:
-    """Say what names a rudder; it depends on what the log holds instead."""
+    """Return what would identify the rudder; this depends on what the log holds."""
     vehicle, message = report.vehicle, report.rudder_message
     assert vehicle is not None  # it was asked for
     if message is not None:
@@ -52,9 +53,12 @@ def _no_rudder(report: ChannelReport) -> str:
 
 
 def to_do(reason: ReasonSummary, summary: RunSummary) -> str:
-    """Return what to do about a reason now, in a sentence that fits the vehicle and its record."""
+    """Return what to do now about a reason, in one sentence for this vehicle and this record.
+
+    It is empty where there is nothing to do, or where the reason's own text already says it.
+    """
     kind, vehicle = KINDS.get(reason.id), summary.vehicle
-    if kind is None:  # of a newer version
+    if kind is None:  # written by a newer version
         return ""
     autopilot = None if vehicle is None else vehicle.autopilot
     if reason.id == "no_rudder" and vehicle is not None:
@@ -69,12 +73,12 @@ def to_do(reason: ReasonSummary, summary: RunSummary) -> str:
         return f"Next time {how}."
     if reason.id in _FLOWN_ENOUGH and _flown_enough(summary):
         return _FLOWN_ENOUGH[reason.id]
-    # Some reasons say it themselves.
+    # The texts of some reasons already say what to do.
     return "" if kind.now.rstrip(".").lower() in reason.text.lower() else kind.now
 
 
 def _flown_enough(summary: RunSummary) -> bool:
-    """Tell whether the rudder moved on its own for long, or in several manoeuvres."""
+    """Return whether the rudder moved by itself in several manoeuvres or, without any, for long."""
     if summary.manoeuvres:
         return len(summary.manoeuvres) >= _OFTEN
     answer, against = summary.answer, {each.id for each in summary.verdict.reasons}

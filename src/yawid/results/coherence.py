@@ -1,8 +1,8 @@
-"""Whether the rudder drives the mode found: squared coherence of rudder and yaw rate at it.
+"""The test whether the rudder drives the mode found: the squared coherence of rudder and yaw rate.
 
-A vibration line, an engine or a gust has its own frequency, and a model that may put a pole
-anywhere puts one there. Where the rudder has no part in what the yaw does at that frequency, it is
-not the aircraft's answer to its rudder.
+Vibration, an engine and gusts have frequencies of their own, and the estimator may place a pole at
+one of them. Where rudder and yaw rate are not coherent at the frequency of a mode, the mode is not
+the aircraft's response to its rudder.
 """
 
 import math
@@ -13,30 +13,34 @@ import numpy as np
 from yawid.blocks import Floats, runs_of
 
 SEGMENTS = 8
-"""Fewer Welch segments tell nothing: the test abstains."""
+"""The least number of Welch segments: with fewer, the test gives no result."""
 PERIODS = (4.0, 3.0)
-"""Periods of the mode in one segment; the fewer where the record is short."""
+"""Periods of the mode in one segment: the first, or the second where the record is too short."""
 AROUND = 0.2
-"""Part of wn around it within which the coherence is looked at: doublets have holes in theirs."""
+"""The largest coherence within ± this part of wn counts: a doublet's spectrum has gaps."""
 LEVEL = 0.01
+"""The probability that unrelated signals exceed the limit."""
 OVERLAP_LOSS = 1.0 + 2.0 / 36.0
-"""Welch (1967): segments under a Hann window that overlap by half count for so much fewer."""
+"""The factor by which Hann-windowed segments that overlap by half count as fewer (Welch 1967)."""
 LINE_BINS = 2
+"""Frequency bins on either side of a peak that count as part of it."""
 BAND_MARGIN = 1.4
+"""The factor by which a recommended band is wider than the coherent part, on either side."""
 HIGHEST = 0.9
-"""Part of half the rate at which a recommended band ends at the latest."""
+"""The highest upper corner of a recommended band, as a part of half the sample rate."""
 SHORTEST = 16
+"""The least length of a segment in samples."""
 FINE_S = 25.0
-"""Length of the segments by which a line is told from its surroundings."""
+"""The greatest length in s of the longer segments, which resolve a narrow spectral line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Coherence:
-    """Squared coherence at the mode, and what it exceeds by chance in one case of a hundred.
+    """The squared coherence at the mode, and the limit that chance exceeds in 1 case of 100.
 
-    ``peak_hz`` is the frequency of the most yaw-rate power near the mode and ``peak_share`` its
-    part of all of it; ``band_hz`` (low, high) what the coherent part of the spectrum asks for, None
-    where nothing is coherent.
+    ``peak_hz`` is the frequency of the largest yaw-rate power near the mode, and ``peak_share`` the
+    part that this peak has of all the yaw-rate power. ``band_hz`` (low, high) is the band to
+    recommend, made from the coherent part of the spectrum; None where nothing is coherent.
     """
 
     squared: float
@@ -48,13 +52,13 @@ class Coherence:
 
     @property
     def driven(self) -> bool:
-        """Whether the rudder has a part in the mode."""
+        """Whether the rudder drives the mode: the coherence reaches the limit."""
         return self.squared >= self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class _Spectra:
-    """Squared coherence and yaw-rate power (n,) over frequency in Hz, by so many segments."""
+    """Squared coherence and yaw-rate power (n,) over frequency in Hz, averaged over segments."""
 
     frequency: Floats
     squared: Floats
@@ -63,14 +67,15 @@ class _Spectra:
 
     @property
     def count(self) -> float:
-        """How many independent segments theirs are worth."""
+        """The number of independent segments that are worth as much as these overlapping ones."""
         return self.segments / OVERLAP_LOSS
 
 
 def coherence_at(u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float) -> Coherence | None:
     """Return the coherence of ``u`` and ``y`` (n,) at wn; None where the record is too short.
 
-    NaN samples are left out: segments lie within runs of known ones.
+    ``wn_rad_s`` is the mode's natural frequency in rad/s. Segments lie within runs of finite
+    samples; NaN samples are left out.
     """
     runs = [slice(a, b) for a, b in runs_of(np.isfinite(u) & np.isfinite(y))]
     mode_hz = wn_rad_s / (2.0 * math.pi)
@@ -98,12 +103,12 @@ def coherence_at(u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float) ->
 
 
 def _starts(runs: list[slice], length: int) -> list[int]:
-    """Return where the segments of this length begin that overlap by half."""
+    """Return the first rows of all segments of this length; neighbours overlap by half."""
     return [i for run in runs for i in range(run.start, run.stop - length + 1, length // 2)]
 
 
 def _fine_length(runs: list[slice], least: int, sample_time_s: float) -> int:
-    """Return the longest length up to 25 s that still gives enough segments, ``least`` does."""
+    """Return the longest segment, at most 25 s, that still gives enough; ``least`` does."""
     most = 2 * round(0.5 * FINE_S / sample_time_s)
     lengths = range(most, least, -2)
     return next((n for n in lengths if len(_starts(runs, n)) >= SEGMENTS), least)
@@ -112,7 +117,7 @@ def _fine_length(runs: list[slice], least: int, sample_time_s: float) -> int:
 def _spectra(
     u: Floats, y: Floats, runs: list[slice], length: int, sample_time_s: float
 ) -> _Spectra:
-    """Average the spectra of segments under a Hann window, each without mean and slope."""
+    """Return the spectra averaged over Hann-windowed segments, each without mean and slope."""
     starts = _starts(runs, length)
     rows = np.array(starts)[:, None] + np.arange(length)
     window = np.hanning(length + 1)[:-1]
@@ -134,18 +139,18 @@ def _detrended(x: Floats) -> Floats:
 
 
 def _limit(count: float, bins: int) -> float:
-    """Return what the largest of ``bins`` coherences of nothing exceeds one time in a hundred."""
+    """Return what the largest of ``bins`` coherences exceeds by chance in 1 case of 100."""
     alone = 1.0 - math.pow(1.0 - LEVEL, 1.0 / bins)
     return 1.0 - math.pow(alone, 1.0 / (count - 1.0))
 
 
 def _coherent_band(found: _Spectra) -> tuple[float, float] | None:
-    """Return the band around the most coherent power, with a margin on both sides."""
+    """Return the band (low, high) in Hz around the largest coherent power, with its margins."""
     coherent = found.squared > _limit(found.count, len(found.frequency))
     if not coherent.any():
         return None
     peak = int(np.argmax(np.where(coherent, found.squared * found.power, 0.0)))
-    # A hole of one bin is chance.
+    # A gap of a single bin is due to chance: it is closed.
     closed = coherent | (np.append(coherent[1:], False) & np.append(False, coherent[:-1]))
     low, high = next((a, b) for a, b in runs_of(closed) if a <= peak < b)
     top = min(BAND_MARGIN * found.frequency[high - 1], HIGHEST * found.frequency[-1])

@@ -1,8 +1,8 @@
-"""Where the rudder moved on its own: what verdict, ``yawid inspect`` and advice agree on.
+"""Where the rudder moved on its own: one definition for verdict, ``yawid inspect`` and advice.
 
-In most autopilot modes the rudder is mixed from the aileron, and a copy teaches nothing about the
-rudder: what moves the yaw may as well be the roll that the aileron makes. So only that part of the
-rudder counts which no regression on the aileron explains.
+In most autopilot modes the rudder is mixed from the aileron. Such a copy teaches nothing about the
+rudder, because the roll that the aileron causes may be what moves the yaw. So only the rudder's own
+part counts: what a regression on the aileron does not explain.
 """
 
 from dataclasses import dataclass
@@ -13,26 +13,28 @@ from yawid.blocks import WINDOW_S, Bools, Floats, shifted, strokes, window_of
 from yawid.estimation.products import cross
 
 LEAST_STROKE = 0.1
-"""Excited is where the rudder's own part covers this much of half its travel within 5 s."""
+"""The rudder excites where its own part covers this much of half its travel within 5 s."""
 REACH_S = 0.3
-"""The aileron this long before and after may explain the rudder: mixers and pilots lag."""
+"""The aileron up to this many s before and after may explain the rudder: mixers and pilots lag."""
 CHUNK_S = 20.0
-"""The mix is found anew in each flight mode, and in every 20 s of it."""
+"""The mix is estimated again in each flight mode, and there about every 20 s."""
 MODE_LATE_S = 1.5
-"""A change of mode is seen by the next HEARTBEAT, up to so much later."""
+"""A change of mode is known with the next HEARTBEAT, up to this many s later."""
 ROWS_PER_LAG = 8
+"""The least number of samples for each coefficient of a regression."""
 ROUNDING = 1e-12
+"""A ridge so small that it only keeps the regression solvable."""
 STILL = 0.006
-"""An aileron that moves by less than this is no mixer's: it reacts to what the rudder does."""
+"""The ridge as an aileron amplitude: a smaller motion is no mixer's, it reacts to the rudder."""
 
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """How far the rudder moved within 5 s, in parts of half its travel, at each sample (n,).
+    """How far the rudder moved in the last 5 s, at each sample (n,), as a part of half its travel.
 
-    ``whole`` is the stroke of all of it and ``own`` of what the aileron does not explain, 0 at
-    samples that are not used. ``aileron_known`` tells whether there was an aileron to compare with;
-    without one ``own`` is ``whole``.
+    ``whole`` is the stroke of the whole rudder, ``own`` the stroke of the part that the aileron
+    does not explain; both are 0 at samples that are not used. ``aileron_known`` says whether there
+    was an aileron to compare with; without one ``own`` equals ``whole``.
     """
 
     whole: Floats
@@ -41,12 +43,12 @@ class Movement:
 
     @property
     def excited(self) -> Bools:
-        """The samples (n,) at the end of five seconds in which the rudder moved on its own."""
+        """Whether the rudder moved enough on its own in the last five seconds, per sample (n,)."""
         return self.own >= LEAST_STROKE
 
     @property
     def most_whole(self) -> float:
-        """The largest stroke."""
+        """The largest stroke of the whole rudder."""
         return float(self.whole.max(initial=0.0))
 
     @property
@@ -58,10 +60,10 @@ class Movement:
 def excitation(
     rudder: Floats, aileron: Floats, mode: Floats, travel_unit: float, sample_time_s: float
 ) -> Movement:
-    """Return the strokes of ``rudder`` (n,) and of its own part beside ``aileron`` (n,).
+    """Return the strokes of ``rudder`` (n,) and of the part that ``aileron`` (n,) does not explain.
 
-    ``mode`` (n,) is the flight mode, NaN where unknown; ``travel_unit`` is what half the rudder's
-    travel measures in the unit of ``rudder``; samples that are not used are NaN.
+    ``mode`` (n,) is the flight mode, NaN where unknown; ``travel_unit`` is half the rudder's travel
+    in the unit of ``rudder``; samples that are not used are NaN.
     """
     rudder = rudder / travel_unit
     whole = _strokes(rudder, sample_time_s)
@@ -73,15 +75,15 @@ def excitation(
 
 
 def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float) -> Floats:
-    """Return what a regression on the aileron over ±0.3 s leaves of the rudder, (n,).
+    """Return the part of the rudder (n,) that a regression on the aileron over ±0.3 s leaves.
 
-    NaN where the rudder or one of the aileron's lags is not known, or the flight mode may have
-    changed among them.
+    It is NaN where the rudder or one of the aileron's lags is unknown, or where the flight mode may
+    have changed between the lags.
     """
     reach = max(1, round(REACH_S / sample_time_s))
     lags = [shifted(aileron, i) for i in range(-reach, reach + 1)]
     columns = np.column_stack([*lags, np.ones(len(rudder))])
-    known = np.nan_to_num(mode, nan=-1.0)  # unknown is the same as unknown
+    known = np.nan_to_num(mode, nan=-1.0)  # two unknown modes count as the same mode
     changes = np.cumsum(np.diff(known, prepend=known[:1]) != 0.0).astype(float)
     late = max(reach, round(MODE_LATE_S / sample_time_s))
     same = shifted(changes, reach) == shifted(changes, -late)
@@ -95,9 +97,9 @@ def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float
 
 
 def mix(columns: Floats, rudder: Floats) -> Floats:
-    """Return the coefficients (m,) by which ridge regression makes the rudder of columns (n, m).
+    """Return the ridge regression's coefficients (m,) of the rudder (n,) on columns (n, m).
 
-    The columns are the aileron's lags and, the last of them, a constant.
+    The columns are the aileron's lags and, as the last one, a constant.
     """
     n, m = columns.shape
     ridge = np.full(m, n * STILL**2 + ROUNDING)
@@ -107,7 +109,7 @@ def mix(columns: Floats, rudder: Floats) -> Floats:
 
 
 def _strokes(x: Floats, sample_time_s: float) -> Floats:
-    """Return the stroke within the last 5 s at each sample (n,), 0 where x (n,) is not known."""
+    """Return the stroke within the last 5 s at each sample (n,), 0 where x (n,) is unknown."""
     found, used = np.zeros(len(x)), np.isfinite(x)
     if used.any():
         found[used] = strokes(x[used], window_of(sample_time_s))
@@ -115,7 +117,7 @@ def _strokes(x: Floats, sample_time_s: float) -> Floats:
 
 
 def around(excited: Bools, sample_time_s: float) -> Bools:
-    """Return the samples (n,) within five seconds before or after an excited one."""
+    """Return which samples (n,) lie within five seconds before or after an excited one."""
     reach = round(WINDOW_S / sample_time_s)
     edges = np.concatenate([[0], np.cumsum(excited)])
     rows = np.arange(len(excited))

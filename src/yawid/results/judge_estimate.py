@@ -1,4 +1,4 @@
-"""What the estimates say for or against themselves, and the verdict of a bank of them."""
+"""Reasons that the estimates themselves give, and the verdict on all methods together."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -30,40 +30,43 @@ from yawid.results.reasons import Reason, Verdict
 
 LEAST_SIMULATION_PCT = 40.0
 LEAST_HELD_BACK_PCT = 30.0
-"""A free-running model that tells less of the yaw rate than this has learned something else: good
-flights have 73 to 95 %."""
+"""The least fits in percent of a free-running model, over all samples and over held-back ones. With
+less it has learned something else; good flights have 73 to 95 %."""
 IN_GUSTS_PCT, IN_GUSTS_WN = 20.0, 0.05
-"""... but for the simulated fit and the relative sigma of wn of a mode that the rudder clearly
-drives: strong gusts leave 20 to 40 % of fit to answers that are right to 5 %."""
+"""The least simulated fit, and the greatest relative sigma of wn, where the rudder clearly drives
+the mode: in strong gusts, answers that are right to 5 % have fits of 20 to 40 %."""
 WHITE_P, LEAST_COLOUR = 0.01, 0.1
-"""Residuals are coloured where chance cannot make them so, and by a size that could matter: any
-long record fails a test of whiteness."""
+"""Residuals are coloured where the test of whiteness fails and an autocorrelation is large enough
+to matter: any long record fails the test alone."""
 WORTH_A_WORD = 0.01
+"""The part of wn, and the change of zeta, above which a shift is worth a warning."""
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
+"""Methods that disagree differ by more than so many sigmas and more than this part of the value."""
 RATE_OF_BAND = 5.0
-"""A band asks for a grid of so many times its upper corner: a finer one sees too little move."""
+"""The sample rate for a band, in multiples of its upper corner: on a finer grid, neighbouring
+samples differ too little."""
 MOVING_SHARE = 0.08
-"""Part of itself by which an estimate may still move at the end, if its sigma allows no more."""
+"""The part of itself by which an estimate may still move at the end, even beyond 3 sigma."""
 CLEAR = 0.1
 """A squared coherence so far above chance is clear."""
 REACTS = 0.7
-"""A rudder of which yaw rate and roll explain more may be moved by what it is said to move."""
+"""Where yaw rate and roll explain a greater part of the rudder, they may be what moves it."""
 ALIKE = 1.1
 """Methods whose wn differ by less than this factor agree on it."""
 BETTER = 0.5
-"""Another method answers in place of the first where its sigma of wn is below this part of it, of
-noise or in all: what structures leave open is much the same for both."""
+"""Another method replaces the first where its sigma of wn is below this part of the first one's, of
+noise or in total: the part of sigma from other structures is much the same for both."""
 SOUND = (Status.TRACKING, Status.HELD)
-"""An estimator that says this of itself may answer."""
+"""The statuses with which an estimator may answer."""
 
 
 class Estimates(Protocol):
-    """Estimates to be judged: of the bank over a stream, or of the fits over a manoeuvre."""
+    """Estimates to be judged: those of a bank over a stream, or those of fits over a manoeuvre."""
 
     @property
     def config(self) -> RunConfig:
-        """What was asked for."""
+        """The configuration they were made with."""
 
     @property
     def sample_time_s(self) -> float:
@@ -71,15 +74,15 @@ class Estimates(Protocol):
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The methods, the first before the others."""
+        """The methods; the first one is the preferred one."""
 
     @property
     def estimators(self) -> Mapping[str, Any]:
-        """By method what :class:`yawid.RecursiveArmax` and the reference have alike."""
+        """By method, an object with the state that :class:`yawid.RecursiveArmax` has."""
 
     @property
     def last(self) -> Mapping[str, EstimateBlock]:
-        """By method the newest rows, with their covariance."""
+        """By method, the newest rows with their covariance."""
 
     def history(self) -> SampleHistory:
         """Return the samples as the estimators saw them."""
@@ -87,16 +90,16 @@ class Estimates(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one estimator leaves for judgement.
+    """The figures of one estimator that are judged; what is unknown is NaN.
 
-    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise, NaN where there is none;
-    ``total_std`` the total sigmas of wn and zeta; ``next_moves`` how far the next richer structure
-    moves the two, ``rate_moves`` how far a low rate does; ``autocorrelation`` the residuals'
-    largest; ``spr_margin`` is above 0 where ELS is sure to be right (1/C - 1/2 is positive real);
-    ``early_response`` the mean yaw rate over the first half period after a unit step of the rudder;
-    ``simulation_pct`` how much of the yaw rate the model tells from the inputs alone,
-    ``held_back_pct`` the same of samples that it had not seen; ``before`` is (wn, zeta) as they
-    stood a third of the memory ago. NaN is what is not known.
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise, ``total_std`` holds the
+    total sigmas of wn and zeta. ``next_moves`` says how far the next richer structure moves wn and
+    zeta, ``rate_moves`` how far a low rate does. ``autocorrelation`` is the residuals' largest.
+    ``spr_margin`` is above 0 where ELS is sure to converge (1/C - 1/2 is positive real).
+    ``early_response`` is the mean yaw rate over the first half period after a unit step of the
+    rudder. ``simulation_pct`` is the part of the yaw rate that the model explains from the inputs
+    alone, ``held_back_pct`` the same for samples that it had not seen. ``before`` holds wn and zeta
+    of a third of the memory ago.
     """
 
     status: int
@@ -114,25 +117,26 @@ class Evidence:
     before: Floats
 
     def knows_better(self, other: "Evidence") -> bool:
-        """Tell whether this one knows wn twice as well."""
+        """Return whether a sigma of wn, of noise or total, is less than half the other's."""
         noise = float(self.dutch_roll[1]) < BETTER * float(other.dutch_roll[1])
         return noise or float(self.total_std[0]) < BETTER * float(other.total_std[0])
 
     def matters(self, moves: Floats) -> bool:
-        """Tell whether what moves wn and zeta so far (2,) is worth a word.
+        """Return whether something that moves wn and zeta so far (2,) is worth a warning.
 
-        It is where either moves by more than its total sigma or by 1 %, and where nobody knows.
+        It is where one of them moves by more than its total sigma, or by more than 1 % (zeta by
+        0.01), and where it is unknown how far they move.
         """
         least = np.minimum(self.total_std, WORTH_A_WORD * np.array([self.dutch_roll[0], 1.0]))
         return bool(np.any(moves > least) or np.isnan(moves).any())
 
     def moved(self, reason: Reason, moves: Floats, what: str) -> Reason:
-        """Return a warning that says, by ``what``, how far something moves wn and zeta (2,)."""
+        """Return the warning, whose text now ends with ``what`` and how far wn and zeta move."""
         share, zeta = (np.nan_to_num(moves) / (self.dutch_roll[0], 1.0)).tolist()
         return replace(reason, text=f"{reason.text}{what} {self.said(moves)}", moves=(share, zeta))
 
     def said(self, moves: Floats) -> str:
-        """Say how far something moves wn and zeta (2,)."""
+        """Return in words how far something moves wn and zeta (2,)."""
         if np.isnan(moves).any():
             return "wn and zeta nobody knows how far"
         share = 100.0 * float(moves[0] / self.dutch_roll[0])
@@ -144,9 +148,9 @@ def estimate_reasons(
 ) -> Iterator[Reason]:
     """Judge one estimate by itself.
 
-    ``is_driven`` tells that rudder and yaw rate are clearly coherent at the mode found, that the
-    rudder does not merely react and that the methods agree on wn: then gusts may hide its effect
-    from the fit and leave wn right.
+    ``is_driven`` says that rudder and yaw rate are clearly coherent at the mode found, that the
+    rudder does not merely react, and that the methods agree on wn. Then a low fit may be due to
+    gusts although wn is right.
     """
     if evidence.status == Status.DIVERGED:
         yield Reason("diverged", f"{method} did not stay finite")
@@ -165,7 +169,7 @@ def estimate_reasons(
 
 
 def _convergence(evidence: Evidence) -> Iterator[Reason]:
-    """Judge whether there is a Dutch roll that is known and came to rest."""
+    """Judge whether there is a Dutch roll, whether it is known well enough, and no longer moves."""
     wn, _, zeta, _ = evidence.dutch_roll.tolist()
     wn_std, zeta_std = evidence.total_std.tolist()
     if not math.isfinite(wn):
@@ -187,7 +191,7 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
-    """Judge what the model tells of the yaw rate from the inputs alone; absent is not failed."""
+    """Judge how much of the yaw rate the model explains; an unknown fit gives no reason."""
     simulated, held_back = evidence.simulation_pct, evidence.held_back_pct
     wn, wn_std = float(evidence.dutch_roll[0]), float(evidence.total_std[0])
     if is_driven and simulated >= IN_GUSTS_PCT and wn_std < IN_GUSTS_WN * wn:
@@ -211,7 +215,7 @@ def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
 
 
 def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
-    """Judge what the model leaves over, by what a richer one makes of it."""
+    """Judge the residuals: they matter if they are coloured and a richer model moves the answer."""
     is_coloured = evidence.whiteness_p < WHITE_P and evidence.autocorrelation > LEAST_COLOUR
     if is_coloured and evidence.matters(evidence.next_moves):
         found = Reason(
@@ -223,7 +227,7 @@ def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason]:
-    """Yield what is fatal, and of warnings those that matter, with how much."""
+    """Yield the fatal reasons, and the warnings that matter with how far they move wn and zeta."""
     for reason in reasons:
         is_rate = reason.id == "rate_low"
         moves = evidence.rate_moves if is_rate else evidence.next_moves
@@ -235,7 +239,7 @@ def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason
 
 
 def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:
-    """Judge whether the rudder has a part in the mode found; too short a record abstains."""
+    """Judge whether the rudder drives the mode found; too short a record gives no reason."""
     if found is None or found.driven:
         return
     band, advice, remedy = found.band_hz, "", {}
@@ -254,7 +258,7 @@ def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reas
 
 
 def _still_moving(evidence: Evidence) -> Iterator[Reason]:
-    """Judge whether the estimate came to rest: its sigma tells nothing while it moves."""
+    """Judge whether the estimate has settled: while it moves, its sigma says nothing."""
     for name, i in (("wn", 0), ("zeta", 2)):
         now, sigma = float(evidence.dutch_roll[i]), float(evidence.dutch_roll[i + 1])
         before = float(evidence.before[i // 2])
@@ -274,9 +278,9 @@ def agreement_reasons(
 ) -> Iterator[Reason]:
     """Compare the Dutch roll of the answer with that of each method that checks it.
 
-    ``refused`` has what makes a method unusable. Where 1/C - 1/2 is not positive real ELS need not
-    lead to the truth: beside an answer of RML it tells of itself alone then, and so does an ELS
-    that may not be used.
+    ``refused`` holds the reasons of the methods that are unusable. Where 1/C - 1/2 is not positive
+    real, ELS need not converge to the truth: then a difference from RML only concerns ELS, and it
+    checks nothing. Neither does an ELS that is unusable.
     """
     for other in METHODS[answers].checked_by:
         if other in evidence:
@@ -316,7 +320,7 @@ def _checked(
 
 @dataclass(frozen=True, slots=True)
 class JudgedMethods:
-    """How the rudder moved, and by method the coherence at its mode and what speaks against it.
+    """How the rudder moved, and by method the coherence at its mode and the reasons against it.
 
     ``reacts`` is the part of the rudder that yaw rate and roll explain.
     """
@@ -328,7 +332,7 @@ class JudgedMethods:
 
     @property
     def refused(self) -> dict[str, list[Reason]]:
-        """The methods whose estimate may not be used, with their reasons."""
+        """The methods whose estimates are unusable, with their reasons."""
         return {
             method: reasons
             for method, reasons in self.reasons.items()
@@ -341,7 +345,7 @@ def judge_methods(
     evidence: Mapping[str, Evidence],
     rates_hz: tuple[float, float],
 ) -> JudgedMethods:
-    """Judge each method by itself; ``rates_hz`` are of yaw and rudder messages."""
+    """Judge each method by itself; ``rates_hz`` are the rates of yaw and rudder messages."""
     history, travel_unit = bank.history(), bank.config.half_travel
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan)
     moved = excitation(rudder, history.aileron, history.mode, travel_unit, bank.sample_time_s)
@@ -373,10 +377,10 @@ def bank_verdict(
     *,
     first_answers: bool = False,
 ) -> Verdict:
-    """Return the verdict of samples and estimates, and of the ``others`` that the log gives.
+    """Return the verdict on samples and estimates, with the ``others``, the log's own reasons.
 
-    The first method answers, unless it may not be used and another may, or another knows wn twice
-    as well; with ``first_answers`` the others only check it.
+    The first method answers unless it is unusable and another is not, or another one's sigma of wn
+    is less than half as large; with ``first_answers`` the others only check it.
     """
     config, history = bank.config, bank.history()
     judged = judge_methods(bank, evidence, rates_hz)
@@ -400,10 +404,10 @@ def bank_verdict(
 
 
 def answering(bank: Bank) -> tuple[str, Status, DutchRoll | None]:
-    """Return the method that answers just now, its status and its Dutch roll, sigmas of noise.
+    """Return the method that answers now, its status and its Dutch roll with sigmas of noise.
 
-    The method asked for answers unless it has no Dutch roll or has diverged, or another knows wn
-    better by the verdict's own measure. The verdict at the end also weighs what would take too long
+    The method asked for answers unless it has no Dutch roll or has diverged, or another one's sigma
+    of wn is less than half as large. The verdict at the end also judges what would take too long
     here.
     """
     found = {}

@@ -1,7 +1,7 @@
-"""What the samples say for or against an answer: rates, inputs, the way it was flown.
+"""Reasons that the samples give against an answer: rates, inputs, and how the aircraft was flown.
 
-A wrong answer that looks right is the worst that could leave this program, so whatever speaks
-against the estimate is said, and what speaks loudly enough makes it unusable.
+A wrong answer that looks right is the worst output this program could have. So everything that
+speaks against an estimate is reported, and what speaks clearly enough makes it unusable.
 """
 
 import math
@@ -17,40 +17,52 @@ from yawid.results.reasons import Reason
 
 LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
+"""Message rates below which there is no answer, and below which the damping is uncertain."""
 REFUSED_RATIO, LOW_RATIO = 4.0, 10.0
 """Samples per Dutch-roll period below which there is no answer, and below which it is poor."""
 RATE_CHANGED = 1.5
+"""The factor above which a message rate has changed between the first seconds and the whole run."""
 COLLINEAR = 0.995
-"""Largest correlation of the lags of two inputs from which their effects cannot be told apart: a
-condition number of 20."""
+"""The largest canonical correlation of two inputs' lags up to which their effects can be separated:
+it is a condition number of 20."""
 TURN_DOMINATED = 0.6
-"""Correlation of yaw and turn rate above which the bank, not the rudder, makes the yaw rate."""
+"""The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
+rate."""
 TURN_BAND_HZ = (0.15, 3.0)
-"""Band that leaves out what turns do and keeps the Dutch rolls of small aircraft."""
+"""A band that leaves out the turns and keeps the Dutch rolls of small aircraft."""
 CLOSED_LOOP = 0.8
+"""An input of which yaw rate and roll explain a greater part reacts more than it excites."""
 MOST_REACTION = 0.5
-"""An aileron of which yaw rate and roll explain more only holds the wings level: no input."""
+"""An aileron of which yaw rate and roll explain a greater part only holds the wings level: it is no
+input."""
 WORTH_PCT = 2.0
-"""How many points of the simulated fit a further input must bring."""
+"""The points that a further input must add to the simulated fit in percent."""
 RESPONSE_S, RESPONSE_STEP_S = 2.0, 0.1
-"""By how much of the rudder, and how finely, the yaw rate is explained: a Dutch roll's period."""
+"""The rudder's lags, up to how many s and how many s apart, that may explain the yaw rate."""
 LEAST_RESPONSE = 0.5
-"""Part of the yaw rate above which the rudder clearly moves it. It was .64 where a receiver moved
-the servos of a disarmed autopilot, and .36 where the autopilot was a passenger."""
+"""The part of the yaw rate that a rudder must explain to move it clearly. It was 0.64 where a
+receiver moved the servos of a disarmed autopilot, and 0.36 where an autopilot was only carried
+along."""
 ROUNDING = 1e-9
+"""The relative variation up to which a signal only varies by rounding."""
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
-"""A relative sigma of wn, and a sigma of zeta, above which nobody would act on the Dutch roll."""
+"""The relative sigma of wn, and the sigma of zeta, from which on a Dutch roll is of no use."""
 SATURATED_SHARE = 0.05
+"""The part of the time at the stops above which there is a warning."""
 LAGS_COMPARED = 3
-"""Lags compared: the default nb, and one for a message that comes a sample later."""
+"""How many lags of two inputs are compared: as many as the default nb."""
 WEAKEST = 1e-3
-"""A combination of lags this weak beside the strongest is rounding of the pulses, no movement."""
+"""A combination of lags weaker than this part of the strongest is rounding, not movement."""
 
 
 def rate_reasons(
     yaw_hz: float, rudder_hz: float, rate_hz: float, dutch_roll: Floats
 ) -> Iterator[Reason]:
-    """Judge the message rates, and once wn is known well enough the grid against it."""
+    """Judge the message rates and, if wn is known to 10 %, whether the grid is fine enough for it.
+
+    ``yaw_hz`` and ``rudder_hz`` are the messages' rates, ``rate_hz`` the grid's; ``dutch_roll`` is
+    (wn, wn_std, zeta, zeta_std).
+    """
     wn_rad_s, wn_std = float(dutch_roll[0]), float(dutch_roll[1])
     known = wn_std < UNCERTAIN_WN * wn_rad_s
     slowest = min(yaw_hz, rudder_hz)
@@ -65,7 +77,7 @@ def rate_reasons(
 
 
 def _against_the_mode(have_hz: float, own_hz: float, found_hz: float) -> Iterator[Reason]:
-    """Judge the grid against the natural frequency found."""
+    """Judge the rate there is, and the messages' own, against the natural frequency found."""
     if have_hz < REFUSED_RATIO * found_hz:
         yield Reason(
             "rate_too_low",
@@ -94,10 +106,10 @@ def changed_rates(
 
 
 def excitation_reasons(found: Movement, travel: str = "half its travel") -> Iterator[Reason]:
-    """Judge whether the rudder moved, and by itself rather than as the aileron's copy.
+    """Judge whether the rudder moved, and whether it moved by itself or as the aileron's copy.
 
-    It has moved if it did in any five seconds: what an hour of trim drift covers is nothing to
-    learn from, and ten doublets in an hour are. ``travel`` says of what the strokes are parts.
+    It must have moved far enough within any five seconds: ten doublets in an hour are enough to
+    learn from, a slow drift of the trim is not. ``travel`` names what the strokes are parts of.
     """
     needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"
     if found.most_whole < LEAST_STROKE:
@@ -116,7 +128,7 @@ def excitation_reasons(found: Movement, travel: str = "half its travel") -> Iter
 
 
 def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[Reason]:
-    """Judge the inputs (n, inputs): kept apart from each other, not at their stops.
+    """Judge the inputs ``u`` (n, inputs): the rudder at its stops, inputs that move together.
 
     ``stop`` is the rudder's full deflection in the unit of ``u``.
     """
@@ -141,7 +153,7 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[R
 
 
 def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
-    """Judge the flying: turns that hide the rudder, another airspeed."""
+    """Judge how it was flown: turns that hide the rudder, and an airspeed that changed."""
     y, u = history.y, history.u[:, 0]
     rows = np.isfinite(y) & np.isfinite(u)
     r = turn_correlation(np.where(rows, y, np.nan), history.turn_rate)
@@ -155,9 +167,9 @@ def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
     speed = history.airspeed[rows & np.isfinite(history.airspeed)]
     if len(speed) > 1:
         low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
-        # A sensor that stands still may say 0.
+        # A sensor on an aircraft at rest may report 0.
         share = (high - low) / (2.0 * middle) if middle > 0.0 else float(high > low)
-        # By more than the sigma of any answer that may be used.
+        # The limit is more than the sigma of any usable answer.
         if share > AIRSPEED_SHARE:
             yield Reason(
                 "airspeed_changed",
@@ -167,10 +179,10 @@ def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
 
 
 def feedback_reasons(inputs: tuple[str, ...], history: SampleHistory) -> Iterator[Reason]:
-    """Judge whether inputs only react, by what yaw rate, roll and the roll before tell of each.
+    """Judge whether inputs only react: yaw rate, roll and the previous roll explain most of them.
 
-    Past yaw rates are left out: they hold what the rudder did a moment ago and would explain 80 to
-    87 % even of one that excites.
+    Past yaw rates are left out: they contain what the rudder did a moment ago, and would explain 80
+    to 87 % even of a rudder that excites.
     """
     said = [
         f"{100 * share:.0f} % of the {name}"
@@ -186,8 +198,8 @@ def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
     """Judge whether a yaw damper was identified in place of the aircraft.
 
     A rudder that yaw rate and roll explain, and that turns the nose the other way, opposes the yaw:
-    what is found is the controller upside down. ``share`` is of :func:`reaction_shares`,
-    ``early_response`` of the step response, as in the evidence of an estimate.
+    the model found is then the inverse of the controller. ``share`` is the rudder's part from
+    :func:`reaction_shares`; ``early_response`` is that of an estimate's ``Evidence``.
     """
     if share > CLOSED_LOOP and early_response < 0.0:
         yield Reason(
@@ -198,24 +210,24 @@ def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
 
 
 def reaction_shares(history: SampleHistory) -> list[float]:
-    """Return of each input the part (0 to 1) that yaw rate, roll and the roll before explain."""
+    """Return the part (0 to 1) of each input that yaw rate, roll and the previous roll explain."""
     before = np.concatenate([[np.nan], history.roll[:-1]])
     causes = np.column_stack([history.y, history.roll, before])
     return [_explained(u, causes) for u in history.u.T]
 
 
 def why_believed(config: RunConfig, bank: Bank | None) -> str:
-    """Say why the rudder moves the aircraft though its autopilot is not in command, if it does."""
+    """Return why the rudder is believed though its autopilot is not in command; "" if it is not."""
     if config.binds("rudder"):
         return f"--rudder {config.rudder} says that this channel moves the rudder"
     return "" if bank is None else why_rudder_moves_yaw(bank.history(), bank.sample_time_s)
 
 
 def why_rudder_moves_yaw(history: SampleHistory, sample_time_s: float) -> str:
-    """Say how clearly the rudder moves the yaw, whoever commands it; nothing where it does not.
+    """Return in words how clearly the rudder moves the yaw, whoever commands it; "" if it does not.
 
-    A loop that is taken along makes its rudder out of the yaw rate: there the rudder that comes
-    after explains the yaw rate better than the one before.
+    An autopilot that is only carried along computes its rudder from the yaw rate. There the rudder
+    after an instant explains the yaw rate better than the rudder before it.
     """
     step = max(1, round(RESPONSE_STEP_S / sample_time_s))
     lags = range(1, round(RESPONSE_S / sample_time_s) + 1, step)
@@ -232,7 +244,7 @@ def why_rudder_moves_yaw(history: SampleHistory, sample_time_s: float) -> str:
 
 
 def turn_correlation(y: Floats, turn: Floats) -> float:
-    """Return the correlation of output and turn rate (n,), of the samples that have both."""
+    """Return the correlation of output and turn rate (n,) over the samples that have both."""
     rows = np.isfinite(y) & np.isfinite(turn)
     return _correlation(y[rows], turn[rows])
 
@@ -244,7 +256,7 @@ def _correlation(a: Floats, b: Floats) -> float:
 
 
 def _explained(target: Floats, causes: Floats) -> float:
-    """Return R^2 of a linear regression with intercept, 0 of what moves by rounding alone."""
+    """Return R^2 of a linear regression with intercept, 0 for a target that hardly varies."""
     good = np.isfinite(causes).all(axis=1) & np.isfinite(target)
     target, causes = target[good], causes[good]
     if len(target) < 10 or target.std() <= ROUNDING * np.abs(target).max():
@@ -257,9 +269,9 @@ def _explained(target: Floats, causes: Floats) -> float:
 def closeness(a: Floats, b: Floats) -> float:
     """Return the largest canonical correlation of the lags of ``a`` and ``b`` (n,), 0 if unknown.
 
-    An aileron that follows the rudder a sample later is as useless beside it as its copy, though
-    the two hardly correlate. What counts is whether any combination of the lags of one equals one
-    of the other. Rows with NaN in any lag are left out.
+    An aileron that follows the rudder one sample later adds as little as an exact copy, though the
+    two hardly correlate. What counts is whether any combination of the lags of one input equals a
+    combination of the lags of the other. Rows with NaN in any lag are left out.
     """
     lagged = [np.column_stack([shifted(x, -i) for i in range(LAGS_COMPARED)]) for x in (a, b)]
     rows = np.isfinite(np.concatenate(lagged, axis=1)).all(axis=1)
@@ -273,12 +285,12 @@ def closeness(a: Floats, b: Floats) -> float:
 
 
 def condition_number(correlation: float) -> float:
-    """Return the condition number of two sets of unit columns with that largest correlation."""
+    """Return the condition number of two sets of unit columns with this largest correlation."""
     return math.sqrt((1.0 + correlation) / max(1.0 - correlation, 1e-12))
 
 
 def _basis(columns: Floats) -> Floats:
-    """Return an orthonormal basis of what the columns (n, lags) do besides standing still."""
+    """Return an orthonormal basis of the columns (n, lags), without their means and rounding."""
     centred = columns - columns.mean(axis=0)
     power, directions = np.linalg.eigh(centred.T @ centred)
     strong = power > max(WEAKEST**2 * float(power[-1]), 1e-12)

@@ -1,8 +1,8 @@
-"""The test card of a log: from its answer, its channels and how it was flown.
+"""The flight test card of a log, made from its answer, its channels and how it was flown.
 
-What the log does not know is None: the card leaves a blank for it, to be filled in by hand. Only
-the Dutch roll's period cannot be left out, since every time on the card hangs on it: where the log
-has no usable answer it is guessed from the airspeed, and the card says so.
+What the log does not give is None, and the card leaves a blank to be filled in by hand. Only the
+Dutch roll's period is always given, because every time on the card depends on it: where the log has
+no usable answer, the period is guessed from the airspeed, and the card says so.
 """
 
 import math
@@ -39,29 +39,37 @@ from yawid.quantities.vehicles import ARDUPILOT, PX4, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ
 
 SAMPLES_PER_PERIOD: Final = 16.0
+"""The message rate to ask for, in samples per period of the Dutch roll."""
 ENOUGH: Final = 0.9
+"""The part of that rate that is enough."""
 LEAST_HZ, MOST_HZ = 10.0, 50.0
+"""The lowest message rate in Hz that may be enough, and the highest that is asked for."""
 NICE_HZ: Final = (25.0, 40.0, 50.0)
+"""Round message rates in Hz to ask for."""
 SMALL_M_S: Final = 32.0
+"""An aircraft that flies slower than this, in m/s, counts as small."""
 GUESSES: Final = {True: 6.0, False: 2.5}
-"""Where nothing is known: wn in rad/s of a small aircraft, flown below 32 m/s, and of others."""
+"""wn in rad/s where it is unknown: of a small aircraft (or an unknown airspeed), and of others."""
 LOW_PCT, HIGH_PCT = 15.0, 30.0
-"""Of half the rudder's travel: to begin with, and at most."""
+"""Percent of half the rudder's travel to move it by: to begin with, and at most."""
 DOUBLETS: Final = 3
-"""In a manoeuvre, to either side first: with three of them the free decays tell noise from mode."""
+"""Doublets in a manoeuvre, left first and right first in turn: three separate mode and noise."""
 MANOEUVRES: Final = 4
-"""At each airspeed: from four on their own scatter counts, below them at least 1.5 % of wn."""
+"""Manoeuvres at each airspeed. Up to four, at least 1.5 % of wn is taken as their scatter."""
 LONGEST_PAUSE_S: Final = 3.5
-"""After five seconds of rest a manoeuvre has ended."""
+"""The longest pause between doublets, in s: after five seconds of rest a manoeuvre has ended."""
 REST_S: Final = 10.0
+"""The time of rest in s after a manoeuvre, which ends it."""
 SETTLE_S: Final = 45.0
-"""To turn, trim and settle on another airspeed."""
+"""The time in s to turn, trim and settle on another airspeed."""
 APART: Final = 0.1
-"""Airspeeds nearer to each other than this are one condition."""
+"""Airspeeds that differ by less than this part are one condition."""
 WIDE, STALL_ROOM, ROOM = 0.15, 1.2, 1.05
-"""How far from the median an airspeed is proposed, and from the limits in the parameters."""
+"""The greatest distance from the median, and the margins to the limits in the parameters."""
 ENDS_PCT: Final = (10.0, 50.0, 90.0)
+"""The percentiles that describe how it was flown."""
 MOST_REASONS: Final = 2
+"""How many of the verdict's reasons the card repeats at most."""
 MIXES: Final[Mapping[int, Mapping[str, str]]] = {
     ARDUPILOT: {
         "KFF_RDDRMIX": "rudder follows the aileron",
@@ -70,22 +78,23 @@ MIXES: Final[Mapping[int, Mapping[str, str]]] = {
     },
     PX4: {"FW_RLL_TO_YAW_FF": "rudder follows the roll demand"},
 }
-"""Parameters that move the rudder by themselves, by autopilot, 0 for the test."""
+"""Parameters, by autopilot, that let the autopilot move the rudder; they are 0 for the test."""
 ALWAYS: Final = ("KFF_RDDRMIX", "FW_RLL_TO_YAW_FF")
-"""... told where the log does not hold them, too."""
+"""Those of them that the card lists even where the log does not hold them."""
 LIMITS: Final = {
     "least": ("AIRSPEED_MIN", "ARSPD_FBW_MIN", "FW_AIRSPD_MIN"),
     "most": ("AIRSPEED_MAX", "ARSPD_FBW_MAX", "FW_AIRSPD_MAX"),
 }
+"""Parameters that hold the least and the greatest airspeed, the newest names first."""
 MODES: Final = {ARDUPILOT: ("MANUAL", "FBWA"), PX4: ("MANUAL", "STABILIZED")}
-"""The mode that gives the bare airframe, and one that gives it with the roll loop."""
+"""By autopilot, the mode that shows the bare airframe, and one that shows it with a roll loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """How it was flown in the air: airspeed and altitude, 10th, 50th and 90th percentile each.
+    """Airspeed in m/s and altitude in m in the air: the 10th, 50th and 90th percentile of each.
 
-    ``airspeed_source`` says what the airspeed is: of some logs only the speed over ground.
+    ``airspeed_source`` names the source of the airspeed: some logs only have the ground speed.
     """
 
     airspeed_m_s: Sequence[float] = ()
@@ -94,7 +103,7 @@ class Flown:
 
     @classmethod
     def of(cls, samples: SampleBlock) -> "Flown":
-        """Return it of all samples that are not held: on the ground they are."""
+        """Return it for all samples that are not held; those on the ground are held."""
         used = samples.held == 0
         speeds, heights = (_percentiles(x[used]) for x in (samples.airspeed, samples.altitude))
         source = source_of(samples.noted[used] & Noted.GROUND_SPEED.value != 0)
@@ -102,9 +111,9 @@ class Flown:
 
 
 def why_no_card(vehicle: VehicleSeen | None, verdict: VerdictSummary) -> str | None:
-    """Say why there is nothing to fly, None where there is.
+    """Return why there is no card for a log, None where there is one.
 
-    A record that never was MAVLink has no vehicle, and that is no reason.
+    That a record in CSV or Parquet names no vehicle is no reason.
     """
     if vehicle is None:
         unheard = any(reason.id == "no_vehicle" for reason in verdict.reasons)
@@ -122,10 +131,11 @@ def make_card(
     rudder_max_deg: float | None,
     live: str | None,
 ) -> FlightTestCard:
-    """Return the card for the aircraft of a summary, if it has one: see :func:`why_no_card`.
+    """Return the card for the aircraft of a summary, for which :func:`why_no_card` is None.
 
-    ``rates_hz`` are those of yaw and rudder, ``parameters`` the vehicle's, ``live`` the command
-    that taps it.
+    ``rates_hz`` holds the message rates by "yaw" and "rudder", ``parameters`` the vehicle's
+    parameters; ``rudder_max_deg`` is the rudder's full deflection in degrees, None where unknown,
+    and ``live`` the command for a live session.
     """
     autopilot = None if summary.vehicle is None else summary.vehicle.autopilot
     flight, used = summary.flight, _used(summary)
@@ -179,7 +189,7 @@ def _conditions(
 def _manoeuvre(
     wn: float, roll: DutchRoll | None, airspeeds: int, amplitude: list[RudderMove]
 ) -> ManoeuvreToFly:
-    """Return the manoeuvre for a wn in rad/s, which is a guess where there is no ``roll``."""
+    """Return the manoeuvre for a wn in rad/s, which is a guess where ``roll`` is None."""
     period_s = _period_s(wn, 0.0 if roll is None else roll.zeta)
     pause_s = min(max(2.0 * period_s, 1.0), LONGEST_PAUSE_S)
     manoeuvre_s = DOUBLETS * (period_s + pause_s)
@@ -215,12 +225,12 @@ def _guess(airspeed_m_s: float | None) -> float:
 
 
 def _period_s(wn: float, zeta: float) -> float:
-    """Return the period in s of the damped swing; one damped beyond 0.8 is timed as if of that."""
+    """Return the period in s of the damped oscillation; a zeta above 0.8 counts as 0.8."""
     return 2.0 * math.pi / (wn * math.sqrt(1.0 - min(max(zeta, 0.0), 0.8) ** 2))
 
 
 def _least_hz(roll: DutchRoll | None) -> float:
-    """Return what is enough for a Dutch roll that is known, in Hz; of a guess, what to ask for."""
+    """Return the message rate in Hz that is enough for a Dutch roll, also for an unknown one."""
     if roll is None:
         return ENOUGH * ASK_HZ
     return ENOUGH * max(LEAST_HZ, SAMPLES_PER_PERIOD * roll.wn_rad_s / (2.0 * math.pi))
@@ -234,7 +244,7 @@ def _ask_hz(wn: float) -> float:
 def _rates(
     autopilot: int | None, parameters: Mapping[str, float], ask_hz: float
 ) -> Iterator[ParameterToSet]:
-    """Yield ArduPilot's stream rates, by the names that its version has."""
+    """Yield ArduPilot's parameters for stream rates, by the names that its version has."""
     if autopilot != ARDUPILOT:
         return
     for stream, why in (("EXTRA1", "ATTITUDE"), ("RC_CHAN", "SERVO_OUTPUT_RAW")):
@@ -250,7 +260,7 @@ def _rates(
 
 
 def _mixes(autopilot: int | None, parameters: Mapping[str, float]) -> Iterator[ParameterToSet]:
-    """Yield what else moves the rudder, where the log says that it does or does not say."""
+    """Yield the parameters that mix into the rudder: those set, and common ones without a value."""
     for name, why in MIXES.get(autopilot or 0, {}).items():
         value = parameters.get(name)
         if value or (value is None and name in ALWAYS):
@@ -270,10 +280,11 @@ def _limit(which: str, parameters: Mapping[str, float]) -> float | None:
 
 
 def _airspeeds(flown: Sequence[float | None], limits: Sequence[float | None]) -> list[float]:
-    """Return one to three airspeeds in m/s, within what was flown and apart enough to differ.
+    """Return the median airspeed in m/s, and one at either side where the flight had such a one.
 
-    No further from the median than wn over V needs, and with room to the ``limits``, least and
-    most: take-off and landing are flown, too.
+    The outer ones are about 10 to 15 % from it, enough to show how wn depends on V, and keep a
+    margin to ``limits``, the least and the greatest: take-off and landing were flown too. Nothing
+    is returned where the percentiles ``flown`` are unknown.
     """
     low, middle, high = flown
     if low is None or middle is None or high is None:
@@ -290,7 +301,7 @@ def _airspeeds(flown: Sequence[float | None], limits: Sequence[float | None]) ->
 
 
 def _move(percent: float, rudder: ChannelFound | None, max_deg: float | None) -> RudderMove:
-    """Return how far that is; a rudder of two servos has no one pulse."""
+    """Return a movement of so many percent; a rudder of two servos has no single pulse width."""
     low = high = None
     if rudder is not None and not rudder.source.count("servo") > 1:
         ends = rudder.min_us, rudder.trim_us, rudder.max_us
@@ -303,7 +314,7 @@ def _move(percent: float, rudder: ChannelFound | None, max_deg: float | None) ->
 
 
 def _expected(flight: Flight | None) -> Iterator[Expected]:
-    """Yield the sigmas after more manoeuvres: noise goes with 1/sqrt(n), what all share stays."""
+    """Yield the sigmas after more manoeuvres: noise falls with 1/sqrt(n), the common part stays."""
     roll = None if flight is None else flight.dutch_roll
     if flight is None or roll is None or roll.wn_std is None or flight.between_std is None:
         return
@@ -321,24 +332,24 @@ def _expected(flight: Flight | None) -> Iterator[Expected]:
 def _after(
     n: int, more: int, std: float | None, noise: float | None, tau: float | None, floor: float
 ) -> float | None:
-    """Return a sigma after ``more`` manoeuvres beside the n that gave it."""
+    """Return the sigma after ``more`` manoeuvres in addition to the n that gave ``std``."""
     if std is None or noise is None or tau is None:
         return None
     common = max(std**2 - noise**2 - tau**2, 0.0)
-    # A scatter at its floor was not seen: the floor sinks as manoeuvres come to tell it.
+    # A scatter at its floor was not measured: the floor sinks as more manoeuvres measure it.
     now, later = (floor * min(1.0, (3.0 / max(count - 1, 1)) ** 0.5) for count in (n, n + more))
     tau = later if tau <= 1.001 * now else tau
     return math.sqrt(common + noise**2 * n / (n + more) + tau**2)
 
 
 def _spread(used: Sequence[Manoeuvre]) -> float:
-    """Return the largest airspeed of manoeuvres over the smallest, less 1; 0 where unknown."""
+    """Return the manoeuvres' largest airspeed over their smallest, less 1; 0 where unknown."""
     speeds = [each.airspeed_m_s for each in used if each.airspeed_m_s]
     return max(speeds) / min(speeds) - 1.0 if speeds else 0.0
 
 
 def _lacks(summary: RunSummary, used: Sequence[Manoeuvre]) -> Iterator[str]:
-    """Yield what the log leaves open."""
+    """Yield in words what the log cannot answer yet."""
     if not summary.deciding.usable:
         for reason in summary.deciding.fatal[:MOST_REASONS]:
             yield str(reason)

@@ -1,7 +1,8 @@
-"""Every reason that can speak against an answer: one table that all else reads.
+"""Every reason that can speak against an answer, in one table that all other files read.
 
-The verdict takes weight, order and exit code from it, the report what to do now, ``yawid inspect``
-what to record next time, and a replay of a finished run's MCAP which reasons to judge again.
+From it the verdict takes weight, order and exit code, the report takes what to do now, ``yawid
+inspect`` takes what to record next time, and a replay of a finished run's MCAP takes which reasons
+to judge again.
 """
 
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ from typing import Final
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 ASK_HZ: Final = 25
+"""The message rate in Hz that advice asks for."""
 
 _FLY = (
     "fly wings level at a steady airspeed and move the rudder left and right by 10 to 30 % of its "
@@ -47,12 +49,13 @@ PARAMETERS_ON: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ReasonKind:
-    """One row of the table.
+    """One row of the table of reasons.
 
-    ``exit_code`` 0 is a warning, any other is fatal unless a reason says that it only warns.
-    ``origin`` says what judges it: "run", "log" (link and channels), "samples" or "estimate".
-    ``now`` is what to do with this record, ``record`` what to record next time, ``record_on`` the
-    same for one autopilot, by MAV_AUTOPILOT; texts are empty where there is nothing to do.
+    With ``exit_code`` 0 it is a warning; any other code is fatal, unless a :class:`Reason` only
+    warns. ``origin`` says what is judged: "run", "log" (link and channels), "samples" or
+    "estimate". ``now`` is what to do with this record, ``record`` what to record next time,
+    ``record_on`` the same for one autopilot, by MAV_AUTOPILOT. A text is empty where there is
+    nothing to do.
     """
 
     id: str
@@ -64,7 +67,7 @@ class ReasonKind:
 
     @property
     def weight(self) -> str:
-        """Whether it makes the estimate unusable: fatal or warning."""
+        """The weight: ``fatal`` if it makes the estimate unusable, else ``warning``."""
         return "fatal" if self.exit_code else "warning"
 
     def to_record(self, autopilot: int | None) -> str:
@@ -176,17 +179,17 @@ _TABLE: Final = (
 )  # fmt: skip
 
 KINDS: Final[Mapping[str, ReasonKind]] = {kind.id: kind for kind in _TABLE}
-"""Every reason by its id: the fatal ones first, in the order in which they decide."""
+"""The kinds of reasons by id: the fatal ones first, in the order in which they decide."""
 _RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
 
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """One thing that speaks against the estimate.
+    """One reason that speaks against the estimate, and its text.
 
-    ``remedy`` are settings of :class:`yawid.config.run.RunConfig` that may mend it, to be tried.
-    With ``warns`` it is a warning, though its kind may be fatal. ``moves`` is how far its text says
-    that wn, as a part of itself, and zeta may be off.
+    ``remedy`` holds settings of :class:`yawid.config.run.RunConfig` that may cure it and can be
+    tried. With ``warns`` it is a warning even if its kind is fatal. ``moves`` holds how far wrong
+    the text says that wn (relative) and zeta may be.
     """
 
     id: str
@@ -196,30 +199,30 @@ class Reason:
     moves: tuple[float, float] = field(default=(0.0, 0.0), compare=False)
 
     def __str__(self) -> str:
-        """Return it in one line."""
+        """Return the id and the text in one line."""
         return f"{self.id}: {self.text}"
 
     @property
     def kind(self) -> ReasonKind:
-        """Its row of the table."""
+        """The row of the table for its id."""
         return KINDS[self.id]
 
     @property
     def exit_code(self) -> int:
-        """0 where it is a warning, else its kind's."""
+        """The exit code: 0 where it only warns, else that of its kind."""
         return 0 if self.warns else self.kind.exit_code
 
     @property
     def weight(self) -> str:
-        """Whether it makes the estimate unusable: fatal or warning."""
+        """The weight: ``fatal`` if it makes the estimate unusable, else ``warning``."""
         return "fatal" if self.exit_code else "warning"
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """All reasons, the fatal ones first and in the order of the table, then warnings by name.
+    """All reasons found: the fatal ones first, in the order of the table, then warnings by id.
 
-    ``method`` is the estimator that answers, None where there is no estimate.
+    ``method`` is the method that answers, None where there is no estimate.
     """
 
     reasons: tuple[Reason, ...]
@@ -227,7 +230,7 @@ class Verdict:
 
     @staticmethod
     def of(reasons: list[Reason], method: str | None = None) -> "Verdict":
-        """Order the reasons; one id stands once, with the text that came first."""
+        """Return the verdict with the reasons in order; of each id only the first is kept."""
         unique = {reason.id: reason for reason in reversed(reasons)}
         return Verdict(tuple(sorted(unique.values(), key=_place)), method)
 
@@ -238,12 +241,15 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """The code of the first fatal reason, or 0."""
+        """The exit code of the first fatal reason, or 0."""
         return next((r.exit_code for r in self.reasons if r.exit_code), 0)
 
     @property
     def weight(self) -> tuple[int, ...]:
-        """How much speaks against it, for comparison: fewer fatal reasons are better."""
+        """A sort key, smaller for the better verdict: first the number of fatal reasons.
+
+        Of equally many, those further down the table are the better ones.
+        """
         fatal = [_RANK[reason.id] for reason in self.reasons if reason.exit_code]
         return (len(fatal), *(-rank for rank in fatal))
 

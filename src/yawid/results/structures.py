@@ -1,12 +1,13 @@
-"""The part of sigma that noise does not explain: what other structures say of the same samples.
+"""The part of sigma that noise does not explain: results of other structures from the same samples.
 
-Sigma of a fit tells how far noise moves it, if the structure is right. It never is: the roll and
-its loop, the rudder's servo and the air are left out, and each structure bends to them in its own
-way. So a few others are fitted to the same samples, two of them on the same grid and three on a
-coarser one, of twelve samples a period: a fine grid weighs fast misfit, a coarse one slow misfit,
-and measured over JSBSim's aircraft the two differ about as much as either is wrong. Each counts by
-how well it tells what was held back. The model average's variance (Buckland and others 1997) is
-that of noise and the weighted square of the distances from the answer.
+The sigma of a fit says how far noise moves it if the structure is right. The structure never is:
+the roll and its loop, the rudder's servo and the air are left out, and each structure is biased by
+them in its own way. So a few other structures are fitted to the same samples, two of them on the
+same grid and three on a coarser one with twelve samples a period. A fine grid gives weight to fast
+errors of the model, a coarse one to slow errors; over JSBSim's aircraft the two differ by about as
+much as either is wrong. Each structure's weight is by how well it predicts samples that were held
+back. The variance of the model average (Buckland and others 1997) is that of noise plus the
+weighted mean square of the distances from the answer.
 """
 
 import math
@@ -27,33 +28,34 @@ from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
 NEXT, AFTER_NEXT = (4, 4, 3), (5, 5, 4)
-"""The structure (na, nb, nc) that tells on the same grid what a richer one says; the second where
-the first answers."""
+"""The richer structure (na, nb, nc) that is fitted on the same grid; the second is for where the
+first is the answer's own."""
 SIMPLE, COARSE = (2, 2, 2), ((3, 3, 2), NEXT, AFTER_NEXT)
+"""A simpler structure on the same grid, and the structures on the coarse grid."""
 COARSE_PER_PERIOD = 12
 ALIKE = 2.0
 """A structure whose wn differs by more than this factor found another mode."""
 WEIGHT_PCT = 3.0
-"""Points of the held-back fit that cost a structure all but 1/e of its weight."""
+"""A held-back fit that is lower by so many points reduces a structure's weight to 1/e."""
 EQUAL = {"omega_beta": "wn_rad_s", "xi_beta": "zeta"}
-"""Names of eq. 23 for the Dutch roll's own numbers: they have its sigmas. Not every structure's
-model is a yaw channel."""
+"""Names of eq. 23 for the Dutch roll's own numbers, which have the same sigmas. They are not taken
+from eq. 23 because not every structure's model is a yaw channel."""
 MOVED = ("wn_rad_s", "zeta")
-"""What a warning says a structure or a rate moves, in the order of a Dutch roll's numbers."""
+"""The numbers whose shift by a structure or a rate a warning gives, in the order of the shifts."""
 LEAST = {"wn_rad_s": 0.005, "zeta": 0.005}
-"""What is left where all structures agree: of wn in proportion, of zeta as it stands."""
+"""The sigma that is left where all structures agree: relative for wn, absolute for zeta."""
 NEAR_ENOUGH = 1e-9
 """The relative gain in loss that ends these fits: a thousandth of sigma, in half the time."""
 SPREAD_MEMORIES, NEWEST = 2.0, 2**13
-"""Of a stream the newest two memories are looked at, 7 minutes at 20 Hz at most."""
+"""The samples of a stream that are used: the newest two memories, 7 minutes at 20 Hz at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """What one structure says, on a grid ``every`` samples wide.
+    """The result of one structure, on a grid ``every`` samples wide.
 
-    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise; ``values`` and ``sigmas``
-    are those of eq. 22-23 by name, and of ``wn_rad_s`` and ``zeta``.
+    ``dutch_roll`` is (wn, wn_std, zeta, zeta_std) with sigmas of noise. ``values`` and ``sigmas``
+    hold the numbers of eq. 22-23 by name, and also ``wn_rad_s`` and ``zeta``.
     """
 
     orders: tuple[int, int, int, int]
@@ -66,13 +68,13 @@ class Opinion:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """What is known beside the answer: other structures, and how much the record's parts scatter.
+    """The results of other structures next to an answer, and the scatter of the record's parts.
 
-    ``scatter`` has the sigma that its parts tell, by the names of ``Opinion.values``; ``next`` is
-    the richer structure on the same grid, ``slower`` the own one, or one like it, at a lower rate.
-    ``own`` is the own structure fitted as the others are, where that is not the answer, and
-    ``held_back_pct`` how much it explains of what was held back; ``is_slow`` says that the rate is
-    one that may be warned of.
+    ``told`` holds the results; ``scatter`` the sigmas from the record's parts, by the names of
+    ``Opinion.values``. ``next`` is the richer structure on the same grid, ``slower`` the answer's
+    own structure, or a similar one, at a lower rate. ``own`` is the own structure fitted like the
+    others, where that fit is not the answer. ``held_back_pct`` is the own structure's fit of held
+    back samples in percent. ``is_slow`` says that the verdict may warn of the rate.
     """
 
     told: tuple[Opinion, ...]
@@ -84,7 +86,7 @@ class Spread:
     is_slow: bool = False
 
     def around(self, wn: float) -> "Spread":
-        """Return what tells of a mode of wn rad/s, and knows it itself."""
+        """Return it with only those structures that know a mode near wn rad/s to 10 %."""
 
         def tells(each: Opinion | None) -> bool:
             if each is None:
@@ -98,7 +100,7 @@ class Spread:
         return replace(self, told=told, slower=slower, next=richer)
 
     def _is_another_mode(self, wn: float) -> bool:
-        """Tell whether the next structure learned another mode: held-back samples say so."""
+        """Return whether the richer structure found another mode, with a worse held-back fit."""
         if self.next is None or not self.next.held_back_pct < self.held_back_pct - WEIGHT_PCT:
             return False
         own = wn if self.own is None else float(self.own.dutch_roll[0])
@@ -106,7 +108,7 @@ class Spread:
 
     @property
     def weights(self) -> Floats:
-        """The structures' weights (n,), 1 for the best; what held nothing back counts fully."""
+        """The structures' weights (n,), 1 for the best and for those without a held-back fit."""
         pct = np.array([each.held_back_pct for each in self.told])
         best = np.nanmax(pct, initial=-np.inf)
         weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
@@ -115,23 +117,23 @@ class Spread:
     def next_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far the next richer structure moves wn and zeta (2,); NaN where unknown.
 
-        It is compared with the own one, both fitted by the same method.
+        It is compared with the own structure; both are fitted by the same method.
         """
         if self.own is not None:
             wn, zeta = self.own.dutch_roll[[0, 2]].tolist()
         return _apart(self.next, wn, zeta)
 
     def rate_moves(self, wn: float, zeta: float) -> Floats:
-        """Return how far about the rate moves wn in rad/s and zeta (2,); NaN where unknown.
+        """Return about how far the rate moves wn in rad/s and zeta (2,); NaN where unknown.
 
-        Of an error that goes with the square of the interval half the rate adds three times as
-        much.
+        Half the rate adds three times the error that is there already, if that goes with the square
+        of the sample interval.
         """
         every = 1 if self.slower is None else self.slower.every
         return _apart(self.slower, wn, zeta) / max(every**2 - 1.0, 1.0)
 
     def structures_std(self, name: str, value: float) -> float:
-        """Return how far the structures are from this value, as a sigma; at least the least one."""
+        """Return the structures' distance from this value as a sigma, the least one included."""
         pairs = zip(self.weights.tolist(), self.told, strict=True)
         known = [(w, each.values[name]) for w, each in pairs if name in each.values]
         total = sum(w for w, _ in known)
@@ -141,10 +143,10 @@ class Spread:
         return math.hypot(apart, LEAST.get(name, 0.0) * share)
 
     def beyond(self, name: str, value: float) -> float:
-        """Return the sigma of a value that noise does not explain.
+        """Return the part of a value's sigma that noise does not explain.
 
-        That of wn and zeta is at least what a warning may say that a richer structure or a higher
-        rate moves.
+        For wn and zeta it is at least the shift by a richer structure, or by a higher rate, that a
+        warning may state.
         """
         apart = self.structures_std(name, value)
         if name not in MOVED:
@@ -155,10 +157,10 @@ class Spread:
         return float(np.fmax(apart, moves[MOVED.index(name)]))
 
     def total(self, method: str, name: str, value: float, noise: float) -> float:
-        """Return the total sigma of a value whose sigma of noise is known; NaN stays NaN.
+        """Return the total sigma of a value with this sigma of ``noise``; NaN stays NaN.
 
-        How far the structures are from what another method than theirs says has its noise in it,
-        which must not count twice.
+        The structures' distance from the value of another method than theirs already contains that
+        method's noise, which must not count twice.
         """
         name = EQUAL.get(name, name)
         scatter = self.scatter.get(name, 0.0)
@@ -176,16 +178,16 @@ def _apart(told: Opinion | None, wn: float, zeta: float) -> Floats:
 
 
 def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorConfig:
-    """Return the structures' method of the configuration's orders, every sample counting alike."""
+    """Return the settings to fit the configuration's orders by the structures' method."""
     return replace(config, memory=None, forgetting=1.0).estimator(OF_STRUCTURES, sample_time_s)
 
 
 def _told(
     config: RunConfig, sample_time_s: float, model: FittedModel, u: Floats, y: Floats, every: int
 ) -> Opinion | None:
-    """Return what a fit of the configuration's orders to u (n, inputs) and y (n,) says.
+    """Return the result of a fit of the configuration's orders to u (n, inputs) and y (n,).
 
-    None where it found no Dutch roll.
+    None where the fit found no Dutch roll.
     """
     dutch_roll, values, sigmas = _said(config, sample_time_s, model, model.covariance)
     if not np.isfinite(dutch_roll[0]):
@@ -197,7 +199,7 @@ def _told(
 def _said(
     config: RunConfig, sample_time_s: float, model: FittedModel, covariance: Floats
 ) -> tuple[Floats, dict[str, float], dict[str, float]]:
-    """Return the Dutch roll (4,), all values and all sigmas by name, with this covariance."""
+    """Return the Dutch roll (4,), and values and sigmas by name, computed by this covariance."""
     row: EstimateBlock = model.row(covariance)
     mean_output, orders = config.output == "yaw", model.config.orders
     dutch_roll = modes(row, orders, sample_time_s, mean_output=mean_output).dutch_roll[-1]
@@ -225,10 +227,11 @@ def spread_of(
     answer: FittedModel | None = None,
     held_back: float = math.nan,
 ) -> Spread:
-    """Return what is known of the samples u (n, inputs) and y (n,) beside an answer of wn rad/s.
+    """Return the spread around an answer of wn rad/s, from the samples u (n, inputs) and y (n,).
 
-    ``answer`` is the fit of the configuration's own orders over them, if that is the answer, with
-    its held-back fit in %: where it is not, it is one more structure. The others have the same nk.
+    ``answer`` is the fit of the configuration's own orders to these samples, if that is the answer,
+    and ``held_back`` its held-back fit in percent. If it is not, that fit is one more structure.
+    All structures have the own nk, which is converted to the coarse grid.
     """
     tell, orders = partial(_others, config, sample_time_s, u, y), config.four_orders[:3]
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
@@ -254,7 +257,10 @@ def spread_of(
 
 
 def _is_slow(config: RunConfig, sample_time_s: float, wn: float) -> bool:
-    """Tell whether the verdict may warn of the rate, which is the messages' unless it was given."""
+    """Return whether the verdict may warn of the rate.
+
+    A rate that was given always may be warned of, since the messages' own may be lower.
+    """
     needed_hz = max(LOW_RATE_HZ, LOW_RATIO * wn / (2.0 * math.pi))
     return config.binds("rate") or needed_hz * sample_time_s > RATE_SLACK
 
@@ -267,7 +273,10 @@ def _others(
     structures: Iterable[tuple[int, int, int]],
     every: int,
 ) -> list[Opinion]:
-    """Return what these structures say, on a grid that is so many times as wide; not the own."""
+    """Return the results of these structures on a grid ``every`` times as wide.
+
+    The own structure is left out on the run's grid.
+    """
     nk = (config.four_orders[3] - 1) // every + 1
     if every > 1:
         u, y = coarser(u, y, every, mean_output=config.output == "yaw")
@@ -282,10 +291,11 @@ def _others(
 
 
 def coarser(u: Floats, y: Floats, every: int, *, mean_output: bool) -> tuple[Floats, Floats]:
-    """Return the channels of a grid ``every`` times as wide: u (m, inputs) and y (m,).
+    """Return the channels on a grid ``every`` times as wide: u (m, inputs) and y (m,).
 
-    u(k) is the mean over the interval that follows t_k, y(k) stands at t_k, or is the mean over the
-    interval before (``mean_output``). A held sample holds the whole interval.
+    u(k) is the mean over the interval that follows t_k. y(k) is the value at t_k or, with
+    ``mean_output``, the mean over the interval before it. One held sample (NaN) makes such a mean
+    NaN too.
     """
     m = len(y) // every
     u = u[: m * every].reshape(m, every, u.shape[1]).mean(axis=1)

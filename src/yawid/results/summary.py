@@ -1,4 +1,4 @@
-"""The summary of a run: everything ``--json`` prints, the verdict, and each estimator's part."""
+"""The summary of a run: all that ``--json`` prints, the verdict, and the part of each method."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -49,28 +49,28 @@ from yawid.results.structures import (
 
 
 class Finished(Protocol):
-    """A finished run: its estimators (None without a sample), and what was asked for."""
+    """A finished run: its estimators, None where there was no sample, and its configuration."""
 
     bank: Bank | None
     config: RunConfig
 
     def report(self) -> ChannelReport:
-        """Return what its channels have to say."""
+        """Return the report of its channels."""
 
     @property
     def manoeuvres(self) -> list[Manoeuvre] | None:
-        """Those found, None where nobody looked for them."""
+        """The manoeuvres found, None where none were searched for."""
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
-        """Return what the manoeuvres say together, None where there is none of them."""
+        """Return the flight's answer from all its manoeuvres, None where there is no manoeuvre."""
 
 
 def summarise(
     pipeline: Finished, link: LinkStats, log: str, sha256: str
 ) -> tuple[RunSummary, Verdict]:
-    """Return the summary of a finished pipeline and the verdict that decides: see ``deciding``.
+    """Return the summary of a finished pipeline, and the verdict that decides: see ``deciding``.
 
-    ``link`` counts what was read.
+    ``link`` holds the counts of what was read; ``log`` and ``sha256`` identify the file.
     """
     bank, report = pipeline.bank, pipeline.report()
     estimates: dict[str, MethodSummary] | None = None
@@ -98,7 +98,7 @@ def summarise(
 
 
 def of_the_log(reasons: Iterable[Reason]) -> list[Reason]:
-    """Return the reasons that hold for a flight's manoeuvres too: those of the run and the log."""
+    """Return the reasons that also hold for a flight's manoeuvres: those of the run and the log."""
     return [reason for reason in reasons if reason.kind.origin in ("run", "log")]
 
 
@@ -124,24 +124,24 @@ def _link(link: LinkStats, report: ChannelReport) -> LinkCounts:
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """What the verdict of a stream rests on beside its estimates.
+    """What the verdict on a stream needs besides its estimates.
 
-    ``reasons`` are those of the log; ``rates_hz`` are of yaw and rudder messages. Without rates
-    there is nothing to judge.
+    ``reasons`` are those of the log; ``rates_hz`` are the rates of yaw and rudder messages, None
+    where there are no estimates to judge.
     """
 
     reasons: list[Reason]
     rates_hz: tuple[float, float] | None = None
 
     def verdict(self, bank: Bank, evidence: dict[str, Evidence]) -> Verdict:
-        """Return the verdict of the stream that ``bank`` has seen."""
+        """Return the verdict on the stream that ``bank`` has seen."""
         if self.rates_hz is None:
             return Verdict.of(self.reasons)
         return bank_verdict(bank, evidence, self.rates_hz, self.reasons)
 
 
 def basis_of(pipeline: Finished, link: LinkStats) -> Basis:
-    """Return what there is to say of link and channels; it is cheap, at any time of a run."""
+    """Return the reasons found in link and channels; this is cheap at any time of a run."""
     return _basis(pipeline, pipeline.report(), link)
 
 
@@ -161,7 +161,7 @@ def _basis(pipeline: Finished, report: ChannelReport, link: LinkStats) -> Basis:
 
 
 def _missing(report: ChannelReport, link: LinkStats) -> Iterator[Reason]:
-    """Yield what is missing of vehicle, rudder and yaw: without one there is nothing to judge."""
+    """Yield what is missing of vehicle, rudder and yaw; if one is, there is nothing to judge."""
     if report.vehicle is None and not report.is_record:
         rejected = link.unsigned_rejected
         keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
@@ -172,7 +172,7 @@ def _missing(report: ChannelReport, link: LinkStats) -> Iterator[Reason]:
 
 
 def bank_summaries(bank: Bank) -> tuple[dict[str, MethodSummary], dict[str, Evidence]]:
-    """Return by method the summary of a stream, and what the verdict needs of it."""
+    """Return, by method, the summary of a stream and the evidence that the verdict needs."""
     history = bank.history()
     earlier, spread = _shortly_before(bank, history), stream_spread(bank, history)
     summaries, evidence = {}, {}
@@ -195,10 +195,11 @@ def described(
     before: Floats,
     spread: Spread,
 ) -> tuple[MethodSummary, Evidence]:
-    """Return the summary of one method, and what the verdict needs of it.
+    """Return the summary of one method, and the evidence that the verdict needs.
 
-    ``held_back_pct`` is the fit of samples that the model had not seen, ``before`` (wn, zeta) as
-    they stood some time ago, NaN where unknown; ``spread`` what noise does not explain.
+    ``held_back_pct`` is the fit of samples that the model had not seen; ``before`` holds wn and
+    zeta of some time ago, NaN where unknown; ``spread`` gives the sigma that noise does not
+    explain.
     """
     estimator, last = bank.estimators[method], bank.last[method]
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
@@ -250,7 +251,7 @@ def described(
 
 
 def _value(method: str, name: str, each: dict[str, float], spread: Spread) -> Value:
-    """Return a number of eq. 22-23 with both its sigmas; the reduction's error has none."""
+    """Return a number of eq. 22-23 with both its sigmas; the error of the reduction has none."""
     if name == REDUCTION_ERROR:
         return Value(**each)
     total = spread.total(method, name, each["value"], each["std"])
@@ -258,10 +259,10 @@ def _value(method: str, name: str, each: dict[str, float], spread: Spread) -> Va
 
 
 def stream_spread(bank: Bank, history: SampleHistory) -> Spread:
-    """Return what is known beside the stream's answers: of its newest two memories of samples.
+    """Return the spread around the stream's answers, from its newest two memories of samples.
 
-    The fit of all of them by the estimators' own orders is one of the structures: a recursion may
-    not have arrived where its samples lead.
+    One fit to all of these samples, with the estimators' own orders, is one of the structures: a
+    recursion may not yet have reached the values that its samples lead to.
     """
     found = (
         dutch_roll_told(bank, method, bank.last[method].theta[-1])[0] for method in bank.methods
@@ -276,7 +277,7 @@ def stream_spread(bank: Bank, history: SampleHistory) -> Spread:
 
 
 def dutch_roll_told(bank: Estimates, method: str, theta: Floats) -> Floats:
-    """Return wn in rad/s and zeta (2,) that a method's theta (p,) tells; NaN without a mode."""
+    """Return wn in rad/s and zeta (2,) of the Dutch roll in a method's theta (p,), NaN without."""
     orders, mean_output = bank.estimators[method].config.orders, bank.config.output == "yaw"
     return dutch_roll_of(theta, orders, bank.sample_time_s, mean_output=mean_output)
 
@@ -299,10 +300,10 @@ def _fit(bank: Estimates, method: str, history: SampleHistory) -> dict[str, floa
 def _held_back_pct(bank: Bank, method: str, history: SampleHistory) -> float:
     """Return the fit of the model as it stood at two thirds, run free over the last third.
 
-    NaN where there is too little data, or where the rudder rests in the last third: a model tells
-    nothing of noise alone. The samples are those of the history: all of a run that
-    forgets nothing, else the newest three memories, so that memory stays bounded however long a
-    run or a session lasts.
+    NaN where there is too little data, or where the rudder rests in the last third: no model
+    explains noise alone. The samples are those of the history, 2^19 at most: the whole run if
+    nothing is forgotten, else the newest three memories. So the memory used stays bounded, however
+    long a run or a session lasts.
     """
     good = history.good
     if len(good) < LEAST_SAMPLES:
