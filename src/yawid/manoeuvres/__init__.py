@@ -1,1 +1,1 @@
-"""Samples -> manoeuvres -> an answer each, and the flight's."""
+"""The manoeuvres of a flight: found in its samples, answered one by one and all together."""

@@ -1,12 +1,12 @@
-"""Whether the airspeed may be true: compared with ground speed over turns, bank and turn rate.
+"""The check whether the airspeed may be true, against ground speed, and bank with turn rate.
 
-A blocked pitot, a wrong ARSPD_RATIO or a sensor that drifts gives a steady number that no sigma
-knows of, and a confident kappa. Over several headings the wind is what a circle leaves over: the
-ground speed is |f V h + w|, h the heading, w the wind, f the factor by which the airspeed is too
-low, so that f is found together with the wind. Without such turns g tan(bank) / turn rate is an
-airspeed too, a coarse one; and on one heading no wind may be much faster than the aircraft.
+A blocked pitot tube, a wrong ARSPD_RATIO or a sensor that drifts gives a wrong airspeed that no
+sigma shows, and with it a wrong kappa. Over several headings the ground speed is |f V h + w| with
+the unit vector h of the heading, the wind w and the factor f by which the airspeed is too low: f is
+estimated together with the wind. Without such turns, g tan(bank) / turn rate is a coarse airspeed;
+and on a single heading the ground speed must not ask for a wind much faster than the aircraft.
 
-One sample a second is looked at, in order, so that the cut of the stream changes nothing.
+The check uses one sample a second, in order: where the stream is cut into blocks changes nothing.
 """
 
 import math
@@ -22,40 +22,43 @@ from yawid.results.reasons import Reason
 STRIDE_S: Final = 1.0
 NOT_FLYING: Final = int(Held.HOVER | Held.LIFT_MOTORS | Held.ON_GROUND)
 LONGEST_S: Final = 600.0
-"""The wind is taken for steady over so long."""
+"""The time in s over which the wind is taken to be steady."""
 EVERY, LEAST_ROWS = 5, 30
-"""Rows after which the headings are looked at again, and what a fit needs."""
+"""The number of rows after which the headings are checked again, and the least for a fit."""
 MOST_MEAN, LEAST_SPREAD = 0.75, 0.1
-"""Several headings: the length of their mean, at most, and the least eigenvalue of their second
-moment. An arc of 150 degrees has .74 and .14; two headings opposite each other have 0 and 0."""
+"""What counts as several headings: the greatest length of their mean, and the least eigenvalue of
+their second moment. An arc of 150 degrees has 0.74 and 0.14; two opposite headings have 0 and 0."""
 MOST_SIGMA: Final = 0.03
-"""Relative: a fit that knows the factor no better has not seen several headings."""
+"""The greatest relative sigma of a factor: with a greater one the headings were not different
+enough."""
 FACTOR: Final = 1.2
-"""An airspeed is implausible that is off by more: those of fourteen recorded flights had 1.00 to
-1.11 in each turn, 1.00 to 1.04 in the median of a flight."""
+"""The factor beyond which an airspeed is implausible. Fourteen recorded flights had 1.00 to 1.11 in
+each turn, and 1.00 to 1.04 in the median of a flight."""
 LEAST_SCATTER, SIGMAS = 0.05, 3.0
-"""Of the factor of one turn, relative; and by how many sigmas it must be off."""
+"""The least relative scatter of one turn's factor, and the sigmas by which a factor must differ."""
 HIGH: Final = 1.3
-"""True over equivalent airspeed at 5000 m: allowed for where the altitude is not known."""
+"""True over equivalent airspeed at 5000 m, which is allowed where the altitude is unknown."""
 BANKED, BANK_STEADY = np.deg2rad((15.0, 60.0)), np.deg2rad(5.0)
+"""The banks in rad that count as a turn, and the greatest change of a steady one in a second."""
 TURN_FACTOR, LEAST_TURNING = 2.0, 20
-"""Of bank and turn rate: aircraft turn with slip, which made 1.5 of 1 in a recorded flight; and
-seconds of it."""
+"""The greatest factor by bank and turn rate, and the least number of seconds of turning. Aircraft
+slip in turns, which made a factor of 1.5 in a recorded flight."""
 TAIL_WIND, LEAST_WIND_M_S = 2.5, 10.0
-"""On one heading: ground speed over airspeed, and the wind that this asks for, at least."""
+"""The ratio of ground speed to airspeed, and the tail wind, beyond which an airspeed is
+implausible."""
 KEPT: Final = 3600
-"""Seconds that are kept of turns and of straight flight, and of factors."""
+"""The number kept of seconds of turning, of seconds with a ground speed, and of factors."""
 
 
 class Finding(NamedTuple):
-    """Why the airspeed cannot be true; ``is_factor`` where it is, but for one factor."""
+    """Why the airspeed cannot be true; ``is_factor`` says that it is only wrong by one factor."""
 
     reason: Reason
     is_factor: bool
 
 
 class Factor(NamedTuple):
-    """By what the airspeed must be multiplied, its sigma, and the wind in m/s."""
+    """The factor by which the airspeed must be multiplied, its sigma, and the wind in m/s."""
 
     value: float
     sigma: float
@@ -63,9 +66,10 @@ class Factor(NamedTuple):
 
 
 def factor_of(speed: Floats, yaw: Floats, over_ground: Floats) -> Factor | None:
-    """Return the factor at which |f V h + w| is the ground speed (n,) best; None where unclear.
+    """Return the factor f with which |f V h + w| best fits the ground speed; None where unclear.
 
-    ``speed`` (n,) is the true airspeed as reported, ``yaw`` (n,) the heading in rad.
+    ``speed`` (n,) is the true airspeed as reported and ``over_ground`` (n,) the ground speed, in
+    m/s; ``yaw`` (n,) is the heading in rad.
     """
     heading = np.column_stack([np.cos(yaw), np.sin(yaw)])
     found = np.array([np.median(over_ground) / np.median(speed), 0.0, 0.0])
@@ -84,7 +88,7 @@ def factor_of(speed: Floats, yaw: Floats, over_ground: Floats) -> Factor | None:
 
 
 class AirspeedCheck:
-    """Feed it all samples of a run, then ask for its ``finding``."""
+    """The check over a whole run: feed it all samples, then ask for its ``finding``."""
 
     def __init__(self, sample_time_s: float) -> None:
         self._stride = max(1, round(STRIDE_S / sample_time_s))
@@ -116,7 +120,7 @@ class AirspeedCheck:
                     self._heading(t_s, each, yaw, over_ground)
 
     def finding(self) -> Finding | None:
-        """Return why the airspeed cannot be true, None where it may be or nothing speaks of it."""
+        """Return why the airspeed cannot be true, None where it may be or cannot be checked."""
         high = 1.0 if self._knows_height else HIGH
         if self._factors:
             return self._by_ground_speed(high)
@@ -130,7 +134,7 @@ class AirspeedCheck:
         return None
 
     def _by_ground_speed(self, high: float) -> Finding | None:
-        """Judge by the median of all turns."""
+        """Judge by the median of the factors found over several headings."""
         values = np.array([each.value for each in self._factors])
         factor = float(np.median(values))
         if 1.0 / FACTOR <= factor <= FACTOR * high:
@@ -147,7 +151,7 @@ class AirspeedCheck:
         return _finding(text, is_factor=scatter < FACTOR - 1.0)
 
     def _turn(self, k: int, speed: float, yaw: float, roll: float) -> None:
-        """Take in a second of steady bank: of it V is g tan(bank) / turn rate."""
+        """Take in a second: in a steady bank the airspeed is g tan(bank) / turn rate."""
         last, self._last = self._last, (k, yaw, roll)
         if last is None or k - last[0] != self._stride or not math.isfinite(yaw + roll):
             return
@@ -158,7 +162,7 @@ class AirspeedCheck:
             self._turns.append(GRAVITY * math.tan(bank) / (rate * speed))
 
     def _heading(self, t_s: float, speed: float, yaw: float, over_ground: float) -> None:
-        """Take in a second with its heading; where several are known, find the factor."""
+        """Take in a second with its heading; where there are several headings, find the factor."""
         rows = self._open
         if rows and t_s < rows[-1][0]:  # another boot
             rows.clear()
@@ -189,13 +193,13 @@ def of_one_manoeuvre(samples: SampleBlock) -> Finding | None:
 
 
 def _true_airspeed(samples: SampleBlock) -> Floats:
-    """Return the true airspeed (n,), the equivalent one where the altitude is not known."""
+    """Return the true airspeed (n,), the equivalent one where the altitude is unknown."""
     ratio = density_ratio(samples.altitude)
     return np.asarray(samples.airspeed / np.sqrt(np.where(np.isfinite(ratio), ratio, 1.0)))
 
 
 def _tail_wind(speed: Floats, over_ground: Floats) -> Finding | None:
-    """Judge true airspeeds (n,) against ground speeds on one heading or on few."""
+    """Judge true airspeeds (n,) against ground speeds (n,) on one heading or a few."""
     mean, ground = float(np.mean(speed)), float(np.mean(over_ground))
     if ground <= TAIL_WIND * mean or ground - mean <= LEAST_WIND_M_S:
         return None

@@ -1,7 +1,7 @@
-"""The answer of one manoeuvre: a fit over all of it, by what inputs, and whether it may be used.
+"""The answer of one manoeuvre: one fit over all of it, the choice of its inputs, and the verdict.
 
-Which fit answers and which ones check it: ``estimation/methods.py``. It is made when the manoeuvre
-ends, of its samples alone, and never changed afterwards.
+``estimation/methods.py`` says which fit answers and which ones check it. The answer is made when
+the manoeuvre ends, from its samples alone, and never changes afterwards.
 """
 
 import math
@@ -36,18 +36,22 @@ from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
 from yawid.results.summary import as_summary, described, dutch_roll_told
 
 OTHER_ORDERS = (*NEXT, 1)
-"""Beside those of the manoeuvre: which of the two a flight is told by is for all of it to say."""
+"""Second candidate orders; one of the two is chosen for the whole flight, from all manoeuvres."""
 LEAST_SWINGS = 2
+"""The least number of strokes of the rudder, there and back."""
 LEAST_PERIODS = 3.0
+"""The least length of a manoeuvre in periods of its Dutch roll."""
 LEAST_ALONE_PCT = 60.0
-"""Of the simulated fit: steps of the foot in turns and landings had 40 to 64 %, and were wrong."""
+"""The least simulated fit in percent where nothing could be held back. Steps of the pedals in turns
+and landings had 40 to 64 %, and were wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvreSetting:
     """What all manoeuvres of a run have in common.
 
-    ``rates_hz`` are those of yaw and rudder messages, ``modes_of`` autopilot and vehicle type.
+    ``rates_hz`` holds the rates of yaw and rudder messages, ``modes_of`` autopilot and vehicle
+    type.
     """
 
     config: RunConfig
@@ -57,15 +61,16 @@ class ManoeuvreSetting:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The method that answers, and those shown next to it."""
+        """The methods: the one that answers, then those shown next to it."""
         return of_a_record(self.config.bank_methods())
 
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """A manoeuvre told by some orders: Dutch roll (4,), K with its sigma, held-back fit in %.
+    """A manoeuvre's result by some orders: Dutch roll (4,), K with its sigma, held-back fit in %.
 
-    These sigmas are of noise; ``beyond`` are those that noise does not explain, of wn, zeta and K.
+    These sigmas are of noise; ``beyond`` holds the parts of the sigmas of wn, zeta and K that noise
+    does not explain.
     """
 
     dutch_roll: Floats
@@ -78,7 +83,8 @@ class Structure:
 class Answered:
     """A manoeuvre with its answer.
 
-    ``span_ns`` is the Unix time of its first and last sample; ``structures`` are by orders.
+    ``span_ns`` is the Unix time of its first and last sample in ns; ``structures`` holds its
+    results by orders, its own first.
     """
 
     found: Manoeuvre
@@ -88,10 +94,11 @@ class Answered:
 
 
 class Fits:
-    """The fits of all methods over one manoeuvre, to be judged as a bank of estimators is.
+    """The fits of all methods over one manoeuvre, to be judged like a bank of estimators.
 
-    ``y`` (n,) is the output, with the turn rate taken off where ``config`` says so; ``estimator``
-    is the configuration of the fits, which forget nothing.
+    ``y`` (n,) is the output, without the turn rate where ``config`` says so, and ``u`` (n, inputs)
+    are the inputs; both are NaN where either is. ``estimator`` is the configuration of the fits,
+    which forget nothing.
     """
 
     def __init__(self, setting: ManoeuvreSetting, config: RunConfig, samples: SampleBlock) -> None:
@@ -113,7 +120,7 @@ class Fits:
 
     @property
     def last(self) -> dict[str, EstimateBlock]:
-        """The estimates, a block of one row each."""
+        """The estimates by method, each a block of one row."""
         return {method: model.last for method, model in self.estimators.items()}
 
     def history(self) -> SampleHistory:
@@ -125,7 +132,7 @@ class Fits:
         return SampleHistory(u=self.u, y=self.y, y_hat=y_hat, **context)
 
     def spread(self, held_back: float) -> Spread:
-        """Return what is known beside the answer, whose held-back fit is in %."""
+        """Return the spread around the answer; ``held_back`` is its held-back fit in percent."""
         first = self.methods[0]
         model = self.estimators[first]
         wn = float(dutch_roll_told(self, first, model.theta)[0])
@@ -135,14 +142,14 @@ class Fits:
         return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own, held_back)
 
     def simulation_pct(self) -> float:
-        """Return the free-running fit of the method that answers."""
+        """Return the free-running fit in percent of the method that answers."""
         model = self.estimators[self.methods[0]]
         orders, bias = model.config.orders, model.config.bias
         return fit_percent(self.y, simulate(model.theta, orders, bias, self.u, self.y))
 
 
 def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
-    """Return the answer of the ``n``-th manoeuvre, whose samples these are."""
+    """Return the answer of the ``n``-th manoeuvre from its samples."""
     found = conditions(samples, setting.modes_of)
     untrue = of_one_manoeuvre(samples)
     if untrue is not None:
@@ -182,16 +189,16 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
 
 
 def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Iterator[Reason]:
-    """Judge whether so short a record can tell a mode from what else the aircraft did meanwhile.
+    """Judge whether so short a record separates the mode from everything else that happened.
 
-    A rudder that goes one way and stays there, and two swings of the nose, fit many models; where
-    nothing can be held back, what was fitted has to be told the better.
+    Many models fit a rudder that goes one way and stays there, and two swings of the nose. Where
+    nothing can be held back, the fit to the samples themselves must be better instead.
     """
     wn_rad_s, simulated = float(evidence.dutch_roll[0]), evidence.simulation_pct
     unit = fits.config.half_travel
     rudder = np.where(np.isfinite(history.y), history.u[:, 0], np.nan) / unit
     aileron = history.aileron[np.isfinite(history.aileron)]
-    if len(aileron) and float(np.ptp(aileron)) > 0.0:  # else nothing of the rudder is its copy
+    if len(aileron) and float(np.ptp(aileron)) > 0.0:  # an aileron at rest explains nothing
         rudder = own_part(rudder, history.aileron, history.mode, fits.sample_time_s)
     moves = swings(rudder[np.isfinite(rudder)], LEAST_STROKE)
     if moves < LEAST_SWINGS:
@@ -225,7 +232,7 @@ def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Ite
 
 
 def swings(x: Floats, least: float) -> int:
-    """Return how often x (n,) turned after it had moved by ``least``, its last move included."""
+    """Return how many moves by at least ``least`` x (n,) made, in alternating directions."""
     count, low, high = 0, math.inf, -math.inf
     up = None
     for value in x.tolist():
@@ -238,7 +245,7 @@ def swings(x: Floats, least: float) -> int:
 
 
 def _with_turn(samples: SampleBlock, setting: ManoeuvreSetting) -> RunConfig:
-    """Return the configuration, with the turn removed where the bank would drown the rudder."""
+    """Return the configuration, with ``turn = remove`` where turns would hide the rudder."""
     config = setting.config
     if config.binds("turn") or config.band is not None or config.output == "yaw":
         return config
@@ -247,7 +254,7 @@ def _with_turn(samples: SampleBlock, setting: ManoeuvreSetting) -> RunConfig:
 
 
 def _may_have_aileron(samples: SampleBlock, fits: Fits) -> bool:
-    """Tell whether the aileron moved on its own: a further input, by which less is left over."""
+    """Return whether the aileron moved on its own, so that it may be tried as a further input."""
     config, history = fits.config, fits.history()
     if config.binds("inputs") or config.inputs == BOTH or not np.isfinite(history.aileron).any():
         return False
@@ -264,7 +271,7 @@ def _may_have_aileron(samples: SampleBlock, fits: Fits) -> bool:
 def _structures(
     fits: Fits, found: MethodSummary, evidence: Evidence, spread: Spread
 ) -> dict[tuple[int, ...], Structure]:
-    """Return the manoeuvre told by its own orders and, where those were not given, by the next."""
+    """Return the results of the own orders and, if those were not given, of the richer ones."""
     K = (found.physics or {}).get("K", Value())  # noqa: N806  the field's name
     value, noise = (math.nan if x is None else x for x in (K.value, K.std_noise))
     own = _structure(spread, evidence.dutch_roll, (value, noise), evidence.held_back_pct)

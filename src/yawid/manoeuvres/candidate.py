@@ -1,4 +1,4 @@
-"""What may become a manoeuvre: how long it goes on, and how it stands."""
+"""A candidate for a manoeuvre: how long it lasts, and how it progresses."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,24 +10,24 @@ from yawid.blocks import AIRSPEED_SHARE, LEAST_TRAVEL, WINDOW_S, Floats, SampleB
 from yawid.results.excitation import LEAST_STROKE
 
 LONGEST_S = 120.0
+"""The longest manoeuvre in s."""
 MOVES = 2.0 * LEAST_TRAVEL
-"""A rudder that covers more than this of half its travel within 5 s has left where it stood."""
-
-
+"""A rudder that covers a greater part of half its travel within 5 s has left its rest position."""
 OTHER_SPEED = 1.3
-"""Factor of the airspeed between begin and end: wn goes with it, and the answer is of neither. A
-take-off or a landing, within seconds."""
+"""The largest factor between first and last airspeed. Beyond it, as in a take-off or a landing, wn
+changes with the airspeed, and the answer holds for neither of the two."""
 SPEED_S = 2.0
-"""First and last airspeed are means over so many seconds: a gust is shorter."""
+"""The first and the last airspeed are means over so many seconds, since a gust is shorter."""
 
 
 class UnderWay(NamedTuple):
-    """How a manoeuvre stands that may be on its way; it changes nothing of what is found.
+    """The progress of a manoeuvre that may be under way, for display: it changes no result.
 
-    ``stroke`` is how far the rudder's own part moved within the newest 5 s, in parts of half its
-    travel, None where too little is known of how it follows the aileron; ``rests_s`` how long it
-    has rested. Of the manoeuvre being recorded, if there is one: its first second since boot, how
-    long it is, and whether it has moved far enough to be answered.
+    ``stroke`` is how far the rudder's own part moved within the newest 5 s, as a part of half its
+    travel, None where too little is known of how it follows the aileron; ``rests_s`` is how long it
+    has rested. If a manoeuvre is being recorded, ``from_s`` is its beginning in s since boot,
+    ``lasted_s`` its length so far, and ``is_excited`` whether the rudder moved far enough for an
+    answer.
     """
 
     stroke: float | None = None
@@ -38,14 +38,17 @@ class UnderWay(NamedTuple):
 
     @classmethod
     def of(cls, kept: Sequence[SampleBlock], *, is_excited: bool) -> "UnderWay":
-        """Return how what is recorded stands, by the blocks kept of it, at least one."""
+        """Return the progress of what is recorded, from the blocks ``kept`` of it, one at least."""
         first_us, last_us = kept[0].boot_us[0], kept[-1].boot_us[-1]
         lasted_s = (last_us - first_us) / 1e6
         return cls(from_s=first_us / 1e6, lasted_s=lasted_s, is_excited=is_excited)
 
 
 class Candidate:
-    """What may become a manoeuvre: it begins with ``before``, the second before it moved."""
+    """Samples that may become a manoeuvre; they begin with ``before``, the second before it moved.
+
+    ``began_k`` is the grid number of the first row at which the rudder moves.
+    """
 
     def __init__(self, sample_time_s: float, before: SampleBlock | None, began_k: int) -> None:
         self.is_excited = False
@@ -57,7 +60,7 @@ class Candidate:
         self._speeds = np.empty(0) if before is None else before.airspeed
 
     def feed(self, rows: SampleBlock, stroke: Floats) -> tuple[int, bool]:
-        """Take rows up to where it ends; return how many belong to it and whether it has ended."""
+        """Take in rows up to its end; return how many belong to it, and whether it has ended."""
         first_k = self._kept[0].k[0] if self._kept else rows.k[0]
         resting = np.flatnonzero(stroke <= MOVES)
         stop = int(resting[0]) + 1 if len(resting) else len(rows)
@@ -72,14 +75,14 @@ class Candidate:
         return count, is_over
 
     def flown_in(self, mode: float) -> None:
-        """Say in which mode it was flown, as is known now."""
+        """Set the flight mode of all its rows, which has only now become known."""
         self._kept = [flown_in(mode, rows) for rows in self._kept]
 
     def _other_airspeed(self, rows: SampleBlock) -> list[int]:
-        """Return the first row at which the airspeed is another one, if there is one.
+        """Return the first row at which the airspeed has changed, as a list of one row or none.
 
-        There the newest 5 s differ by 10 % from all of it until then, or the newest 2 s from the
-        first by a factor of 1.3.
+        There the mean of the newest 5 s differs by more than 10 % from the mean of all until then,
+        or the mean of the newest 2 s by more than a factor of 1.3 from that of the first 2 s.
         """
         speeds = np.concatenate([self._speeds, rows.airspeed])
         before = np.arange(len(speeds)) - self._window
@@ -90,23 +93,24 @@ class Candidate:
         return [int(rest[0])] if len(rest) else []
 
     def progress(self) -> UnderWay:
-        """Return how it stands."""
+        """Return its progress."""
         return UnderWay.of(self._kept, is_excited=self.is_excited)
 
     def samples(self) -> SampleBlock:
-        """Return all of it."""
+        """Return all its samples as one block."""
         return SampleBlock.joined(self._kept)
 
 
 def speed_rows(sample_time_s: float) -> int:
-    """Return over how many rows the first and the last airspeed are means."""
+    """Return the number of rows over which the first and the last airspeed are averaged."""
     return max(1, round(SPEED_S / sample_time_s))
 
 
 def speed_factors(speeds: Floats, rows: int) -> Floats:
-    """Return by what factor (n,), 1 or more, speeds (n,) differ from the first.
+    """Return the factors (n,), 1 or more, by which speeds (n,) differ from the first speed.
 
-    Each is the mean over the newest ``rows``, the first too; NaN where unknown, and before that.
+    Each speed, the first one too, is the mean over the newest ``rows``. A factor is NaN where the
+    speed is unknown, and before the first mean is complete.
     """
     newest = _running_mean(np.where(speeds > 0.0, speeds, np.nan), rows)
     later = np.cumsum(np.isfinite(newest)) >= rows
@@ -117,7 +121,7 @@ def speed_factors(speeds: Floats, rows: int) -> Floats:
 
 
 def _running_mean(x: Floats, window: int) -> Floats:
-    """Return the mean (n,) of the newest ``window`` rows of x (n,), of what is known; else NaN."""
+    """Return the mean (n,) of the known values in the newest ``window`` rows of x (n,), or NaN."""
     known = np.isfinite(x)
     sums = [np.cumsum(np.where(known, x, 0.0)), np.cumsum(known, dtype=float)]
     total, count = (c - np.concatenate([np.zeros(window), c])[: len(c)] for c in sums)
@@ -125,5 +129,5 @@ def _running_mean(x: Floats, window: int) -> Floats:
 
 
 def flown_in(mode: float, rows: SampleBlock) -> SampleBlock:
-    """Return the rows as flown in this mode."""
+    """Return the rows with this flight mode in all of them."""
     return replace(rows, mode=np.full(len(rows), mode))

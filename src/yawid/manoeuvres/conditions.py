@@ -1,4 +1,4 @@
-"""In which conditions a manoeuvre was flown, and whose answer it therefore is."""
+"""The conditions in which a manoeuvre was flown, and therefore what aircraft its answer is of."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,18 +12,19 @@ from yawid.quantities.vehicles import ARDUPILOT, PX4, mode_name
 
 AIRFRAME, WITH_ROLL_LOOP, UNKNOWN = "airframe", "with_roll_loop", "unknown"
 BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
-"""Modes in which the sticks move the surfaces and nothing else does, by autopilot."""
+"""By autopilot, the flight modes in which only the sticks move the surfaces."""
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
-"""... and those in which that depends on the bank."""
+"""By autopilot, the flight modes in which that depends on the bank."""
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """When, how fast, how high, in which mode: the first fields of a manoeuvre, under their names.
+    """When, how fast, how high and in which mode it was flown: fields of ``Manoeuvre``, same names.
 
-    Times in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
-    ``airspeed_kind`` is a name of :class:`yawid.quantities.airspeed.Kind`, what the source gives.
+    Times are in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
+    ``airspeed_kind`` is the kind that the source gives, a name of
+    :class:`yawid.quantities.airspeed.Kind`.
     """
 
     from_s: float
@@ -40,7 +41,7 @@ class Conditions:
 
 
 def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
-    """Return the conditions of the samples of a manoeuvre; ``modes_of`` autopilot and type."""
+    """Return the conditions of a manoeuvre's samples; ``modes_of`` is (autopilot, vehicle type)."""
     used = samples.held == 0
     from_s, to_s = (samples.boot_us[[0, -1]] / 1e6).tolist()
     known = np.unique(samples.mode[np.isfinite(samples.mode)])
@@ -68,17 +69,17 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
 
 
 def without_airspeed(found: Conditions) -> Conditions:
-    """Return the conditions as they are known where the airspeed is not."""
+    """Return the conditions with the airspeed unknown."""
     return replace(
         found, airspeed_m_s=None, airspeed_std_m_s=None, airspeed_source=None, airspeed_kind=None
     )
 
 
 def loop_of(autopilot: int, mode: str) -> str:
-    """Return whose answer is learned in a flight mode of this name.
+    """Return what the answer from a flight mode of this name is of: a constant of this file.
 
-    An autopilot that holds roll, or a roll rate, makes another aircraft of it: the Dutch roll is
-    damped two times as much, or more.
+    An autopilot that holds roll, or a roll rate, makes it another aircraft: its Dutch roll has
+    twice the damping or more.
     """
     if autopilot not in BARE or mode.startswith("mode "):
         return UNKNOWN
@@ -88,7 +89,7 @@ def loop_of(autopilot: int, mode: str) -> str:
 
 
 def is_bare(modes_of: tuple[int, int], mode: float) -> bool:
-    """Tell whether a mode, NaN where unknown, leaves the surfaces to the sticks alone."""
+    """Return whether only the sticks move the surfaces in a mode, NaN where it is unknown."""
     if not math.isfinite(mode):
         return False
     return loop_of(modes_of[0], mode_name(*modes_of, int(mode))) == AIRFRAME
@@ -99,7 +100,7 @@ def _mean(x: Floats) -> float | None:
 
 
 def _date(unix_ns: int) -> str | None:
-    """Return the UTC time in ISO 8601, to the millisecond; None of a time since boot."""
+    """Return the UTC time in ISO 8601, to the millisecond; None if it is a time since boot."""
     if unix_ns < FIRST_DATE_NS:
         return None
     when = EPOCH + timedelta(microseconds=unix_ns // 1000)

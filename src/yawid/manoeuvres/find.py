@@ -1,8 +1,8 @@
-"""Where the manoeuvres of a flight are: samples in, the samples of each manoeuvre out as it ends.
+"""The search for manoeuvres: samples in, the samples of each manoeuvre out when it has ended.
 
-A manoeuvre begins 1 s before the rudder's own part first leaves where it stood, and ends when that
-has rested for 5 s; the free decay is in it. Decisions are made second by second of the grid, from
-what came until then: where a stream is cut into blocks changes nothing.
+A manoeuvre begins 1 s before the rudder's own part first leaves its rest position, and ends when
+that part has rested for 5 s, so it contains the free decay. Decisions are made for each second of
+the grid, from the samples until then: where a stream is cut into blocks changes nothing.
 """
 
 from collections.abc import Callable
@@ -21,15 +21,17 @@ from yawid.results.excitation import (
 )
 
 LEAD_S = 1.0
-"""What comes before the first movement, in s."""
+"""The time in s that a manoeuvre has before its first movement."""
 STRIDE_S = 1.0
+"""The time in s between two decisions."""
 LONGEST_GAP_S = 2.0
+"""The longest gap without a usable sample, in s, that a manoeuvre may have."""
 LONGEST_STATED_S = 600.0
-"""A stretch named by --from and --to is one manoeuvre up to this length."""
+"""A stretch given by --from and --to is one manoeuvre if it is not longer than this, in s."""
 
 
 class Stated:
-    """One stretch that was named: all its samples are one manoeuvre, however it was flown."""
+    """A stretch that the user named: all its samples are one manoeuvre, however it was flown."""
 
     def __init__(self) -> None:
         self._kept: list[SampleBlock] = []
@@ -40,20 +42,20 @@ class Stated:
         return []
 
     def progress(self, *, closely: bool) -> UnderWay:
-        """Return how the stretch stands; it need not be looked at ``closely``."""
+        """Return the progress of the stretch; ``closely`` makes no difference."""
         return UnderWay.of(self._kept, is_excited=True) if self._kept else UnderWay()
 
     def finish(self) -> list[SampleBlock]:
-        """Return the manoeuvre, if there is one sample of it."""
+        """Return the manoeuvre, if it has any sample."""
         kept, self._kept = self._kept, []
         return [SampleBlock.joined(kept)] if kept else []
 
 
 class Finder:
-    """Finds manoeuvres; ``travel_unit`` is half the rudder's travel in the unit of ``u``.
+    """The search for manoeuvres; ``travel_unit`` is half the rudder's travel in the unit of ``u``.
 
-    ``is_bare`` tells of a flight mode whether the sticks alone move the surfaces in it. What is
-    kept is bounded: 120 s of a manoeuvre and 26 s to compare with.
+    ``is_bare`` returns whether only the sticks move the surfaces in a flight mode. The samples that
+    are kept are bounded: 120 s of a manoeuvre and about 26 s to compare with.
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class Finder:
         self._lost = False
 
     def feed(self, samples: SampleBlock) -> list[SampleBlock]:
-        """Take samples in; return the manoeuvres that they end, each as a block of its own."""
+        """Take samples in; return the manoeuvres that end with them, each as one block."""
         found: list[SampleBlock] = []
         broken, of_mode = self._breaks(samples)
         edges = [0, *np.flatnonzero(broken | of_mode).tolist(), len(samples)]
@@ -86,18 +88,18 @@ class Finder:
         return found
 
     def finish(self) -> list[SampleBlock]:
-        """Return the manoeuvre that the end of the samples ends, if there is one."""
+        """Return the manoeuvre that was still under way at the last sample, if there is one."""
         return self._section.finish()
 
     def progress(self, *, closely: bool) -> UnderWay:
-        """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
+        """Return the progress of the current manoeuvre, ``closely`` with the rudder's movement."""
         return self._section.progress(closely=closely)
 
     def _breaks(self, samples: SampleBlock) -> tuple[Bools, Bools]:
-        """Return at which rows (n,) something ends that a manoeuvre must not reach across.
+        """Return two masks (n,): the rows at a break, and the rows at a change of flight mode.
 
-        That is 2 s without a sample that can be used, another boot, another meaning of the
-        channels; and, in the second place, another flight mode.
+        No manoeuvre may reach across a break, which is more than 2 s without a usable sample,
+        another boot, or another meaning of the channels.
         """
         last = self._last or samples.select(slice(0, 1))
         known, before = np.nan_to_num(samples.mode, nan=-1.0), np.nan_to_num(last.mode, nan=-1.0)
@@ -105,7 +107,7 @@ class Finder:
         broken: Bools = np.diff(samples.epoch, prepend=last.epoch) != 0
         rebooted = np.diff(samples.k, prepend=last.k) < 0
         used = samples.held == 0
-        # Of a boot that begins, what came before it is no gap: its k counts anew.
+        # The beginning of a boot ends no gap: its k starts again.
         anchors = np.where(used | rebooted, np.arange(len(used)), -1)
         newest = np.maximum.accumulate(np.concatenate([[-1], anchors[:-1]]))
         carried = last.k[0] if self._last is None else self._used_k
@@ -119,7 +121,7 @@ class Finder:
 
 
 class _Section:
-    """Samples of one boot and meaning without a long gap between them, and of one flight mode."""
+    """The search within a section: samples of one boot, meaning and flight mode, no long gap."""
 
     def __init__(self, sample_time_s: float, travel_unit: float) -> None:
         self._ts_s = sample_time_s
@@ -142,7 +144,7 @@ class _Section:
         self._open: Candidate | None = None
 
     def feed(self, samples: SampleBlock) -> list[SampleBlock]:
-        """Take samples of the section in; return the manoeuvres that they end."""
+        """Take samples of the section in; return the manoeuvres that end with them."""
         if self._next_stride is None:
             self._decided_k = int(samples.k[0]) - 1
             self._next_stride = (int(samples.k[0]) // self._stride + 1) * self._stride
@@ -152,17 +154,18 @@ class _Section:
         while self._next_stride + self._reach <= samples.k[-1]:
             was_open = self._open is not None
             found += self._step(self._next_stride - 1)
-            # Over a gap there may be strides without a sample.
+            # In a gap there are strides without a sample.
             self._next_stride += self._stride
             if was_open:
                 self._pass_rest(int(samples.k[-1]))
         return found
 
     def change_mode(self, mode: float, *, is_bare: bool) -> list[SampleBlock]:
-        """Return what the change to a flight mode ends: not a manoeuvre that has just begun.
+        """Return the manoeuvres that a change of flight mode ends.
 
-        A HEARTBEAT tells a mode up to 1.5 s late. ArduPilot's plane-doublets.lua changes to MANUAL,
-        a bare mode, and moves the rudder at once: all of such a manoeuvre was flown in MANUAL.
+        A manoeuvre that has just begun goes on if the new mode is bare: a HEARTBEAT reports a mode
+        up to 1.5 s late, and ArduPilot's plane-doublets.lua changes to MANUAL, a bare mode, and
+        moves the rudder at once. All of such a manoeuvre was flown in MANUAL.
         """
         if not is_bare:
             return self.finish()
@@ -176,7 +179,7 @@ class _Section:
         found = []
         if newest_k - self._reach > self._decided_k:
             found = self._step(newest_k - self._reach, is_last=True)
-        # How the newest rows follow the aileron is not known yet: the new mode decides on them.
+        # How the newest rows follow the aileron is not known yet: they count for the new mode.
         left = [flown_in(mode, rows) for rows in self._undecided]
         if self._open is not None and newest_k - self._open.began_k < self._late:
             self._open.flown_in(mode)
@@ -191,7 +194,7 @@ class _Section:
         return found
 
     def _moves_now(self) -> bool:
-        """Tell whether the rudder moves in the rows that are not decided on."""
+        """Return whether the rudder moves in the rows that are not decided yet."""
         moved = [_measured(rows, self._unit)[:, 1] for rows in self._undecided]
         known = np.concatenate([x[np.isfinite(x)] for x in moved]) if moved else np.empty(0)
         return len(known) > 0 and float(np.ptp(known)) > MOVES
@@ -202,7 +205,7 @@ class _Section:
         return self._step(int(self._undecided[-1].k[-1]), is_last=True)
 
     def finish(self) -> list[SampleBlock]:
-        """Return what the section's end ends; the next sample opens another one."""
+        """Return the manoeuvres that end with the section; the next sample opens a new section."""
         found = self._decide_rest()
         if self._open is not None and self._open.is_excited:
             found.append(self._open.samples())
@@ -210,7 +213,7 @@ class _Section:
         return found
 
     def _pass_rest(self, newest_k: int) -> None:
-        """Decide at once on the strides in which the rudder rests: most of most flights."""
+        """Decide on all strides in which the rudder rests at once: they are most of a flight."""
         assert self._next_stride is not None  # there are samples
         end = (newest_k - self._reach) // self._stride * self._stride
         if self._open is not None or end <= self._next_stride:
@@ -226,16 +229,16 @@ class _Section:
             self._next_stride = end + self._stride
 
     def _step(self, last_k: int, *, is_last: bool = False) -> list[SampleBlock]:
-        """Decide on the samples up to ``last_k``; those after it are only looked ahead to."""
+        """Decide on the samples up to ``last_k``; those after it only serve to look ahead."""
         rows = SampleBlock.joined(self._undecided)
         stroke = self._strokes(rows, last_k)
-        # An aileron that is known now and then only would be waited for without end.
+        # The wait is limited, because an aileron may be known only now and then.
         if stroke is None and not is_last and last_k - self._decided_k <= self._chunk:
             return []
         return self._decide(rows, last_k, stroke)
 
     def _decide(self, rows: SampleBlock, last_k: int, stroke: Floats | None) -> list[SampleBlock]:
-        """Take the rows up to ``last_k`` as decided; without a stroke (n,) they are at rest."""
+        """Mark the rows up to ``last_k`` as decided; without a stroke (n,) the rudder rests."""
         count = int(np.searchsorted(rows.k, last_k, side="right"))
         decided, rest = rows.select(slice(0, count)), rows.select(slice(count, None))
         self._undecided = [rest] if len(rest) else []
@@ -248,10 +251,10 @@ class _Section:
         return self._follow(decided, np.zeros(count) if stroke is None else stroke[:count])
 
     def _strokes(self, rows: SampleBlock, last_k: int) -> Floats | None:
-        """Return the stroke of the own part within 5 s at each row up to ``last_k``, (n,).
+        """Return the stroke (n,) of the rudder's own part within 5 s, at each row up to ``last_k``.
 
-        In parts of half the travel. None while too little is known of how the rudder follows the
-        aileron; where the aileron is not known the whole rudder is its own.
+        It is a part of half the travel. None while too little is known of how the rudder follows
+        the aileron; where the aileron is unknown, the whole rudder is its own part.
         """
         seen = np.concatenate([self._past, _measured(rows, self._unit)])
         first_k = int(max(seen[0, 0], last_k - self._chunk - self._window))
@@ -270,9 +273,10 @@ class _Section:
         return np.minimum(_stroke(own, self._window)[places - oldest], whole)
 
     def _own(self, seen: Floats, first_k: int, rows: slice) -> Floats | None:
-        """Return the rudder's own part at some rows of the grid from ``first_k`` on, (rows,).
+        """Return the rudder's own part (rows,) at these rows of the grid from ``first_k`` on.
 
-        None while too little is known of how it follows the aileron; without one it is all of it.
+        None while too little is known of how it follows the aileron; without an aileron that moves
+        it is the whole rudder.
         """
         rudder, aileron = _on_grid(seen, first_k, first_k + rows.stop + self._reach).T
         known = aileron[np.isfinite(aileron)]
@@ -284,13 +288,13 @@ class _Section:
         used = np.flatnonzero(good[: rows.stop])[-self._chunk :]
         if len(used) < ROWS_PER_LAG * columns.shape[1]:
             return None
-        # The constant stays in: it drifts as the window slides, and that is no movement.
+        # The constant is not subtracted: it drifts as the window slides, which is no movement.
         coefficients = mix(columns[used], rudder[used])[:-1]
         own = rudder[rows] - columns[rows, :-1] @ coefficients
         return np.asarray(own, np.float64)
 
     def progress(self, *, closely: bool) -> UnderWay:
-        """See :class:`Finder`."""
+        """Return the progress: see :class:`Finder`."""
         found = UnderWay() if self._open is None else self._open.progress()
         if not closely:
             return found
@@ -308,7 +312,7 @@ class _Section:
         return found._replace(stroke=stroke, rests_s=_rests(own) * self._ts_s)
 
     def _follow(self, rows: SampleBlock, stroke: Floats) -> list[SampleBlock]:
-        """Open, continue and end manoeuvres by the strokes (n,) of decided rows."""
+        """Open and continue manoeuvres by decided rows' strokes (n,); return those that end."""
         found: list[SampleBlock] = []
         at = 0
         while at < len(rows):
@@ -329,14 +333,14 @@ class _Section:
         return found
 
     def _lead_of(self, began_k: int) -> SampleBlock | None:
-        """Return the second before: of the earlier mode too, where it moves as this one begins."""
+        """Return the second before a manoeuvre, also from an earlier mode that has just ended."""
         earlier, self._earlier = self._earlier, None
         if earlier is None or began_k - int(earlier.k[-1]) > self._reach:
             return self._before
         return earlier if self._before is None else SampleBlock.joined([earlier, self._before])
 
     def _remember(self, rows: SampleBlock) -> None:
-        """Keep the newest second, with which a manoeuvre begins."""
+        """Keep the newest second of these rows: the next manoeuvre begins with it."""
         if len(rows):
             older_k = rows.k[-1] - self._lead
             if self._before is not None and rows.k[0] > older_k + 1:
@@ -345,13 +349,13 @@ class _Section:
 
 
 def _measured(rows: SampleBlock, unit: float) -> Floats:
-    """Return k, the rudder in half travels and the aileron, (n, 3), NaN where it is held."""
+    """Return k, the rudder in half travels, NaN where held, and the aileron, (n, 3)."""
     rudder = np.where(rows.held == 0, rows.u[:, 0] / unit, np.nan)
     return np.column_stack([rows.k, rudder, rows.aileron])
 
 
 def _on_grid(seen: Floats, first_k: int, stop_k: int) -> Floats:
-    """Return rudder and aileron (stop_k - first_k, 2) of rows (n, 3), NaN where there is none."""
+    """Return rudder and aileron (stop_k - first_k, 2) from rows (n, 3), NaN where there is none."""
     table = np.full((stop_k - first_k, 2), np.nan)
     inside = seen[slice(*np.searchsorted(seen[:, 0], (first_k, stop_k)))]
     table[inside[:, 0].astype(np.int64) - first_k] = inside[:, 1:]
@@ -359,7 +363,7 @@ def _on_grid(seen: Floats, first_k: int, stop_k: int) -> Floats:
 
 
 def _stroke(x: Floats, window: int) -> Floats:
-    """Return how far x (n,) moved within the last ``window`` rows, of what is known of them."""
+    """Return how far x (n,) moved within the last ``window`` rows, by its known values."""
     known, before = np.isfinite(x), np.full(window - 1, np.inf)
     high = extremes(np.maximum, np.concatenate([-before, np.where(known, x, -np.inf)]), window)
     low = extremes(np.minimum, np.concatenate([before, np.where(known, x, np.inf)]), window)
@@ -367,13 +371,13 @@ def _stroke(x: Floats, window: int) -> Floats:
 
 
 def _reached(x: Floats) -> float:
-    """Return how far x (n,) moved, of what is known of it."""
+    """Return how far x (n,) moved in all, by its known values."""
     known = x[np.isfinite(x)]
     return float(np.ptp(known)) if len(known) else 0.0
 
 
 def _rests(own: Floats) -> int:
-    """Return for how many rows at its end ``own`` (n,) has moved by no more than ``MOVES``."""
+    """Return over how many rows at its end ``own`` (n,) moved by no more than ``MOVES``."""
     newest_first, known = own[::-1], np.isfinite(own[::-1])
     high = np.maximum.accumulate(np.where(known, newest_first, -np.inf))
     low = np.minimum.accumulate(np.where(known, newest_first, np.inf))

@@ -1,9 +1,10 @@
-"""What the manoeuvres of a flight say together: random effects over all that may be used.
+"""A flight's answer from all its usable manoeuvres, by a random-effects mean.
 
-Over conditions wn = kappa V, zeta is constant and K is proportional to V (V the equivalent
-airspeed). Manoeuvres scatter more than one fit's sigma tells, so the flight's sigma is that of the
-next manoeuvre: sqrt(tau^2 + se^2), tau the scatter between them (DerSimonian and Laird 1986); and
-what the structure leaves out all of them have in common: that part does not shrink.
+From one condition to another wn = kappa V, zeta is constant, and K is proportional to V (V is the
+equivalent airspeed). Manoeuvres scatter by more than the sigma of one fit, so the flight's sigma is
+that of the next manoeuvre: sqrt(tau^2 + se^2), with tau the scatter between them (DerSimonian and
+Laird 1986). What the structure leaves out is common to all of them: that part of sigma is added and
+does not shrink.
 """
 
 import math
@@ -31,22 +32,24 @@ from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 
 FEW = 4
-"""Fewer manoeuvres do not tell how much they scatter: tau has a floor then. More tell it the better
-the more they are, and the floor sinks as the uncertainty of a scatter does."""
+"""Up to so many manoeuvres do not show how much they scatter: there tau has a floor. With more of
+them the floor sinks, as the uncertainty of a scatter does."""
 DISAGREE_WN = 0.1
+"""The part of wn by which a manoeuvre must differ to disagree with the others."""
 LEAST_STD = 1e-9
-"""Of itself: a record without noise leaves no sigma, and a weight must be finite."""
+"""The least relative sigma: a record without noise has sigma 0, and a weight must be finite."""
 LEAST_AGREEING = 2.0 / 3.0
+"""The share of weight that must agree, or else ``manoeuvres_disagree`` is fatal."""
 BETTER_PCT = 1.0
-"""Points of the held-back fit, on the mean, for which a flight is told by more parameters."""
+"""Points that more parameters must add to the mean held-back fit to be chosen for a flight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """A mean over manoeuvres: its standard error, and tau, the scatter between them.
+    """A mean over manoeuvres, its standard error, and ``tau``, the scatter between them.
 
-    ``noise`` is the standard error that noise alone explains, ``beyond`` what all have in common,
-    ``least`` by how much a warning says that it may be off.
+    ``noise`` is the standard error that noise alone explains, ``beyond`` the error that all have in
+    common, ``least`` how far wrong the mean may be by a warning.
     """
 
     mean: float
@@ -58,15 +61,15 @@ class Pooled:
 
     @property
     def std(self) -> float:
-        """The sigma of what the next manoeuvre will say."""
+        """The sigma of the result of a next manoeuvre."""
         return max(math.sqrt(self.error**2 + self.tau**2 + self.beyond**2), self.least)
 
 
 def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
-    """Return the random-effects mean of x (n,) with their own sigmas of noise (n,), n >= 1.
+    """Return the random-effects mean of x (n,) with their own sigmas of noise ``std`` (n,), n >= 1.
 
-    ``floor`` is what tau is at least while n is below four; then it sinks, as 1/sqrt(n - 1).
-    ``beyond`` (n,) are the sigmas that noise does not explain: their root mean square is in common.
+    ``floor`` is the least tau up to n = 4; from there it sinks as 1/sqrt(n - 1). ``beyond`` (n,)
+    holds the sigmas that noise does not explain; their root mean square is common to all.
     """
     std = np.maximum(std, LEAST_STD * np.abs(x))
     weights = std**-2.0
@@ -85,11 +88,11 @@ def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
 def flight_of(
     answered: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None = None
 ) -> tuple[Flight, Verdict] | None:
-    """Return what manoeuvres say together, and the verdict, in which ``of_the_log`` counts too.
+    """Return the flight's answer and its verdict, which includes the reasons ``of_the_log``.
 
-    ``untrue`` is why the airspeed cannot be true: then it is not reported. None where there is
-    no manoeuvre. Of several roll loops the one with the most manoeuvres is told: the others are of
-    another aircraft.
+    ``untrue`` says why the airspeed cannot be true: then it is not reported. None is returned where
+    there is no manoeuvre. Each ``loop`` makes it another aircraft: only that with the most usable
+    manoeuvres answers, of equally many the airframe.
     """
     if not answered:
         return None
@@ -107,10 +110,10 @@ def flight_of(
 
 
 def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
-    """Return a flight without a usable manoeuvre: its reasons are those of the best one.
+    """Return a flight without a usable manoeuvre: its reasons are those of the best manoeuvre.
 
-    That is the one with the fewest fatal reasons; of several the longest, which holds the most of
-    what was flown.
+    The best is the one with the fewest fatal reasons; of several, the longest, which contains the
+    most of what was flown.
     """
     best = min(answered, key=lambda each: (each.verdict.weight[0], -each.found.duration_s))
     where = f"manoeuvre {best.found.n}, {best.found.from_s:.0f} to {best.found.to_s:.0f} s: "
@@ -120,9 +123,10 @@ def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Fl
 
 
 def _orders(alike: Sequence[Answered]) -> tuple[int, ...]:
-    """Return the orders that tell best what was held back, the manoeuvres' own unless by 1 %.
+    """Return the flight's orders: the richer ones if they add 1 point to the mean held-back fit.
 
-    More parameters have more modes to choose from: in each manoeuvre it must be the same one.
+    With more parameters a model has more modes to choose from. In each manoeuvre both orders must
+    have found the same one; otherwise the manoeuvres' own orders are returned.
     """
     own = next(iter(alike[0].structures))
     gains = []
@@ -144,9 +148,10 @@ def _together(
     of_the_log: list[Reason],
     untrue: Finding | None,
 ) -> tuple[Flight, Verdict]:
-    """Return the answer of manoeuvres (n,) of one aircraft, each estimated with one structure.
+    """Return the answer from the manoeuvres of one aircraft, all estimated with the same orders.
 
-    An airspeed that is true but for a factor still says how manoeuvres compare.
+    ``told`` holds their results. An airspeed that is wrong by one factor still serves to compare
+    manoeuvres.
     """
     speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
     sources = {each.found.airspeed_source for each in alike}
@@ -201,10 +206,10 @@ def _together(
 def _averages(
     told: Sequence[tuple[float, ...]], by: Floats, agree: Bools, moves: Floats
 ) -> tuple[Pooled, Pooled]:
-    """Return wn / ``by`` and zeta of the manoeuvres that agree.
+    """Return the means of wn / ``by`` and of zeta over the manoeuvres that agree.
 
-    ``told`` has wn, its sigma, zeta, its sigma, and the sigmas of both that noise does not explain,
-    of each. ``moves`` (2,): what is warned of moves wn (relative) and zeta by.
+    A row of ``told`` holds wn, its sigma, zeta, its sigma, and the sigmas of both that noise does
+    not explain. ``moves`` (2,) is how far wn (relative) and zeta may be wrong by a warning.
     """
     wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = np.array(told)[agree, :6].T
     wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
@@ -214,12 +219,12 @@ def _averages(
 
 
 def _common(values: set[str | None]) -> str | None:
-    """Return the one value there is, None where there are several."""
+    """Return the value that all have in common, None where they differ."""
     return next(iter(values)) if len(values) == 1 else None
 
 
 def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
-    """Yield what more than half of the manoeuvres used are warned of."""
+    """Yield the warnings that more than half of the manoeuvres used have."""
     said = [reason for each in used for reason in each.verdict.reasons]
     counts = Counter(reason.id for reason in said)
     for reason in said:
@@ -232,9 +237,9 @@ def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
 def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:
     """Return which of wn or wn / V (n,) agree with the weighted median, and their share of weight.
 
-    Those disagree that are apart from it by more than 10 %, and by more than three sigmas of the
-    difference. No manoeuvre is believed to better than the least scatter, which is the same for
-    all: one that says more would weigh less by that alone.
+    A value disagrees if it differs from the median by more than 10 %, and by more than three sigmas
+    of the difference. All sigmas include the least scatter, as the same number for all: as a part
+    of each value it would give less weight to larger values for that reason alone.
     """
     total = np.hypot(std, TAU_WN_SHARE * float(np.median(x)))
     weights = total**-2.0
@@ -250,7 +255,7 @@ def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:
 def _disagreement(
     apart: Sequence[Answered], wn: float, std: float, speed: float | None, count: int
 ) -> str:
-    """Say which manoeuvres tell something else than the others."""
+    """Return in words which manoeuvres disagree with the others."""
     said = []
     for each in apart:
         roll, v = each.found.dutch_roll, each.found.airspeed_m_s
@@ -263,9 +268,9 @@ def _disagreement(
 
 
 def _gain(gains: Floats, speeds: Floats) -> Value | None:
-    """Return K / V of gains at airspeeds (n,); None where unknown.
+    """Return K / V from gains at airspeeds (n,); None where unknown.
 
-    ``gains`` (n, 3) are K, its sigma of noise, and the sigma that noise does not explain.
+    ``gains`` (n, 3) holds K, its sigma of noise, and the sigma that noise does not explain.
     """
     known = np.isfinite(gains).all(axis=1) & (gains[:, 1] > 0.0)
     if not known.any():

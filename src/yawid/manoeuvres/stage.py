@@ -1,4 +1,4 @@
-"""The stage as a whole: samples in; each manoeuvre out with its answer, at last the flight's."""
+"""The whole stage: samples in; out come each manoeuvre's answer and, in the end, the flight's."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -17,10 +17,10 @@ from yawid.results.reasons import Reason, Verdict
 
 
 class Manoeuvres:
-    """Feed it samples; it finds manoeuvres and has them answered, one after the other.
+    """The manoeuvres of a run: found in the samples fed, and answered one after the other.
 
     With ``worker``, an executor of one thread, ``feed`` does not wait for the fits; without one
-    they are made at once. Either way the answers are the same and come in the order flown.
+    they are made at once. In both cases the answers are the same and come in the order flown.
     """
 
     def __init__(self, setting: ManoeuvreSetting, worker: Executor | None = None) -> None:
@@ -33,12 +33,12 @@ class Manoeuvres:
         self._airspeed = AirspeedCheck(setting.sample_time_s)
 
     def progress(self, *, closely: bool) -> UnderWay:
-        """Return how the manoeuvre on its way stands, ``closely`` with how the rudder moved."""
+        """Return the progress of the current manoeuvre, ``closely`` with the rudder's movement."""
         return self._finder.progress(closely=closely)
 
     @property
     def unanswered(self) -> int:
-        """How many have ended and wait for their answer."""
+        """The number of manoeuvres that have ended and have no answer yet."""
         return len(self._waiting)
 
     def feed(self, samples: SampleBlock) -> None:
@@ -48,19 +48,19 @@ class Manoeuvres:
             self._answer(found)
 
     def finish(self) -> None:
-        """Take the end of the samples for the end of the manoeuvre that goes on."""
+        """End the samples, and with them the manoeuvre that is under way."""
         for found in self._finder.finish():
             self._answer(found)
 
     def ready(self, *, wait: bool = False) -> Iterator[Answered]:
-        """Yield, once each, the manoeuvres answered by now, all of them where it is to ``wait``."""
+        """Yield each newly answered manoeuvre once; ``wait`` for those without an answer yet."""
         while self._waiting and (wait or self._waiting[0].done()):
             answered = self._waiting.popleft().result()
             self.answered.append(answered)
             yield answered
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
-        """Return what those answered say together; see :func:`flight_of`."""
+        """Return the flight's answer from those answered: see :func:`flight_of`."""
         return flight_of(self.answered, of_the_log, self._airspeed.finding())
 
     def _answer(self, found: SampleBlock) -> None:
@@ -74,7 +74,7 @@ class Manoeuvres:
 
 
 def _finder(setting: ManoeuvreSetting) -> Finder | Stated:
-    """Return what finds manoeuvres; a stretch of at most 600 s that was named is one."""
+    """Return the search for manoeuvres; a named stretch of at most 600 s is one manoeuvre."""
     low_us, high_us = setting.config.window_us
     if high_us - low_us <= 1e6 * LONGEST_STATED_S:
         return Stated()

@@ -197,9 +197,8 @@ def described(
 ) -> tuple[MethodSummary, Evidence]:
     """Return the summary of one method, and the evidence that the verdict needs.
 
-    ``held_back_pct`` is the fit of samples that the model had not seen; ``before`` holds wn and
-    zeta of some time ago, NaN where unknown; ``spread`` gives the sigma that noise does not
-    explain.
+    ``held_back_pct`` is the fit of samples that the model had not seen; ``before`` holds earlier
+    wn and zeta, NaN where unknown; ``spread`` gives the sigma that noise does not explain.
     """
     estimator, last = bank.estimators[method], bank.last[method]
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
