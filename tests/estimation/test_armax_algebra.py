@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from yawid import ArmaxOrders, RecursiveArmax
-from yawid.estimation.kernel.state import FAST_FALL, MOST_RISE, PSI_FROM, SETTLING, SLACK, SLOW_RISE
+from yawid.estimation.kernel.recursion import (
+    FAST_FALL,
+    MOST_RISE,
+    PSI_FROM,
+    SETTLING,
+    SLACK,
+    SLOW_RISE,
+)
 
 ORDERS = st.builds(
     lambda na, inputs, nc: ArmaxOrders(

@@ -1,4 +1,73 @@
-"""The recursive ARMAX estimator: extended least squares and recursive maximum likelihood."""
+"""The recursive ARMAX estimator: one page to understand it.
+
+It has two methods: extended least squares (ELS) and recursive maximum likelihood (RML). This file
+has the class that callers use, ``kernel/recursion.py`` takes one sample in the order of the steps
+below, and ``kernel/linear_algebra.py`` has the matrix updates: no other file is needed to follow a
+sample. Equation numbers are the paper's; the method is that of Ljung and Soderstrom (1983), ch. 3.
+
+Model::
+
+    A(q) y(k) = B(q) u(k) + C(q) e(k) + bias                                        (28)
+    A(q) = 1 + a1 q^-1 + .. + a_na q^-na    C(q) = 1 + c1 q^-1 + .. + c_nc q^-nc    (29)
+    B(q) = b1 q^-nk + .. + b_nb q^-(nk+nb-1), one for each input                    (29)
+    theta  = [a1.., b1.. of each input, c1.., bias]                                 (31)
+    phi(k) = [-y(k-1).., u(k-nk).. of each input, eps(k-1).., 1]                    (32)
+
+=============  ========================================================  ======================
+symbol         what it is                                                unit
+=============  ========================================================  ======================
+k, Ts          number of the sample on the grid; sample time             1; s
+y              output: the yaw rate                                      rad/s
+u              inputs, the rudder first                                  half travel (or rad)
+theta          the n parameters: a and c; b; bias                        1; y per u; y
+phi, psi       regressor; phi itself (ELS) or phi filtered (RML), (n,)   y; u; y; 1
+e, eps         innovation (error a priori); residual (a posteriori)      y
+P = U D U'     covariance of theta over the variance of e, (n, n)        theta^2 / y^2
+lambda         forgetting factor, exp(-Ts / memory) in the end           1 (memory in s)
+sigma^2, cov   variance of e; covariance of theta, (n, n)                y^2; theta^2
+S1, S2         sum of the weights of all updates; sum of their squares   1
+=============  ========================================================  ======================
+
+A sample's way, with the function of each step in ``kernel/recursion.py``:
+
+1. Scaling (``gather``, ``_scale``). The newest samples, ``scale_window`` or ``start_buffer`` of
+   them, wait until the standard deviation of y and of each input is at least ``scale_minimum``.
+   Each signal is then multiplied by the power of two that brings its standard deviation to 0.71
+   to 1.41, and the samples that waited go through the steps below. All of these work on scaled
+   signals; results get their units back when they are read. With ``start_buffer`` theta and P
+   come from one Gauss-Newton fit of those samples (``start_fit.py``), else from 0 and P0.
+2. Held samples. One with a NaN changes neither theta nor P; after it the registers of past samples
+   are emptied (``_open``). No update until they hold all lags of y and u and nc residuals.
+3. Prediction (``expect``): y_hat(k) = phi' theta (30), and e = y - y_hat.
+4. Regressor (``_filter``, ``_learn``). ELS: psi = phi. RML: psi = phi filtered by 1/C(q), after
+   150 updates with psi = phi; while lambda is below its end, the zeros of that C are multiplied
+   by 1 - (lambda_end - lambda).
+5. Update (``_learn``)::
+
+       alpha = lambda + psi' P psi
+       P     = (P - P psi psi' P / alpha) / lambda     bierman; D stays below 1e6 (or P0)
+       theta = theta + mu P psi e / alpha              mu = 1; RML halves it until C(q) is stable
+       eps   = y - phi' theta                          (33), with the new theta: it enters phi
+
+   The test of stability is Jury's (``stable``); after 12 trials mu = 0. Where a result is not
+   finite, theta and P start again (``entry_points.restart``).
+6. Covariance. With ``residual_lags`` each e updates cov, and its correlation with earlier ones
+   over about so many samples is counted (``follow_covariance``). Without them
+   cov = sigma^2 P S2 / S1 (``covariance_entry``).
+7. Information floor (``_keep_information``), for one parameter at each update in turn: where
+   forgetting has let P[i, i] grow beyond 1 + 0.03 / ``information_floor`` times its usual least, a
+   pseudo-measurement of theta[i] equal to its estimate brings it back. theta does not change.
+8. Forgetting (``_adapt``): lambda(k+1) = rate lambda(k) + (1 - rate) lambda_end, from
+   ``forgetting_start``, or from lambda_end after a start fit.
+9. Sums (``_account``, ``noise_variance``): S1 = lambda S1 + 1, S2 = lambda^2 S2 + 1,
+   loss = lambda loss + lambda e^2 / alpha, sigma^2 = loss / (S1 - n S2 / S1), that divisor at
+   least 1; and the products of residuals for their whiteness. The status is DIVERGED from where
+   the mean of e^2 over about 100 updates exceeds four times that of y^2, to where twice holds.
+
+Elsewhere: settings and defaults in ``config/estimator.py``, names of the packed state in
+``kernel/state.py``, whole records in ``record_fit.py``. ``machine/`` compiles the kernel;
+``reference/`` is the same recursion on filterpy, to which the tests hold this one.
+"""
 
 import json
 import math
@@ -14,20 +83,20 @@ from yawid.errors import ConfigError
 from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.entry_points import restart
-from yawid.estimation.kernel.forgetting import noise_variance
 from yawid.estimation.kernel.linear_algebra import entry_of_p
 from yawid.estimation.kernel.new_state import new_state
+from yawid.estimation.kernel.recursion import noise_variance
 from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box
 
 VERSION = "yawid-armax-3"
-"""Of a saved estimator: changes whenever the meaning or place of anything in the state does."""
+"""Version of a saved estimator: it changes with the meaning or place of anything in the state."""
 NO_SAMPLE, NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class Estimate:
-    """A snapshot after one sample; its fields are computed when asked for."""
+    """The estimate after one sample: a copy, whose fields are computed when they are read."""
 
     __slots__ = ("_saved",)
 
@@ -35,7 +104,7 @@ class Estimate:
         self._saved = saved
 
     def _block(self, *, covariance: bool = False) -> EstimateBlock:
-        # Whoever takes samples writes to the state.
+        # Reading writes to the state.
         return _reading(np.frombuffer(self._saved).copy(), covariance=covariance)
 
     @property
@@ -55,27 +124,27 @@ class Estimate:
 
     @property
     def y_hat(self) -> float:
-        """One-step prediction of y; NaN where there was none."""
+        """One-step prediction of y, in y's unit (eq. 30); NaN where there was none."""
         return float(self._block().y_hat[0])
 
     @property
     def innovation(self) -> float:
-        """The error a priori, y - y_hat."""
+        """Innovation, the error a priori: y - y_hat, in y's unit."""
         return float(self._block().innovation[0])
 
     @property
     def residual(self) -> float:
-        """The error a posteriori, y - phi' theta(k)."""
+        """Residual, the error a posteriori: y - phi' theta(k), in y's unit (eq. 33)."""
         return float(self._block().residual[0])
 
     @property
     def noise_std(self) -> float:
-        """Standard deviation of the innovation."""
+        """Standard deviation of the noise e, in y's unit; NaN before the first update."""
         return float(self._block().noise_std[0])
 
     @property
     def status(self) -> Status:
-        """What the estimator says of itself."""
+        """State of the estimator: warming up, tracking, held or diverged."""
         return Status(int(self._block().status[0]))
 
     def __repr__(self) -> str:
@@ -85,7 +154,7 @@ class Estimate:
 
 
 def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
-    """Return one row of what came of the last sample."""
+    """Return the results of the last sample, a block of one row."""
     n = int(slots.named(state).n)
     row = np.empty(estimate_width(n, covariance))
     RUNNER.run(state, NO_SAMPLE, NO_SAMPLE, row[np.newaxis], 0)
@@ -93,23 +162,15 @@ def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
 
 
 def _covariance(block: EstimateBlock) -> Floats:
-    assert block.covariance is not None  # it was asked for
+    assert block.covariance is not None  # the caller asked for it
     return np.asarray(block.covariance[0])
 
 
 class RecursiveArmax:
-    """Recursive estimation of A(q) y = B(q) u + C(q) e + bias, paper eq. 28-33.
+    """Recursive estimator of A(q) y = B(q) u + C(q) e + bias, paper eq. 28-33.
 
-    theta = [a1.., b1.. of each input, c1.., bias]; phi(k) = [-y(k-1).., u(k-nk).., eps(k-1).., 1];
-    psi = phi for ``els`` and phi filtered by 1/C(q) for ``rml``; then, a sample at a time::
-
-        e     = y - phi' theta                     innovation (a priori)
-        alpha = lambda + psi' P psi
-        theta = theta + P psi e / alpha            halved until C(q) is stable (rml)
-        eps   = y - phi' theta                     residual (a posteriori), the one in phi
-        P     = (P - P psi psi' P / alpha) / lambda
-
-    with P = U D U' (Bierman 1977). Ljung and Soderstrom (1983), chapter 3.
+    theta = [a1.., b1.. of each input, c1.., bias]. The method of the configuration is ``els`` or
+    ``rml``; the page at the top of ``estimation/armax.py`` has all equations, symbols and units.
     """
 
     def __init__(self, config: EstimatorConfig) -> None:
@@ -125,10 +186,12 @@ class RecursiveArmax:
         self._n = config.n_theta
 
     def update(self, u: ArrayLike | float, y: float) -> Estimate:
-        """Take one sample; ``u`` is a float, or (n_inputs,). A NaN makes it a held record.
+        """Take one sample and return the estimate after it; a sample with a NaN is held.
+
+        ``u`` is a float, or has the shape (n_inputs,).
 
         Raises:
-            ConfigError: u or y is infinite, or u has another number of inputs.
+            ConfigError: u or y is infinite, or u has the wrong number of inputs.
         """
         if self._inputs == 1 and isinstance(u, float):
             self._u[0], self._y[0] = u, y
@@ -148,13 +211,14 @@ class RecursiveArmax:
         keep: Literal["all", "last"] = "all",
         covariance: bool = False,
     ) -> EstimateBlock:
-        """Take a block of samples: the same numbers as so many updates.
+        """Take a block of samples; the results equal those of as many calls of :meth:`update`.
 
-        ``u`` (samples,) or (samples, n_inputs), ``y`` (samples,). ``keep="last"`` returns the last
-        row only; ``covariance`` adds theta's, (samples, n, n).
+        ``u`` has the shape (samples,) or (samples, n_inputs), ``y`` (samples,). ``keep="last"``
+        returns the last row only; ``covariance`` adds the covariance of theta, (samples, n, n).
 
         Raises:
-            ConfigError: wrong shapes or an infinite value; nothing has been taken then.
+            ConfigError: ``keep`` or a shape is wrong, or a value is infinite; nothing has been
+            taken then.
         """
         if keep not in ("all", "last"):
             raise ConfigError(f'keep must be "all" or "last", got {keep!r}')
@@ -182,7 +246,7 @@ class RecursiveArmax:
             self._release()
 
     def _release(self) -> None:
-        """Run through the window's samples, oldest first, and recurse from now on."""
+        """Take the samples of the window, the oldest first, and recurse from now on."""
         s, parts, start = self._header, self._parts, None
         rows = np.roll(parts.samples.reshape(int(s.window), -1), -int(s.head), 0)
         if self.config.start_buffer:
@@ -207,13 +271,13 @@ class RecursiveArmax:
         s.y_hat = s.innovation = math.nan  # nothing could be predicted before this sample
 
     def predict(self, u: ArrayLike = math.nan) -> float:
-        """Return y_hat(k) = phi' theta, in y's unit (eq. 30); NaN while it is not known.
+        """Return the prediction y_hat(k) = phi' theta in y's unit (eq. 30); change nothing.
 
-        ``u``, a float or (n_inputs,), is u(k), which matters only where nk = 0. Not known is
-        y_hat while the window or the lags are not full. Changes nothing.
+        ``u``, a float or (n_inputs,), is u(k); it is used only where nk = 0. The result is NaN
+        while the window or the lags are not full.
 
         Raises:
-            ConfigError: nk = 0 and u has another number of inputs or is infinite.
+            ConfigError: nk = 0 and u has the wrong number of inputs or is infinite.
         """
         row, nk = np.zeros((1, self._inputs)), np.array(self.config.orders.nk)
         if not nk.all():
@@ -221,23 +285,23 @@ class RecursiveArmax:
         if self._header.phase != slots.RUNNING:
             return math.nan
         scratch = self._moving.copy()
-        RUNNER.run(scratch, row[0], np.zeros(1), NO_ROWS, 0)  # whatever y is, it comes after y_hat
+        RUNNER.run(scratch, row[0], np.zeros(1), NO_ROWS, 0)  # y has no effect on y_hat
         return float(slots.named(scratch).y_hat) / self._scale
 
     def to_bytes(self) -> bytes:
-        """Save everything; the estimator that comes back resumes bit for bit.
+        """Return the whole estimator as bytes, from which :meth:`from_bytes` resumes bit for bit.
 
-        A line of JSON with version and configuration, then the packed state.
+        They are a line of JSON with version and configuration, then the packed state.
         """
         head = json.dumps({"version": VERSION, "config": asdict(self.config)})
         return head.encode() + b"\n" + self._state.astype("<f8").tobytes()
 
     @classmethod
     def from_bytes(cls, saved: bytes) -> "RecursiveArmax":
-        """Return the estimator that ``to_bytes`` saved.
+        """Return the estimator that :meth:`to_bytes` saved.
 
         Raises:
-            ConfigError: the bytes are not a whole save, or one of another version.
+            ConfigError: the bytes are not a complete saved estimator, or of another version.
         """
         head, _, body = bytes(saved).partition(b"\n")
         try:
@@ -263,7 +327,7 @@ class RecursiveArmax:
 
     @property
     def theta_std(self) -> Floats:
-        """Standard deviation (n,) of theta, see :attr:`covariance`."""
+        """Standard deviation (n,) of theta in the user's units, see :attr:`covariance`."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
@@ -273,7 +337,7 @@ class RecursiveArmax:
 
     @property
     def P(self) -> Floats:
-        """P (n, n) in the user's units, not multiplied by the noise variance."""
+        """P (n, n): the covariance of theta over the noise variance, in the user's units."""
         n, d, upper = self.config.n_theta, self._parts.d, self._parts.upper
         P = np.empty((n, n))
         for j in range(n):
@@ -284,32 +348,32 @@ class RecursiveArmax:
 
     @property
     def status(self) -> Status:
-        """The status after the last sample."""
+        """State of the estimator after the last sample."""
         return Status(int(self._header.status))
 
     @property
     def updates(self) -> int:
-        """Samples that moved theta (or took part in the start fit)."""
+        """Number of samples that updated theta or took part in the start fit."""
         return int(self._header.updates)
 
     @property
     def held(self) -> int:
-        """Samples that did not: NaN, lags refilling, or dropped from a window that did not move."""
+        """Number of other samples: with a NaN, while lags fill, or dropped from a still window."""
         return int(self._header.held)
 
     @property
     def halved(self) -> int:
-        """Updates whose step was halved to keep C(q) stable."""
+        """Number of updates whose step was halved to keep C(q) stable (RML)."""
         return int(self._header.halved)
 
     @property
     def restarts(self) -> int:
-        """How often a non-finite result made theta and P start anew."""
+        """Number of times that theta and P started again after a result that was not finite."""
         return int(self._header.restarts)
 
     @property
     def forgetting_factor(self) -> float:
-        """Lambda of the next update, on its way to the one configured."""
+        """lambda of the next update, which approaches that of the configuration."""
         return float(self._header.lam)
 
     @property
@@ -319,17 +383,17 @@ class RecursiveArmax:
 
     @property
     def innovation_std(self) -> float:
-        """Root mean square of the innovation, with the same forgetting."""
+        """Root mean square of the innovation in y's unit, weighted by the same forgetting."""
         return self._mean_root(self._header.e2)
 
     @property
     def residual_std(self) -> float:
-        """Root mean square of the residual, with the same forgetting."""
+        """Root mean square of the residual in y's unit, weighted by the same forgetting."""
         return self._mean_root(self._header.eps2)
 
     @property
     def whiteness_p(self) -> float:
-        """Ljung-Box p-value that the residuals are white; NaN while unknown."""
+        """p-value of the Ljung-Box test that the residuals are white; NaN while unknown."""
         s1, s2 = float(self._header.s1), float(self._header.s2)
         return ljung_box(self._parts.products, s1, s2)
 

@@ -1,1 +1,1 @@
-"""The compiled recursion: one private room."""
+"""The recursion in plain Python, which numba compiles: private to the estimators."""

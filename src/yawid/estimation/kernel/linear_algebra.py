@@ -1,6 +1,7 @@
-"""The arithmetic of the recursion: plain Python, which numba compiles as it stands.
+"""The arithmetic of the recursion: updates of P = U D U' and of theta's covariance, Jury's test.
 
-Compiled without fastmath, so that both give the same bits.
+It is plain Python, which numba compiles without fastmath, so that both give the same bits. The
+page at the top of ``armax.py`` says where each function stands in an update.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -10,24 +11,27 @@ from yawid.estimation.kernel.marks import hot
 
 @hot
 def clear(part):
-    """Set all of it to zero: a loop compiles in a fraction of what numba's slices take."""
+    """Set ``part`` (n,) to zero: a loop compiles in a fraction of the time that a slice takes."""
     for i in range(len(part)):
         part[i] = 0.0
 
 
 @hot
 def push(register, start, length, x):
-    """Shift x into the register's part, newest first; swapping beats a call of memmove."""
+    """Shift x into ``length`` places of the register from ``start`` on, the newest value first.
+
+    Swapping is faster than a call of memmove.
+    """
     for i in range(start, start + length):
         x, register[i] = register[i], x
 
 
 @hot
 def bierman(d, upper, psi, lam, gain, most):
-    """Update P = U D U' by the row psi; return 1 / alpha, alpha = lambda + psi' P psi.
+    """Update P = U D U' by the regressor psi (n,); return 1 / alpha, alpha = lambda + psi' P psi.
 
-    ``gain`` becomes P psi: the Kalman gain times alpha (Bierman 1977). P then grows by 1 / lambda,
-    its D no further than ``most``.
+    P becomes (P - P psi psi' P / alpha) / lambda, by Bierman's (1977) method, and ``gain`` (n,)
+    becomes P psi, the Kalman gain times alpha. No entry of D grows beyond ``most``.
     """
     over = 1.0 / lam
     alpha, inverse, column = lam, over, 0
@@ -52,7 +56,10 @@ def bierman(d, upper, psi, lam, gain, most):
 
 @hot
 def floor(d, upper, k, weight, gain):
-    """Add the row "theta[k] is what it is", of the given weight: P shrinks, theta stays."""
+    """Add a pseudo-measurement of theta[k] equal to its estimate, with ``weight`` = 1 / variance.
+
+    It reduces P, by Bierman's method again, and leaves theta unchanged. ``gain`` is overwritten.
+    """
     alpha, inverse, column = 1.0, 1.0, k * (k - 1) // 2
     for i in range(k):
         gain[i] = 0.0
@@ -74,9 +81,9 @@ def floor(d, upper, k, weight, gain):
 
 @hot
 def stable(a):
-    """Tell whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle; destroys a.
+    """Return whether all zeros of z^n + a1 z^(n-1) + ... lie inside the unit circle.
 
-    Jury's test, as a step-down of reflection coefficients.
+    ``a`` (n,) is overwritten. Jury's test, as a step-down of reflection coefficients.
     """
     if len(a) == 2:
         return abs(a[1]) < 1.0 and abs(a[0]) < 1.0 + a[1]
@@ -94,13 +101,20 @@ def stable(a):
 
 @hot
 def follow_covariance(covariance, echo, psi, gain, h, inverse, e, memory):
-    """Follow the covariance of theta from the innovations as they come, white or coloured.
+    """Update the covariance of theta by one innovation e, which may be white or coloured.
 
-    With K = inverse * gain and F = I - K psi', theta's error moves by F and is driven by K e, so
-    cov <- F cov F' + K e e K' + F h e K' + K e h' F', where h = memory * echo is what earlier
-    innovations left in theta, weighted by memory^lag: the residual's autocorrelation, summed as it
-    comes (after Grauer and Morelli 2016, with the weights of a geometric window). Any lambda(t)
-    and step counts as it was; a floor row moves P but not theta, and so not this.
+    With K = inverse * gain and F = I - K psi' the error of theta is multiplied by F and driven by
+    K e, so that, with h = memory * echo,
+
+        cov  <- F cov F' + K e e K' + F h e K' + K e h' F'
+        echo <- F h + K e
+
+    ``echo`` (n,) is what earlier innovations left in theta, weighted by memory^lag: this sums the
+    autocorrelation of the innovations recursively (after Grauer and Morelli 2016, with a geometric
+    window of lags). lambda(k) enters as it was at each update. A step that was halved to keep C(q)
+    stable enters as if it were whole; the information floor changes P but not theta, and so does
+    not enter. ``covariance`` (n n,), ``psi``, ``gain`` and ``h`` (n,); ``gain`` becomes K and ``h``
+    is overwritten.
     """
     n = len(psi)
     quadratic, cross, dot = e * e, 0.0, 0.0
@@ -123,7 +137,7 @@ def follow_covariance(covariance, echo, psi, gain, h, inverse, e, memory):
 
 @hot
 def correlate(residuals, products, eps, lam):
-    """Keep the running sums of eps(k) eps(k - l), l = 0..LAGS."""
+    """Update the running sums of eps(k) eps(k - l), l = 0 to lags: ``products`` (lags + 1,)."""
     products[0] = lam * products[0] + eps * eps
     for i in range(len(residuals)):
         products[i + 1] = lam * products[i + 1] + eps * residuals[i]
@@ -132,7 +146,7 @@ def correlate(residuals, products, eps, lam):
 
 @hot
 def entry_of_p(d, upper, i, j):
-    """P[i, j] of P = U D U', i <= j."""
+    """Return P[i, j] of P = U D U' for i <= j."""
     total = d[j] if i == j else upper[j * (j - 1) // 2 + i] * d[j]
     for k in range(j + 1, len(d)):
         column = k * (k - 1) // 2

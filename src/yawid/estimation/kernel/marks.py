@@ -1,27 +1,27 @@
-"""What the compiler is to do with a function of the kernel; as plain Python it stays as it is."""
+"""Marks that tell the compiler how to compile a function; plain Python ignores them."""
 
 from typing import Any
 
 MARKS: dict[Any, dict[str, Any]] = {}
-"""Marked function -> options of numba's ``njit``."""
+"""Options of numba's ``njit`` by marked function."""
 
 
 def hot(function: Any) -> Any:
-    """Compile into each caller: for what runs at every sample, where calls cost most."""
+    """Compile the function into each caller: for what runs at every sample, where calls cost."""
     MARKS[function] = {"forceinline": True}
     return function
 
 
 def merged(function: Any) -> Any:
-    """Let numba write it into its one caller, for what is long and would else be compiled twice.
+    """Let numba copy the function into its only caller: for long ones, else compiled twice.
 
-    For what is short :func:`hot` costs less: numba copies the caller for each.
+    For short functions :func:`hot` compiles faster: here numba copies the caller each time.
     """
     MARKS[function] = {"inline": "always"}
     return function
 
 
 def called(function: Any) -> Any:
-    """Compile as a function of its own: what is rare, or stands beside the samples' way."""
+    """Compile the function on its own: for what does not run at every sample of the recursion."""
     MARKS[function] = {}
     return function

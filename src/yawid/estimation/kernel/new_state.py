@@ -1,4 +1,4 @@
-"""Build the packed state of a configuration; the slots and parts are named in ``state.py``."""
+"""Build the packed state of a configuration; ``state.py`` names its numbers and parts."""
 
 import numpy as np
 
@@ -9,15 +9,17 @@ from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import lag_depth
 
 WARM_UPDATES_PER_PARAMETER = 10
+"""The status is WARMING_UP for this many updates times the number of parameters."""
 D_CAP = 1e6
-"""D of P = U D U' grows by forgetting no further than this, or P0 where that is larger."""
+"""Upper limit of the entries of D in P = U D U', on scaled signals; P0 where that is larger."""
 
 
 def registers(config: EstimatorConfig) -> tuple[list[int], list[int]]:
-    """Return where each signal's register begins, and the end (M + 4), and each phi entry's place.
+    """Return ``heads`` (m + 4), where each register begins and the last ends, and ``taps`` (n).
 
-    The signals are y, the inputs, the residual and the bias's 1; the newest entry comes first. When
-    phi(k) is formed that is y(k-1), u(k), eps(k-1).
+    There is a register for -y, each of the m inputs, the residual and the constant 1 of the bias,
+    the newest value first: -y(k-1), u(k), eps(k-1) when phi(k) is formed. ``taps`` are the places
+    of the entries of phi in the registers.
     """
     orders = config.orders
     rows = [(0, orders.na)]
@@ -26,19 +28,19 @@ def registers(config: EstimatorConfig) -> tuple[list[int], list[int]]:
     heads, taps = [0], list[int]()
     for first, count in rows:
         taps += range(heads[-1] + first, heads[-1] + first + count)
-        # 1/C needs nc lags of each.
+        # The filter 1/C(q) needs nc lags of each signal.
         heads.append(heads[-1] + (max(first + count, orders.nc) if count else 0))
     return heads, taps
 
 
 def new_state(config: EstimatorConfig) -> Floats:
-    """Return the packed state of an estimator that has seen nothing."""
+    """Return the packed state of an estimator that has seen no sample."""
     orders, n, lags = config.orders, config.n_theta, config.residual_lags
     window = max(config.scale_window, config.start_buffer)
     heads, taps = registers(config)
-    header: dict[str, float | None] = {  # the config has filled its None
+    header: dict[str, float | None] = {  # the configuration has replaced its None
         "n": n, "na": orders.na, "nc": orders.nc, "m": orders.n_inputs,
-        "r": heads[-1] + max(1, orders.nc),  # a spare for signals without a register
+        "r": heads[-1] + max(1, orders.nc),  # a spare place for signals without a register
         "lags": lags, "window": window, "depth": lag_depth(config.orders),
         "bias": config.bias, "filters": METHODS[config.method].filters,
         "scaled": config.scale_window > 0, "start_fit": config.start_buffer > 0,

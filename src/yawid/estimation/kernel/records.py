@@ -1,4 +1,4 @@
-"""The loop of a fit over a whole record for which NumPy has none as fast."""
+"""A loop of the fits over a whole record, which is faster compiled than in NumPy."""
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -7,7 +7,7 @@ from yawid.estimation.kernel.marks import called
 
 @called
 def add_products(a, b, out):
-    """Add a' b (m, l) of a (n, m) and b (n, l) to out, row after row."""
+    """Add a' b to ``out`` (m, l), row after row, for ``a`` (n, m) and ``b`` (n, l)."""
     for k in range(len(a)):
         for i in range(a.shape[1]):
             for j in range(b.shape[1]):

@@ -1,7 +1,7 @@
-"""The packed state: all that the recursion knows, in one contiguous float64 array.
+"""The packed state: everything the recursion knows, in one contiguous float64 array.
 
-First the header, whose numbers have names, then the parts that :func:`cut` cuts out, the window
-last. One array makes a single-sample call cheap and saving exact.
+First comes the header, whose numbers have names (NUMBERS), then the parts that :func:`cut` returns
+(Parts), the window last. One array makes a call with a single sample cheap and saving exact.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -19,14 +19,14 @@ from yawid.estimation.kernel.marks import hot
 Indices = NDArray[np.uint64]
 
 NUMBERS = (
-    # The structure, fixed when the state is made; r is the length of the registers, depth their
-    # earliest lag, warm the updates it takes to settle.
+    # Fixed when the state is made: r is the length of all registers, depth the largest lag of y
+    # and u in phi, warm the number of updates during which the status is WARMING_UP.
     "n", "na", "nc", "m", "r", "lags", "window", "depth", "bias", "filters",
     "scaled", "start_fit", "minimum", "P0", "d_max", "warm",
     "lam_start", "lam_end", "lam_rate", "floor",
-    # The sample: y as given (the inputs have their own part) and what became of it, scaled.
+    # The sample: y as given (the inputs are a part of their own), and its results, scaled.
     "y", "y_hat", "innovation", "residual", "status",
-    # What moves.
+    # What changes with the samples; the page at the top of armax.py explains the sums.
     "phase", "count", "head", "broken", "filled", "updates", "held", "since", "next",
     "lam", "s1", "s2", "loss", "e2", "eps2", "y2", "fast_e2", "fast_y2",
     "diverged", "halved", "restarts",
@@ -36,10 +36,11 @@ HEADER: np.dtype[Any] = np.dtype((np.record, [(name, np.float64) for name in NUM
 
 
 class Parts(NamedTuple):
-    """Views of the state, on scaled signals. Lags, covariance and echo may be empty.
+    """Views of the state, on scaled signals; n parameters, m inputs, ``lags`` of the residual.
 
-    ``heads`` and ``taps`` count in their own bits: the index of an array may be negative unless its
-    type says that it is not, and to ask each time would cost as much as what it finds.
+    Without lags ``covariance``, ``echo``, ``residuals`` and ``products`` are empty. ``heads`` and
+    ``taps`` are unsigned integers in the same memory: compiled code tests a signed index for being
+    negative at each access, which would cost as much as the access.
     """
 
     packed: Floats  # the whole state
@@ -49,42 +50,33 @@ class Parts(NamedTuple):
     phi: Floats  # (n,)
     psi: Floats  # (n,)
     gain: Floats  # (n,)
-    raw: Floats  # (r,) registers of y, the inputs, the residual and 1, the newest first
-    filtered: Floats  # (r,) the same through 1/C(q)
-    scratch: Floats  # (max(n, m + 3),)
+    raw: Floats  # (r,) registers of -y, the inputs, the residual and 1, the newest first
+    filtered: Floats  # (r,) the same registers filtered by 1/C(q)
+    scratch: Floats  # (max(n, m + 3),) working space
     covariance: Floats  # (n n,) of theta
     echo: Floats  # (n,) what past innovations left in theta
-    residuals: Floats  # (lags,)
+    residuals: Floats  # (lags,) the newest first
     products: Floats  # (lags + 1,) running sums of eps(k) eps(k - l)
-    heads: Indices  # (m + 4,) where the registers begin, and the end
-    fresh: Floats  # (m + 3,) what enters them next
-    taps: Indices  # (n,) where phi finds its entries
-    factors: Floats  # (m + 1,) scale y and u
-    units: Floats  # (n,) take theta to the user's units
-    least: Floats  # (n,) the usual least of P[k, k]
-    best: Floats  # (n,) that of all time
-    c: Floats  # (nc,) filters psi, then tried for stability
-    inputs: Floats  # (m,)
-    samples: Floats  # (window (m + 2),) rows of break flag, y, u
+    heads: Indices  # (m + 4,) where each register begins, and where the last one ends
+    fresh: Floats  # (m + 3,) the values that enter the registers next
+    taps: Indices  # (n,) places of the entries of phi in the registers
+    factors: Floats  # (m + 1,) that scale y and u
+    units: Floats  # (n,) theta in the user's units is theta * units
+    least: Floats  # (n,) the usual least of P[k, k], for the information floor
+    best: Floats  # (n,) the smallest value that ``least`` has had
+    c: Floats  # (nc,) C(q) that filters psi; then a trial C(q) in the test of stability
+    inputs: Floats  # (m,) of the sample, as given
+    samples: Floats  # (window (m + 2),) rows of break flag, y, u, as given
 
 
-# phase: fill the window, await its release, recurse, await a restart, recurse but for theta and P
+# phase: fill the window, await its release, recurse, await a restart, recurse but keep theta and P
 GATHERING, FITTING, RUNNING, RESTARTING, FROZEN = 0.0, 1.0, 2.0, 3.0, 4.0
-WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # status, as blocks.Status
-PSI_FROM = 150  # rml: updates with psi = phi, until C is good enough to filter by
-HALVINGS = 12  # of a step that would make C unstable; then it is not taken at all
-FAST = 0.99  # forgetting of the test for divergence
-FEW = 25.0  # samples it takes to follow the residual's correlation over one lag
-SLACK = 0.03  # the share by which P[k, k] may exceed its usual least, times the floor
-SETTLING = 1000  # updates during which the least of P[k, k] is simply the least
-FAST_FALL = 0.98  # later, how fast that least may fall at a visit
-SLOW_RISE = 1e-3  # how fast it rises, per memory
-MOST_RISE = 10.0  # and how far, over the least of all time
+WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # status, as in blocks.Status
 
 
 @hot
 def lengths(s: Any) -> tuple[int, ...]:
-    """Return the lengths of the parts between the whole and the samples, for the header s."""
+    """Return the lengths of the parts from ``theta`` to ``inputs``, for the header s."""
     n, m, r, lags = int(s.n), int(s.m), int(s.r), int(s.lags)
     known = 1 if lags > 0 else 0
     return (
@@ -95,7 +87,7 @@ def lengths(s: Any) -> tuple[int, ...]:
 
 
 def named(packed: Floats) -> Any:
-    """Return the header of a packed state: its numbers by name, in the state's own memory."""
+    """Return the header of a packed state: its numbers by name, which share its memory."""
     return packed[: len(NUMBERS)].view(HEADER)[0]
 
 
@@ -109,9 +101,9 @@ def cut(packed: Floats) -> Parts:
 
 
 class Unpacked:
-    """A packed state as Python's own floats and lists, on which plain Python is four times faster.
+    """A packed state as Python floats and lists, with which plain Python is four times faster.
 
-    It gives the bits of the array's; but where a float is divided by 0 Python raises.
+    The results have the same bits as with arrays, but Python raises where a float is divided by 0.
     """
 
     def __init__(self, packed: Floats) -> None:
@@ -120,14 +112,14 @@ class Unpacked:
         self.parts = Parts(self, *(part.tolist() for part in self._at[1:]))  # type: ignore[arg-type] # as lists
 
     def pack(self) -> None:
-        """Write it back."""
+        """Write the numbers and parts back to the packed state."""
         self._packed[: len(NUMBERS)] = list(vars(self.header).values())
         for name, part, values in zip(Parts._fields, self._at, self.parts, strict=True):
             if name != "packed" and name not in INDICES:  # these never change
                 part[:] = values
 
 
-# These two the compiler replaces by its own.
+# The compiler replaces the next two functions by its own.
 
 
 def header(state: Any) -> Any:

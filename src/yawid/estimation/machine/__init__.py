@@ -1,1 +1,1 @@
-"""The kernel as machine code: compiled by numba once per installation, loaded by llvmlite alone."""
+"""The kernel as machine code: numba compiles it once per installation, llvmlite loads it."""

@@ -1,10 +1,10 @@
-"""The kernel compiled by numba: the one file that imports it.
+"""Compile the kernel with numba: the only file that imports it.
 
-The kernel's functions are copied with other globals: what they call is compiled as well, and the
-state's header and parts are read in place. The result is an object that needs numba no more. Its
-recursion is called as a function of C that Python knows (METH_FASTCALL), for numba's own way from
-Python costs more than a sample; the loop over a record is called with the addresses of three
-arrays, and runs without Python's lock.
+The kernel's functions are copied with other globals, so that what they call is compiled as well and
+the state's header and parts are read in place. The result is object code that does not need numba.
+Its recursion is called as a C function that Python knows (METH_FASTCALL), because numba's own call
+from Python takes longer than a sample. The loop over a record is called with the addresses of three
+arrays and runs without Python's lock.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -61,17 +61,17 @@ OPTIONS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
 }
 _HEAD = object.__basicsize__
-"""A NumPy array begins as every object does; then come its data, its ndim and its shape."""
+"""Size of the head of every Python object; in a NumPy array its data, ndim and shape follow."""
 _COUNTING = re.compile(r"^define linkonce_odr void @(NRT_\w+)\(.*?^\}", re.DOTALL | re.MULTILINE)
 _UNCOUNTED = r"define internal void @\1(ptr %array) alwaysinline { ret void }"
-"""Nothing of numba's counts references to the arrays: they are Python's, and outlive the call."""
+"""Replaces numba's counting of references: the arrays belong to Python and outlive the call."""
 _KNOWN = re.compile(r"llvm\..*|Py\w+|log2|exp2|pow|floor|sqrt|mem\w+")
-"""What the object may call: the processor, Python and C's mathematics."""
+"""The functions that the object code may call: LLVM's own, Python's and C's mathematics."""
 
 
 @intrinsic
 def _named(_context, packed):
-    """Read the header of a packed state by name."""
+    """Return the header of a packed state as a record, whose numbers have names."""
     record: Any = numba.from_dtype(state.HEADER)
 
     def generate(context, builder, _signature, values):
@@ -83,10 +83,10 @@ def _named(_context, packed):
 
 @intrinsic
 def _cut(_context, packed, lengths):
-    """Cut the state into its parts, the whole first and what is left last.
+    """Return the parts of the state: the whole first, the window's samples last.
 
-    Views are unchecked and not counted: the caller keeps the state alive; a slice's checks and
-    counts cost more than the arithmetic.
+    The views have no checks and no reference counts, which would cost more than the arithmetic:
+    the caller keeps the state alive.
     """
     whole_numbers = packed.copy(dtype=types.uint64)
     names = state.Parts._fields
@@ -111,7 +111,7 @@ def _cut(_context, packed, lengths):
 
 
 def _array_at(ndim: int) -> Any:
-    """Return what makes an array (float64, contiguous) of a NumPy array's address."""
+    """Return a function that makes an array (float64, contiguous) of a NumPy array's address."""
     kind = types.Array(types.float64, ndim, "C")
 
     @intrinsic
@@ -152,7 +152,7 @@ def _parts() -> Any:
 
 
 class _Copies:
-    """The kernel's functions, copied for the compiler; each once."""
+    """Compiled copies of the kernel's functions, one of each."""
 
     def __init__(self, **replaced: Any) -> None:
         self._replaced = replaced
@@ -173,10 +173,10 @@ class _Copies:
 
 
 def compiled() -> bytes:
-    """Return the object code of ``entry_points.run`` as a function of Python's, and of the loop.
+    """Return object code: ``entry_points.run`` as a Python function, and ``records.add_products``.
 
     Raises:
-        RuntimeError: it would call what is not there without numba.
+        RuntimeError: the code would call a function that is missing without numba.
     """
     run = _Copies(header=_named, parts=_parts()).of(entry_points.run)
     add_products = _Copies().of(records.add_products)
@@ -200,7 +200,7 @@ def compiled() -> bytes:
 
 
 def _text(compiled_at: Any, wrapper: str, name: str) -> tuple[str, str]:
-    """Return a function in LLVM's language, and the wrapper that calls it by ``name``."""
+    """Return a function as LLVM assembly, and the wrapper that calls it in place of ``name``."""
     (signature,) = compiled_at.signatures
     text = _COUNTING.sub(_UNCOUNTED, compiled_at.inspect_llvm(signature))
     return text, wrapper.replace(name, compiled_at.overloads[signature].fndesc.mangled_name)

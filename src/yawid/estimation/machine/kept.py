@@ -1,8 +1,8 @@
-"""Where machine code is kept between processes, whose is trusted, and that only one makes it.
+"""Where machine code is kept between processes, which files are trusted, and who compiles.
 
-Whoever can write the file can run what he likes as whoever loads it. So, as OpenSSH does with its
-keys, only a file of the user's or of root's counts that no other can change, in a folder of the
-same kind.
+Whoever can write such a file can run any code as the user who loads it. So, as OpenSSH does with
+its keys, a file counts only if it belongs to the user or to root, no other user can change it, and
+the same holds for its folder. A lock lets one process in the background compile at a time.
 """
 
 import fcntl
@@ -24,14 +24,14 @@ _SETTLED = (Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS)
 _FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _NOT_FOLLOWED = os.O_NOFOLLOW | os.O_CLOEXEC
 _FOLDER, _OF_USER, _FILE, _LOCK = 0o755, 0o700, 0o644, 0o600
-"""Modes of what is made: others may load what root compiled, and need nothing of a user's own."""
+"""File modes: other users may load code that root compiled; a user's own is for that user."""
 
 
 def folders() -> list[Path]:
-    """Return the folders that can be trusted, first to last.
+    """Return the trusted folders, in the order of search.
 
-    NUMBA_CACHE_DIR stands alone where it is set; where others can write to it, the user's own cache
-    stands for it.
+    Where NUMBA_CACHE_DIR is set it is the only one; where others can write to that folder, the
+    user's own cache replaces it.
     """
     first, is_given = _first()
     if why_not(first) is not None:
@@ -40,14 +40,14 @@ def folders() -> list[Path]:
 
 
 def passed_by() -> str | None:
-    """Return in words why NUMBA_CACHE_DIR does not count; None where it does, or is not set."""
+    """Return in words why NUMBA_CACHE_DIR is not used; None where it is used, or not set."""
     first, is_given = _first()
     why = why_not(first) if is_given else None
     return why and f"NUMBA_CACHE_DIR is passed by: {why}"
 
 
 def _first() -> tuple[Path, bool]:
-    """Return the folder that comes first, links resolved, and whether it was named."""
+    """Return the first folder, with links resolved, and whether NUMBA_CACHE_DIR names it."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     first = Path(given) if given else Path(__file__).parent / "__pycache__"
     return Path(os.path.realpath(first)), bool(given)
@@ -64,24 +64,28 @@ def _of_user() -> list[Path]:
 
 
 def why_not(folder: Path) -> str | None:
-    """Return in words who else could change what lies in a folder (no link); None: nobody can."""
+    """Return in words who else could change files in a folder (not a link); None: nobody."""
     for each in (folder, *folder.parents):
         try:
             about = each.stat(follow_symlinks=False)
         except (FileNotFoundError, NotADirectoryError):
-            continue  # it is still to be made, and looked at again then
+            continue  # it does not exist yet; once made it is checked again
         except OSError as error:
             return f"{each}: {error.strerror}"
         if about.st_uid not in (0, os.geteuid()):
             return f"{each} belongs to user {about.st_uid}"
-        # Where the sticky bit is set nobody renames what is another's.
+        # Where the sticky bit is set, a user cannot rename files of another user.
         if about.st_mode & _FOR_OTHERS and (each == folder or not about.st_mode & stat.S_ISVTX):
             return f"{each} can be written to by others"
     return None
 
 
 def _make(folder: Path) -> None:
-    """Make what is missing of the folder; raise OSError where it cannot be, or be trusted."""
+    """Make the folder and its missing parents.
+
+    Raises:
+        OSError: it cannot be made, or cannot be trusted.
+    """
     mode = _OF_USER if folder in _of_user() else _FOLDER
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     for each in reversed(missing):
@@ -91,7 +95,11 @@ def _make(folder: Path) -> None:
 
 
 def _open(path: Path, flags: int, mode: int = 0) -> int:
-    """Open a regular file that nobody but the user and root can change; raise OSError of others."""
+    """Return a descriptor of a regular file that only the user and root can change.
+
+    Raises:
+        OSError: the file cannot be opened, or others can change it.
+    """
     opened = os.open(path, flags | _NOT_FOLLOWED | os.O_NONBLOCK, mode)
     about = os.fstat(opened)
     is_safe = about.st_uid in (0, os.geteuid()) and not about.st_mode & _FOR_OTHERS
@@ -103,7 +111,7 @@ def _open(path: Path, flags: int, mode: int = 0) -> int:
 
 @cache
 def _version() -> str:
-    """Return a name of all that the code depends on: versions and machines keep apart."""
+    """Return a name made of all that the code depends on: sources, Python and processor."""
     digest = hashlib.sha256()
     for folder in (Path(kernel.__file__).parent, Path(__file__).parent):
         for source in sorted(folder.glob("*.py")):
@@ -114,7 +122,7 @@ def _version() -> str:
 
 
 def find(name: str) -> bytes | None:
-    """Return the code that an earlier process left; None where there is none, or it is damaged."""
+    """Return the code that an earlier process kept; None where there is none or it is damaged."""
     for folder in folders():
         with suppress(OSError):
             with open(_open(folder / f"{name}-{_version()}.code", os.O_RDONLY), "rb") as stream:
@@ -126,7 +134,7 @@ def find(name: str) -> bytes | None:
 
 
 def keep(name: str, code: bytes) -> Path | None:
-    """Write the code, whole or not at all; return the folder, None where none can be written to."""
+    """Write the code completely or not at all; return its folder, None where none is writable."""
     for folder in folders():
         part = folder / f"{name}-{_version()}.{os.getpid()}"
         try:
@@ -145,7 +153,10 @@ def keep(name: str, code: bytes) -> Path | None:
 
 @contextmanager
 def alone(name: str) -> Iterator[bool]:
-    """Yield whether nobody else makes this code and it can be kept; who dies lets go."""
+    """Yield whether this process alone makes the code and can keep it.
+
+    The lock ends with the process that has it.
+    """
     lock = _opened(f"{name}-{_version()}.lock")
     if lock is None:
         yield False

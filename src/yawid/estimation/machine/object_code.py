@@ -1,6 +1,6 @@
-"""Machine code by llvmlite: from LLVM's language to an object, from an object to an address.
+"""Machine code with llvmlite: from LLVM assembly to object code, from that to an address.
 
-numba is not needed to load what it once compiled; its import takes longer than a short replay.
+Code that numba compiled loads without numba, whose import takes longer than a short replay.
 """
 
 import os
@@ -11,9 +11,9 @@ from typing import Any
 import llvmlite.binding as llvm
 
 RUN = "yawid_run"
-"""What the compiled recursion is called in its object."""
+"""Name of the compiled recursion in the object code."""
 ADD_PRODUCTS = "yawid_add_products"
-"""The loop of a fit over a whole record, in the same object."""
+"""Name of the loop of a fit over a whole record, in the same object code."""
 _LOADING = Lock()
 
 
@@ -35,7 +35,7 @@ def _target() -> Any:
     ):
         try:
             begin()
-        except RuntimeError:  # newer versions begin by themselves and say so
+        except RuntimeError:  # newer versions initialise themselves and refuse this call
             continue
     name, features = processor()
     target = llvm.Target.from_default_triple()
@@ -43,7 +43,7 @@ def _target() -> Any:
 
 
 def module_of(*texts: str, kept: tuple[str, ...]) -> Any:
-    """Return one optimised module of texts in LLVM's language; what ``kept`` do not need goes."""
+    """Return one optimised module of texts in LLVM assembly: ``kept`` and what they call."""
     module = llvm.parse_assembly(texts[0])
     for text in texts[1:]:
         module.link_in(llvm.parse_assembly(text))
@@ -69,10 +69,10 @@ def _engine() -> Any:
 
 
 def loaded(code: bytes, *names: str) -> list[int]:
-    """Load an object for the rest of the process; return the addresses of its functions.
+    """Load object code for the rest of the process; return the addresses of the named functions.
 
     Raises:
-        RuntimeError: it has no function of such a name.
+        RuntimeError: the object code has no function of one of these names.
     """
     with _LOADING:
         engine = _engine()

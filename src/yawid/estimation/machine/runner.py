@@ -1,6 +1,6 @@
-"""Who takes the samples: the compiled recursion where there is one, else the same as plain Python.
+"""Run the recursion: compiled where there is machine code, else the same in plain Python.
 
-Both work on one packed state and give the same bits, so that a run changes over at any sample.
+Both work on one packed state and give the same bits, so that a run can change over at any sample.
 """
 
 import ctypes
@@ -24,25 +24,25 @@ from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, loaded
 
 PATIENCE_S = 6.0
-"""A process that has interpreted for so long compiles: that takes about as long."""
+"""A process compiles after this much time in plain Python: compiling takes about as long."""
 LOOK_S = 1.0
-"""How often a process that interprets looks whether another has compiled."""
+"""Time between two looks for code that another process has compiled."""
 PIECE = 1000
-"""Samples between two looks."""
+"""Samples taken in plain Python before the next look is considered."""
 MOST_OF_A_REASON = 200
-"""Characters of another library's message that a line of ours takes."""
+"""Characters of another library's message that are quoted in a line of output."""
 TIMES_SLOWER = 50
-"""The samples of a plain run take about as many times as long as those of a compiled one."""
+"""A sample in plain Python takes about this many times as long as in compiled code."""
 _BEHIND = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
 
 
 def is_plain() -> bool:
-    """Tell whether NUMBA_DISABLE_JIT asks for plain Python."""
+    """Return whether NUMBA_DISABLE_JIT asks for plain Python."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 class _Method(ctypes.Structure):
-    """PyMethodDef: how Python is told of a function written in C."""
+    """PyMethodDef of Python's C interface, which describes a function written in C."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -54,11 +54,11 @@ class _Method(ctypes.Structure):
 
 _FASTCALL = 0x80
 _METHODS: list[_Method] = []
-"""Must outlive the functions that Python made of them."""
+"""The descriptions in use: they must outlive the functions that Python made of them."""
 
 
 class Runner:
-    """Takes samples by :meth:`run`, whose place the compiled function takes as soon as it can."""
+    """Takes samples by :meth:`run`, which the compiled function replaces as soon as it exists."""
 
     def __init__(self) -> None:
         self._interpreted_s = 0.0
@@ -69,9 +69,9 @@ class Runner:
         self._add_products: Callable[..., None] | None = None
 
     def run(self, packed: Floats, u: Floats, y: Floats, out: Floats, first: int) -> int:
-        """Take samples as ``entry_points.run`` does: u (samples M,), y (samples,), out (rows, n).
+        """Take samples as ``entry_points.run``: u (samples m,), y (samples,), out (rows, columns).
 
-        All are contiguous float64; the compiled function does not look.
+        All are contiguous float64; the compiled function does not check that.
         """
         if first == 0 and (np.isinf(u).any() or np.isinf(y).any()):
             return -1
@@ -87,21 +87,21 @@ class Runner:
         return self.run(packed, u, y, out, first)
 
     def is_compiled(self) -> bool:
-        """Tell whether compiled code is there, from now or from an earlier process."""
+        """Return whether there is compiled code, from this or from an earlier process."""
         return self._is_compiled or self._found()
 
     def add_products(self) -> Callable[..., None] | None:
         """Return the compiled ``records.add_products``; None where there is no compiled code.
 
-        Its three arrays are contiguous float64; it does not look.
+        Its three arrays must be contiguous float64; it does not check that.
         """
         return self._add_products if self.is_compiled() else None
 
     def compile(self) -> Path | None:
-        """Compile, for this process and those to come; return the folder, None if it is not kept.
+        """Compile for this and later processes; return the folder of the code, None if not kept.
 
         Raises:
-            CompilerError: numba or llvmlite cannot, for whatever reason.
+            CompilerError: numba or llvmlite failed, for whatever reason.
         """
         try:
             from yawid.estimation.machine.compiler import compiled
@@ -113,9 +113,9 @@ class Runner:
         return kept.keep(RUN, code)
 
     def compile_behind(self) -> bool:
-        """Have another process compile what is not compiled; tell whether there is one now.
+        """Start a process that compiles, if there is no code; return whether there is one.
 
-        The last run's may be at it still: the new one sees that and ends.
+        Another one, of an earlier run, may still be compiling: the new one notices that and ends.
         """
         if self.is_compiled():
             return False
@@ -128,7 +128,7 @@ class Runner:
         return self._child is not None
 
     def _found(self) -> bool:
-        """Look for compiled code now and then, or make it; tell whether it is there."""
+        """Look for compiled code at times, or compile; return whether there is compiled code."""
         if is_plain() or time.monotonic() - self._looked < LOOK_S:
             return False
         self._looked = time.monotonic()
@@ -146,10 +146,10 @@ class Runner:
         return self._is_compiled
 
     def _is_under_way(self) -> bool:
-        """Tell whether the other process compiles.
+        """Return whether the other process is compiling.
 
         Raises:
-            CompilerError: it cannot, and has said why.
+            CompilerError: it failed; its message says why.
         """
         if self._child is None or self._child.poll() is None:
             return self._child is not None
@@ -161,7 +161,7 @@ class Runner:
         return False
 
     def _give_up(self, why: str) -> None:
-        """Say once why this process goes on as plain Python, and do not try again."""
+        """Report once why this process stays with plain Python, and do not try again."""
         if self._is_hopeless:
             return
         self._is_hopeless = True
@@ -176,18 +176,18 @@ class Runner:
         make = ctypes.pythonapi.PyCFunction_NewEx
         make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p] * 3
         run: Any = make(ctypes.addressof(method), None, None)
-        self.run = run  # type: ignore[method-assign] # from now on without a way round
+        self.run = run  # type: ignore[method-assign] # later calls go straight to the machine code
         self._is_compiled = True
 
 
 def _interpret(packed: Floats, u: Floats, y: Floats, out: Floats, first: int, end: int) -> int:
-    """Take the samples from the first to before the end; return how many were taken."""
+    """Take the samples from index ``first`` to ``end`` - 1; return how many were taken."""
     inputs = len(u) // max(len(y), 1)
     samples = u[first * inputs : end * inputs].tolist(), y[first:end].tolist()
     state = Unpacked(packed)
     try:
         done = int(entry_points.run(state, *samples, out, 0))
-    except ArithmeticError:  # Python raises where an array's float overflows
+    except ArithmeticError:  # Python raises where an array gives inf or NaN
         with np.errstate(all="ignore"):
             return int(entry_points.run(packed, *samples, out, 0))
     state.pack()
@@ -198,9 +198,9 @@ RUNNER = Runner()
 
 
 def compile_behind() -> None:
-    """Be the process that compiles, unless another does or has done, or nothing can be kept.
+    """Compile, in a process of its own, unless another does or did, or code cannot be kept.
 
-    Where it cannot, its one line says why to the process that started it.
+    Where that fails, one line on stdout tells the process that started this one why.
     """
     os.nice(19)
     with kept.alone(RUN) as is_alone:
@@ -208,12 +208,12 @@ def compile_behind() -> None:
             try:
                 RUNNER.compile()
             except CompilerError as error:
-                with suppress(OSError):  # nobody listens any more
+                with suppress(OSError):  # the other process has ended
                     os.write(1, str(error).encode())
 
 
 def _why(error: Exception) -> str:
-    """Return in one line why there is no compiled code, and what can be done."""
+    """Return one line: why there is no compiled code, and what to do."""
     line = (str(error).strip().splitlines() or [""])[0][:MOST_OF_A_REASON]
     shown = "".join(each if each.isprintable() else "?" for each in line)
     text = f"{type(error).__name__}: {shown}".removesuffix(": ")

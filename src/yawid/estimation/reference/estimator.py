@@ -18,7 +18,7 @@ from yawid.config.estimator import Engine, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.checks import checked_samples, checked_u
-from yawid.estimation.kernel import state as slots
+from yawid.estimation.kernel import recursion as steps
 from yawid.estimation.kernel.new_state import WARM_UPDATES_PER_PARAMETER
 from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import c_of, is_stable, lag_depth
@@ -48,8 +48,8 @@ class Sums:
         self.loss = lam * self.loss + e * e * share
         self.e2, self.eps2 = lam * self.e2 + e * e, lam * self.eps2 + eps * eps
         self.y2 = lam * self.y2 + y * y
-        self.fast_e2 = slots.FAST * self.fast_e2 + (1.0 - slots.FAST) * e * e
-        self.fast_y2 = slots.FAST * self.fast_y2 + (1.0 - slots.FAST) * y * y
+        self.fast_e2 = steps.FAST * self.fast_e2 + (1.0 - steps.FAST) * e * e
+        self.fast_y2 = steps.FAST * self.fast_y2 + (1.0 - steps.FAST) * y * y
         lagged = np.array([eps, *self.residuals])
         self.products = lam * self.products + eps * lagged
         self.residuals = lagged[:-1]
@@ -75,7 +75,7 @@ class FollowedCovariance:
 
     def follow(self, psi: Floats, gain: Floats, e: float, s1: float) -> None:
         """Take one update: see ``kernel.follow_covariance``, here as the equations stand."""
-        memory = 1.0 - min(1.0, max(1.0 / max(self.lags, 1), slots.FEW / (s1 + 1.0)))
+        memory = 1.0 - min(1.0, max(1.0 / max(self.lags, 1), steps.FEW / (s1 + 1.0)))
         F, drive = np.eye(len(psi)) - np.outer(gain, psi), gain * e
         cross = F @ np.outer(memory * self.echo, drive)
         self.covariance = F @ self.covariance @ F.T + np.outer(drive, drive) + cross + cross.T
@@ -262,7 +262,7 @@ class ReferenceArmax:
     def _learn(self, y: float, e: float) -> tuple[float, bool]:
         kalman, lam, phi = self._filter, self.forgetting_factor, self._regressor(self._raw)
         filters = METHODS[self.config.method].filters
-        psi = self._regressor(self._filtered) if filters and self._since >= slots.PSI_FROM else phi
+        psi = self._regressor(self._filtered) if filters and self._since >= steps.PSI_FROM else phi
         before = kalman.x[:, 0].copy()
         alpha = float(lam + psi @ kalman.P @ psi)
         kalman.alpha = lam**-0.5
@@ -287,7 +287,7 @@ class ReferenceArmax:
         if not (METHODS[self.config.method].filters and self.config.orders.nc):
             return step
         whole = step
-        for _ in range(slots.HALVINGS):
+        for _ in range(steps.HALVINGS):
             if is_stable(c_of(theta + step, self.config.orders)):
                 break
             step = 0.5 * step
@@ -303,14 +303,14 @@ class ReferenceArmax:
         n, p = config.n_theta, float(kalman.P[k, k])
         self._next = (k + 1) % n
         if p >= self._least[k]:
-            rise = 1.0 + slots.SLOW_RISE * n * (1.0 - config.forgetting_factor)
-            self._least[k] = min(self._least[k] * rise, slots.MOST_RISE * self._best[k])
-        elif self._since < slots.SETTLING:
+            rise = 1.0 + steps.SLOW_RISE * n * (1.0 - config.forgetting_factor)
+            self._least[k] = min(self._least[k] * rise, steps.MOST_RISE * self._best[k])
+        elif self._since < steps.SETTLING:
             self._least[k] = p
         else:
-            self._least[k] = max(p, slots.FAST_FALL * self._least[k])
+            self._least[k] = max(p, steps.FAST_FALL * self._least[k])
         self._best[k] = min(self._best[k], self._least[k])
-        limit = self._least[k] * (1.0 + slots.SLACK / config.information_floor)
+        limit = self._least[k] * (1.0 + steps.SLACK / config.information_floor)
         if p > limit:
             here = np.eye(n)[[k]]
             kalman.update(here @ kalman.x[:, 0], R=1.0 / (1.0 / limit - 1.0 / p), H=here)
