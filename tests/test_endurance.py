@@ -242,13 +242,14 @@ def test_a_link_that_says_nothing_for_a_day_is_one_gap():
 
 
 @pytest.mark.slow
-def test_a_thousand_reboots():
+@pytest.mark.parametrize("count", [200, pytest.param(1000, marks=pytest.mark.long)])
+def test_many_reboots(count: int):
     """Each life lasts ten seconds and has a clock of its own; what was learned is kept."""
-    log = b"".join(lives(1000, 100))
+    log = b"".join(lives(count, 100))
     found = summary_of(log, forgetting=1.0, manoeuvres="off")
 
-    assert found["link"]["reboots"] == 999
-    assert found["estimates"]["els"]["updates"] > 85_000
+    assert found["link"]["reboots"] == count - 1
+    assert found["estimates"]["els"]["updates"] > 85 * count
     assert_found(found, bias=0.001)  # sigma is 0.01 %, and a pulse is whole microseconds
 
 

@@ -121,7 +121,7 @@ def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
 
 
 def test_a_replay_of_a_flown_log_gives_its_summary(tmp_path: Path) -> None:
-    plan = LegPlan("c172p", 95.0, (Leg("idle", 2.0), Leg("manoeuvre", 30.0, shape="prbs")))
+    plan = LegPlan("T37", 200.0, (Leg("idle", 2.0), Leg("manoeuvre", 30.0, shape="prbs")))
     made = fly(speeds.turbulent(plan, 2), Link())
     log, truth = judge.kept(tmp_path, "short", lambda: made)
 
