@@ -1,1 +1,1 @@
-"""The run's file: written, read, recovered."""
+"""The MCAP file of a run: writing it, reading it, and recovering a damaged one."""

@@ -1,4 +1,4 @@
-"""Blocks as protobuf messages: which column of a block is which field."""
+"""Blocks as protobuf messages and back: which column of a block is which field."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Rows = Array
 
 
 class RunRows(NamedTuple):
-    """Consecutive samples and all that was made of them."""
+    """Consecutive samples with their estimates, by method, and modes."""
 
     samples: SampleBlock
     estimates: Mapping[str, EstimateBlock]
@@ -27,7 +27,7 @@ class RunRows(NamedTuple):
 
 
 def joined(parts: Sequence[RunRows]) -> RunRows:
-    """Return several of them as one; the covariances, which are not written, are left out."""
+    """Return several blocks as one, without covariances, which are not written; one as it is."""
     if len(parts) == 1:
         return parts[0]
     estimates = {}
@@ -39,7 +39,7 @@ def joined(parts: Sequence[RunRows]) -> RunRows:
 
 
 _SAMPLE: Final = {n: kind for n, kind in TABLE["Sample"] if n in SampleBlock.__slots__}
-"""Fields of a sample called as in its block, and their types."""
+"""The fields of a sample that have the same name in its block, and their types."""
 _ESTIMATE: Final = (
     "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
 )  # fmt: skip
@@ -57,7 +57,7 @@ def _fill_held(rows: Rows, held: Ints) -> None:
 
 
 def _one_nan(rows: Rows) -> Rows:
-    """Make every NaN the same: a processor's sign of it depends on where the blocks were cut."""
+    """Make all NaN equal in their bits: their sign may depend on where the blocks were cut."""
     for name in rows.dtype.names or ():
         column = rows[name]
         if column.dtype.kind == "f":
@@ -129,12 +129,12 @@ def verdict_message(verdict: VerdictSummary) -> bytes:
 
 
 def manoeuvre_message(found: Manoeuvre) -> bytes:
-    """Return one ``yawid.Manoeuvre``, its numbers those of the method that answers."""
+    """Return one ``yawid.Manoeuvre``, with the numbers of the answering method."""
     return _packed("yawid.Manoeuvre", **manoeuvre_fields(found))
 
 
 def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:
-    """Return the fields of a ``yawid.Manoeuvre``, in order; what is unknown is NaN or empty."""
+    """Return the fields of a ``yawid.Manoeuvre`` in order; unknown ones are NaN or empty."""
     answer, roll, verdict = found.answer, found.dutch_roll, found.verdict
     known = found.to_json() | found.orders.to_json()
     if answer is not None:
@@ -162,7 +162,7 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
         name: rows[name].astype(np.int64) if "fixed" in kind else _floats(rows, name)
         for name, kind in _SAMPLE.items()
     }
-    columns["airspeed"] = known(columns["airspeed"])  # older versions wrote what was sent: 0 too
+    columns["airspeed"] = known(columns["airspeed"])  # older versions also wrote 0 for unknown
     kind = columns["airspeed_kind"]
     columns["airspeed_kind"] = np.where(np.isin(kind, list(Kind)), kind, np.nan)
     return SampleBlock(

@@ -1,9 +1,9 @@
-"""A finished run read back from its MCAP file: what it says of itself, and its rows in blocks.
+"""A finished run read from its MCAP file: its summary and settings, and its rows in blocks.
 
-Rows are laid out by the schema in the file. A file made by an older version lacks some of today's
-fields: they are filled with what means unknown. Fields that stand otherwise than today are another
-format, which is refused instead of being misread. Anybody may have written the file: what is of
-another type or size is one line here, not an error far below.
+Rows are read by the schema in the file. A file of an older version lacks some of today's fields:
+they are filled with the value for unknown. Fields that differ from today's are another format,
+which is refused instead of being misread. Anybody may have written the file: a wrong type or size
+is reported here in one line, and does not become an error in another place.
 """
 
 import math
@@ -47,25 +47,25 @@ from yawid.sinks.mcap.schemas import (
 BLOCK_ROWS: Final = 8192
 _LOG_LEVELS: Final = dict(enumerate(get_args(LogLevel), start=1)) | {5: "error"}  # 5: fatal
 LARGEST_CHUNK: Final = 64 << 20
-"""Unpacked; yawid writes a chunk a second."""
+"""The largest unpacked chunk in bytes; yawid writes a chunk for each second."""
 LARGEST_RATIO: Final = 200
-"""Of unpacked to packed, above a megabyte: Zstandard packs gigabytes of zeros into nothing, and
-the library reads each nine of them as a record."""
+"""The largest ratio of unpacked to packed bytes above a megabyte: Zstandard packs gigabytes of
+zeros into almost nothing, and the library reads every nine of them as a record."""
 LARGEST_SAMPLE: Final = 9e9
-"""Of a value in a sample; seconds of Unix time are such values, and go into integers of ns."""
+"""The largest value in a sample; some are seconds of Unix time and become integers in ns."""
 DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
-"""What mcap raises on damaged bytes: its own errors, short structs, bad text, absurd sizes."""
-# What the libraries raise on bytes that are not what they should be.
+"""Errors that mcap raises on damaged bytes: its own, short structs, bad text, absurd sizes."""
+# The errors that all libraries in use raise on bytes of another kind than expected.
 _DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: it seeks anywhere
 
 
 class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
-    """Samples without what was made of them, as a recovered file may have."""
+    """Some samples lack their estimates or modes, as in a recovered file."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """One line for people, as it was written during the run."""
+    """One message for people, as it was written during the run."""
 
     unix_ns: int
     level: LogLevel
@@ -74,9 +74,9 @@ class LogLine:
 
 @dataclass(slots=True)
 class McapRun:
-    """What a run's file says of itself; ``blocks`` and ``samples`` read its rows.
+    """A run's file: its summary, metadata and settings; ``blocks`` and ``samples`` read its rows.
 
-    ``grid`` is None where rudder and yaw rate never flowed together: such a run has no rows.
+    ``grid`` is None where rudder and yaw rate never came together: such a run has no rows.
     """
 
     path: Path
@@ -88,12 +88,13 @@ class McapRun:
     log: list[LogLine] = field(default_factory=list)
     rows: int = 0
     has_flight_state: bool = True
-    """Whether samples tell flight mode and altitude, which manoeuvres need: older files do not."""
+    """Whether samples have altitude and what else manoeuvres need; those of older files do not."""
 
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
-        """Return the rates of the messages of yaw and of the input that is the rudder.
+        """Return the rates in Hz of the messages of yaw and of ``rudder``, the input's name.
 
-        What was recovered knows of the grid alone, which is no faster than the messages were.
+        A recovered file has no rates: there the grid's rate stands for them, which is no higher
+        than theirs. Without a grid the result is None.
         """
         if self.grid is None:
             return None
@@ -127,15 +128,15 @@ class McapRun:
         return samples_from(rows, unix_ns, self.grid.sample_time_s)
 
     def _rows(self, topics: tuple[str, ...]) -> Iterator[tuple[list[Rows], Ints]]:
-        """Yield the messages of the topics, as many of each, and the log time of the first's."""
+        """Yield equally many messages of each topic, and the log times (n,) of the first topic."""
         if self.grid is None:
             return
         layouts: dict[str, RowLayout] = {}
         waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
         log_ns: list[int] = []
         with _opened(self.path) as stream, _damage_reported(self.path):
-            # In the order of the file the other reader has all of it in memory: a gigabyte for five
-            # hours.
+            # The seeking reader would hold the whole file in memory in this order: a gigabyte for
+            # five hours.
             reader = NonSeekingReader(stream, validate_crcs=True)
             for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
                 topic = channel.topic
@@ -155,10 +156,10 @@ class McapRun:
 
 
 def open_run(path: Path) -> McapRun:
-    """Return what the file of a finished run says of itself.
+    """Open the file of a finished run and return all of it but its rows, which are read later.
 
     Raises:
-        SourceError: it cannot be read, is no MCAP file, was never finished, or is not yawid's.
+        SourceError: it cannot be read, is not an MCAP file, was never finished, or is not yawid's.
     """
     with _opened(path) as stream:
         if stream.read(len(MAGIC)) != MAGIC:
@@ -191,7 +192,7 @@ def open_run(path: Path) -> McapRun:
 
 @contextmanager
 def _damage_reported(path: Path) -> Iterator[None]:
-    """Turn what the libraries raise on damaged bytes into one line."""
+    """Turn the errors that libraries raise on damaged bytes into a SourceError of one line."""
     try:
         yield
     except Incomplete as error:
@@ -212,10 +213,12 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def _layout(schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLayout:
-    """Return the layout of a topic's rows; its repeated fields are as long as in its first message.
+    """Return the layout of a topic's rows; ``first`` is its first message.
+
+    Repeated fields have the length that they have in the first message.
 
     Raises:
-        ValueError: the file's schema is not ours, of this version or an older one.
+        ValueError: the file's schema is not that of this version or an older one.
     """
     written = descriptor_in(schema.name, schema.data)
     if not is_older(written, descriptor(schema.name, parameters)):
@@ -230,10 +233,10 @@ def _layout(schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLay
 
 
 def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -> list[Rows]:
-    """Return the rows (n,) of each topic and forget the messages.
+    """Return the rows (n,) of each topic and empty the lists of messages.
 
     Raises:
-        Incomplete: the topics do not have as many messages each.
+        Incomplete: the topics differ in their number of messages.
         ValueError: the messages of a topic have different sizes.
     """
     counts = {len(messages) for messages in waiting.values()}
@@ -259,7 +262,7 @@ def _log_lines(reader: McapReader) -> Iterator[LogLine]:
 
 
 def _count(reader: McapReader) -> int:
-    """Return the number of samples, 0 where the file does not say."""
+    """Return the number of samples, 0 where the file has no statistics."""
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
         return 0
@@ -278,7 +281,7 @@ def read_config(data: bytes | None) -> RunConfig:
     """Return the configuration that a file holds as TOML.
 
     Raises:
-        ValueError: there is none, or this version cannot use it.
+        ValueError: ``data`` is None, or this version cannot use it.
     """
     if data is None:
         raise ValueError("it holds no configuration")
@@ -290,12 +293,12 @@ def read_config(data: bytes | None) -> RunConfig:
 
 
 def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | None:
-    """Return the grid that a file's metadata tell, None where the run never came to one.
+    """Return the grid in a file's metadata, None where the run had none.
 
-    Files of 0.1.0 do not say whose modes the flight modes are: those keep their numbers.
+    Files of version 0.1.0 lack autopilot and vehicle type: flight modes then keep their numbers.
 
     Raises:
-        ValueError: it makes no sense, or is not of the configuration.
+        ValueError: the grid makes no sense, or is not that of the configuration.
     """
     if record is None:
         return None
@@ -320,7 +323,7 @@ def checked(found: list[Rows], grid: Grid) -> list[Rows]:
     """Return rows (n,) of several topics, the samples first.
 
     Raises:
-        ValueError: they have other columns than the grid says, or hold what no run writes.
+        ValueError: their columns are not those of the grid, or they hold values no run writes.
     """
     p = len(grid.parameters)
     widths = {"u": len(grid.inputs), "theta": p, "theta_std": p}
@@ -340,10 +343,10 @@ def checked(found: list[Rows], grid: Grid) -> list[Rows]:
 
 
 def is_bomb(chunk: Chunk) -> bool:
-    """Tell whether a chunk unpacks to so much that it is made to choke the reader.
+    """Return whether a chunk unpacks to far more than its size, as one made to attack a reader.
 
     Raises:
-        ZstdError: its content is no Zstandard frame.
+        ZstdError: its content is not a Zstandard frame.
     """
     unpacked = chunk.uncompressed_size
     if chunk.compression == "zstd":

@@ -1,8 +1,9 @@
-"""A proper MCAP out of one that a crash, a power cut or a bad disk left torn.
+"""How a whole MCAP file is made from one that a crash, a power cut or a bad disk has damaged.
 
-Messages stand in chunks with a checksum, but the records that say what their numbers mean stand
-between the chunks with none: one flipped byte there would make another topic of a whole run. So
-:class:`_Known` holds the channels and schemas that can be vouched for, and only theirs is copied.
+Messages are in chunks with a checksum, but the records with the meaning of their numbers are
+between the chunks without one: a single wrong byte there could give a whole run another topic.
+Therefore :class:`_Known` holds the channels and schemas that can be trusted, and only their
+messages are copied.
 """
 
 import os
@@ -39,14 +40,14 @@ _READ: Final = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """Messages copied per topic; what could not be vouched for and was left out, per kind."""
+    """The number of messages copied by topic, and of records left out as not trusted by kind."""
 
     counts: Counter[str] = field(default_factory=Counter)
     missing: Counter[str] = field(default_factory=Counter)
 
     @property
     def left_out(self) -> str:
-        """What was left out, in words; "" where nothing was."""
+        """The records that were left out, in words; "" where there are none."""
         kinds = (CHUNK, SCHEMA, CHANNEL, MESSAGE, ATTACHMENT)
         return ", ".join(f"{self.missing[kind]} x {kind}" for kind in kinds if self.missing[kind])
 
@@ -54,14 +55,14 @@ class Recovered:
 def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
     """Copy every complete chunk of ``path_in`` to ``path_out`` and return what was copied.
 
-    Only what can be vouched for is copied: chunks and attachments whose checksum holds, and of
-    them the messages of channels that yawid writes (:meth:`_Known.read`). What
-    follows a damaged record length cannot be found again. Metadata have no checksum and are copied
-    as found. A file without a summary, or with one that tells of more than was copied, gets one
-    that says so (:mod:`yawid.sinks.mcap.remains`).
+    Only what can be trusted is copied: chunks and attachments with a correct checksum, and from the
+    chunks the messages of channels that yawid writes (:meth:`_Known.read`). Records after a damaged
+    record length cannot be found. Metadata have no checksum and are copied as found. A file without
+    a summary, or whose messages are not all copied, gets a summary that reports that
+    (:mod:`yawid.sinks.mcap.remains`).
 
     Raises:
-        SinkError: nothing can be had from ``path_in``, or a file cannot be read or written.
+        SinkError: ``path_in`` has nothing that can be trusted, or a file cannot be read or written.
     """
     try:
         stream = path_in.open("rb")
@@ -70,10 +71,10 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
     with stream:
         if not stream.seekable():
             raise SinkError(f"cannot read {path_in}: it is read twice and must be a file")
-        # Not ".part": that may well be the name of the file to be recovered.
+        # The suffix is not ".part": the file to be recovered may have that name.
         with written_whole(path_out, force=force, suffix=".recovered.part") as out:
             recovered = _Copy(out, stream, path_in).run()
-            # The schema of log lines is Foxglove's: they alone are not worth a file.
+            # The schema of log lines is Foxglove's, so that log lines alone prove nothing.
             only_log = recovered.missing[SCHEMA] > 0 and recovered.counts.keys() <= {LOG}
             if only_log or not recovered.counts:
                 why = f" ({recovered.left_out})" if recovered.left_out else ""
@@ -84,7 +85,7 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
 
 
 def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
-    """Return what is in a chunk, None where it is damaged or a bomb."""
+    """Return the records in a chunk, None where it is damaged or unpacks to too much."""
     try:
         return None if is_bomb(chunk) else breakup_chunk(chunk, validate_crc=True)
     except DAMAGE:
@@ -92,7 +93,10 @@ def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
 
 
 class _Copy:
-    """One run from a stream of records to a new file, with new numbers of schemas and channels."""
+    """The copying of a run from a stream of records to a new file.
+
+    Schemas and channels get new numbers there.
+    """
 
     def __init__(self, out: BinaryIO, stream: BinaryIO, path_in: Path) -> None:
         self._writer = Writer(out, compression=CompressionType.ZSTD)
@@ -120,14 +124,14 @@ class _Copy:
                     self._writer.add_metadata(record.name, record.metadata)
                 case Attachment():
                     self._copy_attachment(record)
-                case _:  # schemas and channels are known; indexes and statistics are made again
+                case _:  # schemas and channels are known; indexes and statistics are written again
                     pass
         self._write_attachments()
         self._writer.finish()
         return self._result
 
     def _write_attachments(self) -> None:
-        """Write what the file says of itself."""
+        """Write the configuration and the summary."""
         lost = bool(self._result.missing[CHUNK] or self._result.missing[MESSAGE])
         found = self._remains.attached(self._path_in, self._result.left_out, lost=lost)
         for name, data in found.items():
@@ -142,7 +146,7 @@ class _Copy:
                 self._known.add(record)
             elif isinstance(record, Message):
                 self._copy_message(record)
-        self._writer.flush()  # chunks stay as long as they were
+        self._writer.flush()  # each chunk is copied to a chunk of its own
 
     def _copy_message(self, message: Message) -> None:
         channel = self._known.channels.get(message.channel_id)
@@ -163,7 +167,7 @@ class _Copy:
     def _copy_attachment(self, attachment: Attachment) -> None:
         builder = RecordBuilder()
         attachment.write(builder)
-        self._stream.seek(-4, 1)  # its checksum, which the library skips
+        self._stream.seek(-4, 1)  # to the checksum, which the library has skipped
         if self._stream.read(4) != bytes(builder.end())[-4:]:
             self._result.missing[ATTACHMENT] += 1
             return
@@ -196,10 +200,10 @@ class _Copy:
 
 
 class _Known:
-    """The schemas and channels that can be vouched for, by their numbers in the file.
+    """The schemas and channels that can be trusted, by their numbers in the file.
 
-    ``missing`` takes the count of the channels that cannot, and of the schemas that this version
-    does not write.
+    The others are counted in ``missing``: unknown or damaged channels, and schemas that this
+    version does not write.
     """
 
     def __init__(self, missing: Counter[str]) -> None:
@@ -208,12 +212,12 @@ class _Known:
         self._missing = missing
 
     def read(self, stream: BinaryIO) -> None:
-        """Take what the records outside chunks say of schemas and channels and can be trusted.
+        """Take the schemas and channels outside the chunks that can be trusted.
 
-        A sound summary at the end of the file settles it. Without one a schema must be, byte for
-        byte, one that this version writes, and a channel one of its topics with that topic's
-        schema; where two such records claim one number, neither has it. The texts beside a channel
-        (its metadata) are then as found.
+        Where the file ends with a summary whose checksum is correct, these are the summary's.
+        Otherwise a schema must be equal, byte for byte, to one that this version writes, and a
+        channel must have one of its topics with that topic's schema; where two different ones have
+        the same number, neither is taken. The metadata of a channel are then taken as found.
         """
         if _seek_summary(stream):
             for record in _records(stream, within=True):
@@ -231,11 +235,11 @@ class _Known:
                 name = record.name if isinstance(record, Schema) else record.topic
                 claims[type(record), record.id].setdefault(name, record)
         for _, claimed in sorted(claims.items(), key=lambda each: each[0][0] is Channel):
-            if len(claimed) == 1:  # schemas come first: a channel is judged by its own
+            if len(claimed) == 1:  # schemas come first, since channels are checked against them
                 self.add(*claimed.values())
 
     def add(self, record: Schema | Channel) -> None:
-        """Take a record in whose bytes a checksum covers."""
+        """Take a schema, or a channel whose topic and schema fit; other channels are counted."""
         if isinstance(record, Schema):
             self.schemas[record.id] = record
             return
@@ -251,9 +255,9 @@ class _Known:
 
 
 def _records(stream: BinaryIO, *, within: bool = False) -> Iterator[McapRecord]:
-    """Yield the records outside chunks and the chunks themselves, up to the first tear.
+    """Yield the records outside chunks and the chunks themselves, up to the first damage.
 
-    ``within`` tells that the stream stands within the file, past its head.
+    ``within``: the stream is at a place within the file, after its head.
     """
     try:
         yield from StreamReader(stream, skip_magic=within, emit_chunks=True).records
@@ -262,7 +266,7 @@ def _records(stream: BinaryIO, *, within: bool = False) -> Iterator[McapRecord]:
 
 
 def _seek_summary(stream: BinaryIO) -> bool:
-    """Go to the start of the summary section; return whether its checksum holds."""
+    """Go to the start of the summary section; return whether its checksum is correct."""
     size = stream.seek(0, os.SEEK_END)
     if size < _FOOTER.size:
         return False
@@ -270,7 +274,7 @@ def _seek_summary(stream: BinaryIO) -> bool:
     opcode, length, start, _, crc, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
     if (opcode, length, magic) != (Opcode.FOOTER, 20, MAGIC) or not 0 < start < size:
         return False
-    left, actual = size - start - 4 - len(MAGIC), 0  # all but the checksum itself and the magic
+    left, actual = size - start - 4 - len(MAGIC), 0  # all but the checksum and the magic
     stream.seek(start)
     while left > 0:
         part = stream.read(min(left, _READ))

@@ -1,8 +1,8 @@
-"""What a recovered file says of itself: the run that wrote it was cut off before it could.
+"""The configuration and the summary of a recovered file, whose run was cut off before its end.
 
-Configuration and grid stand at the head of every file, and the newest estimate is where the run
-had come to. What the link lost and which channels moved is written at the end alone: without it
-there is no answer, and the verdict says so.
+Configuration and grid are at the head of every file, and the newest estimate is the last state of
+the run. The losses of the link and the channels are written only at the end: without them there is
+no answer, and the verdict reports that.
 """
 
 import json
@@ -45,7 +45,11 @@ _NO_VALUE: Final = (ValueError, OverflowError, RecursionError, KeyError, TypeErr
 
 @dataclass(slots=True)
 class Remains:
-    """What a torn file still holds, gathered as it is copied; ``attachments`` of ``NAMES`` only."""
+    """The parts of a damaged file that a summary is made from, gathered while it is copied.
+
+    ``attachments`` holds only those in ``NAMES``, ``rows`` counts the samples, ``held`` those that
+    were held.
+    """
 
     metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -65,10 +69,11 @@ class Remains:
             self.held += _read(topic, data).held != 0
 
     def attached(self, path: Path, left_out: str, *, lost: bool) -> dict[str, bytes]:
-        """Return configuration and summary for the new file, as they were where nothing is missing.
+        """Return the attachments for the new file: configuration and summary.
 
-        ``path`` is the torn file, ``left_out`` what was not copied of it, ``lost`` whether messages
-        are among that. Without a configuration to be read there is neither.
+        ``path`` is the damaged file, ``left_out`` names what was not copied, ``lost`` says whether
+        messages are among that. Where there is a summary and no message is lost, or where the
+        configuration cannot be read, the attachments are returned as they were found.
         """
         if SUMMARY in self.attachments and not lost:
             return self.attachments
@@ -95,14 +100,14 @@ class Remains:
         return f"{found}{ends}: replay the log itself for an answer"
 
     def _config(self) -> RunConfig:
-        """Return the configuration that the head of the file tells."""
+        """Return the configuration in the metadata at the head of the file."""
         texts = self.metadata["configuration"]
         settings = {name: _value(text) for name, text in texts.items()}
         given = {name: value for name, value in settings.items() if value is not None}
         return RunConfig(**check_settings(given, "configuration"))
 
     def _summary(self, path: Path, config: RunConfig) -> RunSummary:
-        """Return the run's own summary, or what its newest messages tell."""
+        """Return the run's own summary, or one made from its newest messages."""
         if SUMMARY in self.attachments:
             return RunSummary.from_json(self.attachments[SUMMARY])
         grid = read_grid(self.metadata.get("grid"), config)
@@ -120,7 +125,7 @@ class Remains:
         )
 
     def _estimate(self, method: str, grid: Grid, config: RunConfig) -> MethodSummary | None:
-        """Return what the newest messages tell of a method, None where it has none."""
+        """Return a method's summary from its newest messages, None where it has none."""
         topic = estimate_topics(grid.methods)[method]
         if topic not in self._newest:
             return None
@@ -144,7 +149,7 @@ class Remains:
 
 
 def _value(text: str) -> Any:
-    """Return a setting as metadata have it: in JSON, but for a text, which stands as it is."""
+    """Return a setting from its text in the metadata, which is JSON or the setting itself."""
     try:
         return json.loads(text)
     except ValueError:

@@ -1,11 +1,11 @@
-"""The messages of our MCAP files, as protobuf descriptors built from one table.
+"""The messages of yawid's MCAP files, as protobuf descriptors built from one table.
 
-Field numbers are the positions in the table: append, never reorder, or old files become unreadable
-to those who remember the schema. The numbers of ``foxglove.Log`` are its publisher's.
+Field numbers are the positions in the table: append fields and never reorder them, or old files
+become unreadable. The numbers of ``foxglove.Log`` are those of its publisher.
 
-``yawid.Parameters`` alone is made anew for each run, its fields being called as theta's elements: a
-plot of theta[3] tells nobody anything. So ``yawid.Estimate``, which holds it, has a file of its own
-beside that of all others, which are the same in every run.
+Only ``yawid.Parameters`` is made for each run: its fields have the names of theta's elements, since
+a plot of theta[3] explains nothing. Therefore ``yawid.Estimate``, which holds it, has a descriptor
+file of its own; all other messages are in one that is the same in every run.
 """
 
 import re
@@ -31,7 +31,7 @@ _KINDS = ", ".join(f"{kind.value} {words(kind)}" for kind in Kind)
 _NOTED = ", ".join(f"{flag.value} {words(flag)}" for flag in Noted)
 
 MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
-"""Of a mode: fields of ``yawid.Modes`` by themselves and after ``dutch_roll_``."""
+"""The values of a mode: fields of ``yawid.Modes``, and again with ``dutch_roll_`` before them."""
 
 ESTIMATE: Final = "yawid.Estimate"
 _ORDERS = tuple((name, "fixed32") for name in ("na", "nb", "nc", "nk"))
@@ -72,10 +72,11 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("K_std_noise", "double"), ("airspeed_kind", "string"),
     ),
 }  # fmt: skip
-"""Message -> field and type; [] is repeated; a type that begins with a dot is a message, one with a
-dot within an enum. An unknown number is NaN, an unknown text empty."""
+"""The fields of each message, as (name, type). A type with [] is repeated; one that begins with a
+dot is a message, one with a dot inside is an enum. An unknown number is NaN, an unknown text "".
+"""
 _CALLED: Final = {"yaw_rate": "r", **{f"dutch_roll_{name}": name for name in MODE_VALUES}}
-"""Fields that have another name in the table of quantities."""
+"""The names in the table of quantities of fields that are called otherwise here."""
 _OWN: Final[Mapping[str, str]] = {
     "Sample.k": "index on the grid of boot time, t = k * sample_time_s",
     "Sample.epoch": "count of changes in the meaning of u",
@@ -93,7 +94,7 @@ _OWN: Final[Mapping[str, str]] = {
     "Mode.custom_mode": "HEARTBEAT.custom_mode; NaN where unknown",
     "Mode.name": "as the autopilot calls it",
 }
-"""What a field says whose values are coded as in this file alone; other words are the table's."""
+"""Units and words of the fields that the table of quantities does not describe."""
 
 TOPICS: Final[Mapping[str, str]] = {
     "/yawid/sample": "yawid.Sample",
@@ -106,21 +107,21 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/verdict": "yawid.Verdict",
     "/yawid/log": "foxglove.Log",
 }
-"""Every topic of our files and the message on it."""
+"""Every topic of a run's file, and the type of its messages."""
 SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
 MANOEUVRE: Final = "/yawid/manoeuvre"
 FLIGHT: Final = "/yawid/flight"
-"""The verdict that decides where there was a manoeuvre; VERDICT is that of the stream."""
+"""The topic of the flight's verdict, which decides where there was a manoeuvre."""
 VERDICT: Final = "/yawid/verdict"
 
 
 def estimate_topics(methods: Sequence[str]) -> dict[str, str]:
-    """Return the topic of each method's estimates, the first asked for first."""
+    """Return the topic of each method's estimates; the primary method comes first."""
     return {m: f"/yawid/estimate/{m}" if i else "/yawid/estimate" for i, m in enumerate(methods)}
 
 
 def units(rudder_unit: str) -> dict[str, str]:
-    """Return unit and words of every field that has any, by ``Message.field``."""
+    """Return unit and words of each field that has them, by ``Message.field``."""
     texts = {
         f"{message}.{field}": _text(message, field)
         for message, fields in TABLE.items()
@@ -135,9 +136,9 @@ def _text(message: str, field: str) -> str:
         return own
     try:
         row = quantity(_CALLED.get(field, field))
-    except KeyError:  # it says nothing beyond its name
+    except KeyError:  # the field's name explains it
         return ""
-    # Those of each sample are of noise; a manoeuvre's are total.
+    # The sigmas of each sample are those of noise; a manoeuvre's are total.
     words = OF_NOISE if message == "Modes" and field.endswith("_std") else row.words
     return ", ".join(filter(None, (row.unit, words)))
 
@@ -202,7 +203,7 @@ def _foxglove_log_file() -> descriptor_pb2.FileDescriptorProto:
 
 @lru_cache
 def _pool(parameters: tuple[str, ...]) -> descriptor_pool.DescriptorPool:
-    # A pool of our own: the default one is shared with whatever else the process has loaded.
+    # This pool is our own: the default pool is shared with everything that the process has loaded.
     pool = descriptor_pool.DescriptorPool()
     pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
     for file in (_yawid_file(), _estimate_file(parameters), _foxglove_log_file()):
@@ -213,13 +214,13 @@ def _pool(parameters: tuple[str, ...]) -> descriptor_pool.DescriptorPool:
 def descriptor(full_name: str, parameters: tuple[str, ...] = ()) -> Descriptor:
     """Return the descriptor of a message by its full type name, such as ``yawid.Sample``.
 
-    ``parameters`` (p,) names theta; without them ``yawid.Estimate`` tells theta by numbers alone.
+    ``parameters`` (p,) names theta; without them ``yawid.Estimate`` has theta only by position.
     """
     return _pool(parameters).FindMessageTypeByName(full_name)
 
 
 def descriptor_in(full_name: str, data: bytes) -> Descriptor:
-    """Return the descriptor of a message in the FileDescriptorSet that stands in a file.
+    """Return the descriptor of a message from ``data``, a FileDescriptorSet in a file.
 
     Raises:
         ValueError: the set cannot be read or does not hold the message.
@@ -234,7 +235,7 @@ def descriptor_in(full_name: str, data: bytes) -> Descriptor:
 
 
 def is_older(written: Descriptor, ours: Descriptor) -> bool:
-    """Tell whether every field of ``written`` stands in ``ours`` as it is, which may have more."""
+    """Return whether ``ours`` has every field of ``written`` unchanged; it may have more."""
     for field in written.fields:
         known = ours.fields_by_number.get(field.number)
         if known is None or _shape(field) != _shape(known):
@@ -252,7 +253,7 @@ def _shape(field: FieldDescriptor) -> tuple[object, ...]:
 
 
 def message_class(full_name: str) -> type[Message]:
-    """Return the class that builds a message, for those that are written seldom."""
+    """Return the class that builds a message, for messages that are written rarely."""
     return message_factory.GetMessageClass(descriptor(full_name))
 
 
@@ -266,9 +267,9 @@ def schema_data(full_name: str, parameters: tuple[str, ...] = ()) -> bytes:
 
 
 def is_ours(full_name: str, data: bytes) -> bool:
-    """Tell whether a schema is, byte for byte, one that this version writes.
+    """Return whether a schema is equal, byte for byte, to one that this version writes.
 
-    Theta's names in it must be those of some orders: a damaged one is not among them.
+    The names of theta in it must be those of some orders, which excludes damaged names.
     """
     parameters: tuple[str, ...] = ()
     if full_name == ESTIMATE:
@@ -283,7 +284,7 @@ def is_ours(full_name: str, data: bytes) -> bool:
 
 
 def _are_of_some_orders(parameters: Sequence[str]) -> bool:
-    """Tell whether they are a1, a2 .., b1 .., b1_aileron .., c1 .. and bias, with none left out."""
+    """Return whether names are a1, a2 .., b1 .., b1_aileron .., c1 .., bias, without a gap."""
     counts = Counter(re.sub(r"\d+", "", name) for name in parameters)
     kinds = ("a", "b", "b_aileron", "c")
     names = [f"{kind[0]}{i + 1}{kind[1:]}" for kind in kinds for i in range(counts[kind])]

@@ -1,4 +1,4 @@
-"""The MCAP file: every sample, estimate and mode as protobuf, in chunks of at most a second."""
+"""The MCAP sink: samples, estimates and modes as protobuf, in chunks of a second at most."""
 
 import contextlib
 import json
@@ -44,7 +44,8 @@ from yawid.version import __version__
 LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
 FLUSH_S: Final = 0.5
-"""Of wall time: with a caller that comes every half second no more than 1 s is lost."""
+"""The least time between two flushes, in wall time: with a call every half second, a crash loses
+at most 1 s."""
 _MOST_WAITING: Final = 64
 _MEDIA_TYPES: Final = {
     ".json": "application/json",
@@ -62,20 +63,20 @@ def _as_record(value: str | Mapping[str, object]) -> dict[str, str]:
         if isinstance(entry, Mapping):
             record |= {f"{name}.{inner}": text for inner, text in _as_record(entry).items()}
         else:
-            # A file's name may hold bytes that are no UTF-8.
+            # A file's name may hold bytes that are not UTF-8.
             text = entry if isinstance(entry, str) else json.dumps(entry)
             record[name] = text.encode("utf-8", "backslashreplace").decode()
     return record
 
 
 class McapSink(Sink):
-    """Writes ``<path>.part`` at once and gives it the name ``path`` when finished.
+    """A sink that writes ``<path>.part``, which is renamed ``path`` when it is finished.
 
-    ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text is held
-    under the key ``text``. ``log_time`` is the vehicle's time mapped to Unix, never decreasing on a
-    topic; ``publish_time`` is the receive stamp. For each sample the order in the file is sample,
-    estimates, modes; before it the flight mode where it is another. A manoeuvre stands where it was
-    reported, behind samples that are newer. ``disk`` says when what is flushed is on the disk.
+    ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text gets
+    the key ``text``. ``log_time`` is the vehicle's time mapped to Unix time and never decreases on
+    a topic; ``publish_time`` is the receive stamp. The order in the file is, for each sample:
+    flight mode where it has changed, sample, estimates, modes. A manoeuvre comes where it was
+    reported, after samples that are newer. ``disk`` brings flushed data to the disk.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -106,11 +107,11 @@ class McapSink(Sink):
         try:
             self._open(metadata)
         except SinkError:
-            self.discard()  # nothing in it, and it would stand in the way
+            self.discard()  # the file is empty and would block the next run
             raise
 
     def start(self, grid: Grid) -> None:
-        """See :meth:`yawid.sinks.base.Sink.start`; the names also stand with each channel."""
+        """See :meth:`yawid.sinks.base.Sink.start`; each channel also has the grid's names."""
         self._grid, self._parameters = grid, grid.parameters
         record = {
             name: " ".join(value) if isinstance(value, tuple) else str(value)
@@ -140,7 +141,7 @@ class McapSink(Sink):
             self._write_waiting()
 
     def _write_waiting(self) -> None:
-        """Write the rows that wait: to lay out one costs as much as to lay out a hundred."""
+        """Write the rows that wait: a hundred rows take the same time as one."""
         if not self._waiting:
             return
         samples, estimates, modes = joined(self._waiting)
@@ -167,8 +168,8 @@ class McapSink(Sink):
         self._sample_ns = int(log_ns[-1])
 
     def _named_modes(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
-        """Write the flight mode wherever it is another; yield the rows from there to the next."""
-        known = np.nan_to_num(samples.mode, nan=-1.0)  # or unknown were another at every row
+        """Write each change of flight mode; yield the rows from each change to the next."""
+        known = np.nan_to_num(samples.mode, nan=-1.0)  # NaN would be a change at every row
         before = np.concatenate([[known[0] if self._mode is None else self._mode], known[:-1]])
         changed = known != before
         changed[0] |= self._mode is None
@@ -188,14 +189,14 @@ class McapSink(Sink):
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """See :meth:`yawid.sinks.base.Sink.manoeuvre`; ``log_time`` is that of its last sample.
 
-        Its channel comes with the first: a file without manoeuvres has no such channel, as before.
+        The first manoeuvre adds the channel: a file without manoeuvres does not have it.
         """
         self._write_waiting()
         self._manoeuvre_ns = max(span_ns[1], self._manoeuvre_ns)
         with os_errors_as_sink_error(self._part):
             if self._manoeuvre_channel is None:
                 self._manoeuvre_channel = self._channel(MANOEUVRE)
-            # A chunk of its own: one with samples would reach back by seconds.
+            # It has its own chunk: one shared with samples would reach back by seconds.
             self._writer.end_chunk()
             message = manoeuvre_message(found)
             self._writer.add_message(self._manoeuvre_channel, self._manoeuvre_ns, message)
@@ -218,7 +219,7 @@ class McapSink(Sink):
                 self._disk.sync_soon(self._stream)
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Write verdict, provenance and attachments, then rename; see the protocol."""
+        """Write verdict, origin and attachments, then rename; see :meth:`Sink.finish`."""
         self._write_waiting()
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
@@ -242,7 +243,7 @@ class McapSink(Sink):
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
-        # The error that led here has been reported already.
+        # The error that led to this call has been reported already.
         if not self._stream.closed:
             with contextlib.suppress(OSError, SinkError):
                 self._write_waiting()
@@ -278,7 +279,7 @@ class McapSink(Sink):
         )
 
     def _add_record(self, name: str, value: str | Mapping[str, object]) -> None:
-        """Write a metadata record, unless it is empty or one of this name is there already."""
+        """Write a metadata record, unless it is empty or its name has been written already."""
         if value and name not in self._records:
             self._records.add(name)
             self._writer.add_metadata(name, _as_record(value))

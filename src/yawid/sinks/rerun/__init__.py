@@ -1,1 +1,1 @@
-"""The run in the Rerun viewer."""
+"""A run as a Rerun recording, in a file or in the viewer."""

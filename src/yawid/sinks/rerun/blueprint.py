@@ -1,4 +1,4 @@
-"""The first picture of a run in Rerun: the panels, their order and what stays as it is."""
+"""The layout of a run in Rerun: the panels, their order, and the drawings that never change."""
 
 from typing import Final
 from uuid import UUID
@@ -18,7 +18,7 @@ _ANGLE: Final = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
 def blueprint() -> rrb.Blueprint:
-    """Return the panels: what went in and came out, what was learnt, what it is worth."""
+    """Return the panels: inputs and outputs, the estimates, and the verdict with its evidence."""
     flight = rrb.Vertical(
         _lines("Rudder (green), aileron (brown)", "/input"),
         _lines("Yaw rate [rad/s]: measured (blue) over predicted (orange)", "/yaw_rate"),
@@ -44,7 +44,7 @@ def blueprint() -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(flight, learnt, _worth(), column_shares=[5, 5, 4]),
-        # The newest time: the end of a finished run, the present of a live one.
+        # "following" shows the newest time: the end of a finished run, the present of a live one.
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -73,10 +73,10 @@ def _worth() -> rrb.Vertical:
 
 
 def _whole_run() -> rrb.TimeSeriesView:
-    """Return the hidden view that holds the time range of all linked ones: the whole run.
+    """Return a hidden view that sets the time range of all linked views: the whole run.
 
-    Left to itself the viewer shows half a minute on either side of the cursor. It keeps the shared
-    range under an id of its own, which its Python API has no name for (0.41).
+    By default the viewer shows half a minute on either side of the cursor. It keeps the shared
+    range under an id of its own, for which its Python API has no name (version 0.41).
     """
     infinite = rr.TimeRangeBoundary.infinite()
     shared = rrb.TimeAxis(view_range=rr.TimeRange(start=infinite, end=infinite))
@@ -86,25 +86,25 @@ def _whole_run() -> rrb.TimeSeriesView:
 
 
 def _lines(name: str, origin: str, *, legend: bool = False) -> rrb.TimeSeriesView:
-    """Return a view of lines; a legend lies on them, so only what a name cannot say has one."""
+    """Return a view of lines; a legend covers them and is for those the name does not explain."""
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
     return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked, plot_legend=corner)
 
 
 def log_furniture(recording: rr.RecordingStream) -> None:
-    """Log what never changes: unit circle, axes and zeta lines."""
+    """Log the static drawings: unit circle, axes and lines of equal zeta."""
     circle = points(np.exp(1j * _ANGLE))
     cross = [points(np.array([-1.3, 1.3])), points(np.array([-1.1j, 1.1j]))]
     dampings = [points(half) for z in damping_lines() for half in (z, np.conj(z))]
-    # Grey, paler the less it matters: to be seen on the viewer's dark ground and its light one.
+    # Less important lines are paler; grey is visible on the viewer's dark and light background.
     _log_strips(recording, "z_plane/unit_circle", [circle], rgba(NEUTRAL), 1.5)
     _log_strips(recording, "z_plane/axes", cross, rgba(NEUTRAL, 160), 0.7)
     _log_strips(recording, "z_plane/zeta", dampings, rgba(NEUTRAL, 100), 0.6)
 
 
 def points(z: NDArray[np.complex128] | Floats) -> Floats:
-    """Return points (n, 2) of z (n,), imaginary axis up: Rerun's own y axis points down."""
+    """Return points (n, 2) of z (n,), the imaginary axis up: Rerun's y axis points down."""
     return np.column_stack([np.real(z), -np.imag(z)])
 
 

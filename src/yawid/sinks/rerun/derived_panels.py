@@ -1,7 +1,8 @@
-"""What the viewer draws besides lines: lanes of states, the z plane, the whiteness of residuals.
+"""The data of the panels that are derived from blocks, and not their values themselves.
 
-Rows are chosen by the grid's own index, and what is carried from block to block depends on no
-block: the picture is the same however the stream was cut.
+These are the lanes of states, the z plane, the Dutch roll of the methods other than the primary
+one, and the whiteness of residuals. Rows are chosen by the grid's index, and the state kept between
+blocks does not depend on them: the picture is the same however the stream was cut into blocks.
 """
 
 import math
@@ -37,7 +38,7 @@ _NOTED = {
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A lane enters a state at a row of the block."""
+    """A change of state: from ``row`` of the block on, a lane is in ``state``."""
 
     lane: str
     row: int
@@ -47,7 +48,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Poles and zeros (n, ...) of the first input in the z plane at ``rows`` (n,) of the block."""
+    """Poles (n, na) and zeros (n, nb - 1) of the first input, at ``rows`` (n,) of the block."""
 
     rows: Ints
     poles: NDArray[np.complex128]
@@ -56,7 +57,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class Rolls:
-    """Dutch roll (n, 2), wn in rad/s and zeta, at ``rows`` (n,) of the block."""
+    """Dutch rolls (n, 2), wn in rad/s and zeta, at ``rows`` (n,) of the block."""
 
     rows: Ints
     dutch_roll: Floats
@@ -64,7 +65,7 @@ class Rolls:
 
 @dataclass(frozen=True, slots=True)
 class Whiteness:
-    """Autocorrelation (LAGS,) of the newest residuals at a row, lags from 1, and its 2 sigma."""
+    """The autocorrelation (LAGS,) of the newest residuals at a row, from lag 1, and its 2 sigma."""
 
     row: int
     correlation: Floats
@@ -72,7 +73,7 @@ class Whiteness:
 
 
 class Marks:
-    """Derives the marks of one run, block after block."""
+    """The derivation of these panels' data for one run, block after block."""
 
     def __init__(self, grid: Grid) -> None:
         self._mode_name = grid.mode_name
@@ -87,8 +88,8 @@ class Marks:
         self._states: dict[str, str] = {}
 
     def changes(self, samples: SampleBlock, estimate: EstimateBlock) -> Iterator[Change]:
-        """Yield the changes of every lane within the block; a run's first row is always one."""
-        # Unknown is NaN, which is never equal to itself.
+        """Yield the changes of every lane within the block; the run's first row is always one."""
+        # An unknown mode is NaN, which is never equal to itself.
         modes = np.nan_to_num(samples.mode, nan=-1.0)
         codes = np.column_stack([samples.held, estimate.status, samples.noted, modes])
         for row in [0, *(np.flatnonzero((codes[1:] != codes[:-1]).any(axis=1)) + 1).tolist()]:
@@ -106,7 +107,7 @@ class Marks:
                     yield Change(lane, row, state, colour)
 
     def plane(self, samples: SampleBlock, estimate: EstimateBlock) -> Plane:
-        """Return poles and zeros every other second; NaN where there is none."""
+        """Return poles and zeros every ``PLANE_S``; NaN where there is none."""
         live = estimate.status != Status.WARMING_UP
         rows = np.flatnonzero((samples.k % self._plane_step == 0) & live)
         theta = estimate.theta[rows]
@@ -118,10 +119,10 @@ class Marks:
     def rolls(
         self, samples: SampleBlock, estimate: EstimateBlock, known: NDArray[np.bool_]
     ) -> Rolls:
-        """Return the Dutch roll of a method that the modes are not of, twice a second.
+        """Return the Dutch roll of a method other than the primary one, every ``OTHERS_S``.
 
-        Its sigma is not at hand, so it is told where the first method's is ``known`` (n,), else
-        NaN, which leaves the line open.
+        Its sigma is not computed. Therefore it is given where the primary method's Dutch roll is
+        ``known`` (n,), else it is NaN, which leaves a gap in the line.
         """
         live = estimate.status != Status.WARMING_UP
         rows = np.flatnonzero((samples.k % self._rolls_step == 0) & live)
@@ -130,7 +131,7 @@ class Marks:
         return Rolls(rows, np.where(known[rows, None], found, np.nan))
 
     def whiteness(self, samples: SampleBlock, estimate: EstimateBlock) -> list[Whiteness]:
-        """Return the autocorrelation of the last minute's residuals every twenty seconds."""
+        """Return the autocorrelation of the residuals of ``WINDOW_S``, every ``WHITENESS_S``."""
         before = len(self._residuals)
         residuals = np.concatenate([self._residuals, estimate.residual])
         due = np.flatnonzero(samples.k % self._white_step == 0).tolist()

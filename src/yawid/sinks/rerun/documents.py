@@ -1,6 +1,6 @@
-"""What the viewer shows as text: the verdict with its numbers, and the manoeuvres as a table.
+"""The texts in the viewer: the verdict with its numbers, and the manoeuvres as a table.
 
-A number after ± is one sigma.
+The number after ± is one sigma.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,11 +30,11 @@ from yawid.sinks.words import (
 _UNUSABLE = "The numbers are not to be used: they are shown to find out why."
 
 _DERIVATIVES = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", "K", "T_theta_s")
-"""Of the yaw channel's numbers; wn and zeta stand above."""
+"""The yaw channel's numbers that are shown; wn and zeta are shown above them."""
 
 
 def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str:
-    """Return the verdict that decides for the text panel: the answer, reasons, then numbers."""
+    """Return the deciding verdict for the text panel: the answer, the reasons, then numbers."""
     verdict = summary.deciding
     lines = ["# Usable" if verdict.usable else "# Not usable"]
     if summary.flight is not None:
@@ -66,12 +66,16 @@ def _methods(estimates: Mapping[str, MethodSummary]) -> Iterator[str]:
 
 
 def _yaw_channel(summary: RunSummary) -> tuple[str, Mapping[str, Value]]:
-    """Return whose yaw channel is shown, and it: that of the answer, of the surest manoeuvre."""
+    """Return the name and the numbers of the yaw channel to show.
+
+    They are those of the used manoeuvre with the smallest sigma of wn, or, without a flight, of the
+    stream's answer.
+    """
     used = summary.flight.used if summary.flight is not None else []
     found = [m for m in summary.manoeuvres or () if m.n in used and m.answer and m.answer.physics]
     if found:
         best = min(found, key=lambda each: (each.dutch_roll and each.dutch_roll.wn_std) or 1e9)
-        assert best.answer is not None  # as chosen
+        assert best.answer is not None  # only manoeuvres with an answer were chosen
         return f"manoeuvre {best.n}, {best.answer.method.upper()}", best.answer.physics or {}
     if summary.flight is None and summary.answer is not None and summary.answering is not None:
         return f"stream, {summary.answering.upper()}", summary.answer.physics or {}
@@ -88,7 +92,7 @@ def _numbers(physics: Mapping[str, Value], rudder_unit: str) -> Iterator[str]:
 
 
 def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None) -> str:
-    """Return the manoeuvres as a table, above it what the flight says by them together."""
+    """Return the manoeuvres as a table, with the flight's answer above it."""
     if not found:
         return "No manoeuvre.\n"
     lines = [] if flight is None else [flight_line(flight), ""]
@@ -103,7 +107,7 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None
 
 
 def flight_line(flight: Flight) -> str:
-    """Return what the manoeuvres of a flight say together."""
+    """Return the answer that the manoeuvres of a flight give together, in one line."""
     answer = _answer(flight.dutch_roll, usable=flight.verdict.usable)
     noise = of_noise(flight.dutch_roll, GREEK)
     facts = [f"The flight: {answer}{f' ({noise})' if noise else ''}", conditions(flight)]
@@ -114,13 +118,13 @@ def flight_line(flight: Flight) -> str:
 
 
 def _answer(roll: DutchRoll | None, *, usable: bool) -> str:
-    """Return wn and zeta, set in bold where they may be used."""
+    """Return wn and zeta as text, in bold where they are usable."""
     bold = "**" if usable else ""
     return "no answer" if roll is None else f"{bold}{dutch_roll(roll, GREEK)}{bold}"
 
 
 def _usable(verdict: VerdictSummary) -> str:
-    """Return whether it is usable, else the reason that decides: the first fatal one."""
+    """Return the verdict in a word, with the first fatal reason where there is one."""
     return ", ".join((verdict.word, *(reason.name for reason in verdict.fatal[:1])))
 
 

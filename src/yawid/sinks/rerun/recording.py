@@ -1,7 +1,7 @@
-"""One Rerun recording: where it goes and what is sent to it.
+"""One Rerun recording: its target, and the data that are sent to it.
 
-Whatever goes wrong here is raised as rerun raises it; what that means for the run is decided in
-:mod:`yawid.sinks.rerun.sink`.
+Errors are raised here as rerun raises them; :mod:`yawid.sinks.rerun.sink` decides what they mean
+for the run.
 """
 
 import os
@@ -36,13 +36,13 @@ from yawid.sinks.rerun.series import (
 )
 
 APPLICATION: Final = "yawid"
-DEFAULT_PORT: Final = 9876  # rerun's own
-REACH_S: Final = 2.0  # how long a viewer may take to accept a connection, and to take what is sent
+DEFAULT_PORT: Final = 9876  # rerun's default
+REACH_S: Final = 2.0  # how long a viewer may take to accept a connection, or to take what is sent
 FINISH_S: Final = 30.0
-BATCH_ROWS: Final = 1000  # a call costs the same for one row as for some hundred
+BATCH_ROWS: Final = 1000  # a call takes the same time for one row as for some hundred
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
 
-# One stroke: along one arm of the cross, back to its middle, out and along the other.
+# The cross is one line: along one arm, back to the middle, and along the other arm.
 _CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
 SHADE: Final = rgba(NEUTRAL, 70)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
@@ -61,7 +61,7 @@ class RerunView(Sink):
         self._has_bars = False
         self._rudder_unit = HALF_TRAVEL
         self._colours: dict[str, dict[str, str]] = {}
-        # Building it also warms up what else makes the first rows of a live run wait for 0.2 s.
+        # It comes first: it also loads code for which a live run's first rows would wait 0.2 s.
         first = blueprint()
         self._recording = rr.RecordingStream(APPLICATION)
         if not rr.is_enabled(self._recording):
@@ -78,7 +78,7 @@ class RerunView(Sink):
         self._show("manoeuvres", manoeuvres_markdown([]))
 
     def start(self, grid: Grid) -> None:
-        """Name and colour the lines."""
+        """Set the names and colours of the lines."""
         self._marks, self._grid, self._rudder_unit = Marks(grid), grid, grid.rudder_unit
         for entity, style in series_styles(grid).items():
             self._style(entity, style)
@@ -90,7 +90,7 @@ class RerunView(Sink):
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
-        """Take a block; its rows go out by the thousand or with :meth:`flush`."""
+        """Take a block; its rows are sent by the thousand, or by :meth:`flush`."""
         self._boot_offset_us = int(samples.boot_us[-1] - samples.unix_ns[-1] // 1000)
         primary, *_ = estimates.values()
         rows = group_rows(self._grid.parameters, samples, primary, modes)
@@ -107,7 +107,7 @@ class RerunView(Sink):
             self._send()
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """Show a manoeuvre: a state of its lane, its Dutch roll as bars, a row of the table."""
+        """Show a manoeuvre: a state in its lane, its Dutch roll as bars, a row in the table."""
         self._manoeuvres.append(found)
         self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
         boot_us = np.rint(np.array([found.from_s, found.to_s]) * 1e6).astype(np.int64)
@@ -130,7 +130,7 @@ class RerunView(Sink):
             self._recording.send_columns(entity, after, rr.Scalars.columns(scalars=rows))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """Add a line to the log, on the clock of the vehicle too once that is known."""
+        """Add a line to the log, also on the vehicle's clock once that is known."""
         times = [_unix_times(np.array([unix_ns]))]
         if self._boot_offset_us is not None:
             times.append(_boot_times(np.array([unix_ns // 1000 + self._boot_offset_us])))
@@ -138,7 +138,7 @@ class RerunView(Sink):
         self._recording.send_columns("log", times, line)
 
     def flush(self) -> None:
-        """Send what waits to a viewer; a file waits for whole batches, which keeps it small.
+        """Send waiting rows to a viewer; a file gets whole batches only, which keeps it small.
 
         Raises:
             RuntimeError: the viewer is gone.
@@ -148,10 +148,10 @@ class RerunView(Sink):
             self._recording.flush(timeout_sec=REACH_S)
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Send the rest and the verdict, and close; attachments are for files that keep them.
+        """Send the verdict and waiting rows, and close; attachments are not used.
 
         Raises:
-            RuntimeError: not all of it could be written.
+            RuntimeError: not everything could be written.
         """
         self._show("verdict", verdict_markdown(summary, self._rudder_unit))
         found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
@@ -159,15 +159,15 @@ class RerunView(Sink):
         self.abort()
 
     def abort(self) -> None:
-        """Send the rest and close."""
+        """Send waiting rows and close."""
         self._send()
         self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
         self._recording.disconnect()
 
     def _style(self, entity: str, style: Style) -> None:
-        """Name and colour lines; each is drawn over all it reaches within a pixel.
+        """Set the names, colours and widths of lines, which show all values within a pixel.
 
-        Left to itself the viewer draws the mean: a doublet far too small, noise within its bounds.
+        By default the viewer draws their mean: doublets far too small, and noise within its bounds.
         """
         lines = rr.SeriesLines(
             names=style.names,
@@ -182,7 +182,7 @@ class RerunView(Sink):
         self._recording.log(entity, document, static=True)
 
     def _colour(self, lane: str, state: str, colour: str) -> None:
-        """Give a state its colour when it first comes; left to itself the viewer takes any."""
+        """Set a state's colour when it occurs first; by default the viewer chooses any colour."""
         known = self._colours.setdefault(lane, {})
         if state not in known:
             known[state] = colour
@@ -222,7 +222,7 @@ class RerunView(Sink):
     def _send_whiteness(self, samples: SampleBlock, whites: list[Whiteness]) -> None:
         if not whites:
             return
-        # The place of a bar is its lag.
+        # The position of a bar is its lag.
         self._send_bars(samples, "correlation", [(w.row, w.correlation) for w in whites])
         before = [self._bound, *(w.bound for w in whites[:-1])]
         levels = [
@@ -237,7 +237,7 @@ class RerunView(Sink):
     def _send_bars(self, samples: SampleBlock, name: str, bars: list[tuple[int, Floats]]) -> None:
         if not bars:
             return
-        # Rerun makes an array of one tensor only; joined they go out as one chunk.
+        # Rerun makes arrays of one tensor only; joined, they are sent as one chunk.
         tensors = [
             TensorDataBatch(np.concatenate([[0.0], bar])).as_arrow_array() for _, bar in bars
         ]
@@ -258,7 +258,7 @@ class RerunView(Sink):
             values = np.concatenate([block[entity] for block in blocks])
             self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
         if self._is_file:
-            # Rerun writes in a thread of its own: what waits for it must not pile up.
+            # Rerun writes in its own thread; without this, waiting rows would fill the memory.
             self._recording.flush(timeout_sec=FINISH_S)
 
 
@@ -275,20 +275,28 @@ def _unix_times(unix_ns: Ints) -> rr.TimeColumn:
 
 
 def _spawn_viewer(recording: rr.RecordingStream) -> str:
-    """Start a viewer, or find one that listens already, and return its address."""
+    """Start a viewer, or find one that listens already, and return its address.
+
+    Raises:
+        RuntimeError: there is no screen, or the viewer does not start.
+    """
     if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
-        # Without this rerun starts a viewer that dies, and waits six seconds for it.
+        # Without this check rerun starts a viewer that fails, and waits six seconds for it.
         raise RuntimeError("there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)")
-    # The viewer comes with rerun-sdk, in an environment that need not be on PATH.
+    # The viewer is part of rerun-sdk, whose environment may not be on PATH.
     executable = shutil.which("rerun", path=str(Path(sys.executable).parent))
-    # It asks whether the recording is enabled, and without one takes that for a no.
+    # Rerun asks whether the recording is enabled, and takes a missing one for a no.
     rr.spawn(port=DEFAULT_PORT, connect=False, executable_path=executable, recording=recording)
     return f"rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
 
 
 def _check_listening(address: str) -> None:
-    """Raise OSError where no one listens: rerun itself would try for five seconds."""
+    """Check that a viewer listens; rerun itself would try for five seconds.
+
+    Raises:
+        OSError: nobody listens there.
+    """
     url = urlsplit(address)
-    if url.hostname:  # else rerun says what is wrong with the address
+    if url.hostname:  # else rerun reports what is wrong with the address
         where = url.hostname, url.port or DEFAULT_PORT
         socket.create_connection(where, timeout=REACH_S).close()

@@ -1,4 +1,4 @@
-"""What the viewer draws: the lines of each entity, their names, colours and values."""
+"""The lines that the viewer draws: names, colours and values of each entity."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
@@ -24,22 +24,23 @@ from yawid.sinks.palette import (
 
 PALE_ALPHA, UNDER_ALPHA, BAR_ALPHA = 90, 130, 190
 LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0
-# Of one name, so that the legend has one entry for all bounds.
+# All bounds have the same name, so that the legend has one entry for them.
 BAND: Final = "2 sigma of noise"
 BAND_OF_MANOEUVRE: Final = "2 sigma"
-"""Not of noise alone, unless the file is of an older version."""
+"""The name of a manoeuvre's bounds: total sigmas, in files of older versions of noise alone."""
 UNKNOWN: Final = 0.2
-"""Sigma over wn, and of zeta, from which on there is no line: it would squeeze the axis."""
+"""The sigma, of wn relative to wn and of zeta, from which on no line is drawn: its values would
+stretch the axis."""
 GROUPS: Final[Mapping[str, str]] = {"a": "a", "b": "b", "c": "c", "bias": "b"}
-"""The panel of a parameter: by its letter; the bias goes with b, which is in rad/s too."""
+"""The panel of a parameter, by its letter; the bias is drawn with b, which is also in rad/s."""
 ZETA_LEVELS: Final = {
     f"level {level}: {zeta:.2f}": zeta for level, (zeta, *_) in enumerate(LEVELS[:2], start=1)
 }
-"""Least damping ratios of MIL-F-8785C, category B: indicative for an unmanned aircraft."""
+"""The least damping ratios of MIL-F-8785C, category B; for an unmanned aircraft a rough guide."""
 
 
 class Style(NamedTuple):
-    """Names, colours and widths of the lines of an entity, in column order."""
+    """The names, colours and widths of an entity's lines, in the order of its columns."""
 
     names: list[str]
     colours: list[Rgba]
@@ -51,7 +52,7 @@ def _pale(colour: Rgba) -> Rgba:
 
 
 def _banded(name: str, colour: Rgba, width: float = LINE_WIDTH, bound: str = BAND) -> Style:
-    """Style of a line with its lower and upper 2 sigma bound."""
+    """Return the style of a line with its lower and upper 2 sigma bound."""
     return Style(
         [name, bound, bound],
         [colour, _pale(colour), _pale(colour)],
@@ -60,7 +61,7 @@ def _banded(name: str, colour: Rgba, width: float = LINE_WIDTH, bound: str = BAN
 
 
 def groups(parameters: Sequence[str]) -> dict[str, list[int]]:
-    """Return which columns of theta each panel draws."""
+    """Return the columns of theta that each panel draws, by the panel's letter."""
     found: dict[str, list[int]] = {}
     for column, name in enumerate(parameters):
         letter = name if name in GROUPS else name[0]
@@ -69,9 +70,9 @@ def groups(parameters: Sequence[str]) -> dict[str, list[int]]:
 
 
 def series_styles(grid: Grid) -> dict[str, Style]:
-    """Return names, colours and widths of the lines of every entity, in column order.
+    """Return the style of every entity's lines, in the order of its columns.
 
-    What comes later lies above: measured above predicted, which is the wider line.
+    Later lines are drawn above earlier ones: measured above predicted, which is wider.
     """
     first, *others = grid.methods
     styles = {
@@ -110,12 +111,12 @@ def _of_method(method: str) -> Rgba:
 
 
 def manoeuvre_styles(method: str) -> dict[str, Style]:
-    """Return the style of what :func:`manoeuvre_rows` draws beside the lines of the stream.
+    """Return the styles of what :func:`manoeuvre_rows` draws next to the lines of the stream.
 
-    ``method`` is whose answer it is; where that is not usable, the bar is of one colour for all.
+    ``method`` is the answering method; bars of answers that are not usable all have one colour.
     """
     names = {"wn": "wn of a manoeuvre [rad/s]", "zeta": "zeta of a manoeuvre"}
-    bar = rgba(METHODS.get(method, NEUTRAL), BAR_ALPHA)  # the stream's lines are seen through it
+    bar = rgba(METHODS.get(method, NEUTRAL), BAR_ALPHA)  # lines are visible through the bar
     styles = {}
     for entity, name in names.items():
         used, refused = (f"dutch_roll/{entity}/{kind}" for kind in ("manoeuvre", "refused"))
@@ -125,9 +126,9 @@ def manoeuvre_styles(method: str) -> dict[str, Style]:
 
 
 def manoeuvre_rows(roll: DutchRoll, *, usable: bool) -> dict[str, Floats]:
-    """Return the values (3, m) of every entity: at a manoeuvre's begin, at its end, none after.
+    """Return the values (3, m) of every entity: at a manoeuvre's begin, its end, and NaN after it.
 
-    Only what is usable has a band: of the others sigma says nothing.
+    Only a usable answer has a band: the sigma of the others means nothing.
     """
     pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
     rows = {}
@@ -140,12 +141,12 @@ def manoeuvre_rows(roll: DutchRoll, *, usable: bool) -> dict[str, Floats]:
 
 
 def _with_band(value: Floats, two_sigma: Floats) -> Floats:
-    """Return value, lower and upper bound (n, 3)."""
+    """Return values with their lower and upper bounds (n, 3)."""
     return np.column_stack([value, value - two_sigma, value + two_sigma])
 
 
 def is_known(modes: ModesBlock) -> NDArray[np.bool_]:
-    """Return where (n,) the Dutch roll is known well enough for a line."""
+    """Return for each row (n,) whether the Dutch roll is known well enough for a line."""
     wn, wn_std, _, zeta_std = modes.dutch_roll.T
     known: NDArray[np.bool_] = (wn_std < UNKNOWN * wn) & (zeta_std < UNKNOWN)
     return known
@@ -154,7 +155,7 @@ def is_known(modes: ModesBlock) -> NDArray[np.bool_]:
 def group_rows(
     parameters: Sequence[str], samples: SampleBlock, estimate: EstimateBlock, modes: ModesBlock
 ) -> dict[str, Floats]:
-    """Return the values (n, m) of every entity that has one a sample; NaN leaves a line open."""
+    """Return the values (n, m) of every entity with a value per sample; NaN makes a gap."""
     live = estimate.status != Status.WARMING_UP
     theta = np.where(live[:, None], estimate.theta, np.nan)
     noise = 2.0 * estimate.noise_std
@@ -170,7 +171,7 @@ def group_rows(
     }
     for letter, columns in groups(parameters).items():
         std, size = estimate.theta_std[:, columns], np.abs(theta[:, columns])
-        # A sigma larger than all values says "unknown", and would squeeze the axis.
+        # A sigma larger than all values means "unknown", and would stretch the axis.
         known = std <= size.max(axis=1, keepdims=True)
         value, band = np.where(known, theta[:, columns], np.nan), 2.0 * std
         rows[f"parameters/{letter}"] = np.hstack([value, value - band, value + band])

@@ -1,4 +1,4 @@
-"""The Rerun sink: what a failing viewer, a missing one or a full disk means for the run."""
+"""The Rerun sink, which decides what a failing or missing viewer or a full disk means for a run."""
 
 import contextlib
 import os
@@ -14,16 +14,15 @@ from yawid.sinks.part_file import open_part, take_name
 if TYPE_CHECKING:
     from yawid.sinks.rerun.recording import RerunView
 
-FLUSH_S: Final = 0.5  # of wall time between two batches to a viewer
+FLUSH_S: Final = 0.5  # the least wall time between two batches to a viewer
 
 
 class RerunSink(Relay):
-    """Shows a run in Rerun; ``target`` is ``save``, ``spawn`` or the address of a viewer.
+    """A sink that shows a run in Rerun; ``target`` is ``save``, ``spawn`` or a viewer's address.
 
-    Of methods after the first only the Dutch roll is drawn. ``path`` is the .rrd of ``save``:
-    ``<path>.part`` until finished.
-    A viewer that cannot be had or goes away costs one call of ``warn`` and nothing else, unless it
-    is ``needed``.
+    Of methods other than the primary one only the Dutch roll is drawn. ``path`` is the .rrd that
+    ``save`` writes, named ``<path>.part`` until it is finished. A viewer that is missing or goes
+    away causes one call of ``warn`` and nothing else, unless it is ``needed``.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, it cannot be written, or there is no
@@ -51,11 +50,11 @@ class RerunSink(Relay):
             if path is None:
                 raise SinkError("a recording to be saved needs a file name")
             self._part, stream = open_part(path, force=force)
-            stream.close()  # it is there and can be written; rerun opens it again
+            stream.close()  # the file exists and can be written; rerun opens it again
         try:
             self._view = _open_view(self._part or target, name)
-        except BaseException as error:  # a signal too
-            self.discard()  # nothing in it, and it would stand in the way
+        except BaseException as error:  # also a signal
+            self.discard()  # the file is empty and would block the next run
             if not isinstance(error, Exception):
                 raise
             self._failed(error)
@@ -94,7 +93,11 @@ class RerunSink(Relay):
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        """Do without the viewer from here on; a file that was asked for is another matter."""
+        """Go on without the viewer and warn.
+
+        Raises:
+            SinkError: a file was asked for, or the viewer is needed.
+        """
         self._view = None
         reason = str(error).partition("\n")[0]
         if self._part is not None:
@@ -106,8 +109,8 @@ class RerunSink(Relay):
 
 
 def _open_view(target: str | Path, name: str) -> "RerunView":
-    # Rerun's native part would write its own lines to stderr for what it also raises.
+    # Rerun's native part would also write to stderr the errors that it raises.
     os.environ.setdefault("RUST_LOG", "off")
-    from yawid.sinks.rerun.recording import RerunView  # half a second: only for those who want it
+    from yawid.sinks.rerun.recording import RerunView  # takes half a second: only when needed
 
     return RerunView(target, name)
