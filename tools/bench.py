@@ -1,4 +1,4 @@
-"""Run a bench: python tools/bench.py NAME [options] [--readme]; see bench/run.py."""
+"""Runs a bench: python tools/bench.py NAME [options] [--readme]; see bench/run.py."""
 
 import sys
 

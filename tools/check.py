@@ -1,10 +1,10 @@
-"""The one command a developer runs: tests, format, lint, types, in the environment at hand.
+"""Runs all checks of a developer in the current environment: tests, format, lint and types.
 
     python tools/check.py [--fast | --long]
 
-``--fast`` leaves out what is marked slow; ``--long`` adds what is marked long and
-check_install.py, which are to be run before an issue is called resolved. All of them run; the exit
-code is that of the first that fails.
+``--fast`` leaves out tests marked slow. ``--long`` adds tests marked long and check_install.py,
+which must pass before an issue is closed. All checks run even if one fails; the exit code is that
+of the first that fails.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LONG_S = 7200
-"""One test of those marked long may take so many seconds."""
+"""Time limit of a single test in s, with ``--long``."""
 TYPED = ("src", "tools")
 
 
 def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
-    """Return the command lines; the first is the README's own test command."""
+    """Return the command lines of the checks; the first runs the tests."""
     python = sys.executable
     tests = [python, "-m", "pytest", "-n", "2"]
     long_tests = [python, "-m", "pytest", "-m", "long", "-o", f"faulthandler_timeout={LONG_S}"]
@@ -37,7 +37,7 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
 
 
 def main() -> int:
-    """Run them all; return the first exit code that is not zero."""
+    """Run all checks; return the first exit code that is not zero."""
     parser = argparse.ArgumentParser(description=__doc__)
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--fast", action="store_true", help="leave out the slow tests")

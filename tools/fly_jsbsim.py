@@ -1,4 +1,4 @@
-"""Fly JSBSim's aircraft, write the log and its truth: see flights/command.py."""
+"""Flies an aircraft of JSBSim, and writes the log and its truth: see flights/command.py."""
 
 import sys
 

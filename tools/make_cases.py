@@ -1,4 +1,4 @@
-"""Make the logs of replay_logs/ again: see cases/make.py."""
+"""Makes the logs of replay_logs/ again: see cases/make.py."""
 
 import sys
 

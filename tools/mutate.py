@@ -1,4 +1,4 @@
-"""Seed small defects, and see whether the tests notice: see checks/mutate.py."""
+"""Seeds small defects and checks that the tests notice each: see checks/mutate.py."""
 
 import sys
 

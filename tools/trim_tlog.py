@@ -1,4 +1,4 @@
-"""Cut a stretch of vehicle time out of a tlog: see flights/trim_tlog.py."""
+"""Cuts a stretch of vehicle time out of a tlog: see flights/trim_tlog.py."""
 
 import sys
 

@@ -1,1 +1,1 @@
-"""What is measured: each bench is a module here, started by tools/bench.py NAME."""
+"""The benches: each is a module that tools/bench.py NAME runs."""

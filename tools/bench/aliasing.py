@@ -1,8 +1,9 @@
 """Vibration and noise above half the grid's rate: the error without a filter, and with ``--band``.
 
-A plant of eq. 23 with wn * Ts = 0.25, its rudder switching anywhere, is told at 50 or 200 Hz and
-sampled at 10 or 20 Hz: as it is, through a band-pass on the grid alone, and through the low-pass
-before it as well, as ``--band`` does. Printed is the mean error of wn in per cent, ELS / RML.
+A plant of eq. 23 with wn * Ts = 0.25, whose rudder switches at any time, is measured at 50 or
+200 Hz and sampled at 10 or 20 Hz: unfiltered, through a band-pass on the grid alone, and with a
+low-pass before the grid as well, as ``--band`` does. The table has the mean error of wn in per
+cent, ELS / RML.
 """
 
 from __future__ import annotations
@@ -26,19 +27,22 @@ from yawid.physics.modes import modes
 SECONDS, STEP_S = 120.0, 1e-3
 OMEGA_TS, ZETA, LEAD_S = 0.25, 0.2, 0.8
 SHARE = 0.1
-"""Of what is added to the yaw rate, root mean square over root mean square."""
+"""Root mean square of the disturbance over that of the yaw rate."""
 BAND = (0.004, 0.25)
-"""Corners over the rate of the grid: a tenth and six times the natural frequency."""
+"""Corner frequencies over the rate of the grid: a tenth and six times the natural frequency."""
 WAYS = {"none": "no filter", "grid": "on the grid alone", "band": "`--band`"}
 RATES = ((50.0, 10.0), (200.0, 20.0))
-"""Messages and grid, Hz."""
+"""Rates of the messages and of the grid in Hz."""
 TONE = 0.83
 """Frequency of the vibration over the rate of the grid."""
 DISTURBANCES = ("nothing", "tone", "white noise")
 
 
 def flight(wn: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return rudder and yaw rate each millisecond: steps a quarter period apart on average."""
+    """Return rudder and yaw rate (n,) at each millisecond.
+
+    The rudder switches a quarter of a period after the last switch, on average.
+    """
     n = round(SECONDS / STEP_S)
     waits = rng.uniform(0.2, 1.8, n // 50) * (0.5 * np.pi / wn)
     at = np.searchsorted(np.cumsum(waits), np.arange(n) * STEP_S)
@@ -51,7 +55,7 @@ def flight(wn: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
 
 
 def disturbed(y: Floats, t: Floats, kind: str, rate_hz: float, rng: np.random.Generator) -> Floats:
-    """Return the raw yaw rate with vibration between half the grid's rate and it, or noise."""
+    """Return the yaw rate y (n,) with a vibration above half the grid's rate, or with noise."""
     phase = rng.uniform(0.0, 2.0 * np.pi)
     added: dict[str, Floats] = {
         "nothing": np.zeros(len(y)),
@@ -62,7 +66,7 @@ def disturbed(y: Floats, t: Floats, kind: str, rate_hz: float, rng: np.random.Ge
 
 
 def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> SampleBlock:
-    """Return the samples of raw rudder (n,), 3 ms late, and yaw rate (n,) on the grid."""
+    """Return the samples on the grid from the yaw rate (n,) and the rudder (n,) 3 ms later."""
     n, sample_time_s = len(y), 1.0 / rate_hz
     t_us = np.rint(np.arange(n) * 1e6 / raw_hz).astype(np.int64)
     columns = np.full((n, len(ROW)), np.nan)
@@ -81,7 +85,7 @@ def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> Sa
 
 
 def errors(raw_hz: float, rate_hz: float, kind: str, way: str, seed: int) -> list[list[float]]:
-    """Return the errors (wn in per cent, zeta) of els and rml in one run."""
+    """Return the errors of ELS and RML in one run: wn in per cent, and zeta."""
     rng, wn = np.random.default_rng(seed), OMEGA_TS * rate_hz
     u, y = flight(wn, rng)
     step = round(1.0 / raw_hz / STEP_S)
@@ -98,7 +102,7 @@ def errors(raw_hz: float, rate_hz: float, kind: str, way: str, seed: int) -> lis
 
 
 def cell(found: Floats) -> str:
-    """Return the mean error of wn of errors (runs, methods, 2)."""
+    """Return the cell of a table: the mean error of wn, given errors (runs, methods, 2)."""
     lost = int(np.isnan(found).any(axis=(1, 2)).sum())
     means = " / ".join(f"{mean:+.2f}" for mean in np.nanmean(found[:, :, 0], axis=0))
     return means + (f", {lost} without an oscillation" if lost else "")

@@ -1,4 +1,4 @@
-"""Tracking and confidence of rml on S1-S4: error against theory, coverage of 95 % intervals."""
+"""Tracking and confidence of RML on S1-S4: error against theory, coverage of 95 % intervals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LAGS = 20
 
 
 def track(plant: Plant, config: EstimatorConfig, truth: Floats, runs: int) -> tuple[Floats, Floats]:
-    """Return the errors and the sigmas (instants, n): every EVERY samples after the first ones."""
+    """Return the errors and the sigmas (instants, n) after every EVERY samples of each run."""
     errors, sigmas = [], []
     for run in range(runs):
         u, y = plant.simulate(SAMPLES, run)
@@ -29,7 +29,7 @@ def track(plant: Plant, config: EstimatorConfig, truth: Floats, runs: int) -> tu
 
 
 def configuration(orders: ArmaxOrders, factor: float, lags: int) -> EstimatorConfig:
-    """Return rml without bias term."""
+    """Return the configuration of RML without a bias term."""
     return EstimatorConfig(
         orders=orders, sample_time_s=0.02, method="rml", bias=False, forgetting_factor=factor,
         residual_lags=lags,
@@ -37,13 +37,13 @@ def configuration(orders: ArmaxOrders, factor: float, lags: int) -> EstimatorCon
 
 
 def coverage(errors: Floats, sigmas: Floats) -> Floats:
-    """Return the share of 95 % intervals that hold the truth, for each parameter."""
+    """Return the share of 95 % intervals that contain the truth, for each parameter (n,)."""
     shares: Floats = (np.abs(errors) <= NOMINAL * sigmas).mean(axis=0)
     return shares
 
 
 def row(name: str, mse: list[float], covered: list[Floats]) -> str:
-    """Return a row: the range over what was run, and the worst single parameter."""
+    """Return a row: the ranges of ``mse`` and of the mean coverage, and the worst parameter."""
     means = [float(each.mean()) for each in covered]
     worst = min(float(each.min()) for each in covered)
     theory = f"{min(mse):.2f} to {max(mse):.2f}" if mse else ""
@@ -51,7 +51,7 @@ def row(name: str, mse: list[float], covered: list[Floats]) -> str:
 
 
 def right_orders(runs: int) -> str:
-    """Return the row of the true structure, every plant, forgetting factor and correction."""
+    """Return the row of the true orders, over all plants, forgetting factors and corrections."""
     mse, covered = [], []
     for factor in FACTORS:
         for plant in PLANTS:
@@ -65,7 +65,10 @@ def right_orders(runs: int) -> str:
 
 
 def too_low(runs: int) -> Iterator[str]:
-    """Yield the rows of a structure too small; the truth is its own limit, from 10^6 samples."""
+    """Yield the rows of orders that are too low.
+
+    The truth is the estimate from 10^6 samples with these orders.
+    """
     limits = []
     for plant in PLANTS:
         o = plant.orders

@@ -1,4 +1,7 @@
-"""Monte-Carlo efficiency on S1-S4: q = d' CRB^-1 d / n, 1 is the Cramer-Rao bound."""
+"""Monte-Carlo efficiency on S1-S4: the mean of q = d' CRB^-1 d / n.
+
+d (n,) is the error of theta, CRB the Cramer-Rao bound of its covariance; the best mean of q is 1.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ VARIANTS = (("els", 0), ("rml", 0), ("rml", 500))
 
 
 def ratios(plant: Plant, method: str, start_buffer: int, runs: int) -> Floats:
-    """Return q (runs, lengths)."""
+    """Return q (runs, lengths) of one plant and method."""
     config = EstimatorConfig(
         orders=plant.orders, sample_time_s=0.02, method=method, bias=False,
         start_buffer=start_buffer,
@@ -35,7 +38,7 @@ def ratios(plant: Plant, method: str, start_buffer: int, runs: int) -> Floats:
 
 
 def cell(q: Floats) -> str:
-    """Return the mean of q (runs, lengths) over the runs that did not fail, by length."""
+    """Return the cell: the mean of q (runs, lengths) by length, over the runs with q <= FAIL."""
     means, failed = [], int((q > FAIL).any(axis=1).sum())
     for column in q.T:
         good = column[column <= FAIL]

@@ -1,7 +1,7 @@
-"""Speed side by side in one run: ns per update and how many times faster than a plain NumPy loop.
+"""Compares the speed of estimators: ns per update, and how many times faster than plain NumPy.
 
-Every figure is the best of many short measurements taken in turns: on a shared machine the best is
-what the code costs, the mean what the neighbours do.
+Every figure is the best of many short measurements, taken in turns. On a shared machine the best
+shows the cost of the code, while the mean depends on what other programs do.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CHUNK = 50
 
 
 def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
-    """Return what to run of ours, and how many updates that is."""
+    """Return what to run of yawid by name: a call, and how many updates it makes."""
     runs: dict[str, tuple[Callable[[], object], int]] = {}
     u2, ul, yl = u.reshape(-1, 1), u.tolist(), y.tolist()
     for method in ("els", "rml"):
@@ -48,7 +48,7 @@ def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], objec
 
 
 def peers(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
-    """Return what to run of the others."""
+    """Return what to run of other estimators by name: a call, and how many updates it makes."""
     return {
         name: (partial(call, u, y, order, samples), samples)
         for name, (call, samples) in PEERS.items()
@@ -73,7 +73,7 @@ def _updates(armax: RecursiveArmax, u: list[float], y: list[float]) -> None:
 
 
 def measure(runs: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
-    """Return the best ns per update of each, taken in turns."""
+    """Return the best ns per update of each call by name; the calls take turns."""
     best = dict.fromkeys(runs, np.inf)
     for _ in range(rounds):
         for name, (call, updates) in runs.items():
@@ -84,7 +84,7 @@ def measure(runs: dict[str, tuple[Callable[[], object], int]], rounds: int) -> d
 
 
 def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
-    """Return a row: ns per update and how many times faster than NumPy, by number of parameters."""
+    """Return the row of the calls ``of``: ns per update and x NumPy, for each entry of ``best``."""
     cells = []
     for each in best:
         ns = [each[part] for part in of if part in each]
@@ -95,7 +95,7 @@ def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
 
 
 def main(arguments: list[str]) -> Iterator[str]:
-    """Yield the table, for 6 and for 9 parameters."""
+    """Yield the table for 6 and for 9 parameters."""
     parser = argparse.ArgumentParser(prog="bench.py estimator", description=__doc__)
     parser.add_argument("--rounds", type=int, default=60)
     rounds = parser.parse_args(arguments).rounds

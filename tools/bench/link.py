@@ -1,7 +1,7 @@
-"""Reading a telemetry log: MB/s, wanted messages/s and peak memory against others; damage survived.
+"""Reading a telemetry log: MB/s and peak memory of several readers, and reading a damaged log.
 
-Each reader runs in a process of its own; its own start and imports are not timed. What others read
-is counted, what yawid reads is compared with the truth record by record.
+Each reader runs in a process of its own, whose start and imports are not timed. The damaged log is
+read by yawid alone, and compared with the truth record by record.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ _OTHERS = (
     "WIND", "EKF_STATUS_REPORT", "VIBRATION", "STATUSTEXT", "SIMSTATE", "RADIO_STATUS",
     "PID_TUNING", "AOA_SSA",
 )  # fmt: skip
-_PAYLOADS = 40  # per message type; the sequence number makes every frame its own
+_PAYLOADS = 40  # of each message type; the sequence numbers make the frames differ
 
 Result = dict[str, float]
 
 
 def write_log(path: Path, megabytes: int) -> tuple[int, int]:
-    """Write a log of 32 message types; return how many records it has, and how many wanted."""
+    """Write a log of 32 message types; return its number of records, and of wanted records."""
     rng = np.random.default_rng(1)
     records, wanted = _records(rng, 256 * 400)
     block = np.frombuffer(b"".join(records), np.uint8).copy()
@@ -80,7 +80,7 @@ def _records(rng: np.random.Generator, count: int) -> tuple[list[bytes], int]:
 
 
 def _message(cls: Any, payload: bytes) -> Any:
-    """Return pymavlink's own decoding of a frame with this payload."""
+    """Return the message that pymavlink decodes from a frame with this payload."""
     size = cls.unpacker.size
     body = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16) + payload
     crc = dialect.x25crc(body + bytes([cls.crc_extra])).crc
@@ -88,7 +88,7 @@ def _message(cls: Any, payload: bytes) -> Any:
 
 
 def damage(source: Path, target: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Write a damaged copy; return where its intact records begin, and where all begin."""
+    """Write a damaged copy; return where its intact records begin, and where all records begin."""
     rng = np.random.default_rng(2)
     data = np.fromfile(source, np.uint8)
     starts = _starts(data)
@@ -113,7 +113,7 @@ def damage(source: Path, target: Path) -> tuple[NDArray[np.int64], NDArray[np.in
 
 
 def _starts(data: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return where the records of an intact log of MAVLink 2 begin."""
+    """Return where the records begin in an undamaged tlog of MAVLink 2."""
     starts, at, lengths = [], 0, data.tobytes()
     while at < len(lengths):
         starts.append(at)
@@ -135,7 +135,7 @@ def read_yawid(path: Path) -> Iterator[int]:
 
 
 def read_pymavlink(path: Path) -> Iterator[int]:
-    """Yield 1 for each wanted message."""
+    """Yield 1 for each wanted message that pymavlink reads."""
     from pymavlink import mavutil
 
     log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
@@ -144,7 +144,7 @@ def read_pymavlink(path: Path) -> Iterator[int]:
 
 
 def read_plain(path: Path) -> Iterator[int]:
-    """Read the bytes and look at none."""
+    """Read all bytes without decoding them: the upper limit of speed."""
     with path.open("rb") as file:
         while file.read(1 << 21):
             yield 0
@@ -162,7 +162,7 @@ _MODULES = {
 
 
 def measure(reader: str, path: Path, repeats: int) -> Result:
-    """Return the best time of some readings in this process, and the most memory it held."""
+    """Return the least time of ``repeats`` readings in this process, and its peak memory."""
     if reader in _MODULES:
         importlib.import_module(_MODULES[reader])
     best, found = float("inf"), 0
@@ -174,7 +174,10 @@ def measure(reader: str, path: Path, repeats: int) -> Result:
 
 
 def own_peak_mb() -> float:
-    """Return the most memory this process held; ru_maxrss counts in what its parent held before."""
+    """Return the peak memory of this process in MB.
+
+    The kernel's VmHWM is preferred: ru_maxrss includes memory of the parent before the start.
+    """
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM"):
@@ -183,7 +186,7 @@ def own_peak_mb() -> float:
 
 
 def measured(reader: str, path: Path, repeats: int) -> Result | None:
-    """Return what :func:`measure` gives in a fresh process; None where it cannot be run."""
+    """Return what :func:`measure` gives in a new process; None if the reader failed."""
     command = [sys.executable, "-m", "bench.link", reader, str(path), str(repeats)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=TOOLS)
     if done.returncode:
@@ -194,7 +197,7 @@ def measured(reader: str, path: Path, repeats: int) -> Result | None:
 
 
 def speeds(paths: list[Path], repeats: int) -> Iterator[str]:
-    """Yield a row for each reader: a figure for each log."""
+    """Yield a row for each reader, with a figure for each log in each cell."""
     slow = "pymavlink recv_match"
     bases = [measured(slow, path, 1) for path in paths]
     for reader in READERS:
@@ -210,9 +213,9 @@ def speeds(paths: list[Path], repeats: int) -> Iterator[str]:
 
 
 def recovered(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -> str:
-    """Return a row: how many of the intact records come out of a damaged log.
+    """Return the row of a damaged log: how many of its intact records are read.
 
-    A damaged stamp that stays within 3 days of its neighbours cannot be told from a good one.
+    A record with a damaged stamp within 3 days of its neighbours cannot be recognised as damaged.
     """
     from yawid.sources.mavlink.decoder import Decoder
 
@@ -246,7 +249,7 @@ def main(arguments: list[str]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    # A reader may print; only the result belongs on stdout.
+    # A reader may print something, but stdout must contain only the result.
     with contextlib.redirect_stdout(io.StringIO()):
         outcome = measure(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))
     print(json.dumps(outcome))

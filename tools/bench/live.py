@@ -1,7 +1,7 @@
 """The live tap: loss, CPU per message against pymavlink, latency, kill -9, a soak at 50x speed.
 
-Each part runs for itself: --only loss stall cpu latency fits kill soak. The sender is another
-process.
+The parts are independent: --only loss stall cpu latency fits kill soak. The sender is a process of
+its own.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ CPU_TURNS = 4
 STALL_HZ, STALL_S = 1872.0, 5.0
 FITS_SPEED = 4.0
 ENDING_S = 300.0
-"""A session of many vehicles answers for each as it ends."""
+"""Time limit in s for the end of a session, which estimates each of its vehicles then."""
 
 
 def sender(port: int, log: Path, *options: object) -> AbstractContextManager[subprocess.Popen[str]]:
-    """Start the sender."""
+    """Start a process that sends the frames of a log to a port on loopback."""
     program = (sys.executable, "-m", "flights.send_tlog")
     command = [*program, log.resolve(), f"127.0.0.1:{port}", *options]
     return child([*map(str, command)], LONG_S, stdout=subprocess.PIPE, text=True, cwd=TOOLS)
@@ -53,7 +53,11 @@ def sender(port: int, log: Path, *options: object) -> AbstractContextManager[sub
 def hear(
     log: Path, rate: float, count: int, before: Callable[[UdpTap], None] = lambda tap: None
 ) -> dict[str, Any]:
-    """Tap and decode a flood; return what was sent, heard and dropped, and the CPU it took."""
+    """Receive and decode ``count`` messages at ``rate`` a second.
+
+    Return how many were sent, heard and dropped, and the CPU time. ``before`` is called with the
+    tap before anything is read.
+    """
     with UdpTap(Endpoint("127.0.0.1", 0)) as tap:
         decoder, cpu_s = Decoder(WANTED), time.process_time()
         with sender(tap.address[1], log, "--rate", rate, "--count", count) as process:
@@ -75,7 +79,7 @@ def hear(
 
 
 def bench_loss(options: argparse.Namespace) -> Iterator[str]:
-    """20 000 a second for a minute, then 80 000."""
+    """Measure the loss at 20 000 messages a second, then at 80 000."""
     for rate, seconds in ((20_000, options.seconds), (80_000, options.seconds / 3)):
         got = hear(options.log, rate, int(rate * seconds))
         lost = got["sent"] - got["heard"]
@@ -88,7 +92,7 @@ def bench_loss(options: argparse.Namespace) -> Iterator[str]:
 
 
 def bench_stall(options: argparse.Namespace) -> Iterator[str]:
-    """Nobody reads for five seconds."""
+    """Measure the loss if the tap is not read for five seconds."""
 
     def stall(tap: UdpTap) -> None:
         while not tap.inbox.received:
@@ -101,7 +105,7 @@ def bench_stall(options: argparse.Namespace) -> Iterator[str]:
 
 
 def bench_cpu(options: argparse.Namespace) -> Iterator[str]:
-    """Our tap and decoder and pymavlink's loop on the same flood, in turn; the best of each."""
+    """Compare the CPU of yawid's tap and decoder with pymavlink's loop; they take turns."""
     for rate in (STALL_HZ, 20_000.0):
         count = int(4 * rate)
         turns = [
@@ -116,7 +120,7 @@ def bench_cpu(options: argparse.Namespace) -> Iterator[str]:
 
 
 def pymavlink_loop(log: Path, rate: float, count: int) -> float:
-    """Return the CPU in us that pymavlink's udpin takes for each message."""
+    """Return the CPU time in us that pymavlink's udpin needs for a message."""
     from pymavlink import mavutil
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -140,7 +144,7 @@ def pymavlink_loop(log: Path, rate: float, count: int) -> float:
 def session(
     folder: Path, *options: object, program: tuple[object, ...] = ("-m", "yawid", "live")
 ) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """Start ``yawid live`` on a free port; yield it and the port once it listens."""
+    """Start ``yawid live`` on a free port; yield the process and the port once it listens."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -155,7 +159,7 @@ def session(
 
 
 def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
-    """Whether the replay of a vehicle's tlog gives what its session gave, to the bit."""
+    """Return whether a replay of a vehicle's tlog gives the same answers as its session."""
     log = Path(summary["files"]["tlog"])
     settings = {"sysid": summary["vehicle"]["sysid"]}
     again, _ = replay(log, settings, Outputs(folder, f"{log.stem}-again"), StopFlag())
@@ -164,7 +168,7 @@ def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
 
 
 def bench_latency(options: argparse.Namespace) -> Iterator[str]:
-    """Run the whole program beside a 50 Hz mix in real time; compare bits with a replay."""
+    """Measure the latency of the whole program at a 50 Hz mix; compare it with a replay."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -187,13 +191,13 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
 
 
 def bench_fits(options: argparse.Namespace) -> Iterator[str]:
-    """Run the program without and with manoeuvres, and in a process that fits all the time."""
+    """Measure the latency without manoeuvres, with them, and while a fit runs all the time."""
     plain: tuple[object, ...] = ("-m", "yawid", "live")
     beside = (TOOLS / "bench" / "live_beside_fits.py",)
     for what, program, manoeuvres in (
         ("without manoeuvres", plain, "off"),
         ("with manoeuvres", plain, "auto"),
-        ("with a fit beside it all the time", beside, "auto"),
+        ("with a fit running all the time", beside, "auto"),
     ):
         with tempfile.TemporaryDirectory() as name:
             asked = (Path(name), "--manoeuvres", manoeuvres)
@@ -212,7 +216,7 @@ def _latency(summary: dict[str, Any]) -> str:
 
 
 def bench_kill(options: argparse.Namespace) -> Iterator[str]:
-    """kill -9 at random moments."""
+    """Kill a session with kill -9 at random moments, and measure what is lost."""
     frames = split(options.log.read_bytes())
     rng = np.random.default_rng(0)
     losses = []
@@ -228,7 +232,7 @@ def bench_kill(options: argparse.Namespace) -> Iterator[str]:
 
 
 def bench_soak(options: argparse.Namespace) -> Iterator[str]:
-    """Fly at 50 times the speed, with silences, reboots and gaps; watch the memory."""
+    """Send a flight at 50 times its speed, with silences, reboots and gaps; watch the memory."""
     from bench.live_soak import soak
 
     with tempfile.TemporaryDirectory() as name, session(Path(name)) as (process, port):

@@ -1,8 +1,9 @@
-"""``yawid live`` in a process that also fits a manoeuvre, over and over, on a thread of its own.
+"""Runs ``yawid live`` in a process that also fits a manoeuvre all the time, on another thread.
 
     python -m bench.live_beside_fits udpin:127.0.0.1:14560 [options of yawid live]
 
-A session fits a manoeuvre for some 0.1 s when it ends: here a fit runs beside the stream always.
+A usual session fits a manoeuvre for some 0.1 s when it ends; here a fit always runs at the same
+time as the stream.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from yawid.estimation.record_fit import fit_record
 
 SAMPLES, SAMPLE_TIME_S = 2400, 0.05
 A, B, NOISE = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01), 0.002
-"""A made-up yaw axis, and a manoeuvre of 120 s: the longest there is."""
+"""A made-up yaw axis: A and B of the model, and the standard deviation of e. SAMPLES are 120 s, the
+longest manoeuvre."""
 
 
 def fit_for_ever() -> None:

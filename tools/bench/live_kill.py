@@ -1,4 +1,4 @@
-"""kill -9 a live session at a moment, and measure what is missing of its files."""
+"""Kills a live session with kill -9 at a given moment, and measures what its files lack."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ Row = tuple[str, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """What a kill cost: seconds missing at the end of each file, and whether the rest is right.
+    """What a kill cost: the seconds missing at the end of each file, and whether the rest is right.
 
-    ``is_same``: every row of the recovered MCAP is, bit for bit, that of a replay of the tlog.
+    ``is_same`` is whether every row of the recovered MCAP equals, bit for bit, one of a replay of
+    the tlog. ``frames`` and ``rows`` are how many the two files have.
     """
 
     tlog_s: float
@@ -38,7 +39,7 @@ class Loss:
 
 
 class Sender(threading.Thread):
-    """Sends frames at ``speed`` times the pace of their stamps and notes when each went."""
+    """Sends frames at ``speed`` times the pace of their stamps; notes the time of each in s."""
 
     def __init__(self, frames: Sequence[Record], port: int, speed: float) -> None:
         super().__init__(daemon=True)
@@ -47,7 +48,7 @@ class Sender(threading.Thread):
         self._stop_asked = threading.Event()
 
     def run(self) -> None:
-        """Send until told to stop."""
+        """Send the frames until :meth:`stop` is called."""
         start_s, first_us = time.monotonic(), self._frames[0][0]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             for stamp_us, frame in self._frames:
@@ -58,13 +59,13 @@ class Sender(threading.Thread):
                 self.sent_s.append(time.time())
 
     def stop(self) -> None:
-        """Stop and wait for it."""
+        """Stop sending, and wait for the end of the thread."""
         self._stop_asked.set()
         self.join(LEAVE_S)
 
 
 def kill_once(frames: Sequence[Record], moment_s: float, folder: Path, speed: float = 1.0) -> Loss:
-    """Listen, send, kill -9 ``moment_s`` after the first frame; return what is missing."""
+    """Start a session, send frames, and kill it ``moment_s`` after the first; return the loss."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -92,7 +93,7 @@ def kill_once(frames: Sequence[Record], moment_s: float, folder: Path, speed: fl
 
 
 def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
-    """Replay the torn tlog, recover the torn MCAP, and compare."""
+    """Replay the incomplete tlog, recover the incomplete MCAP, and compare them."""
     [tlog], [mcap] = folder.glob("*.tlog.part"), folder.glob("*.mcap.part")
     frames = len(split(tlog.read_bytes()))
     recover(mcap, folder / "recovered.mcap")
@@ -100,7 +101,7 @@ def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
     rescued, again = rows(folder / "recovered.mcap"), rows(folder / "again.mcap")
     missing_s = killed_s - sent_s[frames] if frames < len(sent_s) else 0.0
     last_s = max((received for _, received, _ in rescued), default=0) / 1e9
-    # What a replay of all that was sent before the kill would hold, and the file does not.
+    # Rows from before the kill that the replay of the tlog has, and the recovered file lacks.
     unwritten = [r / 1e9 for _, r, _ in again if last_s < r / 1e9 <= killed_s]
     return Loss(
         tlog_s=max(0.0, missing_s),
@@ -112,7 +113,10 @@ def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
 
 
 def rows(path: Path) -> list[Row]:
-    """Return (topic, receive stamp in ns, message) of what is estimated, in order."""
+    """Return (topic, receive stamp in ns, message) of each message in the order of the file.
+
+    The verdict and the run's log messages are left out.
+    """
     with path.open("rb") as stream:
         return [
             (channel.topic, message.publish_time, message.data)

@@ -1,4 +1,4 @@
-"""A vehicle at many times its speed: silences, reboots, gaps; the memory is watched."""
+"""Sends a vehicle's flight at 50 times its speed, and watches the memory of the session."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "
 
 
 def flight(rng: np.random.Generator) -> Iterator[list[bytes]]:
-    """Yield what the vehicle sends in each fiftieth of a second, without end.
+    """Yield the frames that the vehicle sends in each fiftieth of a second, without end.
 
-    Every ten minutes of its time it is silent for 20 s, every hour it reboots, and now and then a
-    second of frames is missing.
+    In its own time, it is silent for 20 s every ten minutes, reboots every hour, and lacks one
+    second of frames in every 97.
     """
     link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
 
@@ -61,7 +61,7 @@ def flight(rng: np.random.Generator) -> Iterator[list[bytes]]:
 
 
 def fly(port: int, seconds: float, sent: list[int]) -> None:
-    """Send the flight at ``SPEED`` for so many seconds."""
+    """Send the flight at ``SPEED`` for ``seconds`` s; add the frames sent to ``sent[0]``."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.connect(("127.0.0.1", port))
         start_s = time.monotonic()
@@ -77,7 +77,7 @@ def fly(port: int, seconds: float, sent: list[int]) -> None:
 
 
 def soak(process: subprocess.Popen[str], port: int, seconds: float) -> str:
-    """Fly, watch the process's memory, end it, and say how it went."""
+    """Send the flight, watch the process's memory, end it, and return the result in words."""
     sent = [0]
     assert process.stderr is not None
     reader = threading.Thread(target=process.stderr.read, daemon=True)

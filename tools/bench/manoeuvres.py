@@ -1,9 +1,10 @@
-"""What looking for manoeuvres costs: whole replays with it against without, and memory over hours.
+"""The cost of finding manoeuvres: CPU of whole replays with and without it, and memory over hours.
 
-``made`` is telemetry as a plane sends it (long_log.py), ``jsbsim`` a flight of the c172p; a tenth
-of each is manoeuvres, or the rudder never rests and every 120 s make one. Each replay is a process
-of its own, auto and off in turn; the seconds are the medians of user CPU, the ratio the median of
-the pairs'. Memory is what Python's allocators hold while a stream runs through a pipeline.
+``made`` is made-up telemetry as a plane sends it (long_log.py), ``jsbsim`` a flight of the c172p.
+Manoeuvres are a tenth of each log, or the rudder never rests, and every 120 s make one manoeuvre.
+Each replay is a process of its own, with auto and off in turn. The seconds are medians of user CPU,
+the ratio is the median over the pairs. Memory is what Python's allocators hold while a stream runs
+through a pipeline.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from yawid.runs.job import open_log
 
 SETTINGS = ("off", "auto")
 MOVED_S, EVERY_S = 30.0, 360.0
-"""Of the made telemetry; with the second before and the 5 s of rest after, a tenth."""
+"""How long and how often the rudder of the made-up telemetry moves, in s. With the second before
+and the 5 s of rest after, that is a tenth of the log."""
 BETWEEN = (
     Leg("idle", 90.0),
     Leg("turn", 40.0, bank_deg=20.0),
@@ -49,17 +51,17 @@ BETWEEN = (
 
 
 def made_tenth(path: Path, minutes: float) -> None:
-    """Write made telemetry whose rudder moves now and then."""
+    """Write made-up telemetry whose rudder moves for MOVED_S in every EVERY_S."""
     write_log(path, minutes / 60.0, "raised", moved_s=MOVED_S, every_s=EVERY_S)
 
 
 def made_throughout(path: Path, minutes: float) -> None:
-    """Write made telemetry whose rudder never rests."""
+    """Write made-up telemetry whose rudder never rests."""
     write_log(path, minutes / 60.0, "raised")
 
 
 def flown_tenth(path: Path, minutes: float) -> None:
-    """Fly 3-2-1-1s, doublets and a PRBS with turns, climbs and idle between them."""
+    """Fly 3-2-1-1s, doublets and PRBS, with turns, climbs and idle between them."""
     legs: list[Leg] = []
     for shape in cycle(("3211", "doublets", "prbs")):
         if sum(leg.seconds for leg in legs) >= 60.0 * minutes:
@@ -82,11 +84,11 @@ LOGS: tuple[Log, ...] = (
     ("jsbsim", flown_tenth, 28.0),
     ("jsbsim", flown_throughout, 20.0),
 )
-"""What is in it, who writes it, and how many minutes."""
+"""A log: where it comes from, the function that writes it, and its length in minutes."""
 
 
 def user_s(log: Path, out: Path, setting: str) -> float:
-    """Return the user CPU of a replay in its own process.
+    """Return the user CPU time in s of a replay in a process of its own.
 
     Raises:
         SystemExit: the replay failed.
@@ -96,12 +98,12 @@ def user_s(log: Path, out: Path, setting: str) -> float:
 
 
 def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
-    """Return of a log how much of it is manoeuvres, and what it costs to look for them."""
+    """Return a log's heading, with its share of manoeuvres, and the cost of finding them."""
     found = replayed(log)
     spans = [each.duration_s for each in found.manoeuvres or []]
     out = log.with_suffix("")
     for setting in SETTINGS:
-        user_s(log, out, setting)  # the compiler's time is nobody's
+        user_s(log, out, setting)  # compiles what is needed: that time is not counted
     turns = [[user_s(log, out, setting) for setting in SETTINGS] for _ in range(pairs)]
     off, auto = (median(column) for column in zip(*turns, strict=True))
     ratio = median(b / a for a, b in turns)
@@ -119,7 +121,7 @@ print(json.dumps(held_mb(Path(sys.argv[1]), sys.argv[2])))
 
 
 def held_mb(log: Path, setting: str) -> list[float]:
-    """Return what Python holds in MB after a tenth of a log, at its end, and at most after it."""
+    """Return Python's memory in MB: after a tenth of a log, at its end, and its peak between."""
     source, pipeline = open_log(log), Pipeline(RunConfig(manoeuvres=setting))
     tracemalloc.start()
     read = 0
@@ -139,7 +141,10 @@ def held_mb(log: Path, setting: str) -> list[float]:
 
 
 def grown(folder: Path, hours: float) -> tuple[str, str]:
-    """Return what manoeuvres leave in memory of a long stream; without and with in processes."""
+    """Return a heading, and how much more memory a long stream needs with manoeuvres.
+
+    The stream runs in one process without them and in another with them.
+    """
     log = folder / "long.tlog"
     write_log(log, hours, "raised", moved_s=MOVED_S, every_s=EVERY_S)
     growths, peaks = [], []

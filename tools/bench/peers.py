@@ -1,4 +1,4 @@
-"""Other people's recursive least squares on the same data, and a plain NumPy loop."""
+"""Recursive least squares to compare with: a plain NumPy loop, and filterpy's Kalman filter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FORGETTING = 0.998
 
 
 def numpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
-    """ELS as one would write it: a posteriori residual, P as a matrix."""
+    """Run ELS as one would first write it: with the a posteriori residual, P as a full matrix."""
     n = 3 * order
     theta, P, phi = np.zeros(n), 100.0 * np.eye(n), np.zeros(n)
     for k in range(samples):
@@ -28,7 +28,7 @@ def numpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
 
 
 def filterpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
-    """filterpy's KalmanFilter with fading memory, F = I, H = phi'."""
+    """Run ELS on filterpy's KalmanFilter with fading memory, F = I and H = phi'."""
     from filterpy.kalman import KalmanFilter
 
     n = 3 * order
@@ -50,4 +50,4 @@ PEERS: dict[str, tuple[Callable[[Floats, Floats, int, int], None], int]] = {
     "plain NumPy loop": (numpy_els, 300),
     "filterpy KalmanFilter": (filterpy_els, 150),
 }
-"""Name: function of u, y, order and samples, samples in one measurement."""
+"""The functions of u, y, order and samples by name, each with its samples in one measurement."""

@@ -1,4 +1,4 @@
-"""The four plants of the efficiency bench and their Cramer-Rao bounds."""
+"""The four plants of the benches, S1 to S4, and their Cramer-Rao bounds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plant:
-    """A y = B u + C e with B starting at q^-1; u is white or AR(1) of unit variance."""
+    """A plant A y = B u + C e with B starting at q^-1; u is white or AR(1) of unit variance."""
 
     name: str
     a: tuple[float, ...]
@@ -31,11 +31,11 @@ class Plant:
 
     @property
     def orders(self) -> ArmaxOrders:
-        """The true orders, nk = 1."""
+        """The true orders, with nk = 1."""
         return ArmaxOrders(len(self.a), len(self.b), len(self.c), 1)
 
     def simulate(self, samples: int, seed: int) -> tuple[Floats, Floats]:
-        """Return u and y (samples,), from rest."""
+        """Return u and y (samples,) of a simulation that starts at rest."""
         rng = np.random.default_rng(seed)
         white = rng.standard_normal((2, samples))
         u = lfilter([np.sqrt(1.0 - self.input_pole**2)], [1.0, -self.input_pole], white[0])
@@ -44,9 +44,10 @@ class Plant:
         return u, lfilter((0.0, *self.b), a, u) + noise
 
     def information(self) -> Floats:
-        """Return E[psi psi'] / noise variance (n, n): its inverse over N is the bound.
+        """Return E[psi psi'] / noise variance (n, n): the bound of N samples is its inverse over N.
 
-        By integrating the spectrum of psi, the regressors filtered by 1/C (Ljung 1999, eq. 9.17).
+        It is the integral of the spectrum of psi, the regressors filtered by 1/C (Ljung 1999,
+        eq. 9.17).
         """
         z = np.exp(-2j * np.pi * np.arange(2**17) / 2**17)
         a, c = (np.polyval([*p[::-1], 1.0], z) for p in (self.a, self.c))
@@ -63,7 +64,7 @@ class Plant:
 
 
 def _dutch_roll() -> Plant:
-    """Eq. 23 for r: K = 1, T = 0.8 s, wn = 2.5 rad/s, zeta = 0.2, held at 50 Hz."""
+    """Return S4: eq. 23 for r with K = 1, T = 0.8 s, wn = 2.5 rad/s, zeta = 0.2, at 50 Hz."""
     from scipy.signal import cont2discrete
 
     wn, zeta, t = 2.5, 0.2, 0.8

@@ -1,9 +1,9 @@
-"""An hour at 20 Hz to MCAP and .rrd, against bare pymavlink reading of the same log; memory too.
+"""Replays an hour at 20 Hz to MCAP and .rrd, compared with only reading the log by pymavlink.
 
-The logs carry what real links do, see long_log.py. pymavlink reads every message and does nothing
-with it, or looks for the few that yawid needs, which its index of the file makes cheaper. Then
-``yawid inspect`` of the same log, against a replay of it without outputs: ``--hours .8 --mix
-raised`` is a log of some 20 MB, of which inspect may cost three such replays.
+The logs have the messages of real links, see long_log.py. pymavlink reads every message and drops
+it, or reads only those that yawid needs, which is cheaper as it indexes the file. The last row of a
+log is ``yawid inspect``, compared with a replay without outputs. Its aim is at most three such
+replays for a log of some 20 MB (``--hours .8 --mix raised``).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from flights.long_log import MIXES, write_log
 from pymavlink import mavutil
 
 ANSWERED = (0, 5)
-"""Exit codes of a log with an answer, and of one without."""
+"""Exit codes of a log with a usable answer, and of one without."""
 WANTED = ["ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "VFR_HUD"]
 
 
 def bare_pymavlink(path: Path, wanted: list[str] | None) -> tuple[float, float]:
-    """Return CPU and wall seconds until pymavlink has handed over the messages."""
+    """Return CPU and wall time in s for reading all wanted messages by pymavlink."""
     start, cpu = time.perf_counter(), time.process_time()
     log = mavutil.mavlink_connection(str(path))
     while log.recv_match(type=wanted) is not None:
@@ -46,13 +46,13 @@ summarise(pipeline, source.link, sys.argv[1], source.sha256)
 
 
 def replay(path: Path, out: Path, rerun: str) -> Cost:
-    """Return what a replay in its own process costs."""
+    """Return the cost of a replay in a process of its own."""
     to = ["--out", str(out), "--force", "--json", "--rerun", rerun]
     return cost_of("-m", "yawid", "replay", str(path), *to, allowed=ANSWERED)
 
 
 def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
-    """Yield the rows of one mix of messages."""
+    """Yield the rows of a log with one mix of messages."""
     log = folder / f"{mix}.tlog"
     each_s = write_log(log, options.hours, mix) / options.hours / 3600.0
     bare = [
@@ -68,7 +68,7 @@ def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
 
 
 def inspect(log: Path, name: str, repeat: int) -> str:
-    """Return the row of ``yawid inspect``, each in its own process as the replay it is held to."""
+    """Return the row of ``yawid inspect``; it and the replays run in processes of their own."""
     bare = [cost_of("-c", _WITHOUT_OUTPUTS, str(log)) for _ in range(repeat)]
     asked = ["-m", "yawid", "inspect", str(log), "--json"]
     runs = [cost_of(*asked, allowed=ANSWERED) for _ in range(repeat)]
@@ -78,12 +78,12 @@ def inspect(log: Path, name: str, repeat: int) -> str:
 
 
 def best(runs: Sequence[Cost]) -> Cost:
-    """Return the run that took the least CPU."""
+    """Return the run that took the least CPU time."""
     return min(runs, key=lambda run: run.cpu_s)
 
 
 def row(name: str, runs: Sequence[Cost], ratio: str) -> str:
-    """Return the row of some runs: the best one's seconds, and the highest peak of memory."""
+    """Return the row of some runs: the seconds of the best one, and the highest peak of memory."""
     least, peak_mb = best(runs), max(run.peak_mb for run in runs)
     return f"| {name} | {least.cpu_s:.1f} | {least.wall_s:.1f} | {ratio} | {peak_mb:.0f} |"
 

@@ -1,7 +1,7 @@
-"""Benches, each printing a Markdown table: python tools/bench.py NAME [options] [--readme].
+"""Runs a bench, which prints a Markdown table: python tools/bench.py NAME [options] [--readme].
 
 With ``--readme`` the table is also written to tools/README.md, below its marker. A bench may print
-more tables, with a blank line between: see ``PLACES``.
+several tables with a blank line between them: see ``PLACES``.
 """
 
 from __future__ import annotations
@@ -32,14 +32,16 @@ BENCHES = (
     "start",
 )
 PLACES = {"truth": ("truth", "truth_by", "truth_short")}
-"""The markers of a bench's first tables; of all others the first table goes below the own name."""
+"""The markers of a bench's first tables. A bench that is not here writes its first table, below the
+marker of its own name."""
 
 
 def run(name: str, options: list[str]) -> tuple[str, str | None]:
-    """Run one bench, print the lines of its tables as they come; return them and what it misses.
+    """Run one bench and print the lines of its tables; return them and which aims were missed.
 
-    The first cell of the header, which the bench leaves empty, is what was run (paths without their
-    names) and when. What is missed is what the bench's generator returns.
+    The first cell of the header, which the bench leaves empty, gets the command and the date; paths
+    in it are replaced by LOG. The aims missed are what the bench's generator returns, None if it
+    has none.
     """
     options_told = []
     for option in options:
@@ -60,7 +62,7 @@ def run(name: str, options: list[str]) -> tuple[str, str | None]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the bench that is named first; the rest are its options. Return 1 where it misses."""
+    """Run the bench named first with the options that follow; return 1 if it missed an aim."""
     if not arguments or arguments[0] not in BENCHES:
         print(f"usage: bench.py {'|'.join(BENCHES)} [options] [--readme]", file=sys.stderr)
         return 2

@@ -1,11 +1,11 @@
-"""Whole flights at three speeds: what is found in them, and how right each answer is.
+"""Whole flights at three speeds: which manoeuvres are found, and how right each answer is.
 
     python tools/bench.py speeds [--seeds 4] [--severities 0,1,2,3] [--logs DIR] [--jobs 2]
 
-The plan three_speeds (flights/legs.py) in turbulence of each severity, replayed with the default
-options: every manoeuvre against the truth at the airspeed flown, then the flight's answer. A usable
-manoeuvre is right (2 % of wn and .02 of zeta), fair (wn within 5 %), wrong (more than 10 % off) or
-neither.
+The plan three_speeds (flights/legs.py) is flown in turbulence of each severity and replayed with
+the default options. Every manoeuvre is compared with the truth at the airspeed flown, then the
+flight's answer. A usable manoeuvre is right (within 2 % of wn and .02 of zeta), fair (wn within
+5 %), wrong (wn more than 10 % off) or neither.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from flights.telemetry import Link
 
 RIGHT_PCT, RIGHT_ZETA, FAIR_PCT, WRONG_PCT = 2.0, 0.02, 5.0, 10.0
 Task = tuple[int, int]
-"""Severity of the turbulence, and seed."""
+"""A flight: the severity of its turbulence, and its seed."""
 
 
 def turbulent(plan: LegPlan, severity: int) -> LegPlan:
@@ -32,7 +32,7 @@ def turbulent(plan: LegPlan, severity: int) -> LegPlan:
 
 
 def rows_of(folder: Path, task: Task) -> list[Row]:
-    """Fly the three speeds once, where they are not in the folder yet; return the flight's rows."""
+    """Return the rows of one flight, which is flown if the folder does not have it yet."""
     severity, seed = task
     plan = turbulent(PLANS["three_speeds"], severity)
     make = partial(fly, plan, Link(seed=seed))
@@ -41,7 +41,10 @@ def rows_of(folder: Path, task: Task) -> list[Row]:
 
 
 def counts(rows: Sequence[Row]) -> tuple[int, ...]:
-    """Return how many manoeuvres were flown, missed, found elsewhere, refused, and how right."""
+    """Return how many manoeuvres were flown, missed, found elsewhere and refused.
+
+    Then follow how many usable ones are right, fair, neither and wrong.
+    """
     found = [row for row in rows if row["kind"] == "manoeuvre"]
     missed = [row for row in rows if row["kind"] == "missed"]
     own = [row for row in found if row["of"] is not None]
@@ -53,7 +56,7 @@ def counts(rows: Sequence[Row]) -> tuple[int, ...]:
 
 
 def how_right(row: Row) -> str:
-    """Say how right a usable row is."""
+    """Return how right a usable row is: right, fair, neither or wrong."""
     if row["wn_error_pct"] is None:
         return "wrong"
     wn_pct, zeta = abs(row["wn_error_pct"]), abs(row["zeta"] - row["zeta_true"])
@@ -63,7 +66,7 @@ def how_right(row: Row) -> str:
 
 
 def flight_cells(flights: Sequence[Row]) -> tuple[str, ...]:
-    """Return how many flights are usable, and how far they and their kappa are off."""
+    """Return the cells of flights: how many are usable, the errors of wn, zeta and kappa, and z."""
     usable = [row for row in flights if row["usable"] and row["wn_error_pct"] is not None]
     kappa = [row for row in usable if "kappa_true" in row]
     return (

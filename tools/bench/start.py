@@ -1,14 +1,15 @@
-"""What a short run costs before and after its samples: start-up, compiling, one more hour of log.
+"""The cost of short runs: start-up, compiling, and what one more hour of log adds.
 
-Each is a process of its own: the import of NumPy alone, ``yawid --help``, a replay of half a minute
-whose code is compiled, the same with an empty folder for compiled code, ``yawid warm`` into an
-empty folder. An hour is what it adds in a process that is warm (20 Hz, to MCAP, no .rrd). Seconds
-are CPU, children included, or wall where it says so: the least of all rounds. In brackets they
-stand as a ratio to NumPy's import, the cold replay's to the warm one's. All MCAP messages of the
-cold replay must equal the warm one's to the byte.
+Each of these runs in a process of its own: the import of NumPy alone; ``yawid --help``; a replay of
+half a minute with compiled code; the same replay with an empty folder for compiled code; ``yawid
+warm`` into an empty folder. "An hour" is how much longer a replay takes for one more hour of log in
+a process that is warm (20 Hz, to MCAP, no .rrd). Seconds are CPU time with that of children, or
+wall time where the column says so, and are the least of all rounds. The ratio in brackets is to the
+import of NumPy; that of the cold replay is to the warm one. All MCAP messages of the cold replay
+must equal those of the warm one, byte for byte.
 
-With ``--against COMMIT`` that commit stands before what there is now, in rounds in turns; a command
-that it does not know has an empty cell.
+With ``--against COMMIT``, a row of that commit comes before the row of the tree; both are measured
+in turns. A cell is empty if the commit does not know the command.
 """
 
 from __future__ import annotations
@@ -36,9 +37,10 @@ SHORT_WALL, COLD, WARM = "its wall", "cold, wall; messages", "`yawid warm`"
 HOURS = {"off": "an hour", "auto": "manoeuvres"}
 COLUMNS = (NUMPY, HELP, SHORT, SHORT_WALL, COLD, WARM, *HOURS.values())
 MOST_OF_NUMPY, MOST_OF_WARM = 8.0, 2.0
-"""A replay may cost so many processes that import NumPy; a cold one may take so many warm ones."""
+"""Limits: the CPU of a replay over that of importing NumPy, and a cold replay's time over a warm
+one's."""
 MOVED_S, EVERY_S = 30.0, 300.0
-"""Of the long logs: so long a manoeuvre in so much flight."""
+"""The long logs have a manoeuvre of MOVED_S seconds in every EVERY_S seconds."""
 UNKNOWN_COMMAND = 2
 
 _HOURS = """
@@ -50,7 +52,7 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import replay
 from yawid.runs.stop import StopFlag
 out, asked = Outputs(Path(sys.argv[1]), "hours", force=True), {"manoeuvres": sys.argv[2]}
-if "config" in signature(replay).parameters:  # of an older commit
+if "config" in signature(replay).parameters:  # an older commit
     asked = RunConfig(**asked)
 spent = []
 for log in (sys.argv[3], *sys.argv[3:]):
@@ -63,7 +65,7 @@ print(json.dumps(spent[1:]))
 
 @contextmanager
 def sources(commit: str | None) -> Iterator[list[Path]]:
-    """Yield the source folders to compare: that of ``commit``, if there is one, and the own."""
+    """Yield the source folders to compare: that of ``commit``, if given, and that of the tree."""
     with tempfile.TemporaryDirectory() as folder:
         if commit is not None:
             git = ["git", "-C", str(ROOT), "archive", commit, "src"]
@@ -74,7 +76,10 @@ def sources(commit: str | None) -> Iterator[list[Path]]:
 
 
 def equal_messages(one: Path, other: Path) -> tuple[int, int]:
-    """Return how many messages of two MCAPs are equal to the byte, place by place, of how many."""
+    """Return how many messages of two MCAPs are equal, and how many the longer file has.
+
+    Messages at the same place in the two files are compared.
+    """
     read = []
     for path in (one, other):
         with path.open("rb") as stream:
@@ -84,17 +89,20 @@ def equal_messages(one: Path, other: Path) -> tuple[int, int]:
 
 
 class Bench:
-    """Measures the code below ``source``; what it writes goes to ``folder``."""
+    """Measures the code below ``source``, which writes its files to ``folder``.
+
+    ``least`` are the least seconds by name; ``equal`` are the results of equal_messages.
+    """
 
     def __init__(self, source: Path, folder: Path) -> None:
         self.least: dict[str, float] = {}
         self.equal: set[tuple[int, int]] = set()
         self._environment = os.environ | {"PYTHONPATH": str(source)}
-        self._environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed yawid has it
+        self._environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed yawid has bytecode
         self._folder = folder
 
     def compile(self) -> None:
-        """Have everything compiled into a folder of its own."""
+        """Compile everything into a folder of this bench."""
         self._environment["NUMBA_CACHE_DIR"] = folder = str(self._folder / "compiled")
         self._warm(folder)
         self._replay()
@@ -108,7 +116,7 @@ class Bench:
         self._keep(SHORT_WALL, wall_s)
 
     def cold(self) -> None:
-        """Measure what finds nothing compiled, and compare what it writes."""
+        """Measure commands that find no compiled code, and compare the messages they write."""
         with tempfile.TemporaryDirectory() as empty:
             self._keep(COLD, self._replay("cold", empty)[2])
         self.equal.add(equal_messages(*(self._folder / out / "log.mcap" for out in ("", "cold"))))
@@ -118,7 +126,7 @@ class Bench:
                 self._keep(WARM, cpu_s)
 
     def hours(self, logs: list[Path]) -> None:
-        """Measure two logs, the second longer than the first, in a process that is warm."""
+        """Measure replays of two logs, the second longer than the first, in a warm process."""
         for manoeuvres in HOURS:
             arguments = [str(self._folder), manoeuvres, *map(str, logs)]
             done = subprocess.run(
@@ -131,7 +139,7 @@ class Bench:
                 self._keep(f"{HOURS[manoeuvres]} {i}", cpu_s)
 
     def seconds(self, hours: float) -> dict[str, float]:
-        """Return what each column cost; the second long log is ``hours`` longer than the first."""
+        """Return the seconds by column; the second long log is ``hours`` longer than the first."""
         found = dict(self.least)
         for name in HOURS.values():
             if f"{name} 0" in found:
@@ -158,7 +166,7 @@ class Bench:
 
 
 def measured(options: argparse.Namespace) -> list[Bench]:
-    """Return the benches when they have measured: before, if asked for, and now."""
+    """Return the benches after measuring: that of the commit, if asked for, and of the tree."""
     with sources(options.against) as trees, tempfile.TemporaryDirectory() as name:
         logs = [Path(name) / f"{i}.tlog" for i in (1, 2)]
         for i, log in enumerate(logs):
@@ -177,7 +185,7 @@ def measured(options: argparse.Namespace) -> list[Bench]:
 
 
 def row(name: str, seconds: dict[str, float], equal: set[tuple[int, int]]) -> str:
-    """Return the row of one source: seconds, in brackets the ratio; empty what it does not know."""
+    """Return the row of one source: seconds with ratios in brackets; unknown commands are empty."""
     cells = []
     for column in COLUMNS:
         if column not in seconds:
@@ -194,7 +202,7 @@ def row(name: str, seconds: dict[str, float], equal: set[tuple[int, int]]) -> st
 
 
 def missed(seconds: dict[str, float], equal: set[tuple[int, int]]) -> str | None:
-    """Return what is more than allowed, if anything is."""
+    """Return which limits are exceeded, in words; None if none is."""
     most = {(SHORT, NUMPY): MOST_OF_NUMPY, (COLD, SHORT_WALL): MOST_OF_WARM}
     told = [
         f"{what}: {seconds[what] / seconds[of]:.1f} x {of}; {allowed:g} is allowed"
@@ -206,7 +214,7 @@ def missed(seconds: dict[str, float], equal: set[tuple[int, int]]) -> str | None
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
-    """Yield the table; what now costs too much, or writes something else when cold, is a miss."""
+    """Yield the table; return what costs too much or differs when cold, None if nothing does."""
     parser = argparse.ArgumentParser(prog="bench.py start", description=__doc__)
     parser.add_argument("--against", metavar="COMMIT")
     parser.add_argument("--rounds", type=int, default=5)

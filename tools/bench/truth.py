@@ -1,15 +1,15 @@
-"""Fly JSBSim's aircraft in every condition, estimate, and hold estimate and sigma to the truth.
+"""Flies JSBSim's aircraft in all conditions, and compares estimate and sigma with the truth.
 
     python tools/bench.py truth [--seed 162] [--flights N] [--logs DIR] [--jobs 2]
                                 [--records DIR] [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
-stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, and what is
-said of the logs in replay_logs/ and of the recorded flights in DIR, where there are any.
-The exit code is 1 where a criterion fails. --csv has a row for each flight and estimate.
+stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, and the
+results of the logs in replay_logs/ and of the recorded flights in the DIR of --records, if any.
+The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
-z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). Figures of RML and ELS are of every
-manoeuvre that may be used, each against the truth at the airspeed it was flown at.
+z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). The figures of RML and ELS are over
+all usable manoeuvres, each compared with the truth at the airspeed at which it was flown.
 """
 
 from __future__ import annotations
@@ -43,16 +43,19 @@ CONDITIONS = (
     "seconds",
 )  # fmt: skip
 STRIDE = 97
-"""Coprime to COUNT: a few flights are of all conditions, too."""
+"""Step between the numbers of the flights flown; coprime to COUNT, so that a few mix all
+conditions."""
 RIGHT_PCT, WRONG_PCT, WRONG_Z = 1.0, 3.0, 4.0
-"""Errors of wn: below the first a warning is one too many, above the others one is needed."""
+"""Limits of wn's error: below RIGHT_PCT no warning is due; above both WRONG_PCT and WRONG_Z (in
+sigmas) a warning or a refusal is."""
 Z_FROM, Z_TO = 0.7, 1.4
 COVERED_PCT = 90.0
 ANSWERED_PCT = {"calm": 90.0, "turbulence": 60.0}
 SIGMA_PCT = {"calm": 1.5, "turbulence": 4.0}
 SILENT_PCT, WARNED_PCT = 80.0, 90.0
 COLUMNS = ("flights", "answered %", "off %", "sigma %", "z wn", "z zeta", "in 2 sigma %")
-"""``off`` is wn's median error, ``sigma`` the median of wn's, z an RMS; the last of wn and zeta."""
+"""``off`` is the median error of wn, ``sigma`` the median of wn's sigma, ``z`` the root mean square
+of z; the last column is of wn and zeta."""
 NEEDED = (
     "",
     f"calm {ANSWERED_PCT['calm']:g}, else {ANSWERED_PCT['turbulence']:g}",
@@ -63,7 +66,7 @@ NEEDED = (
     f"{COVERED_PCT:g}",
 )
 Criterion = tuple[str, str, str, bool]
-"""What is asked, what is needed, what was measured, and whether it is enough."""
+"""A criterion: its name, what is needed, what was measured, and whether it is met."""
 
 
 def _where(name: str, value: object) -> Callable[[Row], bool]:
@@ -88,18 +91,18 @@ def of_kind(rows: Iterable[Row], *kinds: str) -> list[Row]:
 
 
 def estimates(rows: Iterable[Row], kind: str) -> list[Row]:
-    """Return the rows of one kind that may be used and have an estimate whose truth is known."""
+    """Return the usable rows of one kind whose estimate has a known truth."""
     return [row for row in of_kind(rows, kind) if row["usable"] and row["wn_error_pct"] is not None]
 
 
 def rms(rows: Iterable[Row], name: str) -> float:
-    """Return the root of the mean square of a column where it is known; NaN without a row."""
+    """Return the root mean square of a column over the rows that have it; NaN without any."""
     known = [row[name] for row in rows if row[name] is not None]
     return math.sqrt(sum(x * x for x in known) / len(known)) if known else math.nan
 
 
 def within(rows: Sequence[Row], name: str) -> float:
-    """Return how many % of z are within 2; one that is not known is not."""
+    """Return how many % of the rows have |z| of at most 2; an unknown z counts as more."""
     hits = sum(row[name] is not None and abs(row[name]) <= 2.0 for row in rows)
     return 100.0 * hits / len(rows) if rows else math.nan
 
@@ -111,14 +114,14 @@ def sigma_pct(rows: Iterable[Row]) -> float:
 
 
 def answered_pct(rows: Iterable[Row]) -> float:
-    """Return how many % of the flights are answered."""
+    """Return how many % of the flights have a usable answer."""
     flights = of_kind(rows, "flight")
     usable = sum(row["usable"] for row in flights)
     return 100.0 * usable / len(flights) if flights else math.nan
 
 
 def cells(rows: Sequence[Row], kinds: Sequence[str], z: str = "z") -> list[str]:
-    """Return the last five of COLUMNS for kinds of estimate, side by side."""
+    """Return the last five of COLUMNS, each cell with the kinds of estimate side by side."""
     each = [estimates(rows, kind) for kind in kinds]
     off = [[abs(row["wn_error_pct"]) for row in e] for e in each]
     return [
@@ -147,7 +150,7 @@ def condition_line(name: str, rows: Sequence[Row]) -> str:
 
 
 def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
-    """Yield a table by condition, RML / ELS."""
+    """Yield a table with a row for each condition, RML / ELS."""
     yield f"|{first}| " + " | ".join(COLUMNS) + " |"
     yield "|---" * (1 + len(COLUMNS)) + "|"
     for name in names:
@@ -156,7 +159,7 @@ def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> It
 
 
 def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
-    """Yield a table of RML alone with a column for each condition."""
+    """Yield a table of RML alone, with a column for each condition."""
     short = [name.replace("severity", "s").removesuffix(" gyro").replace(" ", "") for name in names]
     yield "|RML|" + "|".join(short) + "|"
     yield "|---" * (1 + len(names)) + "|"
@@ -179,16 +182,15 @@ def _right(row: Row) -> bool:
 
 
 def _share(hits: Sequence[Row], of: Sequence[Row]) -> tuple[str, float]:
-    """Return a share as text and in %; of nothing it is all."""
+    """Return a share as text and in %; it is 100 % if ``of`` is empty."""
     share = 100.0 * len(hits) / len(of) if of else 100.0
     return f"{share:.0f} % ({len(hits)} of {len(of)})", share
 
 
 def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
-    """Yield what warnings are held to, by flights; then by manoeuvres, for comparison.
+    """Yield the criteria of warnings by flights; then the same by manoeuvres, for comparison.
 
-    A flight that is refused is one of the wrong ones where any of its manoeuvres, as its answering
-    method tells it, is.
+    A refused flight counts as wrong if any of its manoeuvres is wrong by its answering method.
     """
     manoeuvres = of_kind(rows, "manoeuvre")
     would = {row["number"] for row in manoeuvres if _wrong(row)}
@@ -213,7 +215,7 @@ def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
 
 
 def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
-    """Yield what issue 16 asks for."""
+    """Yield all criteria."""
     air = {name: [row for row in rows if GROUPS[name](row)] for name in ANSWERED_PCT}
     for name, least in ANSWERED_PCT.items():
         share = answered_pct(air[name])
@@ -233,7 +235,7 @@ def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
         for name, most in SIGMA_PCT.items():
             sigma = sigma_pct(estimates(air[name], method))
             what = f"{method.upper()}, median sigma of wn, {name}"
-            # ELS is the check: its sigma tells honestly how far off it is.
+            # ELS only checks the answer: its sigma may be large, as long as it is right.
             needed = f"<= {most:g} %" if method == METHODS[0] else ""
             yield what, needed, f"{sigma:.2f} %", sigma <= most or not needed
     yield from warning_criteria(rows)
@@ -248,7 +250,7 @@ def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
 
 
 def record_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield what is said of each log of replay_logs and of the recorded flights, and the truth."""
+    """Yield a table of the logs in replay_logs and of the recorded flights, with their truth."""
     yield "| log | wn and zeta, true | flight's answer | wn off, % | z of wn, zeta | verdict |"
     yield "|---|---|---|---|---|---|"
     for row in of_kind(rows, "flight"):
@@ -264,7 +266,7 @@ def record_lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _pair(row: Row, what: str) -> str:
-    """Return wn and zeta with their sigmas: what is true or what is answered."""
+    """Return wn and zeta with their sigmas, of the columns that end in ``what``."""
     said = []
     for name in ("wn", "zeta"):
         value, sigma = row[name + what], row[f"{name}{what}_sigma"]
@@ -273,7 +275,7 @@ def _pair(row: Row, what: str) -> str:
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV, the columns in the order in which they come."""
+    """Write rows as CSV, with columns in the order in which they first appear."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, names, lineterminator="\n")
@@ -286,10 +288,10 @@ def _short(value: object) -> object:
 
 
 def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
-    """Return the rows of one flight of the grid; fly it where it is not in the folder yet.
+    """Return the rows of one flight of the grid; fly it if the folder does not have it yet.
 
     Raises:
-        SystemExit: the flight of that name is another one.
+        SystemExit: the folder has another flight of that name.
     """
     log, truth = kept(folder, f"{number:03d}", partial(of_grid, seed, number))
     if (truth["seed"], truth["number"]) != (seed, number):
@@ -306,14 +308,14 @@ def record_rows(log: Path) -> list[Row]:
     known = path.exists() and (of_case or name in SAME_AIRCRAFT)
     truth = json.loads(path.read_text(encoding="utf-8")) if known else {}
     told = {"record": name, "from": "replay_logs" if of_case else "records"}
-    # The default options, and which vehicle where its case says so.
+    # The default options, with the vehicle that the case chooses.
     case = log.with_name("case.toml")
     options = tomllib.loads(case.read_text(encoding="utf-8"))["options"] if case.exists() else {}
     return [told | row for row in judged(log, truth, RunConfig(sysid=options.get("sysid")))]
 
 
 def records(folder: Path) -> list[Path]:
-    """Return the logs with a truth in replay_logs, then those of a folder, which may be absent."""
+    """Return the logs with a truth in replay_logs, then those of a folder, which need not exist."""
     cases = sorted(path.with_name("log.tlog") for path in CASES.glob("*/truth.json"))
     flown = sorted(path for path in folder.glob("*") if path.suffix in SUFFIXES)
     return cases + flown
@@ -349,9 +351,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
-    """Yield the two tables of tools/README.md, that of README.md, and all others, a blank between.
+    """Yield two tables of tools/README.md, that of README.md and the others, blank lines between.
 
-    Returns which criteria fail, None where all are met.
+    Return which criteria are not met, None if all are.
     """
     options = parse(arguments)
     rows, recorded = measured(options)

@@ -2,8 +2,9 @@
 
     python tools/bench.py upset [--seeds 100] [--logs DIR] [--jobs 2]
 
-The plan upset (flights/legs.py) in turbulence, replayed with the default options. Below the table:
-what is usable all the same. The exit code is 1 where anything is, or a replay breaks off.
+The plan upset (flights/legs.py) is flown in turbulence and replayed with the default options. Below
+the table are the manoeuvres that are usable all the same. The exit code is 1 if there is one, or if
+a replay fails.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ from flights.telemetry import Link
 
 
 def rows_of(folder: Path, seed: int) -> list[Row]:
-    """Fly one upset, where it is not in the folder yet; return a row for each manoeuvre found.
+    """Return a row for each manoeuvre found in one upset, flown if the folder does not have it yet.
 
-    A replay that breaks off is a row too, and the others are still judged.
+    A replay that fails gives one row, so that the other flights are still judged.
     """
     log, truth = kept(folder, f"upset_{seed:03d}", partial(fly, PLANS["upset"], Link(seed=seed)))
     try:
         rows = judged(log, truth)
-    except Exception as error:  # whatever it is, it is to be counted
+    except Exception as error:  # any failure is counted
         return [{"seed": seed, "kind": "broken", "usable": False, "error": repr(error)}]
     return [{"seed": seed} | row for row in rows if row["kind"] == "manoeuvre"]
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
-    """Yield the table; what is usable or broken is a miss."""
+    """Yield the table; return how many are usable or broken, None if none is."""
     parser = argparse.ArgumentParser(prog="bench.py upset", description=__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     options_of(parser)

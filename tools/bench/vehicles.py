@@ -1,9 +1,10 @@
-"""Many vehicles on one port: what is lost, CPU per vehicle, latency, when manoeuvres are told.
+"""Many vehicles on one port: loss, CPU per vehicle, latency, and the delay of manoeuvres.
 
-Each vehicle sends ATTITUDE and SERVO_OUTPUT_RAW at 50 Hz and all fly a doublet at once; sender and
-``yawid live --sysid all`` are processes of their own on loopback. Every vehicle's tlog is replayed
-too, up to ``--same`` vehicles: estimates, manoeuvres and flight are to be the session's to the bit.
-A manoeuvre is known to have ended up to 1.3 s later: what is told is told so long after its end.
+Each vehicle sends ATTITUDE and SERVO_OUTPUT_RAW at 50 Hz, and all fly a doublet at the same time.
+The sender and ``yawid live --sysid all`` are processes of their own on loopback. With up to
+``--same`` vehicles, every vehicle's tlog is also replayed: estimates, manoeuvres and flight must
+equal the session's, bit for bit. The delay of a manoeuvre is the time from its end to the line that
+reports it; up to 1.3 s of it pass until the end is known.
 """
 
 from __future__ import annotations
@@ -40,17 +41,17 @@ from yawid.sources.link.tap import sysid_of
 SECONDS, STARTS_S, DOUBLET_S = 30.0, 5.0, 14.0
 BURST_S = 0.001
 WARM_S = 3.0
-"""Before the first frame: imports and the estimators' first use are no vehicle's."""
+"""Time in s before the first frame, so that imports and first use are not counted."""
 SETTLED_S = 3.0
-"""After the last frame: time for fits and for what waits in queues."""
+"""Time in s after the last frame, for fits and waiting frames."""
 LATE_S = 0.2
 TOLD = re.compile(r"system (\d+): manoeuvre 1 \(\d+ to (\d+) s")
 
 
 def vehicle(sysid: int) -> Iterator[Record]:
-    """Yield what one of the vehicles sends: a Dutch roll of its own, excited by a doublet.
+    """Yield the frames of one vehicle, which has its own Dutch roll, excited by a doublet.
 
-    They come up one after the other within some seconds, and fly their doublets at once.
+    The vehicles start one after the other within STARTS_S, and fly their doublets at once.
     """
     rng = np.random.default_rng(sysid)
     wn, zeta = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.3)
@@ -70,7 +71,7 @@ def vehicle(sysid: int) -> Iterator[Record]:
 
 
 def send_in_bursts(log: Path, port: int) -> None:
-    """Send a log's frames at the pace of their stamps, those of a millisecond at once."""
+    """Send a log's frames at the pace of their stamps, those of one millisecond together."""
     frames = split(log.read_bytes())
     latest_s, first_us = 0.0, frames[0][0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -86,7 +87,7 @@ def send_in_bursts(log: Path, port: int) -> None:
 
 
 class Told(threading.Thread):
-    """Reads what a session says; knows when each vehicle's first manoeuvre was told."""
+    """Reads a session's stderr; ``at_s`` is when each vehicle's first manoeuvre was reported."""
 
     def __init__(self, stream: IO[str]) -> None:
         super().__init__(daemon=True)
@@ -103,13 +104,13 @@ class Told(threading.Thread):
 
 
 def cpu_s(process: int) -> float:
-    """Return the CPU that a process has used so far."""
+    """Return the CPU time in s that a process has used so far."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def flown(log: Path, folder: Path) -> dict[str, Any]:
-    """Have a session listen to what is sent; return what came of it."""
+    """Send a log to a session; return what was sent, its CPU time, its lines and summaries."""
     with session(folder, "--sysid", "all") as (process, port):
         assert process.stdout is not None
         assert process.stderr is not None
@@ -129,7 +130,7 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
 
 
 def lost(summaries: list[dict[str, Any]], log: Path) -> int:
-    """Return how many frames of the vehicles are in no tlog of theirs."""
+    """Return how many frames that vehicles sent are missing in their tlogs."""
     sent = Counter(sysid_of(frame) for _, frame in split(log.read_bytes()))
     del sent[GCS[0]]
     for each in summaries:
@@ -139,7 +140,7 @@ def lost(summaries: list[dict[str, Any]], log: Path) -> int:
 
 
 def delays_s(got: dict[str, Any]) -> list[float]:
-    """Return how long after the end of its doublet each vehicle's manoeuvre was told."""
+    """Return the time in s from the end of each vehicle's manoeuvre to its report."""
     ends = {e["vehicle"]["sysid"]: e["manoeuvres"][:1] for e in got["summaries"]}
     at_start_s = got["begun_s"] - Link().boot_s
     told = got["told"].at_s
@@ -147,7 +148,7 @@ def delays_s(got: dict[str, Any]) -> list[float]:
 
 
 def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
-    """Return the row of these vehicles."""
+    """Return the table's row for these vehicles."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log = folder / "sent.tlog"
@@ -185,7 +186,7 @@ def main(arguments: list[str]) -> Iterator[str]:
     logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
     yield (
         "| | frames lost, dropped | CPU %, each | worst latency, ms: p50 / p99 / max "
-        "| told: median, last | as replayed |"
+        "| reported after: median, last | as replayed |"
     )
     yield "|---" * 6 + "|"
     for vehicles in options.vehicles:

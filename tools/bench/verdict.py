@@ -1,11 +1,12 @@
-"""How often the verdict errs, each way, on logs with a known answer and on logs that have none.
+"""How often the verdict errs, on logs with a known answer and on logs without excitation.
 
     python tools/bench.py verdict [--excited 120] [--unexcited 210] [--runs default,inspect]
                                   [--logs DIR] [--jobs 2] [--readme]
 
-Flights of JSBSim whose rudder is moved on purpose, half of them in turbulence (flights/moved.py),
-and logs in which nothing excites it (flights/quiet.py), each replayed with the options of a run.
-Below the table: which logs were judged wrongly, and by which reasons right answers were refused.
+The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
+(flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). Each is
+replayed with the options of every run. Below the table are the logs that were judged wrongly, and
+the reasons that refused right answers.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from yawid.config.run import RunConfig, check_settings
 from yawid.runs.inspect_log import inspect
 
 RIGHT_PCT, WRONG_PCT = 5.0, 10.0
-"""Errors of wn: an answer below the first is right, one above the second is wrong."""
+"""Limits of wn's error in %: an answer below the first is right, one above the second is wrong."""
 MAKERS: dict[str, Callable[[int], Made]] = {"excited": excited, "unexcited": unexcited}
 
 
@@ -42,8 +43,8 @@ RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
     "remedy": lambda log: RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0)),
     "inspect": _recommended,
 }
-"""What a run's configuration is, None where inspect recommends none; ``remedy`` is what a refusal
-of turns advises."""
+"""The configuration of each run for a log; None if inspect recommends no run. ``remedy`` is what a
+verdict refused because of turns recommends."""
 
 
 def rows_of(folder: Path, runs: tuple[str, ...], task: tuple[str, int]) -> list[Row]:
@@ -61,13 +62,13 @@ def rows_of(folder: Path, runs: tuple[str, ...], task: tuple[str, int]) -> list[
 
 
 def off_pct(row: Row) -> float:
-    """Return by how many % an answer is wrong, infinitely where there is none."""
+    """Return the absolute error of wn in %; infinity without an answer."""
     error = row.get("wn_error_pct")
     return math.inf if error is None else abs(error)
 
 
 def table(rows: list[Row]) -> Iterator[str]:
-    """Yield a table of both errors, a row for each run; then what was judged wrongly."""
+    """Yield a table of both kinds of error, a row for each run; then the wrong judgements."""
     yield "| | usable without excitation | right | right, refused | usable, wrong |"
     yield "|---|---|---|---|---|"
     others = []

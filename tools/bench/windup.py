@@ -1,4 +1,4 @@
-"""Wind-up: S1, lambda = .98, cycles of 2 000 excited and 48 000 poor samples of four kinds."""
+"""Wind-up of S1 with lambda .98: cycles of 2 000 excited and 48 000 poor samples of four kinds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SETTLED = 300
 
 
 def cycle(pattern: str, gain: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return u and y of one cycle of S1 with b times the gain."""
+    """Return u and y of one cycle of S1, whose b is multiplied by ``gain``."""
     plant = PLANTS[0]
     u, e = rng.standard_normal((2, EXCITED + POOR))
     if pattern != "always excited":
@@ -33,7 +33,11 @@ def cycle(pattern: str, gain: float, rng: np.random.Generator) -> tuple[Floats, 
 
 
 def endure(pattern: str, method: str, updates: int, **options: float) -> dict[str, float]:
-    """Run the pattern; return the worst miss, the mean gain error on return and the range of P."""
+    """Run a pattern for ``updates`` samples, whose gain alternates from cycle to cycle.
+
+    Return the worst error of theta after SETTLED samples of a cycle, the mean error of the gain at
+    that moment, the range of P, and the number of restarts.
+    """
     plant = PLANTS[0]
     config = EstimatorConfig(
         orders=plant.orders, sample_time_s=0.02, method=method, bias=False,
@@ -64,12 +68,12 @@ def endure(pattern: str, method: str, updates: int, **options: float) -> dict[st
 
 
 def estimator_gain(theta: Floats, first: int, nb: int) -> float:
-    """Return the sum of b, the numerator's gain."""
+    """Return the sum of b in theta: the numerator's gain."""
     return float(theta[first : first + nb].sum())
 
 
 def main(arguments: list[str]) -> Iterator[str]:
-    """Yield the table: worst miss of theta / gain error SETTLED samples after the return."""
+    """Yield the table: the worst error of theta / the gain error when excitation returns."""
     parser = argparse.ArgumentParser(prog="bench.py windup", description=__doc__)
     parser.add_argument("--updates", type=int, default=10_000_000)
     updates = parser.parse_args(arguments).updates

@@ -1,1 +1,1 @@
-"""The recipes of the cases in replay_logs/."""
+"""The recipes of the cases in replay_logs/, and what runs them."""

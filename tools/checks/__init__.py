@@ -1,1 +1,1 @@
-"""What the tree is held to besides its tests: installing it, defects, hostile logs, judges."""
+"""Checks besides the tests: installation, seeded defects, hostile logs, judges, words."""

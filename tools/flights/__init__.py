@@ -1,1 +1,1 @@
-"""Flights with a known truth, by JSBSim or made; the logs they leave, and what befalls logs."""
+"""Flights with a known truth, flown by JSBSim or made up; their logs, and damage to logs."""

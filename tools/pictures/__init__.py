@@ -1,1 +1,1 @@
-"""Pictures of yawid's outputs, and what draws them."""
+"""Pictures of yawid's outputs, and the programs that draw them."""
