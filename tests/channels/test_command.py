@@ -114,7 +114,7 @@ def test_an_on_board_log_disarmed_throughout_is_refused(tmp_path: Path):
     later = ulog(lambda t: 1 if t < 20.0 else 2, tmp_path / "later.ulg")
 
     assert never[0]["id"] == "not_in_command"
-    assert "PX4 was not armed" in never[0]["text"]
+    assert "PX4 was never armed" in never[0]["text"]
     assert not reason_ids(later) & {"not_in_command", "disarmed"}
 
 
@@ -233,5 +233,5 @@ def test_the_flight_that_px4_was_a_passenger_of_is_refused_by_inspects_own_line(
     first = json.loads(capsys.readouterr().out)["verdict"]["reasons"][0]
 
     assert (code, first["id"]) == (5, "not_in_command")
-    assert "PX4 was not armed" in first["text"]
+    assert "PX4 was never armed" in first["text"]
     assert "SERVO_OUTPUT_RAW outputs 17, 18, 19, 20 stood still at 1500" in first["text"]

@@ -72,8 +72,8 @@ def test_a_factor_seen_on_several_headings_is_reported(
     assert found.is_factor
     assert found.reason.id == "airspeed_implausible"
     said = re.match(
-        r"the ground speed on several headings says ([\d.]+) ± [\d.]+ times the airspeed reported, "
-        r"with (\d+) m/s of wind",
+        r"the ground speed on several headings implies ([\d.]+) ± [\d.]+ times the airspeed "
+        r"reported, with (\d+) m/s of wind",
         found.reason.text,
     )
     assert said is not None
@@ -102,7 +102,7 @@ def test_on_one_heading_only_a_tail_wind_that_no_flight_has_is_implausible() -> 
     found = finding(flight(straight, true_m_s=51.0, reported_m_s=0.9))
     assert found is not None
     assert not found.is_factor
-    assert "51 m/s over ground at 0.9 m/s of airspeed" in found.reason.text
+    assert "51 m/s over ground at an airspeed of 0.9 m/s" in found.reason.text
     assert of_one_manoeuvre(flight(straight, true_m_s=51.0, reported_m_s=0.9)) == found
     # Faster than the aircraft, and still a wind; and a head wind may leave nothing.
     for wind in ((12.0, 0.0), (-10.0, 0.0), (0.0, 12.0)):
@@ -127,7 +127,7 @@ def test_without_a_ground_speed_bank_and_turn_rate_say_it_coarsely(
     assert (found is not None) == is_implausible
     if found is not None:
         ratio = 20.0 / reported_m_s
-        assert f"bank and turn rate say about {ratio:.2g} times" in found.reason.text
+        assert f"bank and turn rate imply about {ratio:.2g} times" in found.reason.text
 
 
 def test_what_is_found_does_not_depend_on_how_the_stream_is_cut() -> None:

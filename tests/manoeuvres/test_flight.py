@@ -207,7 +207,7 @@ def test_one_bent_of_four_is_named_and_left_out_with_a_warning():
     assert flight.verdict.usable
     (reason,) = flight.verdict.reasons
     assert (reason.id, reason.weight) == ("manoeuvres_disagree", "warning")
-    assert "manoeuvre 3 says wn 12.5 rad/s at 20.0 m/s" in reason.text
+    assert "manoeuvre 3 has wn 12.5 rad/s at 20.0 m/s" in reason.text
     assert flight.dutch_roll.wn_rad_s == pytest.approx(10.0, abs=0.05)
 
 

@@ -48,5 +48,5 @@ def test_a_rate_too_low_is_raised_by_the_autopilots_own_names(autopilot: int, sa
 def test_what_a_reason_says_itself_is_not_said_again() -> None:
     run = four_of_a_flight()
 
-    assert to_do(reason("rate_changed", "yaw came slower: choose --rate by hand"), run) == ""
+    assert to_do(reason("rate_changed", "yaw came slower: choose the rate with --rate"), run) == ""
     assert to_do(reason("of_a_newer_version"), run) == ""

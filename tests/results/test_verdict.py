@@ -163,9 +163,11 @@ def test_coloured_residuals_say_how_much_they_could_matter():
     (reason,) = estimate_reasons("rml", evidence(**COLOURED, next_moves=np.array([0.06, 0.031])))
 
     assert "(autocorrelation 0.30)" in reason.text
-    assert reason.text.endswith("a richer one moves about 2.5 % of wn and 0.031 of zeta")
+    assert reason.text.endswith(
+        "one with more parameters moves wn by about 2.5 % and zeta by 0.031"
+    )
     (unknown,) = estimate_reasons("rml", evidence(**COLOURED, next_moves=np.full(2, math.nan)))
-    assert unknown.text.endswith("a richer one moves wn and zeta nobody knows how far")
+    assert unknown.text.endswith("one with more parameters moves wn and zeta by an unknown amount")
 
 
 def by_effect(id_: str, **changes) -> list[str]:
@@ -178,11 +180,11 @@ def test_a_low_rate_and_a_closed_loop_are_said_where_they_matter_and_with_how_mu
     assert by_effect("rate_low", rate_moves=LITTLE, next_moves=MUCH) == []
     assert by_effect("closed_loop", rate_moves=MUCH, next_moves=LITTLE) == []
     (rate,) = by_effect("rate_low", rate_moves=MUCH, next_moves=LITTLE)
-    assert rate == (
-        "so it is; at a higher rate than this it moves about 2.5 % of wn and 0.000 of zeta"
-    )
+    assert rate == ("so it is; a higher rate moves wn by about 2.5 % and zeta by 0.000")
     (loop,) = by_effect("closed_loop", rate_moves=LITTLE, next_moves=MUCH)
-    assert loop == "so it is; a richer model moves about 2.5 % of wn and 0.000 of zeta"
+    assert (
+        loop == "so it is; a model with more parameters moves wn by about 2.5 % and zeta by 0.000"
+    )
 
 
 def test_what_makes_an_answer_unusable_is_said_whatever_its_effect():
@@ -207,7 +209,8 @@ def test_methods_that_differ_by_less_than_the_total_sigma_do_not_disagree():
     assert against(2.60, 0.20, total_std=np.array([0.21, 0.02])) == []
     (reason,) = against(2.60, 0.20, total_std=np.array([0.15, 0.02]))
     assert reason.text == (
-        "wn is 2.6 by ELS and 2.4 by RML, ± 0.15 in all: the noise model matters, by 8 %"
+        "wn is 2.6 by ELS and 2.4 by RML, with a total sigma of 0.15: they differ by 8 %, "
+        "so the noise model matters"
     )
 
 
@@ -227,7 +230,7 @@ def test_an_rml_that_cannot_be_used_beside_els_is_said_with_its_reason():
     (reason,) = agreement_reasons({"els": GOOD, "rml": GOOD}, refused, "els")
 
     assert reason.id == "els_rml_disagree"
-    assert reason.text == "RML beside it cannot be used (poor_fit: it tells 3 %)"
+    assert reason.text == "RML, which checks the answer, cannot be used (poor_fit: it tells 3 %)"
 
 
 def test_the_answer_is_compared_with_each_method_that_checks_it(monkeypatch: pytest.MonkeyPatch):

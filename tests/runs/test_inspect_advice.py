@@ -41,7 +41,9 @@ def test_what_a_log_without_rudder_is_told_depends_on_why(tmp_path: Path, capsys
         for t in attitudes:
             log.attitude(t, 0.1)
 
-    assert "has no rudder to learn from" in advice_for(multirotor, tmp_path, capsys)
+    assert "has no rudder: record an aircraft that has one" in advice_for(
+        multirotor, tmp_path, capsys
+    )
     assert "SERVOn_FUNCTION = 21" in advice_for(functions, tmp_path, capsys)
     assert "ask for SERVO_OUTPUT_RAW" in advice_for(silent, tmp_path, capsys)
     assert "download the parameters" in advice_for(unnamed, tmp_path, capsys)

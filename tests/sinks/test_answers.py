@@ -43,7 +43,7 @@ from yawid.sinks.words import percent
 
 LONG = (
     "the natural frequency went from 3.1 to 9.4 rad/s in the last third while its sigma was 0.02 "
-    "rad/s; another way of flying, such as a turn? Choose --from and --to so that it is left out"
+    "rad/s; if it was flown differently there, as in a turn, choose a stretch by --from and --to"
 )
 
 

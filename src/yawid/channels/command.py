@@ -119,7 +119,7 @@ class Command:
         said = []
         if never_armed and self.on_board:
             name = "the autopilot" if vehicle is None else vehicle.autopilot_name
-            said.append(f"{name} was not armed at any time")
+            said.append(f"{name} was never armed")
         if still and not self.moved:
             said.append(_still(still))
         if said and (why := why_believed()):
@@ -129,8 +129,8 @@ class Command:
         elif never_armed:
             yield (
                 "disarmed",
-                "every HEARTBEAT says disarmed while the log was sampled: nothing shows that the "
-                "outputs reached the servos",
+                "every HEARTBEAT reports disarmed while the log was sampled: nothing shows that "
+                "the outputs reached the servos",
             )
 
 

@@ -44,7 +44,7 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
     rate_hz = 1.0 / sample_time_s
     if not band_hz[1] < rate_hz / 2.0:
         raise ConfigError(
-            f"--band reaches to {band_hz[1]:g} Hz: at {rate_hz:g} Hz it must end below "
+            f"--band reaches {band_hz[1]:g} Hz: at {rate_hz:g} Hz it must end below "
             f"{rate_hz / 2.0:g} Hz"
         )
     return butterworth(band_hz, "bandpass", rate_hz)

@@ -216,16 +216,16 @@ def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
     functions = {n: f for n, f in outputs.functions.items() if f}
     if outputs.is_old and what == "rudder":
         return (
-            "VTAIL_OUTPUT mixes rudder and elevator, and which way is not known here: name the "
-            "outputs by --rudder vtail:L,R, or by servo:N one that is the rudder alone"
+            "VTAIL_OUTPUT mixes rudder and elevator, but the log does not say which way: name the "
+            "outputs by --rudder vtail:L,R, or by --rudder servo:N one that is only the rudder"
         )
     if functions:
         found = ", ".join(f"{outputs.prefix}{n}={f}" for n, f in functions.items())
-        return f"none of the servo functions is a {what}; found are {found}"
+        return f"none of the servo functions is a {what}; those found are {found}"
     if vehicle.type in WITHOUT_RUDDER:
         return (
-            f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}: it has no {what}; "
-            "the torque that turns it is none, whatever channel is named"
+            f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}, which has no "
+            f"{what}, whatever channel is named"
         )
     return (
         f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "

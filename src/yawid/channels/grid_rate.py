@@ -118,7 +118,7 @@ def sample_rate(asked_hz: float | None, intervals_us: tuple[float, float]) -> fl
     if asked_hz > own * RATE_TOLERANCE:
         raise ConfigError(
             f"--rate {asked_hz:g} is above the rate of the messages (yaw {yaw_hz:.3g} Hz, rudder "
-            f"{surface_hz:.3g} Hz): the most that can be had is --rate {own:g}"
+            f"{surface_hz:.3g} Hz): use --rate {own:g} or less"
         )
     return asked_hz
 

@@ -91,7 +91,7 @@ def _missing(channels: Channels) -> Iterator[Said]:
     elif channels.surface_rows == 0 and channels.yaw.rows > 0:
         yield "no_rudder", f"no message carries {surfaces[0].source}"
     if channels.yaw.rows == 0:
-        yield "no_yaw", f"none of {', '.join(SOURCES)} comes from the vehicle"
+        yield "no_yaw", f"the vehicle sent none of the messages {', '.join(SOURCES)}"
 
 
 def _assumed(channels: Channels) -> Iterator[Said]:
@@ -99,10 +99,10 @@ def _assumed(channels: Channels) -> Iterator[Said]:
     texts: dict[str, list[str]] = {}
     if channels.yaw.source in COARSE:
         texts["channel_stand_in"] = [
-            f"the yaw rate is made from {channels.yaw.label}: coarse, slow"
+            f"the yaw rate is computed from {channels.yaw.label}, which is coarse and slow"
         ]
     if channels.units_assumed:
-        text = f"nothing says the unit of {', '.join(channels.units_assumed)}: rad and rad/s are"
+        text = f"the unit of {', '.join(channels.units_assumed)} is not given: rad and rad/s are"
         texts["unit_assumed"] = [f"{text} assumed"]
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
         for id_, text in _surface_texts(name, surface, channels.twins):
@@ -116,7 +116,7 @@ def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[Said]:
         low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
         yield (
             "rudder_assumed",
-            f"the log does not say which channel moves the {name}, or how far: "
+            f"the log does not say which channel moves the {name}, nor how far: "
             f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
         )
     for twin in surface.twins:
@@ -124,7 +124,7 @@ def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[Said]:
         if share > LEAST_SHARE:
             yield (
                 "rudder_assumed",
-                f"{surface.name_of(twin)} is a {name} too and differs from {surface.source} by "
+                f"{surface.name_of(twin)} is also a {name} and differs from {surface.source} by "
                 f"more than {100 * TOLERANCE:.0f} % of half the travel in {100 * share:.0f} % of "
                 f"the messages: {surface.source} is assumed",
             )

@@ -197,7 +197,9 @@ class Boots:
         if not self.spans_us:
             return
         if config.boot is not None and config.boot not in self.spans_us:
-            raise ConfigError(f"--boot {config.boot}: the log covers {self.text} since boot")
+            raise ConfigError(
+                f"--boot {config.boot} is not in the log, which covers {self.text} since boot"
+            )
         asked = [self.spans_us[n] for n in self.spans_us if config.boot in (None, n)]
         low, high = config.window_us
         if not any(low <= last and first <= high for first, last in asked):
@@ -210,6 +212,6 @@ class Boots:
         if config.from_s is None and config.to_s is None:
             return None
         return (
-            f"the log holds {len(self.spans_us)} boots, and --from and --to cut each of them "
-            f"alike: {self.text}; choose one by --boot"
+            f"the log holds {len(self.spans_us)} boots, and --from and --to apply to each of them: "
+            f"{self.text}; choose one by --boot"
         )

@@ -52,7 +52,7 @@ class Twins:
         for twin in surface.twins:
             share = self.share_apart(surface, twin)
             if np.isfinite(share):
-                alike = "moves otherwise" if share > LEAST_SHARE else "moves alike"
+                alike = "moves differently" if share > LEAST_SHARE else "moves alike"
                 how += f"; {surface.name_of(twin)} {alike}"
         return how
 
@@ -146,7 +146,9 @@ def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...
         ConfigError: it has not all of them.
     """
     if missing := set(config.inputs) - block.called.keys():
-        raise ConfigError(f"--inputs: the record has no column {' and '.join(missing)}")
+        raise ConfigError(
+            f"--inputs asks for a column that the record does not have: {' and '.join(missing)}"
+        )
     how = "column"
     if not config.travel_is_known:
         stroke_deg = float(np.rad2deg(config.half_travel))

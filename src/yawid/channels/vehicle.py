@@ -112,10 +112,10 @@ class VehicleLock:
     def why_none(self) -> str:
         """Say who sent HEARTBEATs instead of a vehicle."""
         if not self.senders:
-            return "no HEARTBEAT in the log: nobody says what vehicle this is"
+            return "the log holds no HEARTBEAT, so the vehicle is unknown"
         names = ", ".join(
             f"{sysid}/{compid} {type_name(kind)}"
             for (sysid, compid), (kind, _) in sorted(self.senders.items())
         )
         wanted = "" if self.sysid is None else f" with system id {self.sysid}"
-        return f"no vehicle{wanted} among the HEARTBEATs received: {names}"
+        return f"no vehicle{wanted} is among the senders of HEARTBEAT: {names}"

@@ -127,7 +127,7 @@ class AirspeedCheck:
         if len(self._turns) >= LEAST_TURNING:
             ratio = float(np.median(self._turns))
             if not 1.0 / TURN_FACTOR < ratio < TURN_FACTOR * high:
-                text = f"bank and turn rate say about {ratio:.2g} times the airspeed reported"
+                text = f"bank and turn rate imply about {ratio:.2g} times the airspeed reported"
                 return _finding(text, is_factor=False)
         if len(self._straight) >= LEAST_ROWS:
             return _tail_wind(*np.array(self._straight).T)
@@ -145,8 +145,8 @@ class AirspeedCheck:
             return None
         wind = float(np.median([each.wind_m_s for each in self._factors]))
         text = (
-            f"the ground speed on several headings says {factor:.3g} ± {factor * sigma:.2g} times "
-            f"the airspeed reported, with {wind:.0f} m/s of wind"
+            f"the ground speed on several headings implies {factor:.3g} ± {factor * sigma:.2g} "
+            f"times the airspeed reported, with {wind:.0f} m/s of wind"
         )
         return _finding(text, is_factor=scatter < FACTOR - 1.0)
 
@@ -203,9 +203,11 @@ def _tail_wind(speed: Floats, over_ground: Floats) -> Finding | None:
     mean, ground = float(np.mean(speed)), float(np.mean(over_ground))
     if ground <= TAIL_WIND * mean or ground - mean <= LEAST_WIND_M_S:
         return None
-    text = f"{ground:.0f} m/s over ground at {mean:.2g} m/s of airspeed would be a tail wind of "
+    text = f"{ground:.0f} m/s over ground at an airspeed of {mean:.2g} m/s imply a tail wind of "
     return _finding(f"{text}{ground - mean:.0f} m/s", is_factor=False)
 
 
 def _finding(text: str, *, is_factor: bool) -> Finding:
-    return Finding(Reason("airspeed_implausible", f"{text}: it is taken as unknown"), is_factor)
+    return Finding(
+        Reason("airspeed_implausible", f"{text}: the airspeed is treated as unknown"), is_factor
+    )

@@ -205,7 +205,8 @@ def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Ite
         yield Reason(
             "not_excited",
             f"the rudder moved by {100 * LEAST_STROKE:.0f} % of {fits.config.travel_said} or more "
-            f"{'one way only' if moves else 'nowhere'}: there and back is needed",
+            f"{'in one direction only' if moves else 'nowhere'}: a movement there and back is "
+            "needed",
         )
     seconds = fits.sample_time_s * np.count_nonzero(np.isfinite(history.y))
     periods = seconds * wn_rad_s / (2.0 * math.pi)
@@ -214,20 +215,22 @@ def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Ite
     if len(factors) and factors[-1] > OTHER_SPEED:
         yield Reason(
             "not_converged",
-            f"the first and the last airspeed differ by a factor of {factors[-1]:.2f}, and wn goes "
-            f"with it: at most {OTHER_SPEED:g} is needed; choose --from and --to",
+            f"the first and the last airspeed differ by a factor of {factors[-1]:.2f}, and wn "
+            f"varies with the airspeed: at most {OTHER_SPEED:g} is allowed; choose a stretch by "
+            "--from and --to",
         )
     if periods < LEAST_PERIODS:
         yield Reason(
             "not_converged",
-            f"{seconds:.1f} s hold {periods:.1f} periods of the Dutch roll found: at least "
-            f"{LEAST_PERIODS:g} are needed",
+            f"the {seconds:.1f} s hold only {periods:.1f} periods of the Dutch roll found: at "
+            f"least {LEAST_PERIODS:g} are needed",
         )
     if math.isnan(evidence.held_back_pct) and simulated < LEAST_ALONE_PCT:
         yield Reason(
             "poor_fit",
-            f"the inputs explain {max(simulated, 0.0):.0f} % of the yaw rate (free run): at least "
-            f"{LEAST_ALONE_PCT:g} % is needed of a manoeuvre too short to hold some of it back",
+            f"the inputs explain only {max(simulated, 0.0):.0f} % of the yaw rate (free run): at "
+            f"least {LEAST_ALONE_PCT:g} % is needed, as the manoeuvre is too short to hold a part "
+            "of it back",
         )
 
 

@@ -261,10 +261,11 @@ def _disagreement(
         roll, v = each.found.dutch_roll, each.found.airspeed_m_s
         at = "" if v is None or speed is None else f" at {v:.1f} m/s"
         assert roll is not None  # it may be used
-        said.append(f"manoeuvre {each.found.n} says wn {roll.wn_rad_s:.3g} rad/s{at}")
-    others = f"the other {count}" if count > 1 else "the other one"
+        said.append(f"manoeuvre {each.found.n} has wn {roll.wn_rad_s:.3g} rad/s{at}")
+    others = f"the other {count} have" if count > 1 else "the other one has"
     at = "" if speed is None else f" at {speed:.1f} m/s"
-    return f"{', '.join(said)}; {others} {wn:.3g} ± {std:.2g}{at}: left out of the answer"
+    them = "it is" if len(apart) == 1 else "they are"
+    return f"{', '.join(said)}; {others} {wn:.3g} ± {std:.2g}{at}: {them} left out of the answer"
 
 
 def _gain(gains: Floats, speeds: Floats) -> Value | None:

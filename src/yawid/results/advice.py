@@ -13,10 +13,10 @@ _LONG_S = 60.0
 """The rudder moved long enough where the estimator learnt from this many seconds."""
 _NOT_MOVED = frozenset({"not_excited", "mixed_rudder", "collinear_inputs"})
 _FLOWN_ENOUGH = {
-    "not_converged": "The rudder moved enough: choose calmer air or a steadier speed by --from and "
-    "--to, or compare structures: yawid orders.",
-    "mode_not_driven": "The rudder moved enough: choose by --band what it drives, or the calmest "
-    "stretch by --from and --to.",
+    "not_converged": "The rudder moved enough: choose calmer air or a steadier airspeed by --from "
+    "and --to, or compare orders with yawid orders.",
+    "mode_not_driven": "The rudder moved enough: use --band to keep what it drives, or choose the "
+    "calmest stretch by --from and --to.",
 }
 
 
@@ -39,10 +39,10 @@ def _no_rudder(report: ChannelReport) -> str:
     vehicle, message = report.vehicle, report.rudder_message
     assert vehicle is not None  # it was asked for
     if message is not None:
-        return f"ask for {message} at {ASK_HZ} Hz or more: it tells where the rudder is"
+        return f"ask for {message} at {ASK_HZ} Hz or more: it holds the position of the rudder"
     if vehicle.type in WITHOUT_RUDDER:
         kind = f"{vehicle.type_name} (type {vehicle.type})"
-        return f"a {kind} has no rudder to learn from: record an aircraft that has one"
+        return f"a {kind} has no rudder: record an aircraft that has one"
     if vehicle.autopilot == ARDUPILOT and report.has_functions:
         return (
             "if a servo does move a rudder, give it SERVOn_FUNCTION = 21 (V-tail: 79 and 80), or "
@@ -67,7 +67,7 @@ def to_do(reason: ReasonSummary, summary: RunSummary) -> str:
         if "functions" in reason.text:
             return "If one of these outputs does move a rudder, name it: --rudder servo:N."
     if reason.id == "airspeed_changed" and summary.flight is not None:
-        return "Fly it at a steady airspeed, or use one that was: --from, --to."
+        return "Fly at a steady airspeed, or choose a manoeuvre that was, by --from and --to."
     if reason.id in ("rate_too_low", "rate_low") and autopilot in kind.record_on:
         how = kind.to_record(autopilot)
         return f"Next time {how}."

@@ -138,9 +138,9 @@ class Evidence:
     def said(self, moves: Floats) -> str:
         """Return in words how far something moves wn and zeta (2,)."""
         if np.isnan(moves).any():
-            return "wn and zeta nobody knows how far"
+            return "wn and zeta by an unknown amount"
         share = 100.0 * float(moves[0] / self.dutch_roll[0])
-        return f"about {share:.1f} % of wn and {moves[1]:.3f} of zeta"
+        return f"wn by about {share:.1f} % and zeta by {moves[1]:.3f}"
 
 
 def estimate_reasons(
@@ -153,10 +153,16 @@ def estimate_reasons(
     gusts although wn is right.
     """
     if evidence.status == Status.DIVERGED:
-        yield Reason("diverged", f"{method} did not stay finite")
+        yield Reason(
+            "diverged",
+            f"{method.upper()} diverged: its predictions are worse than the mean of the "
+            "measurements",
+        )
         return
     if evidence.updates == 0:
-        yield Reason("not_excited", "the channels never moved enough to begin")
+        yield Reason(
+            "not_excited", "rudder and yaw rate never moved enough for the estimation to begin"
+        )
         return
     against = [*_convergence(evidence), *_fit_reasons(evidence, is_driven)]
     yield from against
@@ -164,7 +170,7 @@ def estimate_reasons(
     if evidence.early_response < 0.0 and not against:
         yield Reason(
             "wrong_sign",
-            "a positive rudder turns the nose left here: servo reversed or --rudder-sign wrong",
+            "positive rudder turns the nose left: the servo is reversed or --rudder-sign is wrong",
         )
 
 
@@ -173,7 +179,9 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
     wn, _, zeta, _ = evidence.dutch_roll.tolist()
     wn_std, zeta_std = evidence.total_std.tolist()
     if not math.isfinite(wn):
-        yield Reason("not_converged", "the model found has no oscillatory mode: no Dutch roll")
+        yield Reason(
+            "not_converged", "the model has no oscillatory mode, so there is no Dutch roll"
+        )
     elif not (wn_std < UNCERTAIN_WN * wn and zeta_std < UNCERTAIN_ZETA):
         text = (
             f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
@@ -182,8 +190,8 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
         moves = evidence.next_moves
         if moves[0] > UNCERTAIN_WN * wn or moves[1] > UNCERTAIN_ZETA:
             text += (
-                f"; a model of more parameters moves {evidence.said(moves)}, and nothing that was "
-                "held back says that it is the worse one"
+                f"; a model with more parameters moves {evidence.said(moves)}, and the data held "
+                "back do not show that it is the worse one"
             )
         yield Reason("not_converged", text)
     else:
@@ -201,12 +209,12 @@ def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
         low.append(f"{max(simulated, 0.0):.0f} % of the yaw rate (free run)")
         least.append(f"{LEAST_SIMULATION_PCT:.0f}")
     if held_back < LEAST_HELD_BACK_PCT:
-        low.append(f"{max(held_back, 0.0):.0f} % of what was held back, the last third")
+        low.append(f"{max(held_back, 0.0):.0f} % of the last third, which was held back")
         least.append(f"{LEAST_HELD_BACK_PCT:.0f}")
     if low:
         why = "turns or gusts hide the rudder's effect"
         if simulated >= LEAST_SIMULATION_PCT:
-            why = "the rudder rested there, or the aircraft flew otherwise"
+            why = "the rudder rested there, or the aircraft was flown differently"
         yield Reason(
             "poor_fit",
             f"the inputs explain only {' and '.join(low)}: at least {' and '.join(least)} % "
@@ -221,9 +229,9 @@ def _residual_reasons(evidence: Evidence) -> Iterator[Reason]:
         found = Reason(
             "coloured_residuals",
             f"the residuals are not white (autocorrelation {evidence.autocorrelation:.2f}): the "
-            "model leaves something out",
+            "model does not explain everything",
         )
-        yield evidence.moved(found, evidence.next_moves, "; a richer one moves")
+        yield evidence.moved(found, evidence.next_moves, "; one with more parameters moves")
 
 
 def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason]:
@@ -231,7 +239,7 @@ def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason
     for reason in reasons:
         is_rate = reason.id == "rate_low"
         moves = evidence.rate_moves if is_rate else evidence.next_moves
-        what = "; at a higher rate than this it moves" if is_rate else "; a richer model moves"
+        what = "; a higher rate moves" if is_rate else "; a model with more parameters moves"
         if reason.exit_code:
             yield reason
         elif evidence.matters(moves):
@@ -250,9 +258,9 @@ def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reas
     yield Reason(
         "mode_not_driven",
         f"the rudder does not drive the mode found at {wn_rad_s:.3g} rad/s "
-        f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): squared coherence {found.squared:.2f}, and "
-        f"{found.limit:.2f} comes by chance; {100 * found.peak_share:.0f} % of the yaw-rate power "
-        f"stands at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
+        f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): its squared coherence is {found.squared:.2f}, and "
+        f"chance alone gives {found.limit:.2f}; {100 * found.peak_share:.0f} % of the yaw rate's "
+        f"power is at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
         remedy,
     )
 
@@ -266,9 +274,9 @@ def _still_moving(evidence: Evidence) -> Iterator[Reason]:
         if moved > DISAGREE_SIGMAS * sigma and moved > MOVING_SHARE * abs(now):
             yield Reason(
                 "not_converged",
-                f"{name} still moves: {before:.3g} a third of the memory ago, now {now:.3g} ± "
-                f"{evidence.total_std[i // 2]:.2g}; another way of flying, such as a turn? Choose "
-                "--from and --to",
+                f"{name} still moves: it was {before:.3g} a third of the memory ago and is now "
+                f"{now:.3g} ± {evidence.total_std[i // 2]:.2g}; if the aircraft was flown "
+                "differently there, as in a turn, choose a stretch by --from and --to",
             )
             return
 
@@ -299,7 +307,7 @@ def _checked(
         return
     if other in refused:
         why = next(reason for reason in refused[other] if reason.exit_code)
-        text = f"{other.upper()} beside it cannot be used ({why})"
+        text = f"{other.upper()}, which checks the answer, cannot be used ({why})"
         yield Reason("els_rml_disagree", text)
         return
     first, second = (each for each in METHODS if each in (answers, other))
@@ -312,8 +320,8 @@ def _checked(
             yield Reason(
                 "els_rml_disagree",
                 f"{name} is {one[i]:.3g} by {first.upper()} and {two[i]:.3g} by {second.upper()}, "
-                f"± {total:.2g} in all: the noise model matters, by "
-                f"{100.0 * difference / abs(own):.0f} %",
+                f"with a total sigma of {total:.2g}: they differ by "
+                f"{100.0 * difference / abs(own):.0f} %, so the noise model matters",
             )
             return
 

@@ -68,7 +68,7 @@ def rate_reasons(
     slowest = min(yaw_hz, rudder_hz)
     said = f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
     if slowest < LEAST_RATE_HZ * RATE_SLACK:
-        text = f"{said}: below {LEAST_RATE_HZ:g} Hz there is no answer; ask for 25 Hz or more"
+        text = f"{said}: at least {LEAST_RATE_HZ:g} Hz are needed"
         yield Reason("rate_too_low", text)
     elif slowest < LOW_RATE_HZ * RATE_SLACK:
         yield Reason("rate_low", f"{said}: below {LOW_RATE_HZ:g} Hz the damping is uncertain")
@@ -81,15 +81,15 @@ def _against_the_mode(have_hz: float, own_hz: float, found_hz: float) -> Iterato
     if have_hz < REFUSED_RATIO * found_hz:
         yield Reason(
             "rate_too_low",
-            f"{have_hz:.3g} Hz is below {REFUSED_RATIO:g} times the natural frequency found "
-            f"({REFUSED_RATIO * found_hz:.3g} Hz)",
+            f"the rate is {have_hz:.3g} Hz: at least {REFUSED_RATIO:g} times the natural frequency "
+            f"found is needed, which is {REFUSED_RATIO * found_hz:.3g} Hz",
         )
     elif have_hz < LOW_RATIO * found_hz:
-        better = f", --rate {own_hz:.3g} can be had" if own_hz > 1.05 * have_hz else ""
+        better = f"; the log allows --rate {own_hz:.3g}" if own_hz > 1.05 * have_hz else ""
         yield Reason(
             "rate_low",
-            f"{have_hz:.3g} Hz is only {have_hz / found_hz:.1f} times the natural frequency "
-            f"found: {LOW_RATIO:g} times is better{better}",
+            f"the rate of {have_hz:.3g} Hz is only {have_hz / found_hz:.1f} times the natural "
+            f"frequency found: {LOW_RATIO:g} times is better{better}",
         )
 
 
@@ -100,8 +100,11 @@ def changed_rates(
     pairs = (("yaw", yaw_hz, later_yaw_hz), ("rudder", rudder_hz, later_rudder_hz))
     for name, first, later in pairs:
         if later > RATE_CHANGED * first or first > RATE_CHANGED * later:
-            text = f"{name} came at {first:.3g} Hz when the grid was chosen, then at {later:.3g} Hz"
-            yield Reason("rate_changed", text + ": choose --rate by hand")
+            text = (
+                f"{name} came at {first:.3g} Hz when the grid's rate was chosen and over the whole "
+                f"run at {later:.3g} Hz: choose the rate with --rate"
+            )
+            yield Reason("rate_changed", text)
             return
 
 
@@ -121,9 +124,9 @@ def excitation_reasons(found: Movement, travel: str = "half its travel") -> Iter
     elif found.most_own < LEAST_STROKE:
         yield Reason(
             "mixed_rudder",
-            f"the rudder follows the aileron: of its {100 * found.most_whole:.0f} % of {travel} "
-            f"within {WINDOW_S:g} s no more than {100 * found.most_own:.1f} % are its own, "
-            f"and {needed}",
+            f"the rudder follows the aileron: it moved by {100 * found.most_whole:.0f} % of "
+            f"{travel} within {WINDOW_S:g} s, of which no more than {100 * found.most_own:.1f} % "
+            f"are its own, and {needed}",
         )
 
 
@@ -134,11 +137,11 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[R
     """
     rows = u[np.isfinite(u).all(axis=1)]
     if len(rows) < 2:
-        yield Reason("not_excited", "there is no stretch with both rudder and yaw rate")
+        yield Reason("not_excited", "no sample has both rudder and yaw rate")
         return
     stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * stop))
     if stops > SATURATED_SHARE:
-        text = f"the rudder stood at its stops for {100 * stops:.0f} % of the time"
+        text = f"the rudder was at its stops for {100 * stops:.0f} % of the time"
         yield Reason("saturated", text)
     for i in range(1, len(inputs)):
         close = closeness(u[:, 0], u[:, i])
@@ -160,8 +163,8 @@ def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
     if turn == "keep" and r > TURN_DOMINATED:
         yield Reason(
             "turn_dominated",
-            f"the yaw rate follows the bank (correlation {r:+.2f} with the turn rate), not the "
-            "rudder: try --turn remove with --band",
+            f"the yaw rate follows the bank and not the rudder: its correlation with the turn rate "
+            f"is {r:+.2f}, and at most {TURN_DOMINATED:g} is allowed",
             {"turn": "remove", "band": TURN_BAND_HZ},
         )
     speed = history.airspeed[rows & np.isfinite(history.airspeed)]
@@ -173,8 +176,8 @@ def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
         if share > AIRSPEED_SHARE:
             yield Reason(
                 "airspeed_changed",
-                f"the airspeed went from {low:.1f} to {high:.1f} m/s: wn and the gain go with it, "
-                f"by ± {100.0 * share:.0f} %",
+                f"the airspeed ranged from {low:.1f} to {high:.1f} m/s: wn and the gain vary with "
+                f"it, by ± {100.0 * share:.0f} %",
             )
 
 
@@ -205,7 +208,7 @@ def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
         yield Reason(
             "mode_not_driven",
             f"the rudder opposes the yaw as a yaw damper does (yaw rate and roll explain "
-            f"{100 * share:.0f} % of it): what was found is the damper, not the aircraft",
+            f"{100 * share:.0f} % of it): the model is that of the damper, not of the aircraft",
         )
 
 

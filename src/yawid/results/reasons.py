@@ -16,7 +16,7 @@ ASK_HZ: Final = 25
 
 _FLY = (
     "fly wings level at a steady airspeed and move the rudder left and right by 10 to 30 % of its "
-    "travel: a 3-2-1-1 whose 2 lasts half a Dutch-roll period, or doublets, ten of them"
+    "travel: ten doublets, or a 3-2-1-1 whose 2 lasts half a Dutch-roll period"
 )
 _DOUBLETS = ": doublets or a 3-2-1-1 with 10 to 30 % of its travel"
 _OWN = "move the rudder by itself, by the pedals while the stick rests" + _DOUBLETS
@@ -28,7 +28,7 @@ _OWN_ON = {
 }
 _RATES = (
     f"ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at {ASK_HZ} Hz or more: {{}}; the on-board "
-    "log has better rates still"
+    "log has even higher rates"
 )
 _RATES_ANY = _RATES.format("MAV_CMD_SET_MESSAGE_INTERVAL with 40000 us")
 _RATES_ON = {
@@ -76,9 +76,9 @@ class ReasonKind:
 
 
 _TABLE: Final = (
-    ReasonKind("interrupted", 130, "run", "Replay the log itself, to its end."),
+    ReasonKind("interrupted", 130, "run", "Replay the log again, to its end."),
     ReasonKind(
-        "no_vehicle", 3, "log", "Record the vehicle's own stream, its HEARTBEAT included.",
+        "no_vehicle", 3, "log", "Record the vehicle's own stream, with its HEARTBEAT.",
         "record the vehicle's own HEARTBEAT: log on the link to the aircraft itself",
     ),
     ReasonKind(
@@ -86,7 +86,7 @@ _TABLE: Final = (
         "Record the servo outputs and the parameters, or name the channel by --rudder.",
     ),
     ReasonKind(
-        "no_yaw", 3, "log", "Ask the vehicle for ATTITUDE.",
+        "no_yaw", 3, "log", f"Ask the vehicle for ATTITUDE at {ASK_HZ} Hz or more.",
         f"ask for ATTITUDE (30) at {ASK_HZ} Hz or more",
     ),
     ReasonKind(
@@ -96,7 +96,7 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "not_in_command", 5, "log",
-        "Use a log whose outputs fly the aircraft, or name its rudder by --rudder.",
+        "Use a log whose outputs move surfaces, or name the rudder by --rudder.",
         "record the outputs that really move the surfaces, with the autopilot armed",
     ),
     ReasonKind(
@@ -105,31 +105,35 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "mixed_rudder", 5, "samples",
-        "Choose a stretch in which the rudder moves on its own: yawid inspect.", _OWN, _OWN_ON,
+        "Move the rudder without the aileron: yawid inspect --card says how.", _OWN, _OWN_ON,
     ),
     ReasonKind(
         "collinear_inputs", 5, "samples",
-        "Move the rudder on its own: without the mix, or in a mode without it.", _OWN, _OWN_ON,
+        "Move the rudder without the aileron: yawid inspect --card says how.", _OWN, _OWN_ON,
     ),
     ReasonKind(
         "mode_not_driven", 5, "estimate",
-        "Choose by --band what the rudder drives, or fly more rudder doublets.", _FLY,
+        "Use --band to keep what the rudder drives, or fly more rudder doublets.", _FLY,
     ),
     ReasonKind(
         "not_converged", 5, "estimate",
-        "Fly more rudder doublets, or compare structures: yawid orders.", _FLY,
+        "Fly more rudder doublets, or compare orders with yawid orders.", _FLY,
     ),
     ReasonKind(
         "poor_fit", 5, "estimate",
-        "Choose a calmer stretch by --from and --to, or other orders: yawid orders.", _FLY,
+        "Choose a calmer stretch by --from and --to, or other orders with yawid orders.", _FLY,
     ),
-    ReasonKind("diverged", 5, "estimate", "Estimate with fewer orders: --orders 3,3,2,1."),
     ReasonKind(
-        "turn_dominated", 5, "samples", "Use a stretch of straight flight: --from, --to.", _FLY
+        "diverged", 5, "estimate",
+        "Estimate fewer parameters (--orders 2,2,2,1), or choose another stretch.",
+    ),
+    ReasonKind(
+        "turn_dominated", 5, "samples",
+        "Choose straight flight by --from and --to, or --turn remove with --band.", _FLY,
     ),
     ReasonKind(
         "manoeuvres_disagree", 5, "estimate",
-        "See what was flown differently: one by itself by --from and --to.",
+        "Replay each manoeuvre by itself with --from and --to.",
         _FLY,
     ),
     ReasonKind(
@@ -138,39 +142,39 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "unit_assumed", 0, "log",
-        "Name the units: in the header, by --units, or by --columns 'r=r[rad/s]'.",
+        "Give the units in the header, by --units, or by --columns 'r=r[rad/s]'.",
         "write the units of the columns into the record: r [rad/s]",
     ),
     ReasonKind(
-        "channel_stand_in", 0, "log", "Record the channel itself: see what stands in for it.",
+        "channel_stand_in", 0, "log", "Record the channel itself: another one stands in for it.",
         _RATES_ANY, _RATES_ON,
     ),
-    ReasonKind("disarmed", 0, "log", "Make sure that the outputs logged did move the surfaces."),
+    ReasonKind("disarmed", 0, "log", "Make sure that the logged outputs did move the surfaces."),
     ReasonKind(
         "els_rml_disagree", 0, "estimate",
-        "Take the one that answers, not the mean. Compare orders: yawid orders.",
+        "Use the answer given, not the mean; compare orders with yawid orders.",
     ),
     ReasonKind(
         "coloured_residuals", 0, "estimate",
-        "A richer model says something else: compare them by yawid orders.",
+        "A model with more parameters differs: see yawid orders.",
     ),
     ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
     ReasonKind(
-        "airspeed_changed", 0, "samples", "Estimate each speed by itself: --from, --to."
+        "airspeed_changed", 0, "samples", "Estimate each airspeed by itself, with --from and --to."
     ),
     ReasonKind(
         "airspeed_implausible", 0, "samples",
-        "Find out what the sensor measures: without it there is no kappa.",
+        "Check the airspeed sensor: without its airspeed there is no kappa.",
         "free the pitot tube, calibrate the airspeed (ARSPD_RATIO, ASPD_SCALE) and fly a circle",
     ),
     ReasonKind(
-        "wrong_sign", 0, "estimate", "Check the servo's direction, or turn --rudder-sign round."
+        "wrong_sign", 0, "estimate", "Check the servo's direction, or give the other --rudder-sign."
     ),
     ReasonKind(
         "closed_loop", 0, "samples",
-        "Move by hand what reacts, or leave out an aileron that only levels.",
+        "Move the surface by hand, or leave such an aileron out of --inputs.",
     ),
-    ReasonKind("rate_changed", 0, "log", "Choose --rate by hand."),
+    ReasonKind("rate_changed", 0, "log", "Choose the rate with --rate."),
     ReasonKind(
         "rate_low", 0, "samples",
         f"Next time ask for ATTITUDE and the servo outputs at {ASK_HZ} Hz or more.",

@@ -24,7 +24,7 @@ from yawid.answers.run_summary import (
     Value,
     VerdictSummary,
 )
-from yawid.blocks import Floats, finite, strokes, window_of, words
+from yawid.blocks import WINDOW_S, Floats, finite, strokes, window_of, words
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, PastModels, SampleHistory
 from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
@@ -151,7 +151,7 @@ def _basis(pipeline: Finished, report: ChannelReport, link: LinkStats) -> Basis:
     believed = partial(why_believed, pipeline.config, pipeline.bank)
     found = [Reason(*each) for each in (*report.commands(believed), *report.reasons)]
     if pipeline.bank is None or report.rates_hz is None:
-        text = "rudder and yaw rate never flow together for as long as an answer needs"
+        text = f"no stretch has both rudder and yaw rate for the {WINDOW_S:g} s an estimate needs"
         return Basis([*found, Reason("not_excited", text)])
     if report.used == 0:
         why = ", ".join(words(flag) for flag in report.held)
@@ -164,8 +164,12 @@ def _missing(report: ChannelReport, link: LinkStats) -> Iterator[Reason]:
     """Yield what is missing of vehicle, rudder and yaw; if one is, there is nothing to judge."""
     if report.vehicle is None and not report.is_record:
         rejected = link.unsigned_rejected
-        keyed = f"; {rejected} frames were rejected by the signing key" if rejected else ""
-        nothing = "not one MAVLink frame came: is it the right address or file?"
+        keyed = (
+            f"; {rejected} frames were rejected, as they are not signed with the key"
+            if rejected
+            else ""
+        )
+        nothing = "no MAVLink frame was received: check the address or the file"
         why = report.why_no_vehicle if link.frames or rejected else nothing
         yield Reason("no_vehicle", why + keyed)
     yield from (Reason(*each) for each in report.missing)

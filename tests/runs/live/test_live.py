@@ -205,7 +205,7 @@ def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_re
 
     sender = threading.Thread(target=play, daemon=True)
     sender.start()
-    with pytest.raises(ConfigError, match="most that can be had is --rate 50") as refused:
+    with pytest.raises(ConfigError, match="use --rate 50 or less") as refused:
         live(options, config, Outputs(tmp_path, "live"), StopFlag(), Console(screen))
     sender.join(60.0)
 
