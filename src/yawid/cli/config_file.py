@@ -1,6 +1,6 @@
-"""``--config FILE``: options of any command in a TOML file; what the command line says overrules.
+"""``--config FILE``: options of any command in a TOML file; the command line overrules them.
 
-One file may serve several commands: an option that the command at hand does not have stays unread.
+One file may serve several commands: options that the present command does not have are ignored.
 """
 
 import argparse
@@ -12,16 +12,16 @@ from yawid.errors import ConfigError
 
 NEVER = {"help", "version", "config"}
 WORDS = {"sysid": "all"}
-"""Values that are for the command, not for the configuration of a run."""
+"""Values of options that only the command reads, and not the configuration of a run."""
 
 
 def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
-    """Return the arguments, those of the TOML file that they name among them.
+    """Return the arguments, including those from the TOML file that ``--config`` names.
 
-    ``settings`` holds what the file says of the run's configuration, by its field names.
+    ``settings`` of the result holds the file's settings of the run, by the configuration's fields.
 
     Raises:
-        ConfigError: the file cannot be read, is no TOML, or a setting is unknown or unsound.
+        ConfigError: the file cannot be read, is not TOML, or a setting is unknown or not allowed.
     """
     arguments, unknown = parser.parse_known_args(argv)
     command: argparse.ArgumentParser = arguments.own_parser
@@ -42,7 +42,7 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
 
 
 def _options_of_all(parser: argparse.ArgumentParser) -> set[str]:
-    """Return the names of every option of every command that are no setting of a run."""
+    """Return the names of all options of all commands, except those in ``NEVER``."""
     found: set[str] = set()
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
@@ -52,7 +52,7 @@ def _options_of_all(parser: argparse.ArgumentParser) -> set[str]:
 
 
 def _split(loaded: dict[str, Any], options: set[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the settings of the run, and those that are only options of a command."""
+    """Return the settings of the run, and the values that are only options of a command."""
     from dataclasses import fields
 
     from yawid.config.run import RunConfig
@@ -70,7 +70,11 @@ def _split(loaded: dict[str, Any], options: set[str]) -> tuple[dict[str, Any], d
 
 
 def _text(action: argparse.Action, value: Any, file: Path) -> Any:
-    """Return a value of the file as the command line would give it, for argparse to read."""
+    """Return a value from the file in the form of the command line, for argparse to read.
+
+    Raises:
+        ConfigError: the value has the wrong type.
+    """
     if isinstance(value, bool):
         if action.nargs == 0:
             return value

@@ -1,4 +1,4 @@
-"""The command line of ``yawid view``, ``report``, ``export``, ``recover``: on a run's file."""
+"""The commands on the file of a run: ``yawid view``, ``report``, ``export`` and ``recover``."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ Run = Callable[[argparse.Namespace], int]
 
 
 def add_finished_run(commands: Commands) -> None:
-    """Add the commands to the parser's."""
+    """Add these commands to the parser."""
     view = _on_run(
         commands, "view", "show a finished run in Rerun, PlotJuggler or Foxglove",
         "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --in plotjuggler",
@@ -71,7 +71,7 @@ def _on_run(commands: Commands, name: str, what: str, examples: str) -> argparse
 
 
 def _add_force(command: argparse.ArgumentParser, run: Run, what: str) -> None:
-    """Add the option that overwrites, and what the command does."""
+    """Add the option ``--force``, and set the function that runs the command."""
     command.add_argument("--force", action="store_true", help=f"overwrite {what}")
     command.set_defaults(run=run)
 
@@ -96,7 +96,7 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    hush("matplotlib")  # without a folder for its cache it makes one and says so
+    hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
     from yawid.report.write import write_report
     from yawid.sinks.terminal.progress import progress
 

@@ -1,4 +1,4 @@
-"""The command line of ``yawid fleet``: thousands of logs, one data set."""
+"""The command ``yawid fleet``, which makes one data set from thousands of logs."""
 
 import argparse
 import sys
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add_fleet(commands: Commands) -> None:
-    """Add the command to the parser's."""
+    """Add the command to the parser."""
     fleet = add_command(
         commands, "fleet", "PATH... --out DATASET",
         "replay thousands of logs into one data set (extra fleet: URLs, Dask)",

@@ -1,7 +1,7 @@
-"""JSON Schema of all that ``--json`` prints, made of the types that are printed.
+"""The JSON Schema of everything that ``--json`` prints, made from the types that are printed.
 
-What a key says and its unit is the table of quantities', or for keys that are none, or say more of
-one type, ``json_keys.toml``'s.
+The words and the unit of a key come from the table of quantities. Keys that are not quantities, or
+mean more in one type, have theirs in ``json_keys.toml``.
 """
 
 import tomllib
@@ -29,16 +29,16 @@ PRINTED: Final = {
     "replay": RunSummary, "live": RunSummary, "inspect": Inspection, "orders": OrdersReport,
     "step": StepReport, "regress": RegressReport, "trend": Trend, "diff": Diff,
 }  # fmt: skip
-"""Command to the type that it prints."""
+"""The type that each command prints."""
 _ENDS: Final = {
     "_rad_s": "rad/s", "_m_s": "m/s", "_rad_m": "rad/m", "_hz": "Hz", "_us": "us", "_ms": "ms",
     "_pct": "%", "_s": "s", "_m": "m", "_deg": "deg",
 }  # fmt: skip
-"""Unit by a key's end."""
+"""The unit of a key by the key's end."""
 
 
 class _Keys:
-    """What the keys say: by Type.key, by key, or by the table of quantities."""
+    """The words and units of keys: by Type.key, by key, or from the table of quantities."""
 
     def __init__(self) -> None:
         text = (files("yawid.cli") / "json_keys.toml").read_text(encoding="utf-8")
@@ -49,20 +49,20 @@ class _Keys:
         }  # fmt: skip
 
     def find(self, table: str, owner: str, key: str) -> Any:
-        """Return what one of the tables has of a key, None where it has nothing."""
+        """Return the entry of a key in one of the tables of the TOML file, None if it has none."""
         found = self.all[table]
         return found.get(f"{owner}.{key}", found.get(key))
 
     def says(self, owner: str, key: str) -> str:
-        """Return what a key says.
+        """Return the words of a key.
 
         Raises:
-            KeyError: nothing says it.
+            KeyError: the key has no words.
         """
         return str(self.find("says", owner, key) or quantity(key).words)
 
     def unit(self, owner: str, key: str) -> str | None:
-        """Return the unit of a key's number, None of a count."""
+        """Return the unit of a key's number, None where it has none, such as a count."""
         if (own := self.find("units", owner, key)) is not None:
             return str(own)
         with suppress(KeyError):
@@ -71,7 +71,7 @@ class _Keys:
         return next((unit for end, unit in _ENDS.items() if key.endswith(end)), None)
 
     def key(self, owner: str, key: str, schema: Schema) -> Schema:
-        """Return the schema of one key: without null where that is what has no key."""
+        """Return the schema of one key, without null where the key is left out instead."""
         if schema.pop("default", ...) is None:
             kinds = [kind for kind in schema["anyOf"] if kind != {"type": "null"}]
             schema = kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
@@ -91,7 +91,7 @@ class _Keys:
         return found | schema
 
     def alike(self, owner: str, key: str, value: Schema) -> Schema:
-        """Return the schema of an object whose values are alike."""
+        """Return the schema of an object whose values all have the same type."""
         if (inner := self.find("within", owner, key)) is not None:
             value = _closed(
                 {name: {"description": self.says("", name)} | kind for name, kind in inner.items()}
@@ -102,7 +102,7 @@ class _Keys:
         return _closed({name: {"description": says} | value for name, says in said})
 
     def options(self) -> Schema:
-        """Return the schema of ``recommend``: options of a replay by their names."""
+        """Return the schema of ``recommend``: options of a replay by name, and ``record``."""
         _, defs = msgspec.json.schema_components([RunConfig])
         found: Schema = {}
         for option, schema in defs["RunConfig"]["properties"].items():
@@ -121,7 +121,7 @@ def document() -> Schema:
     """Return the whole schema.
 
     Raises:
-        KeyError: a key of which nothing is said.
+        KeyError: a key has no words.
     """
     keys = _Keys()
     _, defs = msgspec.json.schema_components(PRINTED.values())
@@ -149,7 +149,7 @@ def document() -> Schema:
 
 
 def _object(name: str, schema: Schema, keys: _Keys) -> Schema:
-    """Return one type's schema, with what each of its keys says."""
+    """Return one type's schema, with the words of each of its keys."""
     return {
         "description": " ".join(schema.get("description", "").replace("``", "").split()),
         "type": "object",
@@ -179,7 +179,7 @@ def _closed(properties: Schema, which: str = "properties") -> Schema:
 
 
 def of_command(schema: Schema, command: str) -> Schema:
-    """Return the schema of what one command prints, with the definitions that it needs."""
+    """Return the schema of the output of one command, with the definitions that it needs."""
     needed: set[str] = set()
     _collect(schema["$defs"], command, needed)
     defs = {name: each for name, each in schema["$defs"].items() if name in needed - {command}}
@@ -194,7 +194,7 @@ def of_command(schema: Schema, command: str) -> Schema:
 
 
 def _collect(defs: Schema, name: str, needed: set[str]) -> None:
-    """Add a definition and all that it refers to."""
+    """Add the names of a definition and of all definitions it refers to."""
     if name in needed:
         return
     needed.add(name)

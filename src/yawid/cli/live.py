@@ -1,4 +1,4 @@
-"""The command line of ``yawid live``."""
+"""The command ``yawid live``."""
 
 import argparse
 import sys
@@ -29,7 +29,7 @@ yawid live /dev/ttyUSB0,57600 --sysid 3 --rerun spawn"""
 
 
 def add_live(commands: Commands) -> None:
-    """Add ``live`` to the commands."""
+    """Add the command to the parser."""
     what = "estimate from a live link, passively"
     live = add_command(commands, "live", "ENDPOINT", what, _EXAMPLES)
     live.add_argument("endpoint", metavar="ENDPOINT", help=_ENDPOINT)
@@ -75,7 +75,7 @@ def add_live(commands: Commands) -> None:
 
 
 def _live(arguments: argparse.Namespace) -> int:
-    """Tap the link; print what each vehicle's session came to and return the highest code."""
+    """Run a live session; print the result of each vehicle's and return the highest exit code."""
     from yawid.config.run import RunConfig
     from yawid.runs.live import LiveOptions, live, session_name
     from yawid.runs.stop import StopFlag

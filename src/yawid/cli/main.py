@@ -1,9 +1,9 @@
-"""The command line: arguments to a configuration, errors to one line and an exit code.
+"""The entry of the command line: it runs a command and turns errors into one line and a code.
 
 Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
 rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 7 something
 changed (trend, diff), 70 something unforeseen, 130 and 143 interrupted by SIGINT and SIGTERM.
-Results go to stdout, everything else to stderr. Heavy imports wait until a command needs them.
+Results go to stdout, everything else to stderr. Large modules are imported only when needed.
 """
 
 import argparse
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130
 MOST_SAID = 300
-"""Characters of an unforeseen error's own text: it may hold a whole array."""
+"""The most characters of an unforeseen error's text that are printed: it may hold an array."""
 OVERVIEW = {
     "a flight": ("replay", "live", "inspect", "orders"),
     "a finished run": ("view", "report", "export", "recover"),
@@ -57,10 +57,10 @@ OVERVIEW = {
     "the paper's plants and step responses": ("simulate", "step"),
     "the program itself": ("schema", "warm", "completion"),
 }
-"""The commands by what a person comes with, as ``yawid --help`` lists them."""
+"""The commands by what the user has, as ``yawid --help`` lists them."""
 TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
 TRIED |= {"--manoeuvres"}
-"""Options of an estimator that are nothing to the comparison of orders."""
+"""Options of an estimator that have no meaning for the comparison of orders."""
 EXAMPLES = """\
 examples:
   yawid inspect flight.tlog       what a log can answer, and the command to run
@@ -74,12 +74,12 @@ complete them. Exit codes: 0 good, 1 regression mismatch, 2 usage, 3 no vehicle,
 70 a fault of yawid itself (YAWID_DEBUG=1 shows where).
 """
 GARBAGE_AFTER = 50_000
-"""Allocations until garbage is searched for: what is imported stays, and by Python's own 700 a
-short replay searches it a hundred times, for a thirtieth of its CPU."""
+"""The number of allocations after which Python looks for garbage. With its default of 700 a short
+replay would search the imported modules a hundred times, which takes a thirtieth of its CPU."""
 
 
 class _Overview(HelpPage):
-    """The commands in groups."""
+    """The page of help that lists the commands in groups."""
 
     def _format_action(self, action: argparse.Action) -> str:
         if not isinstance(action, argparse._SubParsersAction):
@@ -132,7 +132,7 @@ yawid replay day/*.BIN --out answers --json > answers.jsonl"""
 
 
 def _add_looks(commands: Commands) -> None:
-    """Add the commands that look at a log and write no run."""
+    """Add the commands that read a log and write no run: inspect and orders."""
     inspect = add_command(
         commands, "inspect", "LOG", "say what a log can answer, and how to ask",
         "yawid inspect flight.tlog\nyawid inspect flight.tlog --card | lp\n"
@@ -178,7 +178,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     if unreached:
         say(f"{stop.name}: not reached: {', '.join(map(str, unreached))}")
     if unreached or (stop.is_set and INTERRUPTED in codes):
-        return stop.exit_code  # of SIGTERM another than the verdict's
+        return stop.exit_code  # the verdict's code is that of SIGINT, even after SIGTERM
     return max(codes, default=0)
 
 
@@ -189,7 +189,7 @@ def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
 
 
 def _compile_behind() -> None:
-    """Have a first run followed by compiled ones, where somebody is there to start them."""
+    """Compile the estimators in another process during the first run, if a person starts it."""
     from yawid.estimation.machine.runner import RUNNER
 
     if sys.stderr.isatty() and RUNNER.compile_behind():
@@ -224,14 +224,14 @@ def _told(
     as_json: bool,
     page: Callable[[_Page, TextIO], None],
 ) -> int:
-    """Do one run and print what came of it, for people as a page; return its code."""
+    """Do one run and print its result, as JSON or as a page; return its exit code."""
     try:
         summary, verdict = run()
     except YawidError as error:
         return _explained(error)
     except (Interrupted, OSError):
         raise
-    except Exception as error:  # the logs that follow are run all the same
+    except Exception as error:  # the logs that follow are still run
         return _unforeseen(error)
     if as_json:
         tell_json(summary.to_json())
@@ -247,7 +247,7 @@ def _explained(error: YawidError) -> int:
 
 
 def _unforeseen(error: Exception) -> int:
-    """Say in one line that yawid itself failed; the traceback is for who asks for it."""
+    """Report in one line that yawid itself failed; the traceback is shown on request."""
     show_traceback(error)
     what = " ".join(f"{type(error).__name__}: {error}".split())[:MOST_SAID]
     say(f"unforeseen, a fault of yawid: {what}; {DEBUG}=1 shows where: please report it")
@@ -269,14 +269,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # The reader of our stdout has gone; nothing more can be said there.
+        # The reader of our stdout has closed it: nothing more can be printed there.
         mute(sys.stdout)
         return 6
     except OSError as error:
-        # Whoever opens a file says himself what is wrong with it.
+        # Code that opens a file reports its own errors; this one is of stdout, or unforeseen.
         mute(sys.stdout)
         return _explained(SinkError(f"{error.filename or 'stdout'}: {error.strerror or error}"))
-    except Exception as error:  # the last door
+    except Exception as error:  # all other errors are faults of yawid
         return _unforeseen(error)
 
 

@@ -1,4 +1,4 @@
-"""The options that several commands share, and what they become."""
+"""The options that several commands share, and the objects that are made from them."""
 
 import argparse
 import sys
@@ -25,13 +25,13 @@ class HelpPage(argparse.RawDescriptionHelpFormatter):
         super().__init__(prog, max_help_position=32)
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Leave out --help, which the reader has found."""
+        """Add an option to the page, except --help, which the reader has found."""
         if not isinstance(action, argparse._HelpAction):
             super().add_argument(action)
 
 
 def _path(text: str) -> Path:
-    """Read a path: of ``s3://bucket/x`` a Path would make the folder ``s3:``."""
+    """Return a text as a path; a URL is refused: Path would make ``s3://x`` a folder ``s3:``."""
     if "://" in text:
         raise argparse.ArgumentTypeError(
             f"{text!r} is a URL, but a path on this machine is needed: copy the file to or from "
@@ -41,14 +41,14 @@ def _path(text: str) -> Path:
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong, and where the options stand."""
+    """A parser that reports an error in one line, with the command that lists the options."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
-        self.register("type", Path, _path)  # of every command: subparsers are of this class
+        self.register("type", Path, _path)  # for every command: subparsers have this class too
 
     def _print_message(self, message: str, file: Any = None) -> None:
-        """Write help: argparse would pass over a stdout that is full, as if all were well."""
+        """Write help; argparse itself would ignore that stdout is full or closed."""
         if file is sys.stdout:
             tell_whole(message)
         else:
@@ -67,9 +67,9 @@ def _sysid(text: str) -> int | str:
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[OneLineParser]"
-"""What a parser adds its commands to: argparse has no public name of it."""
+"""The object to which commands are added: argparse has no public name for it."""
 Option = tuple[str, Callable[[str], Any], str, str]
-"""An option's name, how its text is read, what stands for its value, and its help."""
+"""An option's name, the function that reads its text, the name of its value, and its help."""
 SAMPLES: tuple[Option, ...] = (
     ("--from", float, "S", "first second since boot (default: the log's first)"),
     ("--to", float, "S", "last second since boot (default: the log's last)"),
@@ -116,7 +116,7 @@ TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"
 def add_command(
     commands: Commands, name: str, arguments: str, what: str, examples: str
 ) -> argparse.ArgumentParser:
-    """Add a command: what must be given, what it does in a line, and examples, a line each."""
+    """Add a command: its ``arguments``, what it does in a line, and examples, one in each line."""
     command: argparse.ArgumentParser = commands.add_parser(
         name,
         usage=f"yawid {name} {arguments} [options]",
@@ -130,7 +130,7 @@ def add_command(
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a command that writes results, the estimator's among them."""
+    """Add the options of a command that writes results, including those of the estimator."""
     files = parser.add_argument_group("what is written")
     files.add_argument(
         "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR",
@@ -149,7 +149,7 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def add_signing(parser: argparse.ArgumentParser) -> None:
-    """Add the option of a command that may read signed frames only."""
+    """Add the option with the key by which frames must be signed."""
     parser.add_argument(
         "--signing-key-file", type=Path, metavar="FILE",
         help="read only frames signed by this key (default: any)",
@@ -157,7 +157,7 @@ def add_signing(parser: argparse.ArgumentParser) -> None:
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says what kind of file a log is."""
+    """Add the option for the kind of file that a log is."""
     parser.add_argument(
         "--format",
         default="auto",
@@ -169,7 +169,7 @@ def add_format(parser: argparse.ArgumentParser) -> None:
 def add_estimator_options(
     parser: argparse.ArgumentParser, without: Container[str] = frozenset()
 ) -> None:
-    """Add the options that say what is estimated, and from which channels, in groups."""
+    """Add the options of the estimation and its channels in groups, except those ``without``."""
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="options from a TOML file, by their names"
     )
@@ -182,22 +182,25 @@ def add_estimator_options(
 
 
 def add_record_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how the columns of a CSV or Parquet file are called and measured."""
+    """Add the options for the names and units of the columns in a CSV or Parquet file."""
     group = parser.add_argument_group("the columns of CSV and Parquet")
     for name, kind, metavar, text in RECORD:
         group.add_argument(name, type=kind, metavar=metavar, help=text)
 
 
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what the TOML file and the options say, the options overruling; it is sound.
+    """Return the checked settings from the TOML file and the options, which overrule the file.
 
-    A file's settings are in ``arguments.settings``: :mod:`yawid.cli.config_file` put them there.
+    The file's settings are in ``arguments.settings``: :mod:`yawid.cli.config_file` puts them there.
+
+    Raises:
+        ConfigError: a setting is unknown or outside its limits, or some do not fit together.
     """
     from yawid.config.run import RunConfig, check_settings, overruled
 
     given = check_settings(given_options(arguments), "the command line")
     settings = overruled(arguments.settings, given)
-    RunConfig(**settings)  # its errors are the command's, not each log's
+    RunConfig(**settings)  # errors in it are reported once for the command, not for each log
     return settings
 
 
@@ -211,7 +214,11 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
-    """Return where the results go, in files of this name."""
+    """Return where the results are written, in files of this name.
+
+    Raises:
+        ConfigError: ``--rerun`` has a value that is not allowed.
+    """
     from yawid.runs.outputs import Outputs
 
     rerun = arguments.rerun
@@ -222,7 +229,7 @@ def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
 
 
 def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
-    """Return how the bytes are read: their form, and the key that signs them."""
+    """Return how a log is read: its format, and the key by which frames must be signed."""
     from yawid.sources.open_log import ReadOptions
 
     return ReadOptions.asked(getattr(arguments, "format", "auto"), arguments.signing_key_file)

@@ -15,12 +15,12 @@ NUMBERS = (
     ("--noise", 0.0, "RAD/S", "of the yaw rate, white (default: 0)"),
     ("--seed", 0, "N", "of what is drawn (default: 0)"),
 )
-"""The numbers of a simulation: option, default, its unit, help."""
+"""The numbers of a simulation: option, default, unit and help."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 
 def add_commands(commands: Commands) -> None:
-    """Add both commands to the parser's."""
+    """Add both commands to the parser."""
     _add_step(commands)
     _add_simulate(commands)
 

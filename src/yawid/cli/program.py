@@ -1,4 +1,4 @@
-"""The command lines about the program itself: ``yawid schema``, ``warm`` and ``completion``."""
+"""The commands about the program itself: ``yawid schema``, ``warm`` and ``completion``."""
 
 import argparse
 import json
@@ -17,7 +17,7 @@ SHELLS = ("bash", "zsh")
 
 
 def add_schema(commands: Commands) -> None:
-    """Add the command to the parser's."""
+    """Add ``schema`` to the parser."""
     schema = add_command(
         commands, "schema", "[COMMAND]",
         "print the JSON Schema of what --json prints, and the exit codes",
@@ -44,7 +44,7 @@ def _schema(arguments: argparse.Namespace) -> int:
 
 
 def add_warm(commands: Commands) -> None:
-    """Add the command to the parser's."""
+    """Add ``warm`` to the parser."""
     warm = add_command(
         commands, "warm", "", "compile the estimators, which the first replays would wait for",
         "yawid warm\nNUMBA_CACHE_DIR=/var/cache/yawid yawid warm",
@@ -78,7 +78,7 @@ def _warm(_: argparse.Namespace) -> int:
 
 
 def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
-    """Add the command to those of the whole parser, which is what it prints."""
+    """Add ``completion`` to the parser; its output is made from ``whole``, the complete parser."""
     completion = add_command(
         commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",
         'eval "$(yawid completion bash)"      in ~/.bashrc\n'
@@ -97,10 +97,10 @@ def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -
 
 
 def _complete_paths(parser: argparse.ArgumentParser, complete: Any) -> None:
-    """Tell shtab which arguments are files: those that become a Path."""
+    """Mark the arguments that become a Path, so that shtab completes files for them."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
                 _complete_paths(command, complete)
         elif action.type is Path:
-            action.complete = complete  # type: ignore[attr-defined] # shtab's own mark on an action
+            action.complete = complete  # type: ignore[attr-defined] # shtab's mark on an action

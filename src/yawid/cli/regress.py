@@ -1,4 +1,4 @@
-"""``yawid regress``: its options, and which of the three things it does."""
+"""The command ``yawid regress``: compare cases, update their references, or make a new case."""
 
 import argparse
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ MOST_LINES = 20
 
 
 def add_regress(commands: Commands) -> None:
-    """Add the command to the parser's."""
+    """Add the command to the parser."""
     regress = add_command(
         commands, "regress", "[CASE...]", "replay cases against their references",
         'yawid regress --junit result.xml\nyawid regress --update --why "new gyro" c172p_3211\n'
@@ -41,7 +41,7 @@ def add_regress(commands: Commands) -> None:
 
 def _regress(arguments: argparse.Namespace) -> int:
     """Compare, update or make a case; return the exit code."""
-    settings = arguments.settings | given_options(arguments)  # as given: they go into its file
+    settings = arguments.settings | given_options(arguments)  # unchanged, for the case's file
     _check(arguments, settings)
     if arguments.new is not None:
         return _new(arguments, settings)
@@ -51,7 +51,7 @@ def _regress(arguments: argparse.Namespace) -> int:
         try:
             update(arguments.folder, arguments.cases, arguments.why, tell)
         except Interrupted as stopped:
-            return stopped.exit_code  # those updated before stay so
+            return stopped.exit_code  # cases updated before keep their new references
         return 0
     return _compare(arguments)
 

@@ -1,4 +1,4 @@
-"""Standard output and standard error as they may be: closed, full, of ASCII only, or a pipe."""
+"""Standard output and standard error, which may be closed, full, restricted to ASCII, or a pipe."""
 
 import codecs
 import io
@@ -9,13 +9,13 @@ from yawid.errors import SinkError
 from yawid.sinks.door import mute
 
 PLAIN = {"±": "+-", "ω": "w", "ζ": "zeta", "σ": "sigma", "²": "2", "–": "-", "…": "..."}
-"""What yawid prints, for a terminal that cannot show it."""
+"""What is printed for these characters on a terminal that cannot show them."""
 REPLACED = "yawid"
-"""The name under which Python's codecs know how."""
+"""The name of yawid's error handler for Python's codecs."""
 
 
 def make_ready() -> None:
-    """See to it that no text that is written to either stream can fail for what it holds.
+    """Prepare both streams so that no text fails because of its characters.
 
     Raises:
         SinkError: standard output is closed.
@@ -30,14 +30,14 @@ def make_ready() -> None:
 
 
 def hush(library: str) -> None:
-    """Drop what a library logs that is no error: it goes to stderr, where every line is ours."""
+    """Drop what a library logs below ERROR: only yawid may write lines to stderr."""
     import logging  # takes 17 ms, and few commands need it
 
     logging.getLogger(library).setLevel(logging.ERROR)
 
 
 def bring_out() -> None:
-    """Bring out what both streams still hold; Python itself would do so where nobody can answer.
+    """Write out what both streams still hold: at Python's exit an error could not be reported.
 
     Raises:
         OSError: stdout takes no more.
@@ -57,7 +57,7 @@ def _replaced(error: UnicodeError) -> tuple[bytes, int]:
 
 
 def _shown(character: str) -> bytes:
-    # A file's name may hold bytes that are no text; they go out as they came in, to be copied.
+    # A file's name may hold bytes that are not text; they are written unchanged, for copying.
     if "\udc80" <= character <= "\udcff":
         return bytes([ord(character) - 0xDC00])
     return PLAIN.get(character, "?").encode()

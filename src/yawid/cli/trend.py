@@ -1,4 +1,4 @@
-"""The command lines of ``yawid trend`` and ``yawid diff``: what changed."""
+"""The commands ``yawid trend`` and ``yawid diff``, which report what changed."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,7 @@ NOTHING_COMPARED = 5
 
 
 def add_trend(commands: Commands) -> None:
-    """Add both commands to the parser's."""
+    """Add both commands to the parser."""
     trend = add_command(
         commands, "trend", "DATASET", "what changed over a fleet's flights",
         "yawid trend data\nyawid trend data --vehicle sn:4711 -o trend.html",
@@ -40,7 +40,7 @@ def _trend(arguments: argparse.Namespace) -> int:
 
     told, studied = trend(arguments.dataset, arguments.vehicle)
     if arguments.out is not None:
-        hush("matplotlib")  # without a folder for its cache it makes one and says so
+        hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
         from yawid.trend.page import write_page
 
         write_page(told, studied, arguments.out, force=arguments.force)

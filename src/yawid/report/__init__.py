@@ -1,1 +1,1 @@
-"""A finished run to one HTML page."""
+"""The report of a finished run as one HTML page."""

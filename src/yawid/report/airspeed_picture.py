@@ -1,4 +1,4 @@
-"""The picture of a flight: natural frequency and damping ratio of its manoeuvres over airspeed."""
+"""The picture of wn and zeta of a flight's manoeuvres over the airspeed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,9 +16,9 @@ from yawid.sinks.palette import BAD, MANOEUVRE, MODEL, NEUTRAL
 from yawid.sinks.words import NOT_USED, outcome
 
 MOST_NUMBERED: Final = 12
-"""Points that bear their numbers: of more, one would hide another."""
+"""Up to this many points have their numbers: with more, the numbers would hide each other."""
 LEAST_SPAN: Final = 0.1
-"""Of V: less must not fill the picture, a tenth of a m/s is no change of airspeed."""
+"""The least width of the axis as a part of V: a change of 0.1 m/s must not fill the picture."""
 SIGMAS: Final = 2.0
 _REFUSED: Final = "not usable"
 _LOOKS: Final[dict[str, dict[str, Any]]] = {
@@ -28,18 +28,19 @@ _LOOKS: Final[dict[str, dict[str, Any]]] = {
     _REFUSED: {"marker": "x", "color": NEUTRAL, "alpha": 0.8},
 }
 ALIKE: Final = 0.03
-"""Of V: less is one airspeed, over which there is nothing to be seen."""
+"""A range of airspeeds smaller than this part of V counts as one airspeed: then the manoeuvres are
+drawn side by side."""
 _TITLES: Final = {False: "The manoeuvres over airspeed", True: "The manoeuvres side by side"}
 _PANELS: Final = ("ωn [rad/s]", "ζ")
 
 
 @dataclass(frozen=True, slots=True)
 class _Points:
-    """The manoeuvres of which airspeed and Dutch roll are known.
+    """The m manoeuvres whose airspeed and Dutch roll are known.
 
-    speed (m,) in m/s; value, spread (m, 2) of wn in rad/s and zeta and of their sigmas, 0 where
-    unknown; kind (m,) words of what came of each; within (m, 2) whether a point is drawn in each
-    panel; limits (2, 2), of each panel.
+    n (m,) their numbers; kind (m,) their results in words; speed (m,) in m/s; value (m, 2) wn in
+    rad/s and zeta; spread (m, 2) 2 sigma of these, 0 where unknown; within (m, 2) whether a point
+    is drawn in each panel; limits (2, 2) of the two panels.
     """
 
     n: list[int]
@@ -52,7 +53,7 @@ class _Points:
 
 
 def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture | None:
-    """Return wn and zeta over airspeed, None where not two manoeuvres have both."""
+    """Return wn and zeta over airspeed, None where fewer than two manoeuvres have both."""
     known = [
         (each, each.airspeed_m_s, each.dutch_roll)
         for each in manoeuvres
@@ -96,7 +97,7 @@ def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> 
     value = np.array([_values(mode) for _, _, mode in known])
     spread = SIGMAS * np.array([_sigmas(mode) for _, _, mode in known])
     sure = np.array([each != _REFUSED for each in kind])
-    # What cannot be used may lie anywhere: the others say where the picture is.
+    # Answers that are not usable may have any value: the others set the limits of the picture.
     shown = sure if sure.any() else np.full(len(kind), fill_value=True)
     reach = np.minimum(spread, 0.5 * np.abs(value))
     ends = np.concatenate([(value - reach)[shown], (value + reach)[shown]])
@@ -138,7 +139,7 @@ def _draw_points(ax: Axes, points: _Points, i: int, *, numbered: bool) -> None:
     for kind, looks in _LOOKS.items():
         rows = points.within[:, i] & np.array([each == kind for each in points.kind])
         if rows.any():
-            bars = np.minimum(points.spread[rows, i], 10.0 * tall)  # a bar ends outside as well
+            bars = np.minimum(points.spread[rows, i], 10.0 * tall)  # longer bars leave it anyway
             ax.errorbar(
                 points.speed[rows], points.value[rows, i], bars, linestyle="none", markersize=5,
                 elinewidth=0.9, label=kind, **looks,
@@ -151,7 +152,7 @@ def _draw_points(ax: Axes, points: _Points, i: int, *, numbered: bool) -> None:
 
 
 def _draw_flight(ax: Axes, flight: Flight, i: int, *, alike: bool) -> None:
-    """Draw kappa's line, or what is constant, and the headline's point."""
+    """Draw the line of kappa or that of a constant, and the point of the flight's answer."""
     mode, kappa = flight.dutch_roll, flight.kappa_rad_m
     x = np.array(ax.get_xlim())
     if i == 0 and not alike and kappa is not None and kappa.value is not None:

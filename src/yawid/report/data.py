@@ -1,7 +1,7 @@
-"""What the report draws: the rows of a run, and its final model estimated once more.
+"""The data of the report: the rows of a run, and its final model estimated again.
 
-The file keeps theta's sigma but not its covariance, which every band needs. Estimating again from
-the samples gives it, and shows that the file can be replayed from itself.
+The file holds the sigma of theta but not its covariance, which every band needs. Estimating again
+from the samples gives the covariance, and shows that the file can be replayed.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ TRACK_POINTS = 600
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Estimates over time, thinned to 600 rows at most: t (n,) in s since boot, rest (n, ...)."""
+    """Estimates over time, thinned to 600 rows at most: t (n,) in s since boot, others (n, ...)."""
 
     t: Floats
     theta: Floats
@@ -45,7 +45,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Where a manoeuvre stands on the axis of time, in s since boot."""
+    """The place of a manoeuvre on the time axis, in s since boot."""
 
     n: int
     from_s: float
@@ -55,9 +55,10 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Events:
-    """What happened to the samples: spans (n, 2) and instants (n,) in s since boot.
+    """Events in the samples: spans ``held`` (n, 2) and instants (n,), in s since boot.
 
-    ``counts`` are the samples held for each reason, ``notes`` those with each note.
+    ``counts`` is the number of samples held for each reason, ``notes`` of those with each note.
+    ``delay_s`` (n,) is the longest delay of a sample in each stretch that begins at ``delay_t``.
     """
 
     held: Floats
@@ -80,7 +81,7 @@ class Whole:
 
 @dataclass(frozen=True, slots=True)
 class ReportData:
-    """All that is drawn of one run: ``tracks`` by method, the manoeuvres the best told first."""
+    """The data drawn of one run: ``tracks`` by method; ``drawn`` has the best manoeuvre first."""
 
     method: str
     model: Model
@@ -92,14 +93,14 @@ class ReportData:
 
     @property
     def track(self) -> Track:
-        """That of the method drawn."""
+        """The track of the method that is drawn."""
         return self.tracks[self.method]
 
 
 def gather(run: McapRun, method: str | None = None) -> ReportData | None:
-    """Return what is drawn of a run, or None where it has no rows or nothing was estimated.
+    """Return the data to draw of a run, None where it has no rows or no finite covariance.
 
-    ``method`` is the estimator to draw, the run's first unless given.
+    ``method`` is the estimator to draw; the default is the run's primary one.
 
     Raises:
         SourceError: the file is damaged.
@@ -138,7 +139,7 @@ class _Gatherer:
         thin = slice(-self._rows % self._stride, None, self._stride)
         for method, estimate in estimates.items():
             dutch_roll = modes.dutch_roll[thin].copy()
-            if method != self._bank.methods[0]:  # the file's modes are those of the first
+            if method != self._bank.methods[0]:  # the file has the modes of the primary method
                 rows = np.concatenate([part[method].rows for part in again])[thin]
                 dutch_roll = self._modes(method, EstimateBlock(rows, estimate.p))
             live = (estimate.status[thin] != Status.WARMING_UP)[:, None]
@@ -159,7 +160,7 @@ class _Gatherer:
             each.add(samples)
 
     def _modes(self, method: str, estimates: EstimateBlock) -> Floats:
-        """Return the Dutch roll (n, 4) of estimates with their covariance."""
+        """Return the Dutch roll (n, 4), with sigmas, of estimates that have their covariance."""
         config = self._bank.estimators[method].config
         mean_output = self._bank.config.output == "yaw"
         return physics_modes(
@@ -194,7 +195,7 @@ class _Gatherer:
 
 
 def _track(t: Floats, *columns: Floats) -> Track:
-    """Return a track whose lines are open where time goes back, after a reboot."""
+    """Return a track whose lines have a gap where time goes back, after a reboot."""
     back = np.diff(t, prepend=t[:1]) < 0.0
     return Track(t, *(np.where(back[:, None], np.nan, column) for column in columns))
 
@@ -208,7 +209,7 @@ def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: 
     changed = noted & Noted.MODE_CHANGED.value != 0
     changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
     stride = -(-len(t) // TRACK_POINTS)
-    # The slowest of each stretch: a stall must not fall between the points that are drawn.
+    # Of each stretch the longest delay is drawn: a stall must not fall between the points.
     starts = np.arange(0, len(t), stride)
     return Events(
         np.column_stack([t[spans[:, 0]], t[spans[:, 1] - 1] + sample_time_s]),
@@ -221,7 +222,7 @@ def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: 
 
 
 def _counts(codes: Ints, flags: type[IntFlag]) -> dict[str, int]:
-    """Return how many samples bear each flag, in words, those of none left out."""
+    """Return the number of samples with each flag, by its words; flags without any are left out."""
     return {
         words(flag): int(np.sum(codes & flag.value != 0))
         for flag in flags

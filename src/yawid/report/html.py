@@ -1,7 +1,7 @@
-"""The report's page: HTML that stands alone, prints well and fits a phone; no script at all.
+"""The report's page: HTML in a single file without script, fit for paper and for a phone.
 
-Every text passes through :func:`safe`: names of parameters and files come from logs that anybody
-may have written.
+Every text goes through :func:`safe`, since names of parameters and files come from logs that
+anybody may have written.
 """
 
 import re
@@ -23,23 +23,23 @@ POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 Told = tuple[ReasonSummary, str]
 """A reason, and what to do about it."""
 Cell = tuple[str, str]
-"""Of a wide table: its text, and what stands small below it."""
+"""A cell of a wide table: its text, and the small text below it."""
 _PALE: Final = ' class="pale"'
 _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 
 def safe(text: object) -> str:
-    """Return a text as HTML shows it literally; what no page may hold becomes a question mark."""
+    """Return a text as HTML that shows it literally, with U+FFFD for characters not allowed."""
     return escape(_CONTROLS.sub("\ufffd", str(text)))
 
 
 def prose(text: str) -> str:
-    """Return a text for people; options in it stay in one piece."""
+    """Return a sentence as HTML in which options are not broken across lines."""
     return re.sub(r"--[a-z][a-z-]*", r'<span class="option">\g<0></span>', safe(text))
 
 
 def page(title: str, body: Iterable[str]) -> str:
-    """Return the whole document; it can load nothing and run nothing, whatever is in it."""
+    """Return the whole document; its policy lets it load and run nothing, whatever it contains."""
     head = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
@@ -58,9 +58,9 @@ def first_screen(
     told: Sequence[Told],
     remark: str = "",
 ) -> str:
-    """Return the head of the page: the sentence, the four cards, the reasons with what to do.
+    """Return the head of the page: the sentence, the cards, the reasons with what to do.
 
-    ``remark`` stands below the cards. The last card says whether the answer can be used.
+    ``remark`` is put below the cards. The last card says whether the answer can be used.
     """
     kind = {"Yes": "yes", "No": "no"}.get(answers[-1].answer, "care")
     shown = [_card(card, f"use {kind}" if i == len(answers) - 1 else "") for i, card in
@@ -72,7 +72,7 @@ def first_screen(
 
 
 def head(name: str, origin: str, sentence: str, body: str, *, usable: bool) -> str:
-    """Return the head of a page: its name, where it is from, the answer in a sentence, the rest."""
+    """Return the head of a page: its name, its origin, the answer in a sentence, and ``body``."""
     return (
         f'<header class="{"usable" if usable else "unusable"}">\n<h1>{safe(name)}</h1>\n'
         f'<p class="origin">{safe(origin)}</p>\n<p class="headline">{prose(sentence)}</p>\n'
@@ -90,7 +90,7 @@ def _card(card: Card, kind: str) -> str:
 
 
 def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
-    """Return a list of what is to be known: of each its weight, name, text, and what to do."""
+    """Return a list of items, each with its weight, its name, its text, and what to do."""
     lines = [
         f'<li class="{safe(weight)}"><b>{safe(name)}</b>{prose(text)}. '
         f'<span class="advice">{prose(to_do)}</span></li>\n'
@@ -100,9 +100,9 @@ def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
 
 
 def pictures(title: str, shown: Sequence[Picture], against: Sequence[ReasonSummary] = ()) -> str:
-    """Return a section of pictures, each with what to look for; nothing where there are none.
+    """Return a section of pictures, each with what to look for; "" where there are none.
 
-    They are pale where reasons stand ``against`` what they show.
+    They are pale where there are reasons ``against`` what they show.
     """
     if not shown:
         return ""
@@ -119,18 +119,18 @@ def figure(shown: Picture) -> str:
 
 
 def tables(title: str, shown: Iterable[str], *, facts: bool = False) -> str:
-    """Return a section of tables side by side, narrower where they are ``facts``."""
+    """Return a section of tables side by side, in narrower columns where they are ``facts``."""
     cells = "".join(f"<div>{table}</div>\n" for table in shown if table)
     return f'{_heading(title)}<div class="tables{" facts" if facts else ""}">\n{cells}</div>'
 
 
 def numbers(title: str, shown: Iterable[str], against: Sequence[ReasonSummary]) -> str:
-    """Return a section of tables, grey and with the reasons where its numbers cannot be used."""
+    """Return a section of tables, grey and with the reasons where its numbers are not usable."""
     return _void(tables(title, shown), against)
 
 
 def _void(section: str, against: Sequence[ReasonSummary]) -> str:
-    """Return a section marked as not usable where reasons stand against it."""
+    """Return a section, marked as not usable where there are reasons against it."""
     if not against:
         return section
     ids = ", ".join(reason.name for reason in against)
@@ -140,23 +140,23 @@ def _void(section: str, against: Sequence[ReasonSummary]) -> str:
 
 
 def note(title: str, text: str) -> str:
-    """Return a paragraph for a section, or below one where it has no title."""
+    """Return a paragraph with its own heading, or without one where the title is empty."""
     return f'{_heading(title)}<p class="remark">{safe(text)}</p>'
 
 
 def _number(value: object) -> str:
-    """Return a number, its sigma and that of noise: where there is no room a line each."""
+    """Return a number with its sigmas as HTML; a line break may not follow ±."""
     return safe(value).replace("± ", "±\u00a0")
 
 
 class Label(str):
-    """HTML that is safe, as :func:`symbol` returns it."""
+    """Safe HTML, which is not escaped again; see :func:`symbol`."""
 
     __slots__ = ()
 
 
 def symbol(symbols: str, text: str) -> Label:
-    """Return symbols, with _ for a subscript and ^ for a superscript, and what they are."""
+    """Return symbols as HTML, with _ for a subscript and ^ for a superscript, and their meaning."""
     shown = re.sub(r"_(\w+)", r"<sub>\1</sub>", safe(symbols))
     shown = re.sub(r"\^(\w+)", r"<sup>\1</sup>", shown)
     return Label(f'<span class="option">{shown}</span><small>{safe(text)}</small>')
@@ -167,9 +167,9 @@ def _heading(title: str) -> str:
 
 
 def sheet(title: str, heading: Sequence[str], rows: Iterable[tuple[Iterable[Cell], bool]]) -> str:
-    """Return a section of one wide table, each row its cells and whether it is pale.
+    """Return a section of one wide table; each row has its cells, and whether it is pale.
 
-    It scrolls by itself where the page is narrow, by the keyboard too.
+    On a narrow page the table scrolls on its own, also by the keyboard.
     """
     head = "".join(f'<th scope="col">{safe(text)}</th>' for text in heading)
     lines = "".join(
@@ -187,7 +187,7 @@ def _cell(cell: Cell) -> str:
 
 
 def table(title: str, rows: Mapping[str, object], *, folded: bool = False) -> str:
-    """Return a table of names and values, or nothing where there are none."""
+    """Return a table of names and values, "" where there are none; ``folded``: closed at first."""
     if not rows:
         return ""
     lines = "".join(
@@ -201,7 +201,7 @@ def table(title: str, rows: Mapping[str, object], *, folded: bool = False) -> st
 
 
 def grid(title: str, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table of several columns, the first of names and the rest of numbers."""
+    """Return a table of several columns: the first has names, the others numbers."""
     head = "".join(f"<th>{safe(text)}</th>" for text in heading)
     lines = "".join(
         f"<tr><th>{row[0] if isinstance(row[0], Label) else safe(row[0])}</th>"

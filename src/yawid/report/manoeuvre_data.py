@@ -1,6 +1,6 @@
-"""The manoeuvres that the report draws: their samples, and the model that answers fitted again.
+"""The manoeuvres that the report draws: their samples, and the answering model fitted again.
 
-The file keeps theta's sigma but not its covariance, which every band needs; the fit gives it.
+The file holds the sigma of theta but not its covariance, which every band needs; the fit gives it.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ from yawid.report.model_data import Judged, Model
 from yawid.results.reasons import KINDS
 
 MOST_DRAWN: Final = 4
-"""Manoeuvres with a picture of their own: of a hundred nobody looks at the hundredth."""
+"""The largest number of manoeuvres with a picture: nobody looks at a hundred pictures."""
 _AWAY_NS: Final = 2_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A manoeuvre, its final model, and its samples as they were fitted."""
+    """A manoeuvre, its final model, and the samples that the model was fitted to."""
 
     found: Manoeuvre
     model: Model
@@ -34,9 +34,11 @@ class Drawn:
 
 
 def to_draw(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> list[Manoeuvre]:
-    """Return those to be drawn, the best told first: used, least against it, well simulated.
+    """Return the manoeuvres to draw, the best first.
 
-    Of those that cannot be used the first is that whose reasons the flight bears.
+    Those used for the flight come first, then those with fewer fatal reasons and with reasons
+    further down the table of reasons. Among equals the higher simulated fit comes first, or the
+    lower number where a manoeuvre is not usable.
     """
     used = () if flight is None else flight.used
     ranks = {id_: rank for rank, id_ in enumerate(KINDS)}
@@ -52,22 +54,22 @@ def to_draw(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> list[Mano
 
 
 class Rows:
-    """The samples of one manoeuvre, taken from a run's blocks as they come."""
+    """The samples of one manoeuvre, taken from the blocks of a run."""
 
     def __init__(self, found: Manoeuvre) -> None:
         self.found = found
         self._parts: list[tuple[Ints | Floats, ...]] = []
         try:
             begin = datetime.fromisoformat(found.date or "").timestamp()
-        except ValueError:  # of a record without a date, or of a file that somebody has changed
+        except ValueError:  # a record without a date, or a file that somebody has changed
             begin = np.nan
         self._from_ns = begin * 1e9 - _AWAY_NS
         self._to_ns = (begin + found.duration_s) * 1e9 + _AWAY_NS
 
     def add(self, samples: SampleBlock) -> None:
-        """Take what is the manoeuvre's; another boot may have the same seconds."""
+        """Take the manoeuvre's samples from a block; another boot may have the same seconds."""
         t = samples.boot_us / 1e6
-        # A thousandth of a sample: the summary's seconds are rounded.
+        # A tolerance of a thousandth of a sample, since the summary's seconds are rounded.
         near = 1e-3 * samples.sample_time_s
         rows: Bools = (t >= self.found.from_s - near) & (t <= self.found.to_s + near)
         if np.isfinite(self._from_ns):
@@ -77,7 +79,7 @@ class Rows:
             self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in names)))
 
     def drawn(self, config: RunConfig, sample_time_s: float) -> Drawn | None:
-        """Fit the manoeuvre by the method that answered it; None where that cannot be."""
+        """Fit the manoeuvre by the method that answered it; return None where that fails."""
         answer = self.found.answer
         if answer is None or not self._parts:
             return None

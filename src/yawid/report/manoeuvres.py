@@ -1,4 +1,4 @@
-"""The report's part on a flight: its manoeuvres as a table, and what they say together."""
+"""The report's sections on a flight: its manoeuvres as a table, and the flight's answer."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -27,11 +27,11 @@ from yawid.sinks.words import (
 )
 
 MOST_COLUMNS: Final = 2
-"""Manoeuvres side by side: more do not fit beside their names."""
+"""The largest number of manoeuvres in columns: more do not fit next to the names."""
 
 
 def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
-    """Yield the section on the manoeuvres of a run, nothing where nobody looked for them."""
+    """Yield the section on a run's manoeuvres; nothing where they were not looked for."""
     manoeuvres, flight = summary.manoeuvres, summary.flight
     if manoeuvres is None:
         return
@@ -99,7 +99,7 @@ def _fits(answer: MethodSummary) -> str:
 
 
 def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str) -> Iterator[str]:
-    """Yield the tables of the flight's answer: what it is, and eq. 22-23 of its manoeuvres."""
+    """Yield the tables of the flight's answer, and of its manoeuvres' numbers of eq. 22-23."""
     if summary.flight is not None:
         yield table("The flight, ± one σ", dict(_facts(summary.flight, rudder_unit)))
     told = {

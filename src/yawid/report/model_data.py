@@ -1,4 +1,4 @@
-"""A model, and the samples that it is judged by: of the stream's end or of one manoeuvre."""
+"""A model and the samples by which it is judged, of the stream's end or of one manoeuvre."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from yawid.config.estimator import ArmaxOrders
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The final model of the method drawn: theta (p,), its covariance (p, p), what it belongs to.
+    """A final model: theta (p,), its covariance (p, p), its orders and its sample time.
 
-    ``same`` tells whether estimating again gave the file's own theta to the bit.
+    ``same`` says whether estimating again gave exactly the theta in the file.
     """
 
     theta: Floats
@@ -24,9 +24,10 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """The rows the final model is judged by: three times its memory, all where it keeps everything.
+    """The rows by which a model is judged: a manoeuvre's, or the newest of the stream.
 
-    t (n,) in s since boot, u (n, inputs), y, y_hat, simulated, residual (n,); NaN where held.
+    Those of the stream are three times its memory or, without forgetting, all (2^19 at most). t
+    (n,) in s since boot, u (n, inputs), y, y_hat, simulated, residual (n,); NaN where held.
     """
 
     t: Floats
@@ -37,7 +38,7 @@ class Judged:
     residual: Floats
 
     def longest_stretch(self) -> slice:
-        """Return the rows of the longest stretch in which nothing was held."""
+        """Return the rows of the longest stretch without a held sample."""
         good = np.isfinite(self.y) & np.isfinite(self.u).all(axis=1)
         stretches = runs_of(good)
         if not len(stretches):

@@ -1,7 +1,7 @@
 """Pictures of the model: poles and zeros, frequency response, step response, residuals.
 
-All sigmas by the delta method from the covariance of theta; the derivatives are exact. With q^-1
-the delay and X = B/A u the model's answer,
+All sigmas are found by the delta method from the covariance of theta, with exact derivatives. With
+q^-1 the delay by one sample and X = B/A u the model's response,
 
     dX/da_i = -(q^-i / A) X,    dX/db_i = (q^-(nk+i-1) / A) u.
 """
@@ -31,15 +31,16 @@ LAGS = 25
 COHERENT = 0.6
 APART = 1.04
 HIGHEST = 0.9
-"""Of half the rate: above it a model says nothing of the aircraft."""
+"""The highest frequency drawn, as a part of half the rate: above it a model does not describe the
+aircraft."""
 MOST_DB = 45.0
-"""Below the peak of the gain: a notch must not flatten all the rest."""
+"""The range below the peak of the gain that is drawn: a notch must not flatten all the rest."""
 PERIODS = 10.0
-"""Length of a segment of the spectral estimate in periods of the Dutch roll."""
+"""The length of a segment of the spectral estimate, in periods of the Dutch roll."""
 
 
 def poles_picture(model: Model) -> Picture:
-    """Poles with their 2 sigma ellipses, and zeros, in the z plane."""
+    """Return the picture of poles with their 2 sigma ellipses, and zeros, in the z plane."""
     z, spread = poles_with_sigma(model)
 
     def draw(figure: Figure) -> None:
@@ -90,7 +91,7 @@ def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
 
 
 def bode_picture(model: Model, judged: Judged, mode: DutchRoll | None, grid: Grid) -> Picture:
-    """Frequency response of rudder to yaw rate with its band, against the spectral estimate."""
+    """Return the frequency response from rudder to yaw rate, with its band, and spectral points."""
     spectral = _spectral(judged, model, mode)
     nyquist = 0.5 / model.sample_time_s
     low = 0.02 * nyquist if spectral is None else min(0.02 * nyquist, spectral.frequency_hz[0])
@@ -152,7 +153,7 @@ def _draw_spectral(
 ) -> None:
     good = _apart(spectral.frequency_hz, np.flatnonzero(spectral.coherence >= COHERENT))
     f, gain = spectral.frequency_hz[good], np.abs(spectral.G[good])
-    # Only as many turns as the model's: the spectral estimate knows its phase but for 360 degrees.
+    # The spectral phase is known only up to multiples of 360 degrees: take those near the model's.
     phase = np.angle(spectral.G[good])
     phase += 2.0 * np.pi * np.round((model_phase[good] - phase) / (2.0 * np.pi))
     decibel = 20.0 * np.log10(gain)
@@ -165,7 +166,7 @@ def _draw_spectral(
 
 
 def _apart(frequency_hz: Floats, rows: Ints) -> Ints:
-    """Return rows as far apart on the logarithmic axis as points must be to be told apart."""
+    """Return rows that are far enough apart on the logarithmic axis to be seen as single points."""
     kept: list[int] = []
     for i in rows.tolist():
         if not kept or frequency_hz[i] > APART * frequency_hz[kept[-1]]:
@@ -180,7 +181,7 @@ def _room(ax: Axes, line: Floats) -> None:
 
 
 def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
-    """Yaw rate after a unit step of the rudder, with its band."""
+    """Return the picture of the yaw rate after a unit step of the rudder, with its band."""
     period_s = 2.0 * np.pi / mode.wn_rad_s if mode is not None else 2.0
     steps = int(np.clip(4.0 * period_s / model.sample_time_s, 20, 2000))
     answer, std = step_band(model, steps)
@@ -203,7 +204,10 @@ def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
 
 
 def residuals_picture(judged: Judged, p: float | None) -> Picture:
-    """Autocorrelation of the residuals, and their correlation with the rudder."""
+    """Return the autocorrelation of the residuals, and their correlation with the rudder.
+
+    ``p`` is the p-value of the whiteness test, None where unknown.
+    """
 
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1)
@@ -239,7 +243,10 @@ def _stems(ax: Axes, lags: Floats, values: Floats, bound: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """G(e^jw) of rudder to yaw rate at ``frequency_hz`` (n,), sigma of ln|G| and of the angle."""
+    """G (n,) from rudder to yaw rate at ``frequency_hz`` (n,), and the sigmas of ln|G| and angle.
+
+    The unit of G is rad/s per unit of rudder.
+    """
 
     frequency_hz: Floats
     G: Complexes
@@ -248,14 +255,14 @@ class Response:
 
 
 def frequency_band(model: Model, frequency_hz: Floats) -> Response:
-    """Return the frequency response of the first input with its sigma."""
+    """Return the frequency response to the first input with its sigmas."""
     na, nb, nk = model.orders.na, model.orders.nb[0], model.orders.nk[0]
     z = np.exp(2j * np.pi * frequency_hz * model.sample_time_s)
     delays = z[:, None] ** -np.arange(1, na + 1)
     forward = z[:, None] ** -(nk + np.arange(nb))
     denominator = 1.0 + delays @ model.theta[:na]
     numerator = forward @ model.theta[na : na + nb]
-    # d ln G: its real part is that of ln|G|, its imaginary part that of the angle.
+    # The real part of d ln G is the derivative of ln|G|, its imaginary part that of the angle.
     slopes = np.hstack([-delays / denominator[:, None], forward / numerator[:, None]])
     covariance = model.covariance[: na + nb, : na + nb]
     real, imaginary = (_sigma(part, covariance) for part in (slopes.real, slopes.imag))
@@ -283,14 +290,14 @@ def _sigma(slopes: Floats, covariance: Floats) -> Floats:
 
 
 def zeros(model: Model) -> Complexes:
-    """Return the zeros of B(z) of the first input, those at infinity left out."""
+    """Return the finite zeros of the first input's B(z)."""
     first = model.orders.na
     b = model.theta[first : first + model.orders.nb[0]]
     return np.asarray(np.roots(np.trim_zeros(b, "f")), dtype=np.complex128)
 
 
 def poles_with_sigma(model: Model) -> tuple[Complexes, Floats]:
-    """Return the poles z (na,) and the covariance (na, 2, 2) of their real and imaginary part."""
+    """Return the poles z (na,) and the covariances (na, 2, 2) of their real and imaginary parts."""
     na = model.orders.na
     z = discrete_poles(model.theta[None, :na])[0]
     distance = z[:, None] - z[None, :] + np.eye(na)
@@ -303,7 +310,8 @@ def poles_with_sigma(model: Model) -> tuple[Complexes, Floats]:
 def correlation(x: Floats, v: Floats, lags: int) -> tuple[Floats, Floats, int]:
     """Return r(l) = corr(x(k), v(k-l)) and l for l = -lags..lags, and the number of samples.
 
-    ``x``, ``v`` (n,); rows where either is NaN count as their mean.
+    The results have shape (2 lags + 1,). ``x``, ``v`` (n,); rows where either is NaN count as their
+    mean.
     """
     good = np.isfinite(x) & np.isfinite(v)
     count = int(good.sum())

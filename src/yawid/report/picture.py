@@ -1,4 +1,4 @@
-"""The report's pictures: matplotlib figures, as SVG to stand within a page."""
+"""The report's pictures: matplotlib figures, as SVG within a page or as PNG."""
 
 import io
 import re
@@ -21,13 +21,13 @@ from yawid.sinks.palette import NEUTRAL, RUDDER
 SIZE_IN: Final = (5.6, 3.5)
 PNG_DPI: Final = 180
 COLUMNS: Final = 500
-"""Of a picture: a finer line cannot be seen."""
+"""The number of columns of a long line in a picture: more detail is not visible."""
 LEAST_BETWEEN: Final = 0.07
-"""Of the axis, between two numbers of manoeuvres: the panels of parameters are narrow."""
-_STYLE: Any = {  # matplotlib's own type of it is a list of every key
+"""The least distance between the numbers of two manoeuvres, as a part of the axis."""
+_STYLE: Any = {  # Any: matplotlib's type for it lists every key
     "svg.fonttype": "none",  # text stays text: it can be searched and is drawn sharp
-    "svg.hashsalt": "yawid",  # the same picture is the same bytes
-    "text.parse_math": False,  # names come from a log: a dollar in one is a dollar
+    "svg.hashsalt": "yawid",  # equal pictures have equal bytes
+    "text.parse_math": False,  # names come from a log: a dollar sign in them begins no formula
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 9.0,
@@ -47,12 +47,12 @@ _STYLE: Any = {  # matplotlib's own type of it is a list of every key
     "text.color": "#222222",
     "figure.constrained_layout.use": True,
 }
-_FONTS: Final = "'DejaVu Sans', Verdana, sans-serif"  # of the same width where the first is missing
+_FONTS: Final = "'DejaVu Sans', Verdana, sans-serif"  # Verdana has nearly the same widths
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One picture: its name within the page, its title, what to look for, and how it is drawn."""
+    """One picture: its id in the page, its title, what to look for, and how to draw it."""
 
     key: str
     title: str
@@ -62,7 +62,7 @@ class Picture:
 
     @property
     def svg(self) -> str:
-        """It as SVG, to stand within a page; its ids begin with its key."""
+        """The picture as SVG for a page; all ids in it begin with its key."""
         out = io.StringIO()
         with _styled(self) as figure:
             FigureCanvasSVG(figure)
@@ -70,7 +70,7 @@ class Picture:
             figure.savefig(out, format="svg", metadata=nothing, transparent=True)
         svg = out.getvalue()
         svg = svg[svg.index("<svg") :]
-        # Many pictures share one page: ids must differ, and the size is the page's to choose.
+        # Many pictures share one page: their ids must differ, and the page sets their size.
         svg = re.sub(r'(\bid="|="#|url\(#)', rf"\g<1>{self.key}-", svg)
         # A hundredth of a point is finer than any printer.
         svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
@@ -82,7 +82,7 @@ class Picture:
 
     @property
     def png(self) -> bytes:
-        """It as a PNG that stands alone, on white."""
+        """The picture as a PNG on white."""
         out = io.BytesIO()
         with _styled(self) as figure:
             FigureCanvasAgg(figure)
@@ -93,7 +93,7 @@ class Picture:
 @contextmanager
 def _styled(picture: Picture) -> Iterator[Figure]:
     with mpl.rc_context():
-        mpl.rcdefaults()  # not the user's own style: the same run is the same report
+        mpl.rcdefaults()  # not the user's style: equal runs must give equal reports
         mpl.rcParams.update(_STYLE)
         figure = Figure(figsize=picture.size_in)
         picture.draw(figure)
@@ -101,7 +101,7 @@ def _styled(picture: Picture) -> Iterator[Figure]:
 
 
 def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
-    """Draw a long line: where a pixel holds many samples, all from the least to the greatest.
+    """Draw a long line; where a column holds many samples, shade from their least to greatest.
 
     Where time goes back, after a reboot, another line begins.
     """
@@ -116,12 +116,12 @@ def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
 
 
 def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str, alpha: float = 0.2) -> None:
-    """Shade between two lines."""
+    """Shade the area between two lines."""
     ax.fill_between(x, low, high, color=shade, alpha=alpha, linewidth=0.0)
 
 
 def mark_events(ax: Axes, events: Events, *, numbered: bool = True) -> None:
-    """Shade manoeuvres and what was held, mark changes of mode, within the axis as it is."""
+    """Shade manoeuvres and held stretches and mark changes of mode; the axis keeps its limits."""
     low, high = ax.get_xlim()
     _mark_manoeuvres(ax, events, low, high, numbered=numbered)
     for first, last in events.held[:200]:
@@ -134,7 +134,7 @@ def mark_events(ax: Axes, events: Events, *, numbered: bool = True) -> None:
 
 
 def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbered: bool) -> None:
-    """Shade each manoeuvre and number it at the top, hatched where it cannot be used."""
+    """Shade each manoeuvre and number it at the top; one that is not usable is hatched."""
     last_number = -np.inf
     for each in events.manoeuvres[:200]:
         first, last = max(each.from_s, low), min(each.to_s, high)
@@ -146,22 +146,22 @@ def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbe
             ax.axvspan(first, last, facecolor="none", edgecolor="#cfcfcf", hatch="////", lw=0.0)
         middle = (first + last) / 2.0
         far = abs(middle - last_number) > LEAST_BETWEEN * (high - low)
-        if numbered and far:  # else one hides the other
+        if numbered and far:  # closer numbers would hide each other
             ax.annotate(str(each.n), (middle, 0.99), xycoords=("data", "axes fraction"),
                         ha="center", va="top", fontsize=7.5, color="#555555")  # fmt: skip
             last_number = middle
 
 
 def manoeuvres_note(events: Events) -> str:
-    """Return what the shading means, empty where there is none."""
+    """Return the meaning of the shading as a sentence, "" where there is none."""
     return " Green: manoeuvres, by number; hatched: not usable." if events.manoeuvres else ""
 
 
 def sensible_limits(ax: Axes, *lines: Floats, settled: float = 0.25, least: float = 0.0) -> None:
-    """Limit the y axis to where the lines settle: a transient must not flatten all the rest.
+    """Limit the y axis to the range in which the lines settle, since transients may be large.
 
-    ``settled`` is the share of each line that may be a transient; the picture is no less than
-    ``least`` of the middle high.
+    ``settled`` is the first part of each line that may be a transient. The range is at least
+    ``least`` times its middle value.
     """
     known = np.concatenate([line[int(settled * len(line)) :] for line in lines])
     known = known[np.isfinite(known)]

@@ -1,4 +1,4 @@
-"""The report's tables: numbers of the models, channels and link, where all of it is from."""
+"""The report's tables: the numbers of the models, the channels, the link, and their origin."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -16,11 +16,11 @@ PAPER: Final = (
     "fixed-wing aircraft based on an ARMAX model, eq. 22-23"
 )
 LEAST_P: Final = 0.0001
-"""Of a test's p: how much smaller it is says nothing more."""
+"""The smallest p of a test that is printed: still smaller values mean the same."""
 
 
 def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
-    """Yield the tables of what every method had found when the stream ended."""
+    """Yield the tables of every method's estimates at the end of the stream."""
     estimates, others = summary.estimates or {}, summary.others
     answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
     methods = [m.upper() + ("" if m in others else answers) for m in estimates]
@@ -36,7 +36,7 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
         ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
     )  # fmt: skip
     rows = [(text, *(_fit(e.fit, key) for e in estimates.values())) for text, key in fits]
-    # What is held is also each sample whose lags are not known: the first ones, and after a break.
+    # Samples whose lags are unknown also count as held: the first ones, and those after a break.
     names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
     counts = [
         (text, *(str(getattr(e, key)) for e in estimates.values())) for key, text in names.items()
@@ -54,7 +54,7 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
 
 
 def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> str:
-    """Return the numbers of eq. 22-23, a column for each that tells them; the paper is named."""
+    """Return the table of the numbers of eq. 22-23, a column for each source, and the citation."""
     rows = []
     for row in (*YAW_CHANNEL.values(), QUANTITIES[REDUCTION_ERROR]):
         found = [numbers.get(row.name, Value()) for numbers in told.values()]
@@ -86,7 +86,7 @@ def _fit(fit: Fit, name: str) -> str:
 
 
 def channel_tables(summary: RunSummary, data: ReportData | None) -> Iterator[str]:
-    """Yield the tables of where the channels come from, and what was held."""
+    """Yield the tables of the channels' sources, the link, and the held and noted samples."""
     for name, channel in summary.channels.items():
         yield table(name, {key: _text(value) for key, value in channel.to_json().items()})
     counts = summary.link.to_json().items()
@@ -98,7 +98,7 @@ def channel_tables(summary: RunSummary, data: ReportData | None) -> Iterator[str
 
 
 def provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
-    """Yield the tables of the log, the configuration and the versions."""
+    """Yield the tables of the run's source, its configuration and its versions."""
     origin, source = run.summary.own_source.to_json(), run.summary.source
     if source is not None:
         origin |= {f"samples from, {key}": value for key, value in source.to_json().items()}
@@ -119,7 +119,7 @@ def provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
 
 
 def folded(run: McapRun) -> str:
-    """Return what few want to see, folded: parameters of the vehicle, the log, units."""
+    """Return the folded tables of details: the vehicle's parameters, the log's lines, the units."""
     lines = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace").splitlines()
     seen = dict(line.rsplit(" ", 1) for line in lines if " " in line)
     log = {f"{i + 1}. {line.level}": line.text for i, line in enumerate(run.log)}

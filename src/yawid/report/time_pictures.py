@@ -1,4 +1,4 @@
-"""Pictures over time: the whole flight, a fit, parameters, modes, and what the link did."""
+"""Pictures over time: the whole flight, a fit, parameters, modes, and the link's delays."""
 
 import math
 from typing import Final
@@ -27,17 +27,17 @@ from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
 from yawid.sinks.words import percent
 
 PERIODS_SHOWN: Final = 12.0
-"""Of the Dutch roll, in a picture of a fit: of many more each is too narrow to be compared."""
+"""Periods of the Dutch roll in the picture of a fit: with more, each is too narrow to compare."""
 LEAST_SHOWN_S, MOST_SHOWN_S = 8.0, 40.0
 OUTSIDE = 10.0
-"""A line that is so many heights of the picture above or below it is not drawn on."""
+"""A simulated value more than this many heights of the picture outside it is not drawn."""
 MOST_NAMED: Final = 8
-"""Lines of a panel that bear their names: more have no room beside each other."""
+"""Up to this many lines of a panel have names at their ends; there is no room for more."""
 TIME_LABEL = "time since boot [s]"
 
 
 def whole_picture(data: ReportData, grid: Grid) -> Picture:
-    """Rudder and yaw rate over the whole flight, and where the manoeuvres are."""
+    """Return the picture of rudder and yaw rate over the whole flight, with the manoeuvres."""
     whole = data.whole
     used = whole.t[np.isfinite(whole.y)]
     ends = (used.min(), used.max()) if len(used) > 1 else (whole.t[0], whole.t[-1])
@@ -63,7 +63,7 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
 
 
 def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
-    """Return a manoeuvre as measured, and as the model that answers it tells it."""
+    """Return the picture of a manoeuvre as measured, and as its answering model simulates it."""
     found = drawn.found
     assert found.answer is not None
     method = found.answer.method.upper()
@@ -74,7 +74,7 @@ def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
 
 
 def fit_picture(data: ReportData, mode: DutchRoll | None, fit: Fit, grid: Grid) -> Picture:
-    """Return the stretch that the stream's final model is judged by, measured and simulated."""
+    """Return the picture of the rows that judge the stream's final model: measured, simulated."""
     title = f"The end of the stream: measured, and {data.method.upper()}'s model"
     return _fit("fit", title, data.judged, mode, fit, grid)
 
@@ -86,7 +86,7 @@ def _fit(
     whole = rows.stop - rows.start >= len(judged.t)
     low, high = _limits(judged.y[rows])
     room = OUTSIDE * (high - low)
-    # A model that explodes leaves the picture: no axis holds what it becomes.
+    # A diverging model leaves the picture: no axis could show its values.
     inside = (judged.simulated > low - room) & (judged.simulated < high + room)
     simulated = np.where(inside, judged.simulated, np.nan)
 
@@ -141,7 +141,7 @@ def _overview(ax: Axes, judged: Judged, rows: slice) -> None:
 
 
 def _shown(judged: Judged, mode: DutchRoll | None) -> slice:
-    """Return the rows in which the model swings most, some periods of the Dutch roll long."""
+    """Return the rows, some periods of the Dutch roll long, in which the model swings most."""
     n = len(judged.t)
     period = 2.0 * math.pi / mode.wn_rad_s if mode is not None else MOST_SHOWN_S
     seconds = min(max(PERIODS_SHOWN * period, LEAST_SHOWN_S), MOST_SHOWN_S)
@@ -159,7 +159,7 @@ def _shown(judged: Judged, mode: DutchRoll | None) -> slice:
 
 
 def _limits(y: Floats) -> tuple[float, float]:
-    """Return limits of the y axis that leave room around what was measured."""
+    """Return limits of the y axis that leave room around the measured values."""
     known = y[np.isfinite(y)]
     if not len(known):
         return 0.0, 1.0
@@ -169,7 +169,7 @@ def _limits(y: Floats) -> tuple[float, float]:
 
 
 def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
-    """Theta over time by every method, a panel for each polynomial."""
+    """Return the picture of theta over time by every method, a panel for each polynomial."""
     names = run_grid.parameters
     unit = " or ".join(dict.fromkeys(run_grid.unit_of(name) for name in run_grid.inputs))
     groups = [("A", "a"), (f"B [rad/s per {unit}]", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
@@ -209,21 +209,21 @@ def _parameters(ax: Axes, data: ReportData, columns: list[int]) -> None:
 
 
 def _width(line: Floats, settled: float) -> float:
-    """Return how far the middle half of a line reaches once it has settled."""
+    """Return the range of the middle half of a line's values after it has settled."""
     known = line[int(settled * len(line)) :]
     known = known[np.isfinite(known)]
     return float(np.subtract(*np.percentile(known, [75.0, 25.0]))) if len(known) else math.inf
 
 
 def _settled(data: ReportData) -> float:
-    """Return the share of a track before the first manoeuvre, or of its first quarter."""
+    """Return the part of a track that may be a transient: up to the first manoeuvre, 0.25-0.8."""
     begins = [each.from_s for each in data.events.manoeuvres]
     before = np.mean(data.track.t < min(begins)) if begins else 0.0
     return float(np.clip(before, 0.25, 0.8))
 
 
 def _names_at_end(ax: Axes, data: ReportData, columns: dict[str, int]) -> None:
-    """Name each line beside its end, a name's height apart at least."""
+    """Write each line's name next to its end, with at least a name's height between them."""
     low, high = ax.get_ylim()
     apart = 0.11 * (high - low)
     track, placed = data.track, -math.inf
@@ -249,7 +249,7 @@ def _group(name: str) -> str:
 
 
 def modes_picture(data: ReportData) -> Picture:
-    """Natural frequency and damping ratio over time, of every method."""
+    """Return the picture of every method's wn and zeta over time."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
@@ -262,7 +262,7 @@ def modes_picture(data: ReportData) -> Picture:
                 ax.plot(track.t, value, color=shade)
                 band(ax, track.t, value - spread, value + spread, shade)
                 lines.append((value, value - spread, value + spread))
-            # Where both are known: of a method that wanders only what is near is drawn.
+            # The calmest method sets the limits: another that wanders is drawn only within them.
             calm = min(lines, key=lambda some: _width(some[0], _settled(data)))
             sensible_limits(ax, *calm, settled=_settled(data), least=0.5)
             ax.set_ylabel(label)
@@ -279,7 +279,7 @@ def modes_picture(data: ReportData) -> Picture:
 
 
 def link_picture(data: ReportData) -> Picture:
-    """How late each sample was complete, and what was held."""
+    """Return the picture of each sample's delay, and of the held stretches."""
     events = data.events
 
     def draw(figure: Figure) -> None:

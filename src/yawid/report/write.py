@@ -1,4 +1,4 @@
-"""``yawid report``: one HTML file that a flight-test engineer can read, print and pass on."""
+"""``yawid report``: one HTML file for a flight-test engineer to read, print and pass on."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,13 +31,13 @@ from yawid.sinks.words import sigma_means, utc
 def write_report(
     mcap: Path, out: Path | None = None, *, png: Path | None = None, force: bool = False
 ) -> Path:
-    """Write the report of a finished run and return its path, ``out`` or beside the MCAP.
+    """Write the report of a finished run to ``out``, else next to the MCAP; return its path.
 
-    With ``png`` its pictures go into that folder too, under the names of their keys. The same run
-    gives the same bytes.
+    With ``png`` the pictures are also written into that folder, each named by its key. Equal runs
+    give equal bytes.
 
     Raises:
-        SourceError: the MCAP cannot be read, was not finished or is not a run's.
+        SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
         SinkError: a file exists and ``force`` is not set, or it cannot be written.
     """
     run = open_run(mcap)
@@ -66,7 +66,7 @@ def report(run: McapRun) -> str:
 
 
 class Report:
-    """The report of a run: its page, and its pictures by themselves.
+    """The report of a run: its page, and its pictures as a list.
 
     Raises:
         SourceError: the file is damaged.
@@ -82,7 +82,7 @@ class Report:
         return page(f"{name} - yawid report", self._sections(name))
 
     def pictures(self) -> list[Picture]:
-        """Return every picture of the page, in its order."""
+        """Return all pictures of the page, in their order."""
         return [*self._of_flight(), *self._of_model(), *self._of_stream(), *self._of_link()]
 
     def _sections(self, name: str) -> Iterator[str]:
@@ -118,7 +118,7 @@ class Report:
 
     @property
     def _first(self) -> Drawn | None:
-        """The manoeuvre that is told best, if any: its model is the answer's."""
+        """The best manoeuvre, whose model is shown as the answer's; None where there is none."""
         return self._drawn[0] if self._drawn else None
 
     def _of_flight(self) -> list[Picture]:
@@ -160,7 +160,7 @@ class Report:
 
 
 def _sigma(summary: RunSummary) -> str:
-    """Return what ± means on this page, empty where it has no answer."""
+    """Return the meaning of ± on this page, "" where it has no answer."""
     mode = summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
     means = sigma_means([mode])
     return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
@@ -180,7 +180,7 @@ def _origin(run: McapRun) -> str:
     if answer is not None:
         rate = f"{1.0 / answer.sample_time_s:.3g} Hz"
         told = answer if flight is None else flight
-        if told.method is None:  # a flight of which no manoeuvre is usable
+        if told.method is None:  # a flight without a usable manoeuvre
             parts.append(f"at {rate}")
         else:
             name = told.method.upper()
@@ -189,7 +189,7 @@ def _origin(run: McapRun) -> str:
 
 
 def _stream(summary: RunSummary) -> str:
-    """Return what stands between the flight's answer and the stream's."""
+    """Return the note between the sections on the flight's answer and those on the stream."""
     ids = ", ".join(reason.name for reason in summary.verdict.reasons)
     return note(
         "The stream, sample by sample",

@@ -1,1 +1,1 @@
-"""A run as tables: columns with units, for NumPy, pandas, polars, xarray and files."""
+"""A run as tables whose columns have units, for NumPy, pandas, polars, xarray and files."""

@@ -1,7 +1,7 @@
-"""A run's blocks as columns, each with the unit and words that the table of quantities has.
+"""A run's blocks as columns, each with its unit and words from the table of quantities.
 
-The names are those of records (DESIGN: ``t``, ``rudder``, ``r``, ...), so that a run's samples
-stand under the same names in Python, in what is exported, and in what can be replayed.
+The names are those of records (``t``, ``rudder``, ``r``, ...), so that samples have the same names
+in Python, in exported files, and in files that can be replayed.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -34,15 +34,15 @@ OUTPUTS: Final = {
     "heading-rate": ("heading_rate", "rate of the heading, by Euler's formula"),
     "yaw": ("mean_heading_rate", "change of yaw over the interval before, by its length"),
 }
-"""Name and meaning of what the model's output is: of --output yaw-rate alone it is r."""
+"""The name and the meaning of the model's output, by ``--output``; only the yaw rate is ``r``."""
 _GROUND: Final = -1.0
-"""In place of a kind of airspeed: it is the ground speed."""
+"""The code that stands for the ground speed among the kinds of airspeed."""
 _TYPES: Final[Mapping[str, type]] = {"double": float, "bool": bool, "fixed32": int}
-"""Of protobuf's, those that are numbers: all else becomes text."""
+"""Python's types for protobuf's numbers; values of all other types become text."""
 
 
 class Units:
-    """Unit and meaning of each column of a run."""
+    """The units and the words of a run's columns; ``output`` is the name of the model's output."""
 
     def __init__(self, grid: Grid, config: RunConfig) -> None:
         self.grid, self.config = grid, config
@@ -54,7 +54,7 @@ class Units:
         self.output, self.output_says = name, says
 
     def column(self, name: str, values: Array, says: str = "") -> Column:
-        """Return the column of a quantity; its words where nothing else is to be said."""
+        """Return the column of a quantity, with the quantity's words unless ``says`` is given."""
         row = quantity(name)
         return Column(
             name, values, row.unit.replace(RUDDER, self.grid.rudder_unit), says or row.words
@@ -62,7 +62,7 @@ class Units:
 
 
 def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
-    """Yield what was measured, a row per sample: a record's columns that come first."""
+    """Yield the measured columns, a row for each sample: the first columns of a record."""
     grid = known.grid
     mean = f"mean deflection over [t, t + {grid.sample_time_s:g} s), positive nose right"
     yield _channel("t", samples, grid)
@@ -74,21 +74,21 @@ def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
 
 
 def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
-    """Yield the rest of a record's columns, and what is noted."""
+    """Yield the remaining columns of a record, and the notes of each sample."""
     for name in (each for each in CHANNELS if CHANNELS[each].kept and each not in _FIRST):
         yield _channel(name, samples, known.grid)
     yield Column("noted", texts(samples.noted, _noted), says="what is to be known of it beside")
 
 
 def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:
-    """Return a channel as a record has it."""
+    """Return a channel as the column of a record."""
     row, made = quantity(name), _MADE.get(name)
     values = getattr(samples, name) if made is None else made(samples, grid)
     return Column(name, values, row.unit, row.words)
 
 
 def _is_ground(samples: SampleBlock) -> Bools:
-    """Tell of which samples (n,) the airspeed is the ground speed."""
+    """Return for each sample (n,) whether its airspeed is the ground speed."""
     found: Bools = samples.noted & Noted.GROUND_SPEED != 0
     return found
 
@@ -104,7 +104,7 @@ def _dates(samples: SampleBlock) -> Array:
 
 
 _FIRST: Final = tuple(CHANNELS)[: 1 + list(CHANNELS).index("held")]
-"""The channels that stand before the results in what is exported."""
+"""The channels that come before the results in an exported file."""
 _MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], Array]]] = {
     "t": lambda s, _: s.boot_us / 1e6,
     "airspeed": lambda s, _: np.where(_is_ground(s), np.nan, s.airspeed),
@@ -114,13 +114,13 @@ _MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], Array]]] = {
     "held": lambda s, _: texts(s.held, _held),
     "time": lambda s, _: _dates(s),
 }
-"""How a channel is made that a record has otherwise than the samples."""
+"""The functions that make the channels which a record holds in another form than the samples."""
 
 
 def estimate_columns(
     samples: SampleBlock, estimate: EstimateBlock, known: Units
 ) -> Iterator[Column]:
-    """Yield an estimator's rows: theta by the names of its parameters, each with its sigma."""
+    """Yield an estimator's columns: each parameter of theta, their sigmas, the fit, ``held``."""
     grid = known.grid
     yield _channel("t", samples, grid)
     kinds = (("", estimate.theta, "parameter"), ("_std", estimate.theta_std, "its sigma, of noise"))
@@ -132,7 +132,7 @@ def estimate_columns(
 
 
 def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
-    """Yield how the model tells the output, and what the estimator says of itself."""
+    """Yield the prediction of the output, its errors and sigma, and the estimator's status."""
     said = f"{known.output} as predicted one step ahead"
     yield Column(f"{known.output}_hat", estimate.y_hat, "rad/s", said)
     for name in ("innovation", "residual", "noise_std"):
@@ -142,7 +142,7 @@ def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
 
 
 def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
-    """Yield the first method's Dutch roll, its poles and the numbers of eq. 22-23, sigma beside."""
+    """Yield the primary method's Dutch roll, poles and numbers of eq. 22-23, with their sigmas."""
     modes = rows.modes
     yield _channel("t", rows.samples, known.grid)
     yield from dutch_roll_columns(rows, known)
@@ -156,23 +156,23 @@ def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
 
 
 def dutch_roll_columns(rows: RunRows, known: Units) -> Iterator[Column]:
-    """Yield wn and zeta, their sigmas (of noise) beside."""
+    """Yield wn and zeta, each followed by its sigma of noise."""
     for i, name in enumerate(MODE_VALUES):
         says = OF_NOISE if name.endswith("_std") else ""
         yield known.column(name, rows.modes.dutch_roll[:, i], says)
 
 
 def record_columns(rows: RunRows, known: Units) -> list[Column]:
-    """Return what is exported: the columns of a record, then the results, then what is left."""
+    """Return the exported columns: the first ones of a record, the results, the remaining ones."""
     columns = [*sample_columns(rows.samples, known)]
-    for estimate in list(rows.estimates.values())[:1]:  # the first; without a grid there is none
+    for estimate in list(rows.estimates.values())[:1]:  # the primary one; without a grid none
         *fit, _, status = fit_columns(estimate, known)
         columns += [*fit, *dutch_roll_columns(rows, known), status]
     return [*columns, *further_columns(rows.samples, known)]
 
 
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
-    """Yield a row per manoeuvre: conditions, answer, and the theta that answers."""
+    """Yield columns with a row for each manoeuvre: its conditions, its answer, its theta."""
     found = summary.manoeuvres or []
     fields = [manoeuvre_fields(each) for each in found]
     types = {name: _TYPES.get(kind, object) for name, kind in TABLE["Manoeuvre"]}
@@ -193,7 +193,7 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
 
 
 def theta_unit(name: str, known: Units) -> str:
-    """Return the unit of a parameter by its name."""
+    """Return the unit of a parameter of theta by its name."""
     if name == "bias":
         return "rad/s"
     if not name.startswith("b"):
@@ -202,13 +202,13 @@ def theta_unit(name: str, known: Units) -> str:
 
 
 def texts(codes: Array, word: Callable[[Any], str | None]) -> Array:
-    """Return codes (n,) as texts (n,), None where there is none."""
+    """Return codes (n,) as texts (n,), None where ``word`` returns no text."""
     kinds, which = np.unique(codes, return_inverse=True)
     return np.array([word(code) or None for code in kinds.tolist()], object)[which]
 
 
 def _mode_name(grid: Grid, mode: float) -> str | None:
-    """Return a flight mode's name, its number where it has none."""
+    """Return a flight mode's name, its number where it has no name, None where it is unknown."""
     if mode != mode:  # NaN
         return None
     name = grid.mode_name(mode)
@@ -228,14 +228,14 @@ def _held(bits: int) -> str:
 
 
 def _one(value: Any) -> Any:
-    """Return a field's value for a cell: of several the names, of none None."""
+    """Return a field's value for a cell: names of a list joined by spaces, None for "" or []."""
     if isinstance(value, list):
         return " ".join(each["id"] if isinstance(each, dict) else each for each in value) or None
     return None if value == "" else value
 
 
 def _parameters(found: Iterable[Manoeuvre]) -> list[str]:
-    """Return the names in the models that answer, each once."""
+    """Return the names of all parameters in the answering models, each once."""
     names: dict[str, None] = {}
     for each in found:
         names |= dict.fromkeys(() if each.answer is None else each.answer.theta)

@@ -1,8 +1,9 @@
-"""``yawid export``: a run's samples and results as one file that others read, and yawid too.
+"""``yawid export``: a run's samples and results in one file for other programs, and for yawid.
 
-The columns are those of a record, then the results (:func:`yawid.tables.columns.record_columns`),
-each with its unit: in Parquet with the field, in CSV in a second row, in .npz as JSON. It is
-written block by block, so that a long run needs no more memory than a short one; .npz takes all.
+The columns are those of a record and the results (:func:`yawid.tables.columns.record_columns`).
+Their units are the fields' metadata in Parquet, a second row in CSV, and JSON in .npz. Files are
+written block by block, so that a long run needs no more memory than a short one, except .npz,
+which needs all of it.
 """
 
 import json
@@ -26,18 +27,18 @@ from yawid.version import __version__
 
 FORMATS: Final = (".parquet", ".csv", ".npz")
 Tables = Iterator[list[Column]]
-"""A run's columns, so many rows at a time; there is one row at least."""
+"""A run's columns in groups of rows; there is at least one row."""
 GROUP_ROWS: Final = 1 << 16
-"""Rows of a group in Parquet, and of all that is in memory at a time."""
+"""The least number of rows of a group in Parquet; one group is in memory at a time."""
 _NO_HEADER: Final = pyarrow.csv.WriteOptions(include_header=False)
 TIME: Final = pa.timestamp("ns", tz="UTC")
 
 
 def export(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
-    """Write a run's samples and results to ``out``, else beside the MCAP; return the file's path.
+    """Write a run's samples and results to ``out``, else next to the MCAP; return the path.
 
     Raises:
-        ConfigError: the name of ``out`` says none of the formats.
+        ConfigError: the suffix of ``out`` is not one of ``FORMATS``.
         SourceError: the MCAP cannot be read, is damaged, or holds no sample.
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
@@ -57,7 +58,7 @@ def export(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
 
 
 def facts_of(run: McapRun, known: Units) -> dict[str, str]:
-    """Return what is to be known of all rows: where they are from, and what they mean."""
+    """Return the facts that hold for all rows: their origin, the model and the verdict."""
     summary, config, grid = run.summary, run.config, known.grid
     source, vehicle = summary.source or summary.own_source, summary.vehicle
     facts = {
@@ -80,7 +81,7 @@ def facts_of(run: McapRun, known: Units) -> dict[str, str]:
 
 
 def _groups(blocks: Iterable[RunRows]) -> Iterator[RunRows]:
-    """Yield the rows in groups of ``GROUP_ROWS`` or a little more."""
+    """Yield the rows in groups of at least ``GROUP_ROWS``, except the last."""
     waiting: list[RunRows] = []
     for rows in blocks:
         waiting.append(rows)
@@ -101,7 +102,7 @@ def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
 
 def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     first = next(tables)
-    # Whose rudder is an angle is asked where it turns the nose: a CSV can say it with the unit.
+    # A record whose rudder is an angle has to say where it turns the nose: here with the unit.
     signed = {("rudder", "rad"): "rad nose-right"}
     units = [signed.get((column.name, column.unit), column.unit) for column in first]
     heads = [column.name for column in first], units
@@ -115,13 +116,13 @@ def _npz(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     arrays: dict[str, Any] = {}
     for pieces in zip(*parts, strict=True):
         values = np.concatenate([piece.values for piece in pieces])
-        arrays[pieces[0].name] = filled(values)  # objects would have to be pickled
+        arrays[pieces[0].name] = filled(values)  # NumPy could save objects only by pickle
     units = {column.name: column.unit for column in parts[0]}
     np.savez_compressed(stream, units=json.dumps(units), facts=json.dumps(facts), **arrays)
 
 
 def _arrow(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
-    """Return columns for Arrow: what is unknown is null, of texts too."""
+    """Return columns as an Arrow table; unknown values, also of texts, are null."""
     fields, arrays = [], []
     for column in columns:
         array = _array(column)

@@ -1,4 +1,4 @@
-"""What a notebook and a prompt show of a run: whether it may be used first, then the answer."""
+"""A run as a notebook and a prompt show it: first whether it is usable, then the answer."""
 
 from collections.abc import Sequence
 from html import escape
@@ -10,14 +10,14 @@ from yawid.tables.table import Table
 
 
 def told(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
-    """Return a run as a prompt shows it."""
+    """Return a run as text for a prompt."""
     rows = ", ".join(f"{table.title} ({len(table)})" for table in tables)
     lines = [f"{path}: {verdict(summary)}", *reasons(summary), *answer(summary), f"rows: {rows}"]
     return "\n  ".join(lines)
 
 
 def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
-    """Return a run as a notebook shows it: HTML without script, style but its own, or sources."""
+    """Return a run as HTML for a notebook, without script, external styles or other sources."""
     said = "".join(f"<li>{escape(line)}</li>" for line in reasons(summary))
     dim = "" if summary.deciding.usable else ";opacity:0.6"
     lines = escape("\n".join(answer(summary)))
@@ -35,19 +35,19 @@ def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
 
 
 def verdict(summary: RunSummary) -> str:
-    """Return whether the answer may be used."""
+    """Return in words whether the answer is usable."""
     if summary.deciding.usable:
         return "usable"
     return "NOT USABLE" + (", the numbers are for study only" if summary.estimates else "")
 
 
 def reasons(summary: RunSummary) -> list[str]:
-    """Return why the answer may not be used, and what it is warned of."""
+    """Return the reasons of the deciding verdict, fatal ones and warnings."""
     return [str(reason) for reason in summary.deciding.reasons]
 
 
 def answer(summary: RunSummary) -> list[str]:
-    """Return the flight's answer line by line, or the stream's where there was no manoeuvre."""
+    """Return the lines of the flight's answer, and the stream's where there was no manoeuvre."""
     lines = [f"{row.name:>6}  {row.text}" for row in flight_rows(summary)]
     mode = summary.dutch_roll
     if summary.flight is None and mode is not None and summary.answering is not None:

@@ -1,4 +1,4 @@
-"""``yawid.load`` and ``yawid.replay``: a run in Python, from its file or from a log."""
+"""``yawid.load`` and ``yawid.replay``, which give a run in Python from its file or from a log."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     pass
 
 OF_FILES: Final = ("out", "force", "json", "rerun")
-"""What a TOML file may say to the command line of what is written: here nothing is."""
+"""Options of the output files that a TOML file may hold for the command line: ignored here."""
 
 
 class Run:
-    """A run as tables: columns are NumPy arrays with units, rows samples or manoeuvres.
+    """A run as tables: columns are NumPy arrays with units, rows are samples or manoeuvres.
 
-    ``summary`` is what ``--json`` prints, ``config`` what was asked for, ``path`` the file that was
-    read. The tables are made when they are first asked for.
+    ``summary`` is what ``--json`` prints, ``config`` the configuration, ``path`` the file that was
+    read. Each table is made when it is first used.
     """
 
     def __init__(
@@ -56,14 +56,14 @@ class Run:
 
     @cached_property
     def samples(self) -> Table:
-        """What was measured, a row per sample, held ones too."""
+        """The measured channels, a row for each sample, also for held ones."""
         samples, known = self._rows.samples, self._known
         columns = [*sample_columns(samples, known), *further_columns(samples, known)]
         return Table("samples", columns)
 
     @cached_property
     def estimates(self) -> Mapping[str, Table]:
-        """By method, the one asked for first: theta, sigma, prediction, a row per sample."""
+        """The estimates by method, the primary one first: theta, sigmas, prediction, per sample."""
         return {
             method: self._made_of(
                 f"estimates by {method}",
@@ -74,21 +74,21 @@ class Run:
 
     @cached_property
     def modes(self) -> Table:
-        """The first method's Dutch roll, poles and physics, a row per sample."""
+        """The primary method's Dutch roll, poles and numbers of eq. 22-23, a row per sample."""
         return self._made_of("modes", mode_columns(self._rows, self._known))
 
     @cached_property
     def manoeuvres(self) -> Table:
-        """The manoeuvres: conditions, answers, theta; no row where none was found."""
+        """The manoeuvres with their conditions, answers and theta; no row where none was found."""
         return Table("manoeuvres", [*manoeuvre_columns(self.summary, self._known)])
 
     @cached_property
     def record(self) -> Table:
-        """Samples and the first method's results beside them, as ``yawid export`` writes them."""
+        """The samples with the primary method's results, as ``yawid export`` writes them."""
         return self._made_of("samples and results", record_columns(self._rows, self._known))
 
     def _made_of(self, title: str, columns: Iterable[Column]) -> Table:
-        """Return a table of results; of a run that is not usable its title says so."""
+        """Return a table of results, whose title marks a run that is not usable."""
         mark = "" if self.summary.deciding.usable else " (of a run that is NOT USABLE)"
         return Table(title + mark, [*columns])
 
@@ -119,7 +119,7 @@ class Run:
 
 
 def load(path: str | PathLike[str]) -> Run:
-    """Return the run that an MCAP of yawid holds, all of it in memory.
+    """Return the run in one of yawid's MCAP files, read into memory as a whole.
 
     Raises:
         SourceError: it cannot be read, is damaged, was never finished or is not yawid's.
@@ -132,11 +132,11 @@ def load(path: str | PathLike[str]) -> Run:
 
 
 def replay(path: str | PathLike[str], **options: Any) -> Run:
-    """Replay a log, or a run's MCAP, and return what ``yawid replay`` would write; no file is.
+    """Replay a log or a run's MCAP and return the run that ``yawid replay`` would write to files.
 
     ``options`` are those of the command line with underscores: ``rate=10, orders="auto"``, the
-    stretch as ``from_s`` and ``to_s``; ``config`` names a TOML file, ``format`` is ``raw`` for
-    frames without stamps, ``signing_key_file`` names the key of signed ones.
+    stretch as ``from_s`` and ``to_s``. ``config`` names a TOML file, ``format`` is ``raw`` for
+    frames without stamps, ``signing_key_file`` names the file with the key of signed frames.
 
     Raises:
         ConfigError: an option is unknown, outside its limits, or does not fit the log.
@@ -167,7 +167,7 @@ def replay(path: str | PathLike[str], **options: Any) -> Run:
 
 @dataclass(slots=True)
 class Kept(Sink):
-    """A sink that keeps a run in memory, as its file would have it."""
+    """A sink that keeps a run in memory, with the content that its file would have."""
 
     grid: Grid | None = None
     parts: list[RunRows] = field(default_factory=list)
@@ -175,7 +175,7 @@ class Kept(Sink):
     configuration: bytes = b""
 
     def run(self, path: Path) -> Run:
-        """Return the run of the log at ``path``, once it is finished."""
+        """Return the run of the log at ``path``; the sink must be finished and is then empty."""
         from yawid.sinks.mcap.reader import read_config
 
         assert self.summary is not None, "the run is not finished"
@@ -190,7 +190,7 @@ class Kept(Sink):
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
-        """See :class:`yawid.sinks.base.Sink`; the covariances are let go, as no file has them."""
+        """See :class:`yawid.sinks.base.Sink`; covariances are dropped, since no file has them."""
         kept = {
             method: EstimateBlock(estimate.without_covariance.copy(), estimate.p)
             for method, estimate in estimates.items()
@@ -203,7 +203,7 @@ class Kept(Sink):
 
 
 def no_rows() -> RunRows:
-    """Return no row: of a run in which rudder and yaw rate never flowed together."""
+    """Return empty rows, for a run in which rudder and yaw rate never came together."""
     columns: dict[str, Any] = dict.fromkeys(SampleBlock.__slots__, np.empty(0))
     whole = ("k", "boot_us", "unix_ns", "received_us", "noted", "held", "epoch")
     columns |= dict.fromkeys(whole, np.empty(0, np.int64))

@@ -1,4 +1,4 @@
-"""Columns with units: how a run's numbers come to NumPy, pandas, polars and xarray."""
+"""Tables of columns with units, and their conversion to pandas, polars and xarray."""
 
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,13 +12,13 @@ from yawid.blocks import Array
 from yawid.errors import ConfigError
 
 SHOWN: Final = 10
-"""Rows of a table that a notebook shows, half of them its first."""
+"""The number of rows of a table that a notebook shows: half of them the first, half the last."""
 
 
 class Column(NamedTuple):
-    """One column: values (n,), their unit (``1`` without one, empty of texts), what they say.
+    """One column: values (n,), their unit (``1`` without one, "" for texts), their meaning.
 
-    Texts are objects, None where there is none; unknown numbers are NaN, unknown times NaT.
+    Texts are objects, None where unknown; unknown numbers are NaN, unknown times NaT.
     """
 
     name: str
@@ -30,8 +30,8 @@ class Column(NamedTuple):
 class Table:
     """Columns of one length, each a NumPy array (n,): ``table.wn`` or ``table["wn"]``.
 
-    ``units`` and ``says`` hold unit and meaning by name, ``columns`` the names, ``title`` what a
-    row is. ``table[10:20]``, or a mask or indices (m,), gives the table of these rows.
+    ``units`` and ``says`` hold unit and meaning by name, ``columns`` the names, ``title`` says what
+    the rows are. ``table[10:20]``, or a mask or indices (m,), gives the table of these rows.
     """
 
     __slots__ = ("_values", "says", "title", "units")
@@ -49,11 +49,11 @@ class Table:
 
     @property
     def counted(self) -> str:
-        """What the rows are, and how many."""
+        """What the rows are, and their number, in words."""
         return f"{self.title}, {len(self)} row{'' if len(self) == 1 else 's'}"
 
     def keys(self) -> tuple[str, ...]:
-        """Return the names of the columns: ``dict(table)`` gives the arrays by name."""
+        """Return the names of the columns, so that ``dict(table)`` gives the arrays by name."""
         return self.columns
 
     def __iter__(self) -> Iterator[str]:
@@ -79,7 +79,7 @@ class Table:
         return Table(self.title, [c._replace(values=c.values[key]) for c in self.each()])
 
     def __getattr__(self, name: str) -> Array:
-        if name.startswith("_") or name in Table.__slots__:  # asked for before they are there
+        if name.startswith("_") or name in Table.__slots__:  # not set yet, as while unpickling
             raise AttributeError(name)
         if name not in self._values:
             raise AttributeError(f"{self.title} have no column {name!r}: {', '.join(self)}")
@@ -92,7 +92,7 @@ class Table:
         return list(self._values)
 
     def each(self) -> Iterator[Column]:
-        """Yield the columns with all that is known of them."""
+        """Yield each column with its name, unit and meaning."""
         for name, values in self._values.items():
             yield Column(name, values, self.units[name], self.says[name])
 
@@ -107,7 +107,7 @@ class Table:
         return frame
 
     def to_polars(self) -> Any:
-        """Return a polars.DataFrame, unknown numbers null; polars itself keeps no units.
+        """Return a polars.DataFrame with unknown numbers as null; polars cannot keep units.
 
         Raises:
             ConfigError: polars is not installed.
@@ -155,7 +155,7 @@ class Table:
 
 
 def cell(value: Any) -> str:
-    """Return a value as a person reads it, empty where it is unknown."""
+    """Return a value as text for a person, "" where it is unknown."""
     if value is None or value != value:  # NaN and NaT
         return ""
     if isinstance(value, float):
@@ -164,10 +164,10 @@ def cell(value: Any) -> str:
 
 
 def library(name: str) -> Any:
-    """Import a library that not everybody has.
+    """Import an optional library.
 
     Raises:
-        ConfigError: it is not installed; the text names it.
+        ConfigError: it is not installed; the message names it.
     """
     try:
         return importlib.import_module(name)
@@ -176,14 +176,14 @@ def library(name: str) -> Any:
 
 
 def filled(values: Array) -> Array:
-    """Return texts (n,) as NumPy's own, empty where there is none; numbers as they are."""
+    """Return texts (n,) as a NumPy array of strings, "" where unknown; numbers as they are."""
     if values.dtype != object:
         return values
     return np.array(["" if each is None else each for each in values], np.str_)
 
 
 def _plain(values: Array) -> Any:
-    """Return objects as a list: polars looks for the type in it."""
+    """Return objects as a list, from whose values polars finds the type."""
     return values.tolist() if values.dtype == object else values
 
 
