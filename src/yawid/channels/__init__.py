@@ -1,1 +1,1 @@
-"""Channels: MAVLink messages in, samples of rudder and yaw rate on one uniform grid out."""
+"""The channels: MAVLink messages in, samples of rudder and yaw rate on one uniform grid out."""

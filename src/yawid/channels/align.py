@@ -1,10 +1,10 @@
 """Two channels on one uniform grid of vehicle time: t_k = k * Ts.
 
 y(k) is the yaw rate at the instant t_k, interpolated between the two messages around it; u(k) is
-the mean over [t_k, t_k+1) of the deflection held from message to message. With these meanings a
-plant without dead time is nk = 1 and its zero-order-hold discretisation is what the estimator
-finds. A gap is a break: of the instants it swallows only the first becomes a (held) sample, none is
-filled in.
+the mean over [t_k, t_k+1) of the deflection, which is held from message to message. With these
+definitions a plant without dead time has nk = 1, and the estimator finds its zero-order-hold
+discretisation. A gap is a break: of the instants within it only the first becomes a sample, a held
+one, and nothing is filled in.
 """
 
 import math
@@ -17,12 +17,17 @@ from yawid.channels.series import Piece, Readings, Series, flow_together
 from yawid.channels.yaw_reader import LINEAR, ROW
 
 MOST_INSTANTS = 2**16
-"""Aligned at once: a clock that leaps from message to message must not take the memory."""
+"""The most instants aligned at once: a clock that leaps at each message must not fill the
+memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlignedRows(Columns):
-    """Aligned rows, not yet samples; ``order`` (n,) is the message that completed each."""
+    """Aligned rows, not samples yet; ``order`` (n,) is the place of each one's last message.
+
+    ``offset_us`` (n,) is Unix time minus boot time; ``yaw`` (n, columns of ``ROW``) and ``surface``
+    (n, inputs + 1) hold the values, NaN in a gap; ``held`` (n,) has the bits of :class:`Held`.
+    """
 
     k: Ints
     order: Ints
@@ -35,9 +40,9 @@ class AlignedRows(Columns):
 
 @dataclass(slots=True)
 class Aligner:
-    """Aligns one segment after another.
+    """The alignment of one segment after another.
 
-    ``gaps_us`` are the longest message intervals bridged (yaw, surface).
+    ``gaps_us`` holds the longest message intervals that are bridged (yaw, surface), in us.
     """
 
     sample_time_s: float
@@ -54,7 +59,7 @@ class Aligner:
     _last_mode: float = math.nan
 
     def feed(self, piece: Piece) -> SampleBlock | None:
-        """Take one piece of a segment in; return the samples it completes."""
+        """Take one piece of a segment in; return the samples that it completes, or None."""
         if piece.opens:
             self._open(piece)
         self._surface = Series.joined([self._surface, piece.surface])
@@ -79,7 +84,7 @@ class Aligner:
         return 1e6 * self.sample_time_s
 
     def _start(self) -> list[AlignedRows]:
-        """Begin the grid once both channels flow, with one held sample where a segment ended."""
+        """Begin the grid once both channels have rows; return a held sample if a segment ended."""
         together = flow_together(self._yaw, self._surface)
         if together is None:
             return []
@@ -94,7 +99,7 @@ class Aligner:
         return [AlignedRows(k, order, received.received_us[:1], offset_us, *hole, why)]
 
     def _emit(self, first_k: int) -> list[AlignedRows]:
-        """Align the grid instants that both channels have passed, so many of them at a time."""
+        """Return rows at the grid instants that both channels have passed, from ``first_k`` on."""
         last = min(self._yaw.t_us[-1], self._surface.t_us[-1] - self._ts_us) / self._ts_us
         stop = min(math.floor(last) + 3, first_k + MOST_INSTANTS)
         edges = np.arange(first_k, stop) * self._ts_us
@@ -120,7 +125,7 @@ class Aligner:
         return [rows.select(keep)] if keep.any() else []
 
     def _at_instants(self, t: Floats) -> tuple[Floats, Ints, Bools]:
-        """Interpolate the yaw columns; return them, the later message used and the gaps."""
+        """Return the yaw columns at times t in us, the later of the messages used, and the gaps."""
         b = np.searchsorted(self._yaw.t_us, t, side="left")
         a = np.where(self._yaw.t_us[b] == t, b, b - 1)
         width = (self._yaw.t_us[b] - self._yaw.t_us[a]).astype(float)
@@ -131,7 +136,7 @@ class Aligner:
         return between, b, width > self.gaps_us[0]
 
     def _over_intervals(self, edges: Floats) -> tuple[Floats, Ints, Bools]:
-        """Average the held columns over [edge, next edge), piece by piece between messages."""
+        """Return the surfaces' means over [edge, next edge), the messages that end it, the gaps."""
         times = self._surface.t_us
         inside = times[(times > edges[0]) & (times < edges[-1])].astype(float)
         cuts = np.union1d(edges, inside)
@@ -139,7 +144,7 @@ class Aligner:
         holds = np.searchsorted(times, cuts[:-1], side="right") - 1
         area = self._surface.values[holds] * np.diff(cuts)[:, None]
         mean = np.add.reduceat(area, starts, axis=0) / self._ts_us
-        # What did not move has its own value for a mean, to the bit: a run's export is such.
+        # The mean of a constant is its value to the bit, which the export of a run relies on.
         alone = np.diff(starts, append=len(holds)) == 1
         mean[alone] = self._surface.values[holds[starts[alone]]]
         interval = (times[holds + 1] - times[holds]).astype(float)
@@ -147,7 +152,7 @@ class Aligner:
         return mean, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]
 
     def _prune(self) -> None:
-        """Forget the rows no later sample can need."""
+        """Forget the rows that no later sample needs."""
         if self._next_k is None:
             # Until the other channel starts, only the newest row can reach into the first sample.
             last = slice(-1, None)
@@ -185,7 +190,7 @@ class Aligner:
         )  # fmt: skip
 
     def _noted(self, mode: Floats) -> Ints:
-        """Mark the samples at which the flight mode is another than before."""
+        """Return the notes (n,) with MODE_CHANGED where the flight mode differs from the last."""
         known = np.isfinite(mode)
         changed = np.zeros(len(mode), np.int64)
         if known.any():

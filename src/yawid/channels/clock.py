@@ -1,7 +1,7 @@
 """The vehicle's clock: one time in microseconds since boot for every message.
 
-SERVO_OUTPUT_RAW.time_usec is 32 bits wide and wraps every 71.6 minutes while ATTITUDE.time_boot_ms
-goes on, so the first is unwrapped beside the second.
+SERVO_OUTPUT_RAW.time_usec has 32 bits and wraps every 71.6 minutes while ATTITUDE.time_boot_ms goes
+on, so the first is unwrapped with the help of the second.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from yawid.blocks import FIRST_DATE_US, Array, Ints, MessageBlock
 from yawid.channels.series import Readings
 
 NEWEST = slice(-1, None)
-"""Of a series, all that is needed of what came before."""
+"""The newest row, all that is kept of an earlier series."""
 
 
 def boot_us(fields: Array) -> Ints:
@@ -23,10 +23,10 @@ def boot_us(fields: Array) -> Ints:
 
 
 def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) -> Ints:
-    """Unwrap 32-bit microseconds beside the last full boot time received before each of them.
+    """Return 32-bit microseconds unwrapped by the last full boot time received before each of them.
 
-    ``boot_us`` and ``boot_order`` (m >= 1,) are the full times. Returns int64 microseconds (n,);
-    the result lies within 2**31 us (35.8 min) of the full time.
+    ``boot_us`` and ``boot_order`` (m >= 1,) are the full times and their places. The result, int64
+    microseconds (n,), lies within 2**31 us (35.8 min) of the full time.
     """
     last = np.maximum(np.searchsorted(boot_order, order) - 1, 0)
     turns = np.rint((boot_us[last] - raw) / 2.0**32).astype(np.int64)
@@ -36,10 +36,10 @@ def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) ->
 
 @dataclass(slots=True)
 class OwnClock:
-    """The clock of one message alone, where no other reports a full time: its newest readings.
+    """The clock of a single message, for where no other reports a full time: its newest readings.
 
-    They count from boot where the message reports that, and from the first where it reports Unix
-    time.
+    They count from boot if the message reports time since boot, and from its first row if it
+    reports Unix time.
     """
 
     readings: Readings = field(default_factory=Readings.none)
@@ -47,7 +47,7 @@ class OwnClock:
     _last: int | None = None
 
     def observe(self, block: MessageBlock | None) -> None:
-        """Take a block in; of what came before only the newest reading is still needed."""
+        """Take a block in; of the earlier readings only the newest is kept."""
         if block is None or len(block) == 0:
             return
         raw = boot_us(block.fields)
@@ -55,7 +55,7 @@ class OwnClock:
             self._shift = -int(raw[0]) if raw[0] >= FIRST_DATE_US else 0  # time_usec may be Unix
         t_us = raw + self._shift
         if block.name == "SERVO_OUTPUT_RAW" and block.fields.dtype["time_usec"].itemsize == 4:
-            # 32 bits: a fall by more than half of them is a wrap, a smaller one a reboot.
+            # Of 32 bits, a fall by more than half their range is a wrap, a smaller one a reboot.
             steps = np.diff(raw, prepend=raw[0] if self._last is None else self._last)
             turns = -np.cumsum(np.rint(steps / 2.0**32).astype(np.int64))
             self._last, self._shift = int(raw[-1]), self._shift + int(turns[-1]) * 2**32

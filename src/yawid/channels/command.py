@@ -1,8 +1,8 @@
-"""Whether the autopilot flew the aircraft at all: its outputs moved, and it was armed.
+"""The check whether the autopilot flew the aircraft at all: it was armed, and its outputs moved.
 
-A log may hold commands that nobody carries out: of an autopilot that was taken along disarmed, or
-whose outputs are blocked by a safety switch. Looked at is only what was reported while samples
-could be taken: in the boot and the stretch asked for, and not on the ground.
+A log may contain commands without effect: those of an autopilot that was carried along disarmed, or
+whose outputs a safety switch blocks. Only messages from the time of the samples count: the boot and
+the stretch asked for, and not on the ground.
 """
 
 import math
@@ -20,16 +20,16 @@ from yawid.config.run import RunConfig
 from yawid.quantities.vehicles import ARMED
 
 MOVED = 0.002
-"""An output whose values differ by more than this part of them has moved: 3 us of a servo."""
+"""An output has moved if its values differ by more than this part of them: 3 us of a servo."""
 LEAST_ROWS = 10
-"""Of fewer messages nobody can say that an output stood still."""
+"""The least number of messages that show that an output stood still."""
 _OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
 _OFF = 65535.0
 
 
 @dataclass(slots=True)
 class Output:
-    """What one message said of one output (numbered from 1) over so many rows."""
+    """The range of the raw values of one output (numbered from 1) in so many rows of a message."""
 
     rows: int = 0
     low: float = math.inf
@@ -43,15 +43,15 @@ class Output:
 
     @property
     def moved(self) -> bool:
-        """Whether it did."""
+        """Whether the output has moved."""
         return self.high - self.low > MOVED * max(abs(self.low), abs(self.high))
 
 
 @dataclass(slots=True)
 class Command:
-    """Gathers the facts from the stage's messages; ``texts`` says what speaks against the log.
+    """The facts from the messages; ``texts`` yields the reasons against the log.
 
-    What is sampled is chosen as the ``config`` says.
+    ``config`` says which boot and which stretch are sampled.
     """
 
     config: RunConfig
@@ -65,8 +65,8 @@ class Command:
     _armed: Latest = field(default_factory=lambda: Latest(1))
 
     def observe_yaw(self, piece: Piece) -> None:
-        """Take in a piece of a segment: its rows of yaw say where samples can be taken."""
-        if self.moved and self.armed:  # nothing is left to be found out
+        """Take in a piece of a segment: its rows of yaw say where there can be samples."""
+        if self.moved and self.armed:  # everything is known already
             return
         yaw, (low_us, high_us) = piece.yaw, self.config.window_us
         sampled = (yaw.t_us >= low_us) & (yaw.t_us <= high_us)
@@ -74,7 +74,7 @@ class Command:
         self._rows.append((yaw.order, sampled[:, None].astype(float)))
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
-        """Take in the messages among which those rows were."""
+        """Take in the messages that those rows came with."""
         if self.moved and self.armed:
             return
         self._armed.observe(
@@ -82,7 +82,7 @@ class Command:
             lambda f: (f["base_mode"] & ARMED != 0)[:, None].astype(float),
         )
         if "HEARTBEAT" in messages:
-            # What an on-board log makes of its own status has no field that only a link carries.
+            # A HEARTBEAT made from an on-board log lacks a field that every link has.
             names = messages["HEARTBEAT"].fields.dtype.names or ()
             self.on_board = "system_status" not in names
         rows, self._rows = self._rows, []
@@ -111,8 +111,8 @@ class Command:
     ) -> Iterator[tuple[str, str]]:
         """Yield the reasons, (id, text).
 
-        ``why_believed`` says why the rudder moved the aircraft all the same, if anything does: a
-        pilot's receiver may have moved the servos by the same sticks.
+        ``why_believed`` returns why the rudder moved the aircraft all the same, "" if nothing shows
+        it: a pilot's receiver may have moved the servos by the same sticks.
         """
         never_armed = self.disarmed and not self.armed
         still = {key: output for key, output in self.outputs.items() if output.rows >= LEAST_ROWS}
@@ -135,7 +135,7 @@ class Command:
 
 
 def _still(outputs: Mapping[tuple[str, int], Output]) -> str:
-    """Say which outputs (by message and number) stood still, and where."""
+    """Return in words which outputs (by message and number) stood still, and at what value."""
     said = []
     for message in sorted({message for message, _ in outputs}):
         own = {number: output for (name, number), output in outputs.items() if name == message}

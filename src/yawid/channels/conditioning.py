@@ -1,12 +1,12 @@
-"""Conditioning on the grid: choice of the output, turns removed, one filter for all channels.
+"""Conditioning on the grid: the choice of the output, turns removed, one filter for all channels.
 
-The filter works on the samples of the grid, the same on every input and on the output, so that it
-leaves the relation between them alone: with y = G u also F y = G F u, exactly. Where messages come
-faster than the grid, its upper corner acts on a finer one, lest vibration folds into the samples:
-what vibrates above half the grid's rate would stand there as a slow motion that no filter on the
-grid can take out again. So with ``--band`` the channels are aligned on a grid as fine as their
-messages, pass the same Butterworth low-pass there, and are thinned out: y at the instant, u as the
-mean over the interval, as ever. SciPy is loaded where a band asks for it: it takes half a second.
+The filter works on the samples of the grid and is the same for every input and the output, so that
+it does not change the relation between them: if y = G u, then F y = G F u exactly. Vibration above
+half the rate of the grid would appear in the samples as a slow motion (aliasing), which no filter
+on the grid could remove. So with ``--band``, where messages come faster than the grid, the upper
+corner acts on a finer one: the channels are aligned on a grid as fine as their messages, pass the
+same Butterworth low-pass there, and are reduced to the grid, y at the instant and u as the mean
+over the interval as always. SciPy is loaded only for a band, because that takes half a second.
 """
 
 import math
@@ -31,8 +31,9 @@ from yawid.config.run import DEFAULT_MEMORY_S, RATE_SLACK, RunConfig
 from yawid.errors import ConfigError
 
 FULL_TRAVEL = 0.99
+"""The part of the full deflection from which on the rudder counts as saturated."""
 BAND_ORDER = 2
-"""Order of the Butterworth at either end of the band."""
+"""The order of the Butterworth filter at either end of the band."""
 
 
 def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
@@ -52,9 +53,9 @@ def band_pass(band_hz: tuple[float, float], sample_time_s: float) -> Floats:
 
 @dataclass(slots=True)
 class Conditioner:
-    """Turns aligned samples into what the estimators see; carries the filters' state.
+    """The way from aligned samples to those of the estimators, with the state of the filters.
 
-    With a band each sample comes in ``count`` finer ones (:class:`Decimator`).
+    With a band, ``count`` finer samples make one of the grid (:class:`Decimator`).
 
     Raises:
         ConfigError: the band does not fit the rate.
@@ -73,7 +74,7 @@ class Conditioner:
         if self.config.band is None:
             return
         sections = band_pass(self.config.band, self.sample_time_s)
-        if self.count > 1:  # the upper corner acts before the samples are thinned, and only there
+        if self.count > 1:  # the upper corner acts only on the finer samples
             low_hz, high_hz = self.config.band
             self._decimator = Decimator(self.sample_time_s, self.count, high_hz)
             sections = butterworth(low_hz, "high", 1.0 / self.sample_time_s)
@@ -82,7 +83,7 @@ class Conditioner:
     def feed(self, block: SampleBlock) -> SampleBlock | None:
         """Return the block conditioned, None where it completes no sample of the grid.
 
-        Samples that thereby miss something become held.
+        Samples for which something is missing become held.
         """
         block = self._flag_saturation(block)
         if self.config.output == "yaw":
@@ -107,9 +108,9 @@ class Conditioner:
         return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 
     def _differenced(self, block: SampleBlock) -> SampleBlock:
-        """Make the output (psi(k) - psi(k-1)) / Ts: the known integrator never becomes a free pole.
+        """Return the block with output (psi(k) - psi(k-1)) / Ts: the integrator is no free pole.
 
-        ``turn_rate`` becomes the mean of both ends, as the output is that of the rate between them.
+        ``turn_rate`` becomes the mean of both ends, since the output is the mean rate between them.
         """
         good = block.held == 0
         k, yaw, turn = block.k[good], block.yaw[good], block.turn_rate[good]
@@ -126,12 +127,15 @@ class Conditioner:
 
 
 def finer_by(sample_time_s: float, interval_us: float) -> int:
-    """Return into how many a sample time is cut so that no message interval is longer than one."""
+    """Return how many fine samples make one of the grid, each at most one message interval long.
+
+    ``interval_us`` is the shortest message interval.
+    """
     return max(1, math.ceil(RATE_SLACK * 1e6 * sample_time_s / interval_us))
 
 
 def butterworth(corner_hz: float | tuple[float, float], kind: str, rate_hz: float) -> Floats:
-    """Return one end of the band, or both, as second-order sections (n, 6)."""
+    """Return the Butterworth filter of one end of the band, or of both, as sections (n, 6)."""
     from scipy.signal import butter
 
     sections: Floats = butter(BAND_ORDER, corner_hz, kind, fs=rate_hz, output="sos")
@@ -140,16 +144,16 @@ def butterworth(corner_hz: float | tuple[float, float], kind: str, rate_hz: floa
 
 @dataclass(slots=True)
 class GridFilter:
-    """One filter for inputs and output alike; carries its state from block to block."""
+    """One filter for inputs and output alike; it keeps its state from block to block."""
 
     sections: Floats
     _state: Floats | None = None
 
     def feed(self, block: SampleBlock) -> SampleBlock:
-        """Return u, aileron and y filtered; after a held sample it starts again, at rest."""
+        """Return the block with u, aileron and y filtered; a held sample resets the filter."""
         from scipy.signal import sosfilt, sosfilt_zi
 
-        # An aileron that is not known for a while must not spoil the filter for the rest.
+        # An aileron that is unknown for a while must not leave NaN in the filter's state.
         unknown = np.isnan(block.aileron)
         aileron = np.where(unknown, 0.0, block.aileron)
         signals = np.column_stack([block.u, aileron, block.y])
@@ -168,10 +172,10 @@ class GridFilter:
 
 @dataclass(slots=True)
 class Decimator:
-    """Low-passes fine samples at ``corner_hz`` and keeps every ``count``-th.
+    """The low-pass of fine samples at ``corner_hz``, which makes one of every ``count``.
 
-    A sample of the grid is held if one of its fine samples is, for the same reasons; one of which
-    a part is missing without a reason lies at the edge of a gap or of the log and is left out.
+    A sample of the grid is held if one of its fine samples is, for the same reasons. If fine
+    samples are missing without a reason, it is at the edge of a gap or of the log and is left out.
     """
 
     sample_time_s: float
@@ -198,7 +202,7 @@ class Decimator:
         return self._thinned(fine, starts) if len(starts) else None
 
     def _thinned(self, fine: SampleBlock, starts: Ints) -> SampleBlock | None:
-        """Make one sample of each group of fine ones."""
+        """Return one sample for each group of fine ones, which begin at the rows ``starts``."""
         held = np.bitwise_or.reduceat(fine.held, starts)
         sizes = np.diff(np.append(starts, len(fine)))
         whole = fine.select(starts)
@@ -220,10 +224,10 @@ class Decimator:
 
 @dataclass(slots=True)
 class Notes:
-    """Adds the notes to conditioned samples; carries the mean airspeed and the newest rudder.
+    """The notes added to conditioned samples; it keeps the mean airspeed and the newest rudder.
 
-    The airspeed is compared with its mean over the minute before, older ones counting
-    exponentially less: as long as a default estimator remembers, whatever this one does.
+    The airspeed is compared with its mean over the last minute, with exponentially smaller weight
+    for older values. This is the default estimator's memory, whatever memory this run has.
     ``travel_unit`` is half the rudder's travel in the unit of ``u``.
     """
 

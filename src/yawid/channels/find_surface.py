@@ -1,8 +1,8 @@
-"""Which outputs are the rudder and the aileron, by what the vehicle's parameters say.
+"""The search for the outputs that move the rudder and the aileron, by the vehicle's parameters.
 
 ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), ArduPlane before 3.8 by the
 stick of the same number, PX4 by PWM_MAIN_FUNCn, which names a servo, and CA_SV_CSi_TYPE, which
-names the control surface that servo moves.
+names the control surface that the servo moves.
 """
 
 import itertools
@@ -15,29 +15,35 @@ from yawid.channels.vehicle import Vehicle, has_wings
 from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER
 
 AP_VTAIL, AP_ELEVON, AP_FLAPERON = (79, 80), (77, 78), (24, 25)
-"""SERVOn_FUNCTION of left and right."""
+"""The SERVOn_FUNCTION of left and right."""
 AP_SINGLE = {"rudder": AP_RUDDER, "aileron": AP_AILERON}
 AP_PAIRS = {"rudder": (AP_VTAIL,), "aileron": (AP_ELEVON, AP_FLAPERON)}
+"""The pairs of outputs into which the surface may be mixed."""
 STOCK_SERVO = {"rudder": 4, "aileron": 1}
+"""ArduPilot's stock servo of each surface."""
 CONTROL_INDEX = {"rudder": 2, "aileron": 0}
+"""The index of each surface in ACTUATOR_CONTROL_TARGET.controls, by PX4's convention."""
 PX4_SINGLE = {"rudder": (4,), "aileron": (15,)}
+"""The CA_SV_CSi_TYPE of a single surface."""
 PX4_PAIR = {"rudder": (7, 8, 0.5, -0.5), "aileron": (1, 2, -0.5, 0.5)}
-"""CA_SV_CSi_TYPE of left and right, and their weights: torque about the axis is half of each."""
+"""The CA_SV_CSi_TYPE of left and right, and their weights: each gives half of the torque."""
 PX4_FIRST_SERVO = 201
+"""The output function that means servo 1; it moves control surface 0."""
 PX4_BANKS = (("PWM_MAIN", 0), ("PWM_AUX", 16), ("HIL_ACT", 0))
+"""The prefixes of a bank's parameters, and the number of outputs before it in the message."""
 
 
 def find_surface(
     what: str, selector: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
-    """Return where the ``rudder`` or ``aileron`` is to be read now, or None while nothing names it.
+    """Return where to read the ``rudder`` or ``aileron`` from now on, None while nothing names it.
 
-    With ``auto``: the outputs the parameters name; on an ArduPilot fixed-wing that has reported no
-    SERVOn_FUNCTION at all the stock channel, as an assumption; on another autopilot that has named
-    no output ACTUATOR_CONTROL_TARGET, if it is ``received`` and the vehicle has wings. Of a
-    fixed-wing that sends no output at all the pilot's stick stands in, unless its parameters name
-    other surfaces and not this one. What has no rudder by its type has none by an option either,
-    unless its parameters name one.
+    With ``auto`` these are the outputs that the parameters name. On an ArduPilot fixed-wing that
+    has reported no SERVOn_FUNCTION at all, the stock channel is assumed. On another autopilot that
+    has named no output, it is ACTUATOR_CONTROL_TARGET if that is ``received`` and the vehicle has
+    wings. For a fixed-wing that sends no output at all, the pilot's stick is the substitute, unless
+    its parameters name other surfaces and not this one. A vehicle whose type has no rudder gets
+    none by an option either, unless its parameters name one.
     """
     if vehicle.type in WITHOUT_RUDDER and _reported(what, vehicle, table, received) is None:
         return None
@@ -64,9 +70,9 @@ def _named(
 ) -> Surface | None:
     """Return the output that parameters or convention name.
 
-    By PX4's convention control 2 is the torque about the yaw axis: of wings the rudder, of anything
-    else the difference of its rotors. A generic vehicle (type 0) says neither, as does a log that
-    has lost its parameters: its rudder has to be named by an option.
+    By PX4's convention control 2 is the torque about the yaw axis: with wings it is the rudder, of
+    any other vehicle the difference of its rotors. A generic vehicle (type 0), or one in a log that
+    has lost its parameters, does not say which: an option must name its rudder.
     """
     reported = _reported(what, vehicle, table, received)
     if reported is not None:
@@ -81,7 +87,7 @@ def _named(
 def _reported(
     what: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
-    """Return the output that the parameters name, or ArduPilot's stock one."""
+    """Return the output that the parameters name, or ArduPilot's stock output."""
     if vehicle.autopilot == ARDUPILOT:
         return _ardupilot(what, vehicle, table)
     return _px4(what, table, received)
@@ -95,14 +101,14 @@ def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
 
 
 def _px4_types(table: ParameterTable) -> dict[int, int]:
-    """Return CA_SV_CSi_TYPE of each control surface i that was reported."""
+    """Return the CA_SV_CSi_TYPE of each control surface i that was reported."""
     names = {i: f"CA_SV_CS{i}_TYPE" for i in range(8)}
     return {i: int(table.get(name, 0.0)) for i, name in names.items() if name in table.values}
 
 
 @dataclass(frozen=True, slots=True)
 class _Outputs:
-    """ArduPilot's outputs by the names that its parameters have for them.
+    """ArduPilot's outputs, by the parameter names of its version.
 
     ArduPlane before 3.8 has RCn_MIN, _TRIM, _MAX and _REV in place of SERVOn_.
     """
@@ -128,13 +134,16 @@ class _Outputs:
         return SurfacePart(number, travel, reverse, weight)
 
     def vtail(self, left: int, right: int) -> tuple[SurfacePart, ...]:
-        """Invert left = (elevator + rudder) * gain, right = (elevator - rudder) * gain."""
+        """Return both outputs of a V-tail, weighted to give the rudder.
+
+        This inverts left = (elevator + rudder) * gain, right = (elevator - rudder) * gain.
+        """
         weight = 0.5 / self.mixing
         return self.servo(left, weight), self.servo(right, -weight)
 
     @property
     def mixing(self) -> float:
-        """The mixer's factor of rudder or aileron: MIXING_GAIN, more with an offset > 0."""
+        """The mixer's factor for rudder or aileron: MIXING_GAIN, increased by an offset > 0."""
         gain, offset = self.table.get("MIXING_GAIN", 0.5), self.table.get("MIXING_OFFSET", 0.0)
         mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
         return mixing if 0.0 < mixing < 100.0 else 0.5
@@ -161,7 +170,7 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
 
 
 def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[SurfacePart, ...]:
-    """Return the output of the single surface, else the pair that is mixed of it."""
+    """Return the output of the single surface, else the pair of outputs that it is mixed into."""
     single = AP_SINGLE[what]
     if single in servo_of:
         return (outputs.servo(servo_of[single]),)
@@ -199,7 +208,7 @@ def _px4(what: str, table: ParameterTable, received: frozenset[str]) -> Surface 
 def _px4_output(
     index: int, weight: float, table: ParameterTable, received: frozenset[str]
 ) -> tuple[str, SurfacePart] | None:
-    """Return the message and the output that move control surface ``index``."""
+    """Return the message and the output that report control surface ``index``."""
     raw, status = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS"
     for (bank, shift), number in itertools.product(PX4_BANKS, range(1, 17)):
         if table.get(f"{bank}_FUNC{number}", 0.0) == PX4_FIRST_SERVO + index:
@@ -211,7 +220,7 @@ def _px4_output(
 
 
 def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
-    """Say what was found where a surface should have been."""
+    """Return in words what was found instead of a surface."""
     outputs = _Outputs.of(vehicle, table)
     functions = {n: f for n, f in outputs.functions.items() if f}
     if outputs.is_old and what == "rudder":

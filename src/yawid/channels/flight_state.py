@@ -1,9 +1,9 @@
-"""Context of the samples: airspeed, altitude, whether the aircraft flies at all, and its mode.
+"""The context of the samples: airspeed, altitude, whether the aircraft flies, and its mode.
 
-A VTOL is no aeroplane while it hovers, or motors that only lift are driven. ArduPlane names its
-hover modes, and by SERVOn_FUNCTION its lift motors; of a tilt-rotor or a tail-sitter those that
-pull in forward flight too are named by masks. PX4 says in EXTENDED_SYS_STATE which of the two a
-VTOL is just now.
+A VTOL is no aeroplane while it hovers, or while motors that only lift are driven. ArduPlane has
+hover modes, and names its lift motors by SERVOn_FUNCTION; masks name those motors of a tilt-rotor
+or a tail-sitter that also pull in forward flight. PX4 reports in EXTENDED_SYS_STATE whether a VTOL
+hovers or flies on its wings.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,26 +28,28 @@ from yawid.quantities.vehicles import (
 )
 
 LEAST_AIRSPEED = 5.0
-"""Below this in m/s, and as slow over ground, an aircraft with wings does not fly."""
+"""An aircraft with wings does not fly if airspeed and ground speed are below this, in m/s."""
 AP_MOTORS = range(33, 41)
-"""SERVOn_FUNCTION of motors 1 to 8."""
+"""The SERVOn_FUNCTION of motors 1 to 8."""
 DRIVEN = 0.05
-"""A motor above this part of its range is driven: ArduPilot's motors that are armed and idle stand
-at their minimum in forward flight."""
+"""A motor above this part of its range is driven: in forward flight ArduPilot keeps motors that are
+armed and idle at their minimum."""
 MOTOR_TRAVEL_US = 1000.0, 2000.0
+"""The range of a motor's output where the parameters give none."""
 OUTPUTS_PER_PORT = 16
+"""The number of outputs in one SERVO_OUTPUT_RAW."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiftMotor:
-    """An output (from 1) that drives a lift motor wherever it exceeds ``driven_us``."""
+    """The output (from 1) of a lift motor, which is driven where that exceeds ``driven_us``."""
 
     number: int
     driven_us: float
 
 
 def lift_motors(vehicle: Vehicle, table: ParameterTable) -> tuple[LiftMotor, ...]:
-    """Return the motors that ArduPlane uses for lift alone; other vehicles have none to name."""
+    """Return the motors that ArduPlane uses for lift alone; other vehicles do not name theirs."""
     if vehicle.autopilot != ARDUPILOT or not has_wings(vehicle):
         return ()
     forward = int(table.get("Q_TILT_MASK", 0.0)) | int(table.get("Q_TAILSIT_MOTMX", 0.0))
@@ -60,7 +62,7 @@ def lift_motors(vehicle: Vehicle, table: ParameterTable) -> tuple[LiftMotor, ...
 
 
 def _range_us(number: int, table: ParameterTable) -> tuple[float, float]:
-    """Return the motor's range: Q_M_PWM_MIN and _MAX, before 4.0 Q_THR_MIN_PWM and _MAX_PWM."""
+    """Return the motor's range in us: Q_M_PWM_MIN, _MAX; before 4.0 Q_THR_MIN_PWM, _MAX_PWM."""
     low, high = (
         table.get(f"Q_M_PWM_{end}", 0.0) or table.get(f"Q_THR_{end}_PWM", 0.0) or stock
         for end, stock in zip(("MIN", "MAX"), MOTOR_TRAVEL_US, strict=True)
@@ -70,13 +72,13 @@ def _range_us(number: int, table: ParameterTable) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class Wings:
-    """Says for any place of the stream whether the vehicle flies on its wings alone."""
+    """The knowledge whether the vehicle flies on its wings alone, at any place of the stream."""
 
     lift: tuple[LiftMotor, ...] = ()
     _driven: tuple[Latest, Latest] = field(default_factory=lambda: (Latest(1), Latest(1)))
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
-        """Take in what reports in a block how motors are driven."""
+        """Take in a block's messages about motors."""
         servos = messages.get("SERVO_OUTPUT_RAW")
         if not self.lift or servos is None:
             return
@@ -94,7 +96,7 @@ class Wings:
         return is_driven
 
     def held(self, order: Ints, mode: Floats, state: Floats, vehicle: Vehicle | None) -> Ints:
-        """Return the bits of :class:`Held` at places (n,).
+        """Return the bits HOVER and LIFT_MOTORS of :class:`Held` at places ``order`` (n,).
 
         ``mode`` (n,) is the flight mode, ``state`` (n,) the MAV_VTOL_STATE, NaN before it is known.
         """
@@ -103,7 +105,7 @@ class Wings:
             if vehicle.autopilot == ARDUPILOT:
                 hovers |= (mode >= ARDUPLANE_HOVER.start) & (mode < ARDUPLANE_HOVER.stop)
             elif vehicle.type in VTOL_TYPES:
-                # Its rudder is one in forward flight alone: what does not say so is none.
+                # Its rudder only acts in forward flight, which it must report.
                 hovers |= state != WINGS
         driven = [port.at(order)[:, 0] == 1.0 for port in self._driven]
         lifts = np.any(driven, axis=0) & bool(self.lift)
@@ -113,7 +115,7 @@ class Wings:
 
 @dataclass(slots=True)
 class FlightState:
-    """What VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE said last of the ``vehicle``."""
+    """The newest VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE of the ``vehicle``."""
 
     vehicle: Vehicle | None = None
     wings: Wings = field(default_factory=Wings)
@@ -133,11 +135,12 @@ class FlightState:
         self.wings.observe(messages)
 
     def at(self, order: Ints) -> dict[str, Array]:
-        """Return what is known at each place (n,), by the names of channels, NaN where it is not.
+        """Return what is known at each place (n,), by the names of channels, NaN where unknown.
 
-        The altitude is VFR_HUD's (above the sea, by ArduPilot and PX4 alike). ``by_ground``: 1
-        where the airspeed is no more than the ground speed, as an autopilot without a sensor may
-        send it. ``barred``: the bits of :class:`Held` by which nobody flies on wings alone.
+        The altitude is that of VFR_HUD (above the sea, from ArduPilot and PX4 alike). ``by_ground``
+        is 1 where the airspeed equals the ground speed, which an autopilot without a sensor may
+        send instead. ``barred`` has the bits of :class:`Held` where the vehicle does not fly on its
+        wings alone.
         """
         hud, (mode, armed) = self._hud.at(order), self._state.at(order).T
         landed, vtol = self._system.at(order).T
@@ -156,7 +159,7 @@ class FlightState:
     def _hud_columns(self, fields: Array) -> Floats:
         """Return airspeed, ground speed, altitude and the kind of airspeed, (n, 4).
 
-        An on-board log says the kind itself; of a message it is its autopilot's.
+        An on-board log has the kind itself; for a message the autopilot decides it.
         """
         names = "airspeed", "groundspeed", "alt"
         if "airspeed_kind" in (fields.dtype.names or ()):
@@ -166,11 +169,12 @@ class FlightState:
         return np.column_stack([_columns(*names)(fields), np.full(len(fields), float(kind))])
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
-        """Return 1 on the ground, 0 in the air and NaN where nothing reports, (n,).
+        """Return 1 on the ground, 0 in the air and NaN where neither is reported, (n,).
 
-        On the ground is what is slow by both speeds, or disarmed and slow over ground: VFR_HUD
-        reports any airspeed at boot. An autopilot that says it has landed is believed unless it is
-        fast over ground: a disarmed PX4 may be a passenger.
+        A vehicle is on the ground if both speeds are low, or if it is disarmed (ArduPilot alone)
+        and slow over ground, since VFR_HUD reports any airspeed at boot. An autopilot that reports
+        it has landed is believed unless it is fast over ground: a disarmed PX4 may only be carried
+        along.
         """
         air, over_ground = hud[:, 0], hud[:, 1]
         fast, slow = over_ground >= LEAST_AIRSPEED, over_ground < LEAST_AIRSPEED
@@ -182,5 +186,5 @@ class FlightState:
 
 
 def _columns(*names: str) -> Callable[[Array], Floats]:
-    """Return what reads these fields as (n, columns)."""
+    """Return the function that reads these fields as (n, columns)."""
     return lambda f: np.stack([np.asarray(f[name], float) for name in names], axis=1)

@@ -1,8 +1,8 @@
-"""The first five seconds: how fast the channels flow, and hence the rate of the grid.
+"""The rate of the grid, from the message rates of the first five seconds.
 
 Nothing is aligned before the rate is known, so the pieces received until then are kept and aligned
-after. Live and replay take the same decision from the same messages. How fast each channel flowed
-in all is counted beside it.
+afterwards. Live and replay take the same decision from the same messages. The mean message rates of
+the whole run are counted here too.
 """
 
 import math
@@ -17,20 +17,23 @@ from yawid.config.run import DEFAULT_RATE_HZ
 from yawid.errors import ConfigError
 
 WINDOW_US = 5_000_000
+"""The time that both channels need for the message rates."""
 BRIDGED = 3.0
+"""The longest bridged interval, in message intervals or samples, whichever is longer."""
 JITTER_US = 5_000.0
+"""The jitter that is added to it."""
 MOST_SEGMENTS = 1000
-"""So many segments too short to report a rate are kept: a clock that leaps with every message must
-not take memory without end."""
+"""The most segments kept that are too short for a rate: a clock that leaps at every message must
+not fill the memory."""
 RATE_TOLERANCE = 1.05
-"""An explicit rate may exceed the measured one by this factor: message intervals jitter."""
+"""The factor by which a given rate may exceed the measured one, since message intervals jitter."""
 LONGEST_STEP_US = 2_000_000
-"""Over a longer step nothing flowed: a gap, or a clock that leapt."""
+"""A longer step counts as a gap or as a leap of the clock, not as an interval."""
 
 
 @dataclass(slots=True)
 class StartUp:
-    """Collects pieces until both channels have flowed together for five seconds."""
+    """The pieces kept until both channels have had messages together for five seconds."""
 
     pieces: list[Piece] = field(default_factory=list)
     intervals_us: tuple[float, float] | None = None
@@ -38,7 +41,7 @@ class StartUp:
     _opened: list[int] = field(default_factory=list)
 
     def feed(self, piece: Piece) -> bool:
-        """Take a piece; return whether the window is complete."""
+        """Take a piece in; return whether the message rates are known now."""
         if piece.opens:
             self._opened.append(len(self.pieces))
             self._drop_the_oldest()
@@ -58,7 +61,7 @@ class StartUp:
         return self.intervals_us is not None
 
     def _forget(self, yaw: Series, surface: Series) -> None:
-        """Keep the newest row: while one channel is silent, no older one can reach a sample."""
+        """Keep only the newest row: while one channel is silent, no sample needs an older one."""
         opened, newest = self.pieces[self._first], self.pieces[-1]
         last = slice(-1, None)
         kept = replace(
@@ -76,7 +79,7 @@ class StartUp:
             self._opened = [place - cut for place in self._opened[1:]]
 
     def give_up(self) -> bool:
-        """Take what there is at the end of the stream; return whether it gives a rate at all."""
+        """Use what there is at the end of the stream; return whether it gives message rates."""
         starts = [i for i, piece in enumerate(self.pieces) if piece.opens]
         for self._first in starts:
             yaw, surface = self._segment()
@@ -87,14 +90,14 @@ class StartUp:
         return self.intervals_us is not None
 
     def _segment(self) -> tuple[Series, Series]:
-        """Return the rows of the segment now open."""
+        """Return the rows of the segment that begins with piece ``_first``."""
         opened, *later = self.pieces[self._first :]
         own = [opened, *takewhile(lambda piece: not piece.opens, later)]
         return Series.joined([p.yaw for p in own]), Series.joined([p.surface for p in own])
 
 
 def _medians(yaw: Series, surface: Series, begin: int, last: int) -> tuple[float, float] | None:
-    """Return the median message intervals (yaw, surface) in microseconds, None where too few."""
+    """Return the median message intervals (yaw, surface) in us, None with fewer than 3 messages."""
     found = []
     for series in (yaw, surface):
         t = series.t_us[(series.t_us >= begin) & (series.order <= last)]
@@ -105,13 +108,15 @@ def _medians(yaw: Series, surface: Series, begin: int, last: int) -> tuple[float
 
 
 def sample_rate(asked_hz: float | None, intervals_us: tuple[float, float]) -> float:
-    """Return the rate of the grid in Hz: as asked, or 20, or where that is lower the log's own.
+    """Return the rate of the grid in Hz: the rate asked for, else 20 Hz or the log's own if lower.
+
+    The log's own rate is that of its slower channel.
 
     Raises:
         ConfigError: the rate asked for is above the log's own.
     """
     yaw_hz, surface_hz = (1e6 / interval for interval in intervals_us)
-    # Three digits: the median of jittered stamps carries no more.
+    # The median of stamps with jitter is good for three digits only.
     own = float(f"{min(yaw_hz, surface_hz):.3g}")
     if asked_hz is None:
         return min(DEFAULT_RATE_HZ, own)
@@ -126,8 +131,8 @@ def sample_rate(asked_hz: float | None, intervals_us: tuple[float, float]) -> fl
 def bridged_gaps_us(sample_time_s: float, intervals_us: tuple[float, float]) -> tuple[float, float]:
     """Return the longest message intervals (yaw, surface) that are not a gap, in microseconds.
 
-    Two messages lost in a row are bridged, or what happens within three samples; real links deliver
-    10 Hz as 40, 100 and 270 ms.
+    Two messages lost in a row are bridged, and always three samples: real links deliver 10 Hz at
+    intervals of 40, 100 and 270 ms.
     """
     yaw_us, surface_us = (
         BRIDGED * max(1e6 * sample_time_s, interval) + JITTER_US for interval in intervals_us
@@ -137,9 +142,9 @@ def bridged_gaps_us(sample_time_s: float, intervals_us: tuple[float, float]) -> 
 
 @dataclass(slots=True)
 class Flow:
-    """Counts one channel's steps from message to message on the vehicle's clock.
+    """The count of one channel's steps from message to message on the vehicle's clock.
 
-    A message that came twice, or late, is no step of its own.
+    A message that came twice, or too late, makes no step.
     """
 
     steps: int = 0
@@ -147,7 +152,7 @@ class Flow:
     _newest_us: int | None = None
 
     def observe(self, t_us: Ints) -> None:
-        """Take in the times (n,) of its rows."""
+        """Take in the times (n,) in us of the channel's rows."""
         if len(t_us) == 0:
             return
         before = np.append(t_us[:1] if self._newest_us is None else self._newest_us, t_us)
@@ -159,5 +164,5 @@ class Flow:
 
     @property
     def rate_hz(self) -> float:
-        """The mean rate while it flowed, NaN before there are two steps."""
+        """The mean rate in Hz without gaps, NaN before there are two steps."""
         return 1e6 * self.steps / self.flowed_us if self.steps >= 2 else math.nan

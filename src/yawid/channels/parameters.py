@@ -1,4 +1,4 @@
-"""The parameters a vehicle has reported so far, and what they say of its outputs."""
+"""The parameters that a vehicle has reported so far, and what they say about its outputs."""
 
 import math
 import re
@@ -35,19 +35,19 @@ _LEAST_NORMAL = np.finfo(np.float32).tiny
 def _values(fields: Array) -> Floats:
     """Return the values (n,) of PARAM_VALUE rows.
 
-    ArduPilot writes an integer as a float; PX4 puts its four bytes in the float's place, where a
-    small one is a denormal float and a negative one no number.
+    ArduPilot sends an integer as a float. PX4 puts the integer's four bytes in the float's place:
+    read as a float, a small integer is then denormal and a negative one NaN.
     """
     reported = np.ascontiguousarray(fields["param_value"], np.float32)
     if "param_type" not in (fields.dtype.names or ()):
-        # An on-board log reports values, not what a link made of them.
+        # An on-board log has the values themselves, not the encoding of a link.
         return reported.astype(float)
     bytewise = np.isin(fields["param_type"], _INTEGERS) & ~(np.abs(reported) >= _LEAST_NORMAL)
     return np.where(bytewise, reported.view(np.int32), reported).astype(float)
 
 
 class ParameterTable:
-    """Parameters by name; the last value received counts."""
+    """The parameters by name; of each the last value received counts."""
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
@@ -55,7 +55,7 @@ class ParameterTable:
         self._is_old: bool | None = None
 
     def changes(self, block: MessageBlock) -> Iterator[int]:
-        """Take PARAM_VALUE rows in, one by one; yield the order of each that may matter."""
+        """Take PARAM_VALUE rows in, one by one; yield the places where a surface may change."""
         columns = (block.order, block.fields["param_id"], _values(block.fields))
         for order, raw, value in zip(*(column.tolist() for column in columns), strict=True):
             name = raw.split(b"\0", 1)[0].decode("ascii", "replace")
@@ -66,25 +66,25 @@ class ParameterTable:
                 yield order
 
     def get(self, name: str, default: float) -> float:
-        """Return a value, or the default where it was not reported or is no number."""
+        """Return a value, or the default where it was not reported or is not finite."""
         value = self.values.get(name, default)
         return value if math.isfinite(value) else default
 
     def functions(self) -> dict[int, int]:
         """Return servo number -> function for every SERVOn_FUNCTION received."""
-        # Asked for with every block of messages, of a thousand parameters that hardly ever change.
+        # Every block of messages asks for them, and a thousand parameters hardly ever change.
         if self._functions is None:
             self._functions = self._by_number(_FUNCTION)
         return self._functions
 
     def _by_number(self, pattern: re.Pattern[str]) -> dict[int, int]:
-        """Return the values of parameters by the number in their names, in its order."""
+        """Return the values of parameters by the number in their names, sorted by it."""
         matches = ((pattern.fullmatch(name), value) for name, value in self.values.items())
         return dict(sorted((int(m[1]), int(v)) for m, v in matches if m and math.isfinite(v)))
 
     @property
     def is_old_plane(self) -> bool:
-        """Whether these are an ArduPlane's before 3.8: RCn_ stands for the outputs too.
+        """Whether they are an ArduPlane's before 3.8, in which RCn_ describes the outputs too.
 
         Newer ones have RCn_REVERSED for the sticks and SERVOn_ for the outputs.
         """
@@ -96,8 +96,8 @@ class ParameterTable:
     def old_functions(self) -> dict[int, int]:
         """Return output number -> function of an ArduPlane before 3.8.
 
-        Its first outputs are what the stick of the same number is, unless it mixes them; the
-        others have a function of their own.
+        The outputs with the numbers of the roll and yaw sticks are aileron and rudder, unless it
+        mixes them; other outputs have RCn_FUNCTION.
         """
         mixes_tail = self.get("VTAIL_OUTPUT", 0.0) != 0.0
         mixes_wing = self.get("ELEVON_OUTPUT", 0.0) != 0.0 or self.get("ELEVON_MIXING", 0.0) != 0.0
@@ -109,10 +109,10 @@ class ParameterTable:
         return dict(sorted(found.items()))
 
     def travel(self, prefix: str, stock: Travel = STOCK_TRAVEL_US) -> tuple[Travel, bool, bool]:
-        """Return (min, trim, max), reversed, and whether all three were reported and make sense.
+        """Return (min, trim, max) in us, reversed, and whether all three were reported in order.
 
-        What was not reported is as in ``stock``. PX4 and old ArduPilots write a reversed stick as
-        RCn_REV = -1.
+        What was not reported is taken from ``stock``, and all three if they are not in order. PX4
+        and old ArduPilots write a reversed stick as RCn_REV = -1.
         """
         names = [f"{prefix}_{end}" for end in ("MIN", "TRIM", "MAX")]
         low, trim, high = (self.get(n, s) for n, s in zip(names, stock, strict=True))
@@ -122,7 +122,7 @@ class ParameterTable:
         return (low, trim, high) if sound else stock, reverse, reported
 
     def px4_travel(self, bank: str, number: int) -> tuple[Travel | None, bool]:
-        """Return (min, centre, max) of a PX4 output, None where it is -1..1, and reversed."""
+        """Return (min, centre, max) of a PX4 output in us, None for -1..1, and reversed."""
         reverse = bool(int(self.get(f"{bank}_REV", 0.0)) >> (number - 1) & 1)
         if bank == "HIL_ACT":
             return None, reverse

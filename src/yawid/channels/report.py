@@ -1,4 +1,4 @@
-"""What a run's channels have to say at its end, or at any time."""
+"""The report of a run's channels, at its end or at any other time."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -18,7 +18,7 @@ from yawid.channels.yaw_reader import COARSE, SOURCES
 
 
 def report_of(channels: Channels) -> ChannelReport:
-    """Return what these channels have to say as they stand; it is cheap."""
+    """Return the report of these channels in their present state; this is cheap."""
     lock, segmenter, aligner = channels.lock, channels.segmenter, channels.aligner
     intervals_us, (yaw_flow, rudder_flow) = channels.intervals_us, channels.flows
     return ChannelReport(
@@ -82,9 +82,9 @@ def _source_of(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFou
 
 def _missing(channels: Channels) -> Iterator[Said]:
     vehicle, surfaces = channels.lock.vehicle, channels.surfaces
-    if vehicle is None:  # or a record: it was refused, or has both
+    if vehicle is None:  # a record has no vehicle either: it has both channels or was refused
         return
-    # Without a yaw source no servo message has a time: that is no_yaw, not no_rudder.
+    # Without a yaw source no servo message has a time: the reason is no_yaw, not no_rudder.
     if not surfaces:
         named = " or ".join(channels.config.inputs)
         yield "no_rudder", why_no_surface(named, vehicle, channels.parameters)
@@ -95,7 +95,7 @@ def _missing(channels: Channels) -> Iterator[Said]:
 
 
 def _assumed(channels: Channels) -> Iterator[Said]:
-    """Yield what is assumed of the channels, all texts of one id together."""
+    """Yield what is assumed of the channels, with all texts of one reason in one."""
     texts: dict[str, list[str]] = {}
     if channels.yaw.source in COARSE:
         texts["channel_stand_in"] = [

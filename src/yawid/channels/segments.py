@@ -1,7 +1,7 @@
-"""Where the vehicle's clock breaks: what both channels deliver on one clock is a segment.
+"""Segments of a stream: within one, both channels are on one clock that does not break.
 
-A reboot, a step back or a long silence of either channel ends it. Each of the vehicle's boots has a
-clock of its own, which --from and --to count by.
+A reboot, a step back or a long silence of either channel ends a segment. Each of the vehicle's
+boots has a clock of its own, and --from and --to are times of that clock.
 """
 
 from collections.abc import Iterator
@@ -15,30 +15,31 @@ from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
 BACK_STEP_US = 1_000_000
-"""A channel's time may fall back less than this (a repeated or reordered message) without a new
+"""A step back of a channel's time by less than this (a repeated or reordered message) begins no new
 segment."""
 REBOOT_US = 5_000_000
-"""A step back by more than this is called a reboot, by less a clock step."""
+"""A step back by this much or more is called a reboot, by less a clock step."""
 LEAP_US = 60_000_000
-"""A clock that goes on by this much more than the receive stamps has leapt."""
+"""A clock that advances by this much more than the receive stamps has leapt."""
 SILENCE_US = 10_000_000
-"""A channel silent for longer than this, while the clock goes on, ends the segment."""
+"""A channel that is silent for longer than this, while the clock goes on, ends the segment."""
 FIRST_WINDOW = 64
-"""Rows looked at for the next break, doubled while there is none: a clock that breaks with every
-message must not cost all that follows each time."""
+"""The rows searched for the next break at first, doubled while there is none: otherwise a clock
+that breaks at every message would cost a search of all rows each time."""
 OFFSET_WINDOW_US = 5_000_000
-"""The offset to Unix time is sought in this much of each segment, then kept."""
+"""The time at the beginning of each segment in which the offset to Unix time is determined."""
 MOST_BOOTS = 1000
-"""So many boots are remembered: a clock that falls back with every message must not take memory
-without end."""
+"""The most boots that are remembered: a clock that falls back at every message must not fill the
+memory."""
 
 
 @dataclass(slots=True)
 class Segmenter:
-    """Cuts two series in stream order into pieces of segments.
+    """The division of two series, in stream order, into pieces of segments.
 
-    ``newest`` and ``received_us`` are each channel's newest vehicle time and receive stamp,
-    ``leap_us`` the longest leap forward that the stamps did not make.
+    ``newest`` and ``received_us`` are each channel's newest vehicle time and receive stamp in us;
+    ``leap_us`` is the longest leap forward that the receive stamps did not make. ``reboots``,
+    ``clock_steps`` and ``silences`` count the breaks, ``epoch`` the changes of meaning.
     """
 
     newest: list[int | None] = field(default_factory=lambda: [None, None])
@@ -82,7 +83,7 @@ class Segmenter:
                 window = FIRST_WINDOW
 
     def _until_break(self, t: Ints, kind: Ints) -> tuple[int, Bools]:
-        """Return how many rows belong to this segment, and which of them go forward in time."""
+        """Return how many rows belong to this segment, and which of them advance in time."""
         before = np.stack([_newest_before(t, kind == k, self.newest[k]) for k in (0, 1)])
         own = before[kind, np.arange(len(t))]
         other = before[1 - kind, np.arange(len(t))]
@@ -116,7 +117,7 @@ class Segmenter:
         self._restart(Held.REBOOT if step < 0 else Held.GAP)
 
     def new_meaning(self) -> None:
-        """Start a new segment because a unit of deflection no longer means what it did."""
+        """Start a new segment because a unit of deflection has another meaning from now on."""
         self.epoch += 1
         self._restart(Held.RUDDER_CHANGED)
 
@@ -133,7 +134,7 @@ class Segmenter:
         self.began_us = self.offset_us = None
 
     def _offsets(self, rows: Series) -> Readings:
-        """Return the running minimum of received - boot over the segment's first seconds."""
+        """Return the least receive stamp minus boot time so far, in the segment's first seconds."""
         if len(rows) == 0:
             return Readings(rows.order, rows.t_us)
         if self.began_us is None:
@@ -148,7 +149,7 @@ class Segmenter:
 
 
 def _newest_before(t: Ints, mine: Bools, carried: int | None) -> Ints:
-    """Return the newest time of one channel strictly before each row (int64 minimum: none)."""
+    """Return the newest time of one channel strictly before each row; int64's minimum if none."""
     never = np.iinfo(np.int64).min
     seen = np.where(mine, t, never)
     first = never if carried is None else carried
@@ -158,7 +159,7 @@ def _newest_before(t: Ints, mine: Bools, carried: int | None) -> Ints:
 
 
 def outside(config: RunConfig, what: str) -> ConfigError:
-    """Return the error of a stretch that lies outside ``what``, which says what it covers."""
+    """Return the error that --from and --to lie outside ``what``, a text of what it covers."""
     ends = (("from", config.from_s), ("to", config.to_s))
     given = " ".join(f"--{name} {value:g}" for name, value in ends if value is not None)
     return ConfigError(f"{given} is outside {what} since boot")
@@ -166,9 +167,9 @@ def outside(config: RunConfig, what: str) -> ConfigError:
 
 @dataclass(slots=True)
 class Boots:
-    """First and last time (us since boot) at which yaw was reported, by the boot's number from 1.
+    """The first and the last time (us since boot) of a yaw message, by the boot's number from 1.
 
-    Boots in which it never was are left out.
+    Boots without a yaw message are left out.
     """
 
     spans_us: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -182,17 +183,17 @@ class Boots:
 
     @property
     def text(self) -> str:
-        """What the log covers, in words."""
+        """The times that the log covers, in words."""
         spans = {n: f"{a / 1e6:.1f} to {b / 1e6:.1f} s" for n, (a, b) in self.spans_us.items()}
         if len(spans) == 1:
             return next(iter(spans.values()))
         return ", ".join(f"boot {number} from {span}" for number, span in spans.items())
 
     def check(self, config: RunConfig) -> None:
-        """Check that what --boot, --from and --to ask for is in the log at all.
+        """Check that the log contains some of what --boot, --from and --to ask for.
 
         Raises:
-            ConfigError: it is not.
+            ConfigError: it contains nothing of it.
         """
         if not self.spans_us:
             return
@@ -206,7 +207,7 @@ class Boots:
             raise outside(config, f"the log, which covers {self.text}")
 
     def warning(self, config: RunConfig) -> str | None:
-        """Return what is to be said where --from and --to cut several boots alike."""
+        """Return a warning if --from and --to cut several boots alike, else None."""
         if config.boot is not None or len(self.spans_us) < 2:
             return None
         if config.from_s is None and config.to_s is None:

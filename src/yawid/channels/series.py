@@ -1,6 +1,6 @@
-"""What stands at places of the stream: rows on the vehicle's clock, readings, newest values.
+"""Values at places of the stream: rows on the vehicle's clock, readings, and newest values.
 
-A stretch of a segment is made of such rows.
+A place is the ``order`` of a message: the byte at which its record starts in the stream.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,10 @@ from yawid.blocks import Array, Columns, Floats, Held, Ints, MessageBlock
 
 @dataclass(frozen=True, slots=True)
 class Series(Columns):
-    """Rows of one channel group in stream order: vehicle time ``t_us`` (n,), ``values`` (n, m)."""
+    """Rows of one group of channels in stream order: times ``t_us`` (n,) and ``values`` (n, m).
+
+    ``t_us`` is vehicle time, ``received_us`` (n,) the receive stamp in us of Unix time.
+    """
 
     order: Ints
     received_us: Ints
@@ -29,7 +32,7 @@ class Series(Columns):
 
 @dataclass(frozen=True, slots=True)
 class Readings(Columns):
-    """What was read off in microseconds, ``us`` (n,), at places ``order`` (n,) of the stream."""
+    """Readings of a clock in microseconds, ``us`` (n,), at places ``order`` (n,) of the stream."""
 
     order: Ints
     us: Ints
@@ -40,7 +43,7 @@ class Readings(Columns):
         return Readings(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
     def at(self, order: Ints) -> Ints:
-        """Return the newest reading (m,) at or before each place (m,), at least one being known."""
+        """Return the newest reading (m,) at or before each place (m,), else the first reading."""
         rows = np.maximum(np.searchsorted(self.order, order, side="right") - 1, 0)
         newest: Ints = self.us[rows]
         return newest
@@ -48,11 +51,11 @@ class Readings(Columns):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A stretch of one segment: its rows, and if it opens the segment, why the last one ended.
+    """A stretch of one segment: its rows and, if it opens the segment, why the last one ended.
 
-    ``epoch`` counts the meanings the surfaces have had, ``boot`` the vehicle's boots from 1.
-    ``offset`` maps order to Unix minus boot time: the least seen so far in the segment's first
-    seconds.
+    ``epoch`` counts the changes of the surfaces' meaning, ``boot`` the vehicle's boots from 1.
+    ``offset`` maps places to Unix time minus boot time in us, the least so far in the first seconds
+    of the segment.
     """
 
     opens: bool
@@ -65,7 +68,7 @@ class Piece:
 
 
 def flow_together(yaw: Series, surface: Series) -> tuple[int, int] | None:
-    """Return the message with which both channels flow, and the vehicle time in us from then on.
+    """Return the place from which both channels have rows, and the vehicle time in us there.
 
     None where one of them is empty.
     """
@@ -77,7 +80,7 @@ def flow_together(yaw: Series, surface: Series) -> tuple[int, int] | None:
 
 @dataclass(slots=True)
 class Latest:
-    """The newest values of a message before any place of the stream, NaN before the first."""
+    """The newest values (``columns``,) of a message before any place, NaN before the first one."""
 
     columns: int
     order: Ints = field(default_factory=lambda: np.full(1, -1, np.int64))
@@ -87,19 +90,19 @@ class Latest:
         self.values = np.full((1, self.columns), np.nan)
 
     def observe(self, block: MessageBlock | None, read: Callable[[Array], Floats]) -> None:
-        """Take a block in, if there is one: ``read`` makes values (n, columns) of its fields (n,).
+        """Take a block in, if there is one: ``read`` makes values (n, columns) from fields (n,).
 
-        Of what came before only the newest row is still needed.
+        Of the earlier rows only the newest is kept.
         """
         if block is not None:
             self.add(block.order, read(block.fields))
 
     def add(self, order: Ints, values: Floats) -> None:
-        """Take in values (n, columns) reported at places ``order`` (n,), like :meth:`observe`."""
+        """Take in values (n, columns) at places ``order`` (n,), like :meth:`observe`."""
         self.order = np.concatenate([self.order[-1:], order])
         self.values = np.concatenate([self.values[-1:], values])
 
     def at(self, order: Ints) -> Floats:
-        """Return the values (n, columns) held at each place."""
+        """Return the newest values (n, columns) before each place (n,)."""
         held: Floats = self.values[np.searchsorted(self.order, order) - 1]
         return held

@@ -1,6 +1,6 @@
-"""The stage as a whole: blocks of messages, or a record's rows, in; blocks of samples out.
+"""The whole stage: blocks of messages, or a record's rows, in; blocks of samples out.
 
-lock the vehicle -> name its surfaces -> rows on the vehicle's clock -> segments -> one grid
+find the vehicle -> find its surfaces -> rows on the vehicle's clock -> segments -> one grid
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -30,15 +30,15 @@ from yawid.errors import ConfigError
 WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 """The messages this stage reads."""
 END = np.iinfo(np.int64).max
-"""Beyond every byte of a stream."""
+"""A place behind every byte of a stream."""
 
 
 class Channels:
-    """Turns a vehicle's messages into samples; ``feed`` block after block, then ``finish``.
+    """The way from a vehicle's messages to samples: ``feed`` block after block, then ``finish``.
 
-    ``watch`` is shown the rows of yaw and surfaces in the order received, and changes nothing.
-    ``used`` counts the samples that update the estimators, ``held`` says why others did not, and
-    ``twins`` how outputs of one function compare.
+    ``watch`` is called with the rows of yaw and surfaces in the order received, and changes
+    nothing. ``used`` counts the samples that update the estimators, ``held`` says why others did
+    not, and ``twins`` compares the outputs of one function.
 
     Raises:
         ConfigError: the rate asked for is above the log's own.
@@ -68,19 +68,19 @@ class Channels:
         self.twins = self._surface.twins
         self.is_record = False
         self.units_assumed: tuple[str, ...] = ()
-        """Columns of a record of which nothing says the unit."""
+        """The columns of a record whose units are not given and therefore assumed."""
         self._modes_of: tuple[int, int] | None = None
 
     @property
     def modes_of(self) -> tuple[int, int] | None:
-        """Autopilot and vehicle type, by which flight modes are named; None where nobody says."""
+        """Autopilot and vehicle type, which name the flight modes; None where they are unknown."""
         vehicle = self.lock.vehicle
         return self._modes_of if vehicle is None else (vehicle.autopilot, vehicle.type)
 
-    # Any bits may stand in a float of the log: what is not sound becomes NaN, and held.
+    # A float of the log may hold any bits: an absurd value becomes NaN, and its sample is held.
     @np.errstate(over="ignore", invalid="ignore")
     def feed(self, frames: FrameBlock) -> list[SampleBlock]:
-        """Take a block of messages in; return the samples it completes, in order."""
+        """Take a block of messages in; return the samples that it completes, in order."""
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
             return []
@@ -98,7 +98,7 @@ class Channels:
         """Take rows of a record in; return the samples that they complete, in order."""
         self.is_record, self._modes_of = True, block.modes_of
         self.units_assumed = block.assumed
-        self.command.armed = self.command.moved = True  # a record has no commands to doubt
+        self.command.armed = self.command.moved = True  # a record needs no check of its commands
         self.surfaces = record_surfaces(block, self.config)
         changes = np.flatnonzero(~(block.has_yaw | block.has_surfaces))
         samples: list[SampleBlock] = []
@@ -109,7 +109,7 @@ class Channels:
             values = record_values(rows, self.config)
             lost = np.where(np.isnan(values[:, :-1]).any(axis=1), Held.RUDDER_INVALID.value, 0)
             yaw = self.yaw.read_record(rows.select(rows.has_yaw), lost[rows.has_yaw])
-            # A row's surfaces complete the sample before, and come first.
+            # The surfaces of a row complete the sample before it, so they come first.
             surface = Series(2 * rows.order, rows.received_us, rows.t_us, values)
             surface = surface.select(rows.has_surfaces)
             self.surface_rows += len(surface)
@@ -117,7 +117,7 @@ class Channels:
         return samples
 
     def finish(self) -> list[SampleBlock]:
-        """Return the samples still held back for want of five seconds of both channels."""
+        """Return the samples kept back until now because the first five seconds are incomplete."""
         if self.startup is None or not self.startup.give_up():
             return []
         return self._begin(self.startup)
@@ -125,7 +125,7 @@ class Channels:
     def _stretches(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
-        """Cut the block where the surfaces change; yield each stretch with its surfaces."""
+        """Yield the stretches of the block between changes of the surfaces, with their surfaces."""
         wings = self._state_of_flight.wings
         self.surfaces, self.aileron, wings.lift = self._find_all()
         low = -1
@@ -141,7 +141,7 @@ class Channels:
     ) -> Iterator[int]:
         """Yield each place at which a parameter or a first message may change the surfaces.
 
-        In the stream's own order, so that a decision never knows what comes after it.
+        The places come in the stream's own order: no decision depends on what comes after it.
         """
         low = -1
         for high, name in [*self._received.events(messages), (END, None)]:
@@ -154,13 +154,13 @@ class Channels:
             low = high
 
     def _find_all(self) -> tuple[tuple[Surface, ...], Surface | None, tuple[LiftMotor, ...]]:
-        """Return the inputs' surfaces, the aileron and the lift motors as they are known now."""
+        """Return the inputs' surfaces, the aileron and the lift motors by what is known now."""
         assert self.lock.vehicle is not None
         lift = lift_motors(self.lock.vehicle, self.parameters)
         return self._find_surfaces(), self._find("aileron"), lift
 
     def _find_surfaces(self) -> tuple[Surface, ...]:
-        """Return a surface for every input, or none at all while one is missing."""
+        """Return a surface for every input, or an empty tuple while one is missing."""
         found = [self._find(name) for name in self.config.inputs]
         surfaces = tuple(surface for surface in found if surface is not None)
         if len(surfaces) < len(found):
@@ -170,7 +170,7 @@ class Channels:
         return surfaces
 
     def _find(self, name: str) -> Surface | None:
-        """Return the surface ``rudder`` or ``aileron`` as it is to be read now, if it is known."""
+        """Return the surface ``rudder`` or ``aileron`` to read from now on, None if unknown."""
         vehicle = self.lock.vehicle
         assert vehicle is not None
         selector = getattr(self.config, name)
@@ -182,7 +182,7 @@ class Channels:
     def _read(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
-        """Read one stretch; where a better yaw source starts within it, again from there."""
+        """Return the samples of one stretch; within it, switch to a better yaw source."""
         better = self.yaw.better(messages)
         if better is None:
             return self._read_rows(messages, surfaces)
@@ -204,7 +204,7 @@ class Channels:
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not _same_meaning(self._used, surfaces):
-            # What came before the first row of the new meaning still belongs to the old one.
+            # Rows before the first row of the new meaning still have the old one.
             early = yaw.order < surface.order[0]
             samples += self._segments(yaw.select(early), surface.select(slice(0, 0)))
             self.segmenter.new_meaning()
@@ -236,7 +236,7 @@ class Channels:
         return [] if conditioned is None else self._chosen(conditioned, piece.boot)
 
     def _begin(self, startup: StartUp) -> list[SampleBlock]:
-        """Fix the rate and align what was kept until now."""
+        """Fix the rate and return the samples of what was kept until now."""
         assert startup.intervals_us is not None
         self.intervals_us = startup.intervals_us
         sample_time_s = 1.0 / sample_rate(self.config.rate, startup.intervals_us)
@@ -249,7 +249,7 @@ class Channels:
         return [block for piece in startup.pieces for block in self._align(piece)]
 
     def _chosen(self, block: SampleBlock, boot: int) -> list[SampleBlock]:
-        """Apply --boot, --from and --to, which choose samples and not parameters."""
+        """Return the samples that --boot, --from and --to choose; these do not cut parameters."""
         if self.config.boot not in (None, boot):
             return []
         low, high = self.config.window_us

@@ -1,8 +1,8 @@
-"""What stands in for a rudder nobody reports: the pilot's stick, and only after a wait.
+"""The substitute for a rudder that no message reports: the pilot's stick, only after a wait.
 
-A stick equals the rudder in MANUAL alone, so it is taken only where no output of the vehicle has
-been received while the stick has flowed for five seconds of the vehicle's clock, and is left at the
-first output received. Live and replay take the same decision at the same message.
+A stick equals the rudder in MANUAL alone. So it is used only if no output of the vehicle has been
+received while the stick was, for five seconds of the vehicle's clock; from the first output on it
+is no longer used. Live and replay take the same decision at the same message.
 """
 
 from collections.abc import Mapping
@@ -17,23 +17,23 @@ from yawid.channels.surface import OUTPUTS, STICKS, Surface, SurfacePart
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 WAIT_US = 5_000_000
-"""How long what is stood in for has to show up, on the vehicle's clock."""
+"""The wait for the real channel, in us of the vehicle's clock."""
 _MAPS = {
     ARDUPILOT: {"rudder": ("RCMAP_YAW", 4), "aileron": ("RCMAP_ROLL", 1)},
     PX4: {"rudder": ("RC_MAP_YAW", 0), "aileron": ("RC_MAP_ROLL", 0)},
 }
-"""By autopilot, the parameter that names the stick's channel and its default, 0 being none."""
+"""By autopilot, the parameter that names the stick's channel, and its default; 0 is no channel."""
 
 
 @dataclass(slots=True)
 class Wait:
-    """Finds the place in the stream at which a message has flowed for five seconds."""
+    """The search for the place in the stream at which messages have come for five seconds."""
 
     over_at: int | None = None
     _began_us: int | None = None
 
     def observe(self, order: Ints, t_us: Ints) -> None:
-        """Take in where (n,) and when (n,) it came; a clock that starts again begins again."""
+        """Take in the places (n,) and times (n,) of messages; a step back begins the wait again."""
         if self.over_at is not None or len(order) == 0:
             return
         first = int(t_us[0]) if self._began_us is None else self._began_us
@@ -46,14 +46,14 @@ class Wait:
 
 @dataclass(slots=True)
 class ReceivedMessages:
-    """Which messages with a surface have been received: sticks count after their wait only."""
+    """The messages with surfaces that have been received; sticks only count after the wait."""
 
     names: frozenset[str] = frozenset()
     _sticks: dict[str, int] = field(default_factory=dict)
     _wait: Wait = field(default_factory=Wait)
 
     def events(self, messages: Mapping[str, MessageBlock]) -> list[tuple[int, str]]:
-        """Return where in this block a further message counts as received, and its name."""
+        """Return the places in this block from which further messages count, and their names."""
         found = [(int(messages[n].order[0]), n) for n in (OUTPUTS & messages.keys()) - self.names]
         sticks = [messages[name] for name in STICKS if name in messages]
         for block in sticks:
@@ -70,16 +70,16 @@ class ReceivedMessages:
         return sorted(found)
 
     def count(self, name: str) -> None:
-        """Count a message as received from now on."""
+        """Count this message as received from now on."""
         self.names |= {name}
 
 
 def stick(
     what: str, autopilot: int, table: ParameterTable, received: frozenset[str]
 ) -> Surface | None:
-    """Return the pilot's stick in place of ``rudder`` or ``aileron``; None where it must not be.
+    """Return the pilot's stick for ``rudder`` or ``aileron``, None where it is no substitute.
 
-    Never beside an output that is received, and never where nothing says which stick it is.
+    It is not used where any output is received, or where it is unknown which stick it is.
     """
     sticks = [name for name in STICKS if name in received]
     if received & OUTPUTS or not sticks or autopilot not in _MAPS:
@@ -95,7 +95,7 @@ def stick(
 
 
 def stick_part(number: int, autopilot: int, table: ParameterTable) -> tuple[SurfacePart, bool]:
-    """Return a stick's channel with its travel, and whether that was reported."""
+    """Return a stick's channel with its travel, and whether the travel was reported."""
     stock = PX4_TRAVEL_US if autopilot == PX4 else STOCK_TRAVEL_US
     travel, reverse, reported = table.travel(f"RC{number}", stock)
     return SurfacePart(number, travel, reverse), reported

@@ -1,4 +1,4 @@
-"""A control surface: the message fields that carry it, and how raw values become a deflection.
+"""A control surface: the message fields that report it, and how raw values become a deflection.
 
 Positive rudder means nose right (ArduPilot's and PX4's convention). One unit is half the travel,
 MAX - TRIM. The normalisation is the inverse of ArduPilot's ``SRV_Channel::pwm_from_angle``: the
@@ -18,14 +18,14 @@ Travel = tuple[float, float, float]
 STICKS = ("RC_CHANNELS", "RC_CHANNELS_RAW")
 """The messages that report the pilot's stick, the better one first."""
 STOPS = 0.995
-"""An output this near its stop may have been cut off there."""
+"""An output beyond this part of half its travel may have been cut off at its stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfacePart:
-    """One output of a surface: number, travel in us (min, trim, max), sense and weight.
+    """One output of a surface: its number, travel in us (min, trim, max), direction and weight.
 
-    ``number`` counts as the message does (servo and rc from 1, control from 0); ``travel_us`` is
+    ``number`` counts as the message does (servo and rc from 1, control from 0). ``travel_us`` is
     None where the raw value is already in -1..1.
     """
 
@@ -35,7 +35,7 @@ class SurfacePart:
     weight: float = 1.0
 
     def normalised(self, raw: Floats) -> Floats:
-        """Return the raw values (n,) on -1..1, NaN where the output is off or absent."""
+        """Return the raw values (n,) scaled to -1..1, NaN where the output is off or absent."""
         if self.travel_us is None:
             value = np.where(np.abs(raw) <= 2.0, raw, np.nan)
         else:
@@ -49,9 +49,9 @@ class SurfacePart:
 class Surface:
     """A surface as the weighted sum of its parts, usually one; V-tails and elevons have two.
 
-    ``how`` says how it was found (parameter, option, assumed, ...); ``scale`` turns half the travel
-    into the unit wanted, sign included. ``twins`` are further outputs of the same function, which
-    are not read but should move alike. ``column`` is what a record that has no messages calls it.
+    ``how`` says how it was found (parameter, option, assumed, ...). ``scale`` converts half travels
+    to the unit wanted, with its sign. ``twins`` are further outputs of the same function, which
+    should move alike and are only compared. ``column`` is its name in a record without messages.
     """
 
     message: str
@@ -63,7 +63,7 @@ class Surface:
 
     @property
     def source(self) -> str:
-        """The message fields, as a person would write them; a record's column."""
+        """The message fields, in words, or a record's column."""
         if self.column:
             return self.column
         return " and ".join(self.name_of(part) for part in self.parts)
@@ -73,7 +73,10 @@ class Surface:
         return f"{self.message}.{_field(self.message, part.number)}"
 
     def same_meaning(self, other: "Surface") -> bool:
-        """Return whether one unit still means the same, but for trims and stops reported since."""
+        """Return whether one unit has the same meaning in both.
+
+        Trims and stops may differ where parameters report them for both.
+        """
         measured = self.how == other.how == "parameter"
         mine, theirs = (
             replace(s, how="", twins=(), parts=tuple(replace(p, travel_us=None) for p in s.parts))
@@ -85,7 +88,7 @@ class Surface:
     def deflection(self, block: MessageBlock) -> Floats:
         """Return the deflection (n,) of each row, NaN where an output is off, absent or ambiguous.
 
-        Where two outputs are mixed, one at its stop no longer reports what was commanded.
+        Where two outputs are mixed, an output at its stop does not show what was commanded.
         """
         total = np.zeros(len(block))
         for part in self.parts:
@@ -97,7 +100,7 @@ class Surface:
         return deflection
 
     def normalised(self, part: SurfacePart, block: MessageBlock) -> Floats:
-        """Return one output (n,) on -1..1, NaN where it is off or absent."""
+        """Return one output (n,) scaled to -1..1, NaN where it is off or absent."""
         return part.normalised(raw_output(block, part.number))
 
     def rows(self, block: MessageBlock) -> Bools:
@@ -115,13 +118,13 @@ ARRAYS = {
     "HIL_ACTUATOR_CONTROLS": ("controls", 1),
     "ACTUATOR_OUTPUT_STATUS": ("actuator", 1),
 }
-"""Messages whose outputs stand in an array: its field, and the number of the first."""
+"""Messages whose outputs are in an array: its field, and the number of the first output."""
 NUMBERED = {
     "SERVO_OUTPUT_RAW": ("servo", 16),
     "RC_CHANNELS": ("chan", 18),
     "RC_CHANNELS_RAW": ("chan", 8),
 }
-"""Those with a field for each: its prefix, and how many a message (one port) has."""
+"""Messages with a field for each output: its prefix, and the outputs in a message (one port)."""
 OUTPUTS = frozenset({"SERVO_OUTPUT_RAW", *ARRAYS})
 """The messages that report outputs of the vehicle."""
 
@@ -135,7 +138,7 @@ def _field(message: str, number: int) -> str:
 
 
 def raw_outputs(block: MessageBlock) -> Iterator[tuple[int, Floats]]:
-    """Yield every output's number and raw values (n,), those of SERVO_OUTPUT_RAW port by port."""
+    """Yield the number and the raw values (n,) of every output; SERVO_OUTPUT_RAW's by ports."""
     fields = block.fields
     if block.name in ARRAYS:
         name, first = ARRAYS[block.name]

@@ -1,7 +1,7 @@
-"""The servo message to rows of deflections on the vehicle's clock.
+"""The surfaces' reader: from the servo message to rows of deflections on the vehicle's clock.
 
-Of several outputs of one function, such as twin fins, the first is the surface; the others are only
-compared with it.
+If several outputs have one function, such as twin fins, the first one is the surface; the others
+are only compared with it.
 """
 
 from collections.abc import Mapping
@@ -17,21 +17,22 @@ from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
 APART_US = 10_000_000
+"""The drift between two clocks from which on their offset is determined again."""
 TOLERANCE = 0.05
-"""Outputs differ where they are this part of half the travel apart: rounding to 1 us and trims set
-by hand stay well below."""
+"""Twins differ in a message if they are more than this part of half the travel apart: rounding to
+1 us and trims set by hand make much less."""
 LEAST_SHARE = 0.01
-"""... and do so all in all if more than this share of the messages shows it."""
+"""Twins differ as a whole if they differ in more than this share of the messages."""
 
 
 @dataclass(slots=True)
 class Twins:
-    """Counts by message and the numbers of both outputs: messages compared, and those apart."""
+    """Counts of messages compared, and of those that differ, by message and both outputs."""
 
     _counts: dict[tuple[str, int, int], tuple[int, int]] = field(default_factory=dict)
 
     def observe(self, block: MessageBlock, surface: Surface) -> None:
-        """Compare the surface's twins with its first output in rows that carry both."""
+        """Compare the surface's twins with its first output in rows that have both."""
         for twin in surface.twins:
             first, other = (surface.normalised(part, block) for part in (surface.parts[0], twin))
             both = np.isfinite(first) & np.isfinite(other)
@@ -41,7 +42,7 @@ class Twins:
             self._counts[key] = compared + len(apart), differed + int(apart.sum())
 
     def share_apart(self, surface: Surface, twin: SurfacePart) -> float:
-        """Return the share of messages in which the twin stood apart, NaN where none reports."""
+        """Return the share of messages in which the twin differs, NaN where none has both."""
         key = surface.message, surface.parts[0].number, twin.number
         compared, apart = self._counts.get(key, (0, 0))
         return apart / compared if compared else float("nan")
@@ -59,10 +60,10 @@ class Twins:
 
 @dataclass(slots=True)
 class SurfaceReader:
-    """The servo message to rows of deflections, its time unwrapped beside the last boot time.
+    """The way from the servo message to rows of deflections, timed by the last boot time.
 
-    Rows have a column for each of the ``columns`` inputs, and at last the aileron's, input or not,
-    as it stood then: NaN where nothing reports it.
+    A row has a value for each of the ``columns`` inputs and, as the last one, the aileron's newest
+    value, whether it is an input or not; NaN where nothing reports it.
     """
 
     columns: int
@@ -73,7 +74,7 @@ class SurfaceReader:
     _boot: Readings = field(default_factory=Readings.none)
 
     def observe_clock(self, clock: MessageBlock | None) -> None:
-        """Remember the full boot times of a block of the yaw source and the newest before it."""
+        """Keep the full boot times of a block of the yaw source, and the newest one before it."""
         if clock is not None:
             fresh = Readings(clock.order, boot_us(clock.fields))
             self._boot = Readings.joined([self._boot.select(NEWEST), fresh])
@@ -81,7 +82,7 @@ class SurfaceReader:
     def observe_own_clock(
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> None:
-        """Remember the servo message's own times, for a yaw source that has none."""
+        """Keep the servo message's own times, for a yaw source without times."""
         block = messages.get(surfaces[0].message) if surfaces else None
         self.own_clock.observe(None if block is None else block.select(surfaces[0].rows(block)))
 
@@ -92,9 +93,9 @@ class SurfaceReader:
         aileron: Surface | None,
         own_clock: bool = False,
     ) -> Series:
-        """Return one row per message with the deflection of every surface, (n, columns + 1).
+        """Return one row for each message, with the deflection of every surface, (n, columns + 1).
 
-        Its time is the boot time of the yaw source's clock, or by its ``own_clock``.
+        Its time is unwrapped by the yaw source's clock or, with ``own_clock``, by itself.
         """
         self._observe_aileron(messages, aileron)
         none = Series.empty(self.columns + 1)
@@ -115,7 +116,7 @@ class SurfaceReader:
     def _observe_aileron(
         self, messages: Mapping[str, MessageBlock], surface: Surface | None
     ) -> None:
-        """Take in the aileron's own message, which need not be that of the inputs."""
+        """Take in the aileron's own message, which may be another one than that of the inputs."""
         if surface is not None and (block := messages.get(surface.message)) is not None:
             block = block.select(surface.rows(block))
             self._aileron.add(block.order, surface.deflection(block)[:, None])
@@ -130,7 +131,7 @@ class SurfaceReader:
         return self._from_unix(reported, self._boot.at(block.order))
 
     def _from_unix(self, reported: Ints, beside: Ints) -> Ints:
-        """Turn Unix time into boot time by one offset, found again where the two drift apart."""
+        """Return Unix times as boot times, by an offset that is renewed where both drift apart."""
         times, start = reported - self._unix_offset, 0
         while (apart := np.abs(times[start:] - beside[start:]) > APART_US).any():
             start += int(np.argmax(apart))
@@ -140,10 +141,10 @@ class SurfaceReader:
 
 
 def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...]:
-    """Return the inputs' surfaces as a record calls them.
+    """Return the inputs' surfaces by a record's names for them.
 
     Raises:
-        ConfigError: it has not all of them.
+        ConfigError: the record does not have all of them.
     """
     if missing := set(config.inputs) - block.called.keys():
         raise ConfigError(
@@ -161,9 +162,9 @@ def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...
 
 
 def record_values(block: RecordBlock, config: RunConfig) -> Floats:
-    """Return the inputs of a record's rows, and at last the aileron's, (n, inputs + 1)."""
+    """Return a record's inputs and, as the last column, its aileron, (n, inputs + 1)."""
     sign = -1.0 if config.rudder_sign == "nose-left" else 1.0
-    # In rad already, or in half travels of so many rad.
+    # It is in rad already, or in half travels, which are converted to rad where known.
     scale = sign if config.rudder_unit in ("rad", "deg") else sign * config.half_travel
     rudder = block.rudder if scale == 1.0 else scale * block.rudder
     found = {"rudder": rudder, "aileron": block.aileron}

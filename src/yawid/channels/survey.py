@@ -1,6 +1,6 @@
-"""What a flight was like, beside its samples: message intervals, and stretches of mode and state.
+"""A survey of a flight: its message intervals, and its stretches of flight mode and state.
 
-It looks on while the channels are read and changes nothing.
+It observes the channels while they are read, and changes nothing.
 """
 
 import math
@@ -14,12 +14,12 @@ from yawid.channels.series import Series
 from yawid.channels.yaw_reader import MODE, ON_GROUND
 
 AIRBORNE, GROUNDED, UNKNOWN = range(3)
-"""State of a phase; unknown is a vehicle that reports neither speed nor state."""
+"""The states of a phase; unknown is for a vehicle that reports neither speed nor state."""
 
 
 @dataclass(slots=True)
 class Phase:
-    """A stretch in one flight mode and one state, in boot time of the boot counted from 1.
+    """A stretch in one flight mode and one state, in us since the boot, which is counted from 1.
 
     ``mode`` is HEARTBEAT.custom_mode, -1 before it is known.
     """
@@ -32,13 +32,13 @@ class Phase:
 
     @property
     def seconds(self) -> float:
-        """How long it lasted."""
+        """The duration in s."""
         return (self.to_us - self.from_us) / 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Time from message to message in seconds: what is usual, and the middle 90 % of it."""
+    """The time from message to message in s: its median, and its 5th and 95th percentiles."""
 
     messages: int
     median_s: float
@@ -53,7 +53,7 @@ class Intervals:
 
 @dataclass(slots=True)
 class Survey:
-    """Notes the rows of yaw and surfaces as they are read (``Channels.watch``)."""
+    """The notes on rows of yaw and surfaces as they are read (``Channels.watch``)."""
 
     phases: list[Phase] = field(default_factory=list)
     _yaw_us: list[Ints] = field(default_factory=list)
@@ -67,7 +67,10 @@ class Survey:
             self._note_phases(yaw.t_us, *_mode_and_state(yaw.values))
 
     def intervals(self) -> tuple[Intervals | None, Intervals | None]:
-        """Return those of yaw and surface messages on the vehicle's clock, None of fewer than 3."""
+        """Return the intervals of yaw and of surface messages by the vehicle's clock.
+
+        None stands for a channel with fewer than two intervals.
+        """
         return _intervals(self._yaw_us), _intervals(self._surface_us)
 
     def _note_phases(self, t_us: Ints, mode: Ints, state: Ints) -> None:
@@ -90,7 +93,7 @@ class Survey:
 
 
 def _mode_and_state(values: Floats) -> tuple[Ints, Ints]:
-    """Return flight mode and state (n,) of the rows of yaw."""
+    """Return flight mode (n,) and state (n,) of rows of yaw."""
     reported = np.where(np.isfinite(values[:, MODE]), values[:, MODE], -1.0)
     state = np.full(len(values), UNKNOWN)
     state[values[:, ON_GROUND] == 0.0] = AIRBORNE
@@ -101,7 +104,7 @@ def _mode_and_state(values: Floats) -> tuple[Ints, Ints]:
 def _intervals(times_us: list[Ints]) -> Intervals | None:
     t_us = np.concatenate(times_us) if times_us else np.zeros(0, np.int64)
     steps = np.diff(t_us)
-    steps = steps[steps > 0]  # neither a message that came twice nor a reboot is an interval
+    steps = steps[steps > 0]  # a message received twice or a reboot makes no interval
     if len(steps) < 2:
         return None
     low, middle, high = (float(s) / 1e6 for s in np.percentile(steps, [5.0, 50.0, 95.0]))

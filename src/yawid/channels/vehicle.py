@@ -1,8 +1,8 @@
-"""Which of the senders is the aircraft, and what parameters it has reported so far.
+"""The choice of the aircraft among the senders of a link.
 
-A link carries ground stations, radios, gimbals and ADS-B receivers, each with HEARTBEATs of its
-own. The vehicle is the first sender whose HEARTBEAT names an autopilot and no ground or payload
-type. Numbers are those of MAV_TYPE and MAV_AUTOPILOT in MAVLink's common.xml.
+A link also has ground stations, radios, gimbals and ADS-B receivers, each with its own HEARTBEATs.
+The vehicle is the first sender whose HEARTBEAT names an autopilot, and a type that is neither on
+the ground nor a payload. Numbers are those of MAV_TYPE and MAV_AUTOPILOT in MAVLink's common.xml.
 """
 
 from dataclasses import dataclass, field
@@ -23,7 +23,10 @@ from yawid.quantities.vehicles import (
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The aircraft that was locked: its address and what its HEARTBEAT says it is."""
+    """The aircraft that was found: its address, and type and autopilot from its HEARTBEAT.
+
+    ``order`` is the place of that HEARTBEAT in the stream.
+    """
 
     sysid: int
     compid: int
@@ -43,15 +46,16 @@ class Vehicle:
 
 
 def has_wings(vehicle: Vehicle) -> bool:
-    """Return whether it flies on wings, always or in part of its flight."""
+    """Return whether the vehicle flies on wings, always or in a part of its flight."""
     return vehicle.type == FIXED_WING or vehicle.type in VTOL_TYPES
 
 
 @dataclass(slots=True)
 class VehicleLock:
-    """Finds the vehicle and keeps only its messages.
+    """The search for the vehicle, and the filter that passes only its messages.
 
-    ``senders`` has the type and autopilot of whoever sent a HEARTBEAT, by (sysid, compid).
+    ``sysid`` is the system id to look for, None for any. ``senders`` holds the type and autopilot
+    of each sender of a HEARTBEAT, by (sysid, compid).
     """
 
     sysid: int | None = None
@@ -62,7 +66,7 @@ class VehicleLock:
     def filter(self, frames: FrameBlock) -> tuple[dict[str, MessageBlock], list[MessageBlock]]:
         """Return the vehicle's messages from its first HEARTBEAT on, by name, and its PARAM_VALUEs.
 
-        Parameters received before the lock count too: they are facts, not samples.
+        Parameters received before that HEARTBEAT count too: they are facts, not samples.
         """
         heartbeats = frames.messages.get("HEARTBEAT")
         if heartbeats is not None:
@@ -81,7 +85,7 @@ class VehicleLock:
         return mine, parameters
 
     def _own(self, block: MessageBlock, first: int = 0) -> MessageBlock:
-        """Return the vehicle's rows from the place ``first`` of the stream on."""
+        """Return the vehicle's rows at or after the place ``first`` of the stream."""
         assert self.vehicle is not None
         rows = (block.sysid == self.vehicle.sysid) & (block.compid == self.vehicle.compid)
         return block.select(rows & (block.order >= first))
@@ -110,7 +114,7 @@ class VehicleLock:
         ]
 
     def why_none(self) -> str:
-        """Say who sent HEARTBEATs instead of a vehicle."""
+        """Return in words why there is no vehicle, with the senders of HEARTBEATs."""
         if not self.senders:
             return "the log holds no HEARTBEAT, so the vehicle is unknown"
         names = ", ".join(

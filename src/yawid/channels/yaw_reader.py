@@ -1,7 +1,7 @@
-"""The yaw channel: from the best message that reports it to rows of rate, yaw, roll and more.
+"""The yaw channel: from the best message that reports it to rows of yaw rate, yaw, roll and more.
 
-A rate from headings alone, coarse and slow, is a constant-velocity Kalman filter's: its state is
-(yaw, yaw rate), driven by white angular acceleration; the filter is filterpy's.
+A yaw rate from headings alone, which is coarse and slow, comes from a constant-velocity Kalman
+filter (of filterpy): its state is (yaw, yaw rate), driven by white angular acceleration.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,27 +20,28 @@ from yawid.quantities.airspeed import GRAVITY, known, over_ground
 from yawid.quantities.table import of_kind
 
 ABSURD_RAD_S = 50.0
-"""No aircraft turns at eight revolutions a second; such a value is a corrupted one."""
+"""A faster rate, or a larger angle, is corrupted: no aircraft turns eight times a second."""
 STEEPEST = np.deg2rad(80.0)
-"""Beyond this pitch Euler's formula has no heading rate."""
+"""The greatest pitch at which Euler's formula for the heading rate is used."""
 UPRIGHT = np.deg2rad(60.0)
-"""Beyond this bank or pitch no model linear in small angles holds; autopilots bank to 60 and swing
-a little over it."""
+"""The greatest bank or pitch at which a model that is linear in small angles holds. Autopilots bank
+to 60 degrees and overshoot a little."""
 LINEAR = of_kind("linear")
 ROW = (*LINEAR, *of_kind("held"), "by_ground", "barred")
 """The columns of a yaw row: those of LINEAR are interpolated, all others held from message to
-message. ``by_ground`` is 1 where the airspeed is the ground speed; ``barred`` holds the bits of
-:class:`yawid.blocks.Held` for which a row must not be learned from."""
+message. ``by_ground`` is 1 where the airspeed is the ground speed; ``barred`` has the bits of
+:class:`yawid.blocks.Held` for which a row must not update the estimators."""
 ON_GROUND, MODE = ROW.index("on_ground"), ROW.index("mode")
 
 FINE_STD = float(np.deg2rad(0.3))
-"""Headings rounded to 0.01 degrees come of a filter that is itself good to a fraction of one."""
+"""The sigma of headings rounded to 0.01 degrees: it is that of the autopilot's own filter."""
 WHOLE_DEGREES_STD = float(np.hypot(FINE_STD, np.deg2rad(1.0) / np.sqrt(12.0)))
-"""Rounding to whole degrees adds the sigma of a uniform error."""
+"""The sigma of headings in whole degrees: rounding adds the sigma of a uniform error."""
 ACCELERATION_PSD = 1.0
-"""Spectral density of the angular acceleration, rad^2/s^3: a small aircraft in manoeuvres."""
+"""The spectral density of the angular acceleration in rad^2/s^3, of a small aircraft in
+manoeuvres."""
 LONGEST_S = 2.0
-"""A longer silence starts the filter again."""
+"""The longest silence in s after which the filter goes on; after a longer one it starts again."""
 
 Fields = Array
 
@@ -66,7 +67,7 @@ def _heading(degrees: Floats) -> Floats:
 
 
 def _angles(*rows: Any) -> Floats:
-    """Return them as (5, n), NaN where a value is absurd or no number."""
+    """Return the rows as (5, n), NaN where a value is absurd or not finite."""
     angles = np.array(rows, float)
     return np.where(np.abs(angles) < ABSURD_RAD_S, angles, np.nan)
 
@@ -83,19 +84,23 @@ SOURCES: dict[str, tuple[str, Callable[[Fields], Floats]]] = {
     ),
     "VFR_HUD": ("heading", lambda f: _heading(np.asarray(f["heading"], float))),
 }
-"""Message -> field and reader, best first; RAW_IMU is in mrad/s as ArduPilot sends it.
+"""By message, the field and its reader, the best first; RAW_IMU is in mrad/s as ArduPilot sends it.
 
 A reader returns (5, n): roll, pitch and yaw in rad, pitch and yaw rate about the body's axes in
-rad/s; NaN where unknown. VFR_HUD's heading comes in whole degrees and without a time: the last
-resort."""
+rad/s; NaN where unknown. VFR_HUD is the last choice: its heading is in whole degrees and has no
+time."""
 COARSE = {"GLOBAL_POSITION_INT": FINE_STD, "VFR_HUD": WHOLE_DEGREES_STD}
 """The sources that report a heading alone, and its sigma in rad."""
 UNTIMED = "VFR_HUD"
+"""The source without a time of its own."""
 
 
 @dataclass(slots=True)
 class YawReader:
-    """Reads the best source received so far; ``heading_rate`` makes the rate psi_dot by Euler."""
+    """The reader of the best source received so far.
+
+    With ``heading_rate`` the rate is that of the heading, by Euler's formula, instead of yaw rate.
+    """
 
     heading_rate: bool = False
     source: str | None = None
@@ -109,17 +114,17 @@ class YawReader:
 
     @property
     def label(self) -> str:
-        """The message field read, or a record's column."""
+        """The message field that is read, or a record's column."""
         if self.source is None:
             return self.column
         return f"{self.source}.{SOURCES[self.source][0]}"
 
     def wait(self, clock: OwnClock) -> None:
-        """Wait for a better source than VFR_HUD while another message's clock goes on."""
+        """Count the wait for a better source than VFR_HUD by the clock of another message."""
         self._wait.observe(clock.readings.order, clock.readings.us)
 
     def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
-        """Return the first better source among these messages and where it starts."""
+        """Return the first better source among these messages and its first place, else None."""
         ranks = list(SOURCES)
         worst = len(ranks) if self.source is None else ranks.index(self.source)
         places = {n: self._useful(messages[n]) for n in ranks[:worst] if n in messages}
@@ -130,7 +135,7 @@ class YawReader:
         return name, order
 
     def _useful(self, block: MessageBlock) -> Ints:
-        """Return where the rows stand that make this message a source at all."""
+        """Return the places of the rows by which this message can be a source."""
         rows = np.ones(len(block), bool)
         if block.name == "GLOBAL_POSITION_INT":
             rows = block.fields["hdg"] != 65535
@@ -149,9 +154,9 @@ class YawReader:
     def read(
         self, messages: Mapping[str, MessageBlock], context: FlightState, clock: OwnClock
     ) -> Series:
-        """Return the rows of the source's messages, NaN where a value is not finite or absurd.
+        """Return the rows of the source's messages, NaN where a value is absurd or not finite.
 
-        A source that reports no time has that of the ``clock`` beside it.
+        A source without a time gets that of ``clock``, the clock of another message.
         """
         if self.source is None or self.source not in messages:
             return Series.empty(len(ROW))
@@ -161,7 +166,7 @@ class YawReader:
         else:
             t_us = boot_us(block.fields)
         with np.errstate(over="ignore", invalid="ignore"):
-            # Any bits may stand in a float: what is not sound becomes NaN, and held.
+            # A float may hold any bits: an absurd value becomes NaN, and its sample is held.
             roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
         unwrapped = self._unwrap(yaw)
         rate = r if self._slope is None else self._slope.of(t_us, unwrapped)
@@ -176,10 +181,10 @@ class YawReader:
         return Series(block.order, block.received_us, t_us, values)
 
     def read_record(self, block: RecordBlock, lost: Ints) -> Series:
-        """Return the rows of a record that have a yaw rate, or say why they are held.
+        """Return a row for each row of a record that has yaw.
 
-        Where the record itself says what is held, that is all of it; what the grid will add of its
-        own for values that are ``lost`` (n,) is taken off.
+        Where the record has ``held`` bits of its own, they are the whole of it: the bits ``lost``
+        (n,), and those that the grid adds itself, are left out here, or they would count twice.
         """
         self.column = block.called["r"]
         if len(block) == 0:
@@ -207,9 +212,9 @@ class YawReader:
         return Series(2 * block.order + 1, block.received_us, block.t_us, values)
 
     def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
-        """Return the rows for which the clock has moved on since the row before, and its time.
+        """Return the rows at which the clock has advanced since the row before, and its times.
 
-        Receive stamps would not do: messages come in bursts.
+        Receive stamps cannot replace the clock, because messages come in bursts.
         """
         t_us = clock.readings.at(block.order)
         before = np.append(t_us[:1] - 1 if self._last_us is None else self._last_us, t_us)[:-1]
@@ -218,7 +223,7 @@ class YawReader:
         return block.select(moved), t_us[moved]
 
     def _unwrap(self, yaw: Floats) -> Floats:
-        """Add whole turns, counted in integers so that the cut of the stream leaves no rounding."""
+        """Return the yaw with whole turns added, which are counted so that blocks do not matter."""
         rows = np.flatnonzero(np.isfinite(yaw))
         if len(rows) == 0:
             return yaw
@@ -240,14 +245,17 @@ def _heading_rate(roll: Floats, pitch: Floats, q: Floats, r: Floats) -> Floats:
 
 
 def _turn_rate(airspeed: Floats, roll: Floats, pitch: Floats) -> Floats:
-    """Return the yaw rate (n,) in rad/s of a level turn with that bank."""
+    """Return the yaw rate (n,) in rad/s of a level turn with this bank, (g/V) sin(roll) cos(pitch).
+
+    ``airspeed`` is in m/s; the rate is NaN where that is unknown or too low to fly.
+    """
     speed = np.where(airspeed > LEAST_AIRSPEED, airspeed, np.nan)
     turn: Floats = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
     return turn
 
 
 def _grounded(block: RecordBlock) -> Floats:
-    """Return 1 on the ground, 0 in the air (n,): by the speed where the record does not say."""
+    """Return 1 on the ground, 0 in the air (n,): by the airspeed if the record does not say."""
     slow, fast = block.airspeed < LEAST_AIRSPEED, block.airspeed >= LEAST_AIRSPEED
     by_speed = np.where(slow, 1.0, np.where(fast, 0.0, np.nan))
     return np.where(np.isfinite(block.on_ground), block.on_ground, by_speed)
@@ -255,14 +263,17 @@ def _grounded(block: RecordBlock) -> Floats:
 
 @dataclass(slots=True)
 class HeadingRate:
-    """Carries the filter from block to block; ``heading_std`` in rad is that of a heading."""
+    """The filter, kept from block to block; ``heading_std`` is the sigma of a heading in rad."""
 
     heading_std: float = FINE_STD
     _filter: Any = None
     _last_us: int = 0
 
     def of(self, t_us: Ints, yaw: Floats) -> Floats:
-        """Return the yaw rate (n,) in rad/s at times (n,) from the unwrapped yaw (n,), NaN kept."""
+        """Return the yaw rate (n,) in rad/s at times in us (n,) from the unwrapped yaw in rad (n,).
+
+        It is NaN where the yaw is, and at each row at which the filter starts.
+        """
         rate = np.full(len(yaw), np.nan)
         for i, (t, angle) in enumerate(zip(t_us.tolist(), yaw.tolist(), strict=True)):
             if not np.isfinite(angle):
