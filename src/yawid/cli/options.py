@@ -205,7 +205,7 @@ def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the estimator options that were given, by their names without dashes."""
+    """Return the given options of the estimation and of records, by name without leading dashes."""
     return {
         name[2:]: value
         for name, *_ in (*ESTIMATOR_OPTIONS, *RECORD)

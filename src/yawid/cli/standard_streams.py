@@ -31,7 +31,7 @@ def make_ready() -> None:
 
 def hush(library: str) -> None:
     """Drop what a library logs below ERROR: only yawid may write lines to stderr."""
-    import logging  # takes 17 ms, and few commands need it
+    import logging  # it takes 17 ms, and few commands need it
 
     logging.getLogger(library).setLevel(logging.ERROR)
 

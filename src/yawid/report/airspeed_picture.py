@@ -63,7 +63,7 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture
         return None
     points = _points(known, flight)
     alike = _ends(points.speed)[1] > 0.0 and np.ptp(points.speed) < ALIKE * points.speed.max()
-    if alike:  # side by side: at one airspeed they would hide each other
+    if alike:  # they are drawn side by side: at one airspeed they would hide each other
         points = replace(points, speed=np.array(points.n, dtype=np.float64))
     sources = sorted({each.airspeed_source or "airspeed" for each, _, _ in known})
 

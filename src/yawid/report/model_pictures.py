@@ -310,8 +310,7 @@ def poles_with_sigma(model: Model) -> tuple[Complexes, Floats]:
 def correlation(x: Floats, v: Floats, lags: int) -> tuple[Floats, Floats, int]:
     """Return r(l) = corr(x(k), v(k-l)) and l for l = -lags..lags, and the number of samples.
 
-    The results have shape (2 lags + 1,). ``x``, ``v`` (n,); rows where either is NaN count as their
-    mean.
+    ``x``, ``v`` (n,); rows where either is NaN count as their mean. ``lags`` is cut to n - 1.
     """
     good = np.isfinite(x) & np.isfinite(v)
     count = int(good.sum())

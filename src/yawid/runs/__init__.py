@@ -1,1 +1,1 @@
-"""One file for each thing that a person starts."""
+"""The runs that a user starts: a replay, an inspection, a live session and others, a file each."""

@@ -57,7 +57,7 @@ def _compared(
     Raises:
         NotIdentifiable: there are too few samples.
     """
-    from yawid.offline.orders import candidates, compare_orders, recommended  # few ask for it
+    from yawid.offline.orders import candidates, compare_orders, recommended  # seldom needed
 
     if samples is None:
         raise NotIdentifiable("no sample has both rudder and yaw rate")

@@ -116,7 +116,7 @@ class FinishedRun:
         if bank is not None:
             estimates, evidence = bank_summaries(bank)
             rates_hz = run.rates_hz(pipeline.config.inputs[0])
-            assert rates_hz is not None  # there was a grid to make a bank for
+            assert rates_hz is not None  # a bank exists only where there is a grid
             verdict = bank_verdict(bank, evidence, rates_hz, of_the_log)
         else:
             verdict = Verdict.of(reasons if run.grid is None else of_the_log)

@@ -210,7 +210,7 @@ def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
 
 
 def _phase(phase: Phase, autopilot: int, vehicle_type: int) -> FlightPhase:
-    """Return a phase in seconds since boot; a vehicle that hovers is slow, not on ground."""
+    """Return a phase in seconds since boot; one that hovers is "slow" instead of "on ground"."""
     mode = mode_name(autopilot, vehicle_type, phase.mode) if phase.mode >= 0 else None
     state = STATES.get(phase.state)
     hovers = vehicle_type not in (GENERIC, FIXED_WING) or (mode or "").startswith("Q")

@@ -49,7 +49,7 @@ class RecordedLog(Log):
         super().__init__(path, WANTED, options, again=again)
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
-        """Return the configuration; for a record, with the rudder's unit and sign found in it.
+        """Return the configuration; for a record, with the rudder's unit, sign and travel in it.
 
         Raises:
             ConfigError: an option is missing, does not fit, or is for another kind of file.
@@ -76,7 +76,7 @@ class RecordedLog(Log):
         needs += ["roll", "pitch", "q"] if config.output == "heading-rate" else []
         sign = config.rudder_sign if config.binds("rudder_sign") else None
         said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
-        from yawid.sources.records.find_columns import Asked  # a log needs nothing of it
+        from yawid.sources.records.find_columns import Asked  # only records need it
 
         found = record.settle(Asked(*said, tuple(needs)))
         return replace(
@@ -118,7 +118,7 @@ def open_log(path: Path, options: ReadOptions | None = None, *, again: bool = Fa
     """
     if format_of(path) is not RUN:
         return RecordedLog(path, options, again=again)
-    from yawid.runs.finished_run import FinishedRun  # a log needs nothing of it
+    from yawid.runs.finished_run import FinishedRun  # logs do not need it
 
     return FinishedRun(path)
 

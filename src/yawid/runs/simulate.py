@@ -101,7 +101,7 @@ def _csv(simulation: Simulation) -> bytes:
 
 
 def _parquet(simulation: Simulation) -> bytes:
-    import pyarrow as pa  # few ask for it
+    import pyarrow as pa  # seldom needed
     import pyarrow.parquet as pq
 
     units = {name: {"unit": unit} for name, (_, unit) in COLUMNS.items()}

@@ -66,8 +66,8 @@ def cleaned(content: _T) -> _T:
         texts = {
             each.name: cleaned(getattr(found, each.name)) for each in dataclasses.fields(found)
         }
-        found = dataclasses.replace(found, **texts)  # type: ignore[type-var] # an instance, no class
-    return found  # type: ignore[no-any-return] # of the type that came in
+        found = dataclasses.replace(found, **texts)  # type: ignore[type-var] # an instance, not a class
+    return found  # type: ignore[no-any-return] # it has the type of the argument
 
 
 def show_traceback(error: Exception) -> None:
@@ -117,7 +117,7 @@ def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
 
 def page_console(stream: TextIO) -> "Console":
     """Return a console as wide as the terminal, or ``WIDTH``; it prints ``[red]`` as text."""
-    from rich.console import Console  # not every command prints a page
+    from rich.console import Console  # only some commands print a page
 
     width = None if stream.isatty() else WIDTH
     return Console(file=stream, highlight=False, markup=False, emoji=False, width=width)

@@ -13,7 +13,7 @@ LOOK_S = 1.0
 
 
 class Guard(Bulkhead):
-    """A guard of what writes the file ``part``: after a failure, whose cause is ``failure``, close.
+    """A guard of a writer of the file ``part``, which is closed after a failure.
 
     Writing to a file that has been removed raises no error: therefore the guard checks every
     ``LOOK_S`` that the file still exists.
@@ -34,7 +34,7 @@ class Guard(Bulkhead):
             self._close()
 
     def abort(self) -> None:
-        """Close, unless that is done after a failure; the file keeps its unfinished name."""
+        """Close, unless a failure has closed it already; the file keeps its unfinished name."""
         if self.failure is None:
             self._close()
 
@@ -94,7 +94,7 @@ class TlogRecorder(Guard):
         self._force = force
 
     def write(self, data: bytes) -> None:
-        """Add whole records and hand them to the operating system, before they are used."""
+        """Add whole records and hand them to the operating system at once."""
         self._attempt(lambda: self._write(data))
 
     def look(self) -> None:

@@ -1,4 +1,4 @@
-"""Reports of overload: where more arrives than a session can estimate, every drop is reported."""
+"""Reports of overload: where more arrives than a session can estimate, drops are reported."""
 
 from collections.abc import Iterator
 

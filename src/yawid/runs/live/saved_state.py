@@ -159,7 +159,7 @@ def check_states(path: Path, config: RunConfig) -> None:
 
 
 def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]:
-    """Return the head and the estimators by method; None and none where there is no file yet.
+    """Return the head and the estimators by method, (None, {}) where there is no file yet.
 
     Raises:
         ConfigError: as :class:`StateFile` does.

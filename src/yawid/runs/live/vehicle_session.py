@@ -251,7 +251,7 @@ class LiveSession:
         for pipeline in (self.pipeline, channels_alone, nothing):
             try:
                 summary, verdict = summarise(pipeline, self.decoder.link, log, sha256)
-                summary.to_json()  # the files are made of it
+                summary.to_json()  # the files hold this: it must not fail later
                 break
             except Exception as error:
                 self._estimating.give_up(error)
@@ -274,7 +274,7 @@ class LiveSession:
         return None if tlog is None else tlog.finish()
 
     def _tell_of(self, answered: list[Manoeuvre]) -> None:
-        """Report each manoeuvre that has been answered in a line."""
+        """Report each answered manoeuvre in a line."""
         for found in answered:
             self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}")
 

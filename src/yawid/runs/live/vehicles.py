@@ -24,7 +24,7 @@ MOST_VEHICLES = 64
 FEW = 4
 """Up to this many vehicles each have their own part of the line."""
 CLOSELY = 20
-"""For how many vehicles a screen shows the rudder's movement: about as many as it has rows."""
+"""For how many vehicles a screen shows the rudder's movement: a usual screen has as many rows."""
 _HEARTBEAT = 0
 
 

@@ -30,8 +30,9 @@ class Viewer(Relay):
         tell: Callable[[str], None],
         worker: Executor,
     ) -> None:
-        self._not_taken = self._not_shown = 0  # counted by the caller's and by the viewer's thread
-        self._handed = self._done = 0  # so are these
+        # Of each pair the first is counted by the caller's thread, the second by the viewer's.
+        self._not_taken = self._not_shown = 0
+        self._handed = self._done = 0
         self._worker = worker
         self._connect = connect
         self._tell = tell

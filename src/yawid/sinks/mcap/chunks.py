@@ -91,7 +91,7 @@ class ChunkWriter:
         self._indexes: dict[int, list[bytes]] = {}  # by channel: log times and offsets
 
     def start(self, library: str) -> None:
-        """Write the head of the file."""
+        """Write the head of the file; ``library`` names the program that writes it."""
         self._write(MAGIC + _bytes_of(Header(profile="", library=library)))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:

@@ -56,7 +56,7 @@ LARGEST_SAMPLE: Final = 9e9
 DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
 """Errors that mcap raises on damaged bytes: its own, short structs, bad text, absurd sizes."""
 # The errors that all libraries in use raise on bytes of another kind than expected.
-_DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: it seeks anywhere
+_DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: bad offsets
 
 
 class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
@@ -104,7 +104,7 @@ class McapRun:
         return rates[0], rates[1]
 
     def samples(self) -> Iterator[SampleBlock]:
-        """Yield the samples alone.
+        """Yield the samples without estimates and modes.
 
         Raises:
             SourceError: the file is damaged.
@@ -113,7 +113,7 @@ class McapRun:
             yield self._samples(rows[0], unix_ns)
 
     def blocks(self) -> Iterator[RunRows]:
-        """Yield samples, estimates and modes.
+        """Yield samples with their estimates and modes.
 
         Raises:
             SourceError: the file is damaged.
@@ -124,7 +124,7 @@ class McapRun:
             yield RunRows(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
 
     def _samples(self, rows: Rows, unix_ns: Ints) -> SampleBlock:
-        assert self.grid is not None  # else there were no rows
+        assert self.grid is not None  # without a grid there are no rows
         return samples_from(rows, unix_ns, self.grid.sample_time_s)
 
     def _rows(self, topics: tuple[str, ...]) -> Iterator[tuple[list[Rows], Ints]]:
@@ -320,7 +320,7 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
 
 
 def checked(found: list[Rows], grid: Grid) -> list[Rows]:
-    """Return rows (n,) of several topics, the samples first.
+    """Check the rows (n,) of several topics, the samples first, and return them.
 
     Raises:
         ValueError: their columns are not those of the grid, or they hold values no run writes.

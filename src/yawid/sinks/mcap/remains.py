@@ -60,7 +60,7 @@ class Remains:
     _newest: dict[str, bytes] = field(default_factory=dict)
 
     def add(self, topic: str, log_time: int, data: bytes) -> None:
-        """Take a message that is copied."""
+        """Take the data of a copied message."""
         self._newest[topic] = data
         if topic == SAMPLE:
             self._first_ns = self._first_ns if self.rows else log_time

@@ -26,7 +26,7 @@ MOST_MANOEUVRES = 6
 
 
 def print_inspection(report: Inspection, stream: TextIO) -> None:
-    """Print what a log can answer: verdict, channels, how it was flown, what to do."""
+    """Print what a log can answer: verdict, channels, phases and stretches, and what to do."""
     console = page_console(stream)
     console.print(Text(report.log, style="bold"), soft_wrap=True)
     print_verdict(console, report.verdict)

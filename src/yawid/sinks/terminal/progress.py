@@ -115,7 +115,7 @@ class Console:
         self._outlet = Outlet(stream)
 
     def say(self, text: str) -> None:
-        """Write a line that stays."""
+        """Write a line that is not updated later."""
         with self._lock:
             clear = _CLEAR if self._shown else ""
             self._outlet.write(f"{clear}yawid: {plain(text)}\n{self._shown}")
