@@ -1,4 +1,4 @@
-"""The same aircraft in disguise: what a case's log tells otherwise than the flight it is of.
+"""Changes to the log of a flight: the same aircraft seems to have another autopilot or servos.
 
 Each function takes the records of a flight (tools/flights/surgery.py) and returns others.
 """
@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
 def vtail(records: list[Record]) -> list[Record]:
-    """Make it a V-tail on servos 2 and 4, whose elevator is moved all the while."""
+    """Make the aircraft a V-tail on servos 2 and 4, whose elevator moves all the time."""
     rng = np.random.default_rng(21)
     elevator_us = 0.0
 
@@ -35,14 +35,14 @@ def vtail(records: list[Record]) -> list[Record]:
 
 
 def _as_px4(message: Any) -> bool:
-    """Turn the vehicle's HEARTBEAT into PX4's; tell whether the message stays."""
+    """Turn the vehicle's HEARTBEAT into PX4's; return whether the message is kept."""
     if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
         message.autopilot = mavlink.MAV_AUTOPILOT_PX4
     return bool(message.get_type() != "PARAM_VALUE")
 
 
 def px4_controls(records: list[Record]) -> list[Record]:
-    """Make it a PX4 that tells normalised controls, beside those of another group."""
+    """Make the autopilot a PX4 that reports normalised controls, of group 0 and of another."""
 
     def change(message: Any) -> list[Any]:
         if message.get_type() != "SERVO_OUTPUT_RAW":
@@ -69,13 +69,13 @@ PX4_PARAMETERS = (
     ("CA_SV_CS1_TYPE", 3),
     ("CA_SV_CS2_TYPE", 4),
 )
-"""Rudder: the third surface, hence the third servo (203), hence output 5, reversed."""
+"""The rudder is the third surface, so it is the third servo (203), which is output 5, reversed."""
 
 
 def px4_outputs(records: list[Record]) -> list[Record]:
-    """Make it a PX4 that tells its outputs and which surface each of them moves.
+    """Make the autopilot a PX4 that reports its outputs, with the surface of each as parameters.
 
-    PX4 sends an integer parameter as its four bytes in the place of the float.
+    PX4 sends the four bytes of an integer parameter in the place of the float.
     """
     told = [
         mavlink.MAVLink_param_value_message(
@@ -100,7 +100,7 @@ def px4_outputs(records: list[Record]) -> list[Record]:
 
 
 def no_rudder(records: list[Record]) -> list[Record]:
-    """Make it a flying wing: its parameters name elevons and no rudder."""
+    """Make the aircraft a flying wing: its parameters name elevons and no rudder."""
 
     def change(message: Any) -> list[Any]:
         if message.get_type() == "PARAM_VALUE":

@@ -1,12 +1,12 @@
-"""Make the logs of replay_logs/ anew: every case by its recipe, the same bytes each time.
+"""Makes the logs of replay_logs/ again: every case by its recipe, the same bytes each time.
 
-    python tools/make_cases.py                    # every case whose sources are at hand
+    python tools/make_cases.py                    # every case whose sources are available
     python tools/make_cases.py c172p_vtail --folder /tmp/cases
     python tools/make_cases.py --check            # make them, compare, write nothing
 
-Most are flights of JSBSim (tools/fly_jsbsim.py), some changed by tools/flights/surgery.py; those
-named sitl_ are cut out of recorded flights (--flights DIR). References are not written here: see
-``yawid regress --update``.
+Most logs are flights of JSBSim (tools/fly_jsbsim.py), some changed by tools/flights/surgery.py;
+those named sitl_ are cut out of recorded flights (--flights DIR). This does not write references:
+see ``yawid regress --update``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_BYTES = 1_000_000
 
 
 def write(name: str, recipe: Recipe, made: Made, folder: Path) -> None:
-    """Write a case's log, truth and case.toml; tolerances and updates already there stay."""
+    """Write a case's log, truth and case.toml; keep the tolerances and updates of case.toml."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "log.tlog").write_bytes(made.log)
     if made.truth is not None:
@@ -41,7 +41,7 @@ def write(name: str, recipe: Recipe, made: Made, folder: Path) -> None:
 
 
 def _told(name: str, truth: dict[str, Any]) -> dict[str, Any]:
-    """Return the truth with the command that makes the case, where it does not tell one."""
+    """Return the truth with the command that makes the case, unless it already has one."""
     return (
         truth if "command" in truth else truth | {"command": f"python tools/make_cases.py {name}"}
     )
@@ -68,7 +68,7 @@ def make(recipe: Recipe, flights: Path) -> Made:
     """Make a case's log by its recipe.
 
     Raises:
-        ValueError: the log is larger than a case's may be.
+        ValueError: the log is too large for a case.
     """
     with tempfile.TemporaryDirectory() as scratch:
         made = recipe.make(Path(scratch), flights)
@@ -91,7 +91,7 @@ def _one(name: str, options: argparse.Namespace) -> bool:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Make cases; return 0, or 1 where --check finds another log than the one there."""
+    """Make cases; return 0, or 1 if --check finds that a log differs from the one in the folder."""
     parser = argparse.ArgumentParser(
         prog="make_cases.py", description=(__doc__ or "").split("\n")[0]
     )

@@ -25,7 +25,7 @@ from cases.changes import no_rudder, px4_controls, px4_outputs, two_vehicles, vt
 Truth = dict[str, Any]
 MIT = "MIT (made for yawid)"
 KEY = bytes(range(32))
-"""Signs the frames of the signed case: no secret."""
+"""The key that signs the frames of the signed case; it is not secret."""
 UINT32_WRAP_S = 2**32 / 1e6
 
 
@@ -33,7 +33,7 @@ UINT32_WRAP_S = 2**32 / 1e6
 class Recipe:
     """How a case is made; ``make`` takes a scratch folder and the folder of recorded flights.
 
-    Without ``manoeuvres`` it is the stream's estimate that is pinned, alone.
+    Without ``manoeuvres``, the references of the case contain only the stream's estimate.
     """
 
     origin: str
@@ -46,7 +46,7 @@ class Recipe:
 
     @property
     def pinned(self) -> dict[str, Any]:
-        """The options of the case, those of its manoeuvres included."""
+        """The options in case.toml, with that of manoeuvres."""
         return {"manoeuvres": "auto" if self.manoeuvres else "off"} | self.options
 
 
@@ -62,7 +62,7 @@ def flown(command: str, scratch: Path, flights: Path) -> Made:
 
 
 def original(command: str, place: str, scratch: Path, flights: Path) -> Made:
-    """Fly one of the first cases, whose truth tells the command of the flight itself."""
+    """Fly one of the first cases, whose truth has the command of the flight itself."""
     made = flown(command, scratch, flights)
     assert made.truth is not None
     told = {key: value for key, value in made.truth.items() if key != "flight"}
@@ -76,7 +76,7 @@ def changed(
     *rest: Path,
     tell: bool = True,
 ) -> Made:
-    """Fly, then change the log's records; ``tell`` whether there is still a truth to be found."""
+    """Fly, then change the log's records; without ``tell``, the result has no truth."""
     made = flown(command, *rest)
     log = change(split(made.log))
     return Made(log if isinstance(log, bytes) else join(log), made.truth if tell else None)
@@ -94,7 +94,7 @@ def flown_twice(
 
 
 def cut(name: str, low_s: float, high_s: float, told: Truth | None, *rest: Path) -> Made:
-    """Cut a stretch out of a recorded flight, only the messages that yawid reads."""
+    """Cut a stretch out of a recorded flight, keeping only the messages that yawid reads."""
     log = (rest[1] / f"{name}.tlog").read_bytes()
     command = (
         f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
@@ -103,9 +103,9 @@ def cut(name: str, low_s: float, high_s: float, told: Truth | None, *rest: Path)
 
 
 def with_aileron(scratch: Path, flights: Path) -> Made:
-    """Fly with rudder and aileron both moved on purpose: each moves the yaw on its own.
+    """Fly with rudder and aileron both moved on purpose, so that each moves the yaw on its own.
 
-    The aileron is an input then, so that the Dutch roll to be found is the bare airframe's.
+    The aileron is then an input, so that the Dutch roll estimated is that of the bare airframe.
     """
     plan = FlightPlan(seconds=100.0, roll_gain=0.3, roll_rate_gain=0.0, true_feedback=True)
     link = Link(attitude_hz=25.0, servo_hz=25.0, seed=11)
@@ -147,7 +147,7 @@ SEGMENTS = {
     "prbs": [143.099, 193.879],
     "sweep": [193.879, 253.9],
 }
-"""Of the flight at 50 Hz, in boot seconds."""
+"""The parts of the flight at 50 Hz, in s since boot."""
 
 RECIPES: dict[str, Recipe] = {
     "c172p_3211": Recipe(
@@ -179,15 +179,15 @@ RECIPES: dict[str, Recipe] = {
         partial(flown, f"{FLY} 4 --rudder 1050,1430,1900,1"),
     ),
     "c172p_vtail": Recipe(
-        "JSBSim C172P at 100 kt, its rudder told as a V-tail's whose elevator moves too",
+        "JSBSim C172P at 100 kt, its rudder reported as a V-tail's whose elevator moves too",
         partial(changed, f"{FLY} 5", vtail),
     ),
     "px4_controls": Recipe(
-        "JSBSim C172P at 100 kt, told as PX4's ACTUATOR_CONTROL_TARGET",
+        "JSBSim C172P at 100 kt, reported as PX4's ACTUATOR_CONTROL_TARGET",
         partial(changed, f"{FLY} 6", px4_controls),
     ),
     "px4_outputs": Recipe(
-        "JSBSim C172P at 100 kt, told as PX4's outputs: PWM_MAIN_FUNCn and CA_SV_CSi_TYPE",
+        "JSBSim C172P at 100 kt, reported as PX4's outputs: PWM_MAIN_FUNCn and CA_SV_CSi_TYPE",
         partial(changed, f"{FLY} 7", px4_outputs),
     ),
     "c172p_yaw_output": Recipe(
@@ -233,7 +233,7 @@ RECIPES: dict[str, Recipe] = {
         partial(changed, f"{FLY} 17", partial(rewrite, key=KEY)),
     ),
     "no_rudder": Recipe(
-        "JSBSim C172P told as a flying wing with elevons: no rudder at all",
+        "JSBSim C172P reported as a flying wing with elevons: no rudder at all",
         partial(changed, f"{FLY} 18 --seconds 20", no_rudder, tell=False),
         floor=0,
     ),

@@ -1,13 +1,16 @@
-"""Install yawid as others do and replay a flight with it; tools/check.py --long runs this.
+"""Installs yawid as users do and replays a flight with it; tools/check.py --long runs this.
 
     python -m checks.check_install [built oldest newest pythons aarch64]
 
-built: the sdist and the wheel hold what they must and nothing else, and what the wheel installs
-answers outside of the clone, where there is no git, no compiler and no display. oldest: with the
-oldest libraries that pyproject.toml allows, the cases of replay_logs/ and some tests. newest: with
-the newest numba and llvmlite that it allows, which compile, and the tests of what they compiled.
-pythons: each newer Python that is on the PATH. aarch64: every library has a wheel for it. All of
-them without names; needs the package registry and some minutes.
+The steps, all of which run if none is named:
+built: the sdist and the wheel have the right files and no others, and the installed wheel replays a
+flight outside of the clone, without git, compiler and display.
+oldest: the cases of replay_logs/ and some tests pass with the oldest libraries that pyproject.toml
+allows.
+newest: the newest numba and llvmlite that it allows compile the estimators, whose tests pass.
+pythons: the wheel works with each newer Python on the PATH.
+aarch64: every library has a wheel for it.
+They need the package registry and some minutes.
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ TESTS = (
     "tests/report/test_report.py",
 )
 COMPILED = ("numba", "llvmlite")
-"""The libraries with an upper bound, which must fit each other."""
+"""The libraries with an upper bound, whose versions must match each other."""
 OF_COMPILED = ("tests/estimation",)
 OLDEST = (3, 11)
 NEWER = ("3.12", "3.13")
@@ -49,7 +52,7 @@ AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aa
 
 
 def main() -> int:
-    """Do the steps that were named; return 1 if one of them failed."""
+    """Run the steps that are named; return 1 if one of them fails."""
     steps = {"built": built, "oldest": oldest, "newest": newest}
     steps |= {"pythons": pythons, "aarch64": aarch64}
     parser = argparse.ArgumentParser(description=__doc__)
@@ -84,14 +87,14 @@ def build(scratch: Path) -> Path:
 
 
 def built(wheel: Path, scratch: Path) -> str:
-    """Compare what was packed to the tree, then install it and replay a flight."""
+    """Compare the packed files with the tree, then install the wheel and replay a flight."""
     package = {path.relative_to(SRC).as_posix() for path in (SRC / "yawid").rglob("*.py")} | DATA
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     assert packed == package, f"the wheel: {sorted(packed ^ package)}"
     with tarfile.open(next(wheel.parent.glob("*.tar.gz"))) as archive:
         files = {member.name.partition("/")[2] for member in archive if member.isfile()}
     files = {name for name in files if "src/yawid.egg-info/" not in name}
-    # setuptools packs the tests' root too, without asking; they need the logs of a clone.
+    # setuptools always packs the tests in the root of tests/, too.
     tests = {f"tests/{path.name}" for path in (ROOT / "tests").glob("test*.py")}
     wanted = {f"src/{name}" for name in package} | BESIDE | tests
     assert files == wanted, f"the sdist: {sorted(files ^ wanted)}"
@@ -101,23 +104,23 @@ def built(wheel: Path, scratch: Path) -> str:
 
 
 def oldest(wheel: Path, scratch: Path) -> str:
-    """Install the oldest libraries allowed; run the cases and some tests."""
+    """Install the oldest libraries allowed; run the cases of replay_logs/ and some tests."""
     if sys.version_info[:2] != OLDEST:
         return "not tried: the oldest libraries have wheels for the oldest Python only"
     constraints = scratch / "oldest.txt"
     constraints.write_text("\n".join(oldest_allowed()))
     python = environment(scratch / "oldest", sys.executable)
     install(python, wheel, "--constraint", constraints)
-    clone = scratch / "clone"  # a case that fails leaves a picture beside it
+    clone = scratch / "clone"  # a case that fails writes a picture into its folder
     cases = run(python, "-m", "yawid", "regress", cwd=clone).count("    ok  ")
     return f"{cases} cases as their references; {tested(python, scratch, TESTS)}"
 
 
 def newest(wheel: Path, scratch: Path) -> str:
-    """Install the newest numba and llvmlite allowed; compile, and run the tests of what they made.
+    """Install the newest numba and llvmlite allowed; compile, and test the compiled code.
 
-    It asks for the last minor version below each bound by its number: pip alone would take an older
-    pair that fits, and say nothing.
+    The last minor version below each bound is required by its number: pip alone would silently
+    install an older pair that matches.
     """
     constraints = scratch / "newest.txt"
     constraints.write_text("\n".join(newest_allowed()))
@@ -135,7 +138,7 @@ def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
     """Run tests of the clone with the libraries of an environment; return pytest's last line."""
     run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
     options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long"]
-    options += ["-o", "filterwarnings="]  # old libraries with new ones below them do warn
+    options += ["-o", "filterwarnings="]  # old libraries warn when they use newer ones
     return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
 
 
@@ -146,12 +149,12 @@ def required() -> list[str]:
 
 
 def oldest_allowed() -> list[str]:
-    """Return the requirements, each at its lower bound."""
+    """Return the requirements, each pinned to its lower bound."""
     return [re.sub(r">=([^,]+).*", r"==\1", each) for each in required()]
 
 
 def newest_allowed() -> list[str]:
-    """Return the requirements with an upper bound of 0.N, each at the version 0.(N - 1) before."""
+    """Return the requirements with an upper bound of 0.N, each pinned to version 0.(N - 1)."""
     found = []
     for each in required():
         if bound := re.fullmatch(r"([\w-]+).*<0\.(\d+)", each):
@@ -161,7 +164,7 @@ def newest_allowed() -> list[str]:
 
 
 def pythons(wheel: Path, scratch: Path) -> str:
-    """Install with each newer Python that is here."""
+    """Install the wheel with each newer Python on the PATH, and replay a flight."""
     found = []
     for version in NEWER:
         interpreter = shutil.which(f"python{version}")
@@ -175,12 +178,12 @@ def pythons(wheel: Path, scratch: Path) -> str:
 
 
 def works(interpreter: str) -> bool:
-    """Tell a Python from what only stands for one on the PATH."""
+    """Return whether a ``python`` on the PATH is more than a placeholder."""
     return subprocess.run([interpreter, "-c", ""], capture_output=True, check=False).returncode == 0
 
 
 def aarch64(wheel: Path, scratch: Path) -> str:
-    """Have pip resolve everything for a companion computer, from wheels alone."""
+    """Check that pip finds wheels of all libraries for a companion computer (aarch64)."""
     report = scratch / "aarch64.json"
     platforms = [word for name in AARCH64 for word in ("--platform", name)]
     target = ("--target", scratch / "aarch64", "--dry-run", "--report", report, "--quiet")
@@ -199,12 +202,12 @@ def environment(folder: Path, interpreter: str) -> Path:
 
 
 def install(python: Path, wheel: Path, *options: object) -> None:
-    """Install the wheel and its libraries, from wheels alone: nothing to compile them with."""
+    """Install the wheel and its libraries from wheels only, in an environment without compiler."""
     run(python, "-m", "pip", "install", "--quiet", WHEELS_ONLY, *options, wheel, bare=True)
 
 
 def answers(python: Path, scratch: Path) -> str:
-    """Ask the three ways of starting it for their version, and for one flight's answer."""
+    """Check that script and module report one version; return it with one flight's answer."""
     away, script = scratch / "away", python.parent / "yawid"
     away.mkdir(exist_ok=True)
     version = run(script, "--version", cwd=away, bare=True)
@@ -216,7 +219,7 @@ def answers(python: Path, scratch: Path) -> str:
 
 
 def run(*command: object, cwd: Path | None = None, bare: bool = False) -> str:
-    """Run a command and return what it printed; bare: with no other program and no display."""
+    """Run a command and return its stdout; ``bare``: with an empty PATH and without a display."""
     given = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
     kept = {name: text for name, text in given.items() if re.match("PIP_|SSL_|LANG", name)}
     nowhere = {"PATH": "", "HOME": str(cwd or "/")}

@@ -1,4 +1,4 @@
-"""Child processes of tools and tests: each ends with its block, and none outlives its limit."""
+"""Child processes of tools and tests: each ends with its ``with`` block or at its time limit."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any
 
 LIMIT_S = 120.0
-"""Twenty times what the slowest child of a test needs alone on two cores."""
+"""Time limit of a child in s: twenty times what the slowest child of a test needs on two cores."""
 LONG_S = 86_400.0
-"""For a child that measures for hours."""
+"""Time limit in s of a child that measures for hours."""
 LEAVE_S = 10.0
-"""A session that is told to end finishes its files within a second or two."""
+"""Time in s that a child has to end after SIGTERM; a session finishes its files in about two."""
 
 
-# A process begins with its parent's peak of memory: this small one between has none.
+# A process starts with the peak memory of its parent. This small process between keeps it low.
 _MEASURE = """
 import json, os, subprocess, sys, time
 start = time.perf_counter()
@@ -35,7 +35,7 @@ print(json.dumps([os.waitstatus_to_exitcode(status), *spent, used.ru_maxrss / 10
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a process took, its children included: seconds, and its peak of memory in MB."""
+    """What a process cost, with its children: exit code, times in s, and peak memory in MB."""
 
     code: int
     wall_s: float
@@ -47,10 +47,10 @@ class Cost:
 def cost_of(
     *arguments: str, allowed: Collection[int] = (0,), env: Mapping[str, str] | None = None
 ) -> Cost:
-    """Run Python with these arguments to its end; return what that took.
+    """Run Python with these arguments to its end; return what it cost.
 
     Raises:
-        SystemExit: it ended with a code that is not allowed.
+        SystemExit: it ended with an exit code that is not in ``allowed``.
     """
     command = [sys.executable, "-c", _MEASURE, sys.executable, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=env)
@@ -64,9 +64,9 @@ def cost_of(
 def child(
     command: Sequence[str | Path], within_s: float = LIMIT_S, **options: Any
 ) -> Iterator[subprocess.Popen[Any]]:
-    """Start a process and end it with the block; kill it where it lives for ``within_s``.
+    """Start a process and end it with the block; kill it if it still runs after ``within_s`` s.
 
-    So whoever reads its pipes or waits for it goes on after that time at the latest.
+    So code that reads its pipes or waits for it cannot block for longer.
     """
     process = subprocess.Popen(command, **options)
     late = threading.Timer(within_s, process.kill)
@@ -80,9 +80,9 @@ def child(
 
 
 def end(process: subprocess.Popen[Any]) -> None:
-    """End a process by SIGTERM, by SIGKILL where it does not heed that; close its pipes.
+    """End a process by SIGTERM, or by SIGKILL if it ignores that; close its pipes.
 
-    SIGINT would not do: a shell starts a job in the background with SIGINT ignored.
+    SIGINT does not suffice, as a shell starts background jobs with SIGINT ignored.
     """
     process.terminate()
     try:
@@ -92,12 +92,12 @@ def end(process: subprocess.Popen[Any]) -> None:
         process.wait(LEAVE_S)
     for stream in (process.stdin, process.stdout, process.stderr):
         if stream is not None:
-            with suppress(OSError):  # what it never read
+            with suppress(OSError):  # closing flushes what the process never read
                 stream.close()
 
 
 def resident_mb(pid: int | str = "self") -> float:
-    """Return the memory that a process holds now, without what it shares with files."""
+    """Return the memory in MB that a process has now, without pages that belong to files."""
     text = Path(f"/proc/{pid}/status").read_text()
     match = re.search(r"RssAnon:\s+(\d+) kB", text)
     return math.nan if match is None else int(match[1]) / 1024.0

@@ -1,4 +1,4 @@
-"""Small defects as a hurried change might bring them in: those of defects.toml."""
+"""The seeded defects of defects.toml: small mistakes that a careless change could make."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class Defect:
-    """``old``, once in ``file`` (below src/yawid), becomes ``new``; then ``test`` must fail."""
+    """A defect: ``old`` in ``file`` (below src/yawid) becomes ``new``; then ``test`` must fail."""
 
     what: str
     file: str

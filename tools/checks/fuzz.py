@@ -1,10 +1,10 @@
-"""Fuzz yawid for a while: hostile logs and command lines through its own main.
+"""Fuzzes yawid for a while: hostile logs and command lines through its own main.
 
     python -m checks.fuzz [--minutes 10] [--seed 0]
 
-Looked for are exceptions and warnings that escape, runs that do not end, exit codes that mean
-nothing, more than one line for an error, and memory that grows. Every finding is printed once, made
-small, as it can be run again. The exit code is 1 if there are any.
+It looks for exceptions and warnings that escape, runs that do not end, undocumented exit codes,
+errors of more than one line, and memory that grows. Every finding is printed once, reduced to a
+small example that can be run again. The exit code is 1 if there is a finding.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ _NOT_A_NUMBER = re.compile(r"\b(NaN|Infinity)\b")
 
 
 class FindingError(Exception):
-    """Something a run did that it must not do."""
+    """A run did something that it must not do."""
 
 
 def run(flight: FuzzFlight, arguments: list[str], folder: Path) -> int:
     """Run one command line on one flight; return its exit code.
 
     Raises:
-        FindingError: it took too long, or ended in a way that a user cannot read.
-        Exception: whatever escaped.
+        FindingError: the run took too long, or ended with an output that a user cannot read.
+        Exception: any exception that escaped from yawid.
     """
     files = {"LOG": folder / "log.tlog", "KEY": folder / "key", "TOML": folder / "run.toml"}
     files["OUT"] = folder / "out"
@@ -60,7 +60,7 @@ def run(flight: FuzzFlight, arguments: list[str], folder: Path) -> int:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), _limited():
         try:
             code = yawid(told)
-        except SystemExit as end:  # argparse's way out
+        except SystemExit as end:  # argparse exits so
             return int(end.code or 0)
     _check(code, told, out.getvalue(), err.getvalue())
     return code
@@ -79,7 +79,7 @@ def _check(code: int, arguments: list[str], out: str, err: str) -> None:
 
 
 def warm_up(folder: Path) -> None:
-    """Have everything imported and compiled, for which no run is to be blamed."""
+    """Import and compile everything, so that this does not count as time of a run."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         for engine in ("numba", "filterpy"):
             log = folder / "log.tlog"
@@ -91,7 +91,7 @@ def warm_up(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _limited() -> Iterator[None]:
-    """Raise FindingError where a run takes longer than it may."""
+    """Raise FindingError if the block takes longer than LONGEST_S."""
 
     def too_long(number: int, frame: FrameType | None) -> None:
         raise FindingError(f"not finished after {LONGEST_S} s")
@@ -106,7 +106,10 @@ def _limited() -> Iterator[None]:
 
 
 def fuzz(seed: int, folder: Path, counts: dict[int, int], known: set[str]) -> str | None:
-    """Run some examples; return the first finding that is not known, made small."""
+    """Run some examples; return the first finding that is not in ``known``, reduced in size.
+
+    ``counts`` gets the number of runs by exit code, ``known`` the place of the finding.
+    """
 
     @hypothesis.seed(seed)
     @settings(
@@ -134,13 +137,13 @@ def fuzz(seed: int, folder: Path, counts: dict[int, int], known: set[str]) -> st
 
 
 def place(error: BaseException) -> str:
-    """Name a finding by its kind and where it was raised."""
+    """Return the name of a finding: the kind of error and where it was raised."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}"
 
 
 def main() -> int:
-    """Fuzz until the time is up; print what was found."""
+    """Fuzz until the time is over; print the findings."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,6 +1,6 @@
-"""What a fuzzer gives yawid: hostile flights as tlog bytes, and command lines.
+"""The inputs of the fuzzer: hostile flights as tlog bytes, and command lines.
 
-Each is drawn by Hypothesis, which makes a failing one small before it is shown.
+Hypothesis draws them, and reduces a failing one in size before it is shown.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ NAMES = (
 
 
 def numbers() -> st.SearchStrategy[float]:
-    """Numbers a parameter or a field may hold: mostly the nasty ones."""
+    """Return a strategy for numbers of a parameter or field, many of them extreme."""
     return st.sampled_from(HOSTILE) | st.floats(width=32)
 
 
 @dataclass(frozen=True)
 class FuzzFlight:
-    """A flight as a log may tell it; ``tlog`` is its bytes, and the repr gives it back.
+    """A flight that may be hostile; :meth:`tlog` returns its bytes, and its repr makes it again.
 
-    ``parameters`` are (fraction of the flight, name, value), ``steps`` (fraction, seconds) by which
-    the vehicle's clock leaps, ``fields`` (fraction, message, payload) that stand in between, and
-    ``damage`` (fraction, kind, seed) what befell the bytes.
+    ``parameters`` are (fraction of the flight, name, value), ``steps`` (fraction, seconds) are the
+    jumps of the vehicle's clock, ``fields`` (fraction, message, payload) are further messages, and
+    ``damage`` (fraction, kind, seed) is done to the bytes.
     """
 
     kind: int = 1
@@ -57,7 +57,7 @@ class FuzzFlight:
     seed: int = 0
 
     def tlog(self) -> bytes:
-        """Return the log."""
+        """Return the flight as the bytes of a tlog."""
         rng = np.random.default_rng(self.seed)
         link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
         parts = []
@@ -90,7 +90,7 @@ class FuzzFlight:
 
 
 def _message(name: str, payload: bytes) -> Any:
-    """Return the message with this payload, zeros added."""
+    """Return the message with this payload, filled with zeros or cut to its size."""
     cls = _BY_NAME[name]
     size = cls.unpacker.size
     head = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16)
@@ -100,7 +100,7 @@ def _message(name: str, payload: bytes) -> Any:
 
 
 def _payload(name: str, boot_s: float, t: float, swing: float) -> bytes:
-    """Return what the vehicle sends at a time: a yaw rate and a rudder that answers ``swing``."""
+    """Return the payload of a message at a time; the rudder's position follows ``swing``."""
     ms, us = int(1e3 * boot_s) % 2**32, int(1e6 * boot_s) % 2**32
     rate = 0.4 * np.sin(2.0 * t) + 0.01 * swing
     pulse = 1500 + int(np.clip(100.0 * swing, -390.0, 390.0))
@@ -121,7 +121,7 @@ def _payload(name: str, boot_s: float, t: float, swing: float) -> bytes:
 
 
 def _damage(data: bytearray, at: int, kind: str, rng: np.random.Generator) -> None:
-    """Change bytes, put garbage in, cut some out, repeat a stretch, or tear the end off."""
+    """Damage bytes: change some, insert garbage, cut some out, repeat a stretch, cut the end."""
     size = int(rng.integers(1, 3000))
     if kind == "flip":
         for place in rng.integers(0, max(len(data), 1), size // 20).tolist():
@@ -153,7 +153,7 @@ _FRACTION = st.floats(0, 1)
 
 @st.composite
 def flights(draw: st.DrawFn) -> FuzzFlight:
-    """Flights of a vehicle that may lie about everything; most of them can be estimated from."""
+    """Return flights of a vehicle that may report anything; most of them give an estimate."""
     odd = draw(st.sampled_from([False, False, True]))
     rates = st.sampled_from([2.0, 4.0, 10.0, 50.0] if odd else [10.0, 20.0, 20.0, 50.0])
     yaw = [*["ATTITUDE"] * 4, *(["ATTITUDE_QUATERNION", "VFR_HUD", "HIGHRES_IMU"] if odd else [])]
@@ -210,7 +210,7 @@ _VALUES: dict[str, tuple[str, ...]] = {
 
 @st.composite
 def options(draw: st.DrawFn) -> list[str]:
-    """Options with values that are mostly allowed; LOG, KEY and TOML stand for files."""
+    """Return options with values that are mostly allowed; LOG, KEY and TOML stand for files."""
     chosen = draw(st.lists(st.sampled_from(sorted(_VALUES)), max_size=4, unique=True))
     told = []
     for name in chosen:
@@ -222,7 +222,7 @@ def options(draw: st.DrawFn) -> list[str]:
 
 @st.composite
 def command_lines(draw: st.DrawFn) -> list[str]:
-    """Command lines of every command that ends by itself; LOG, OUT and FOLDER stand for files."""
+    """Return command lines, most of them of replay; LOG and OUT stand for files."""
     command = draw(
         st.sampled_from(["replay"] * 9 + ["inspect", "inspect", "orders", "live", "other"])
     )

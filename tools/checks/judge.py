@@ -1,8 +1,8 @@
-"""What yawid answers of a log next to what is true: the rows that every judge of flights counts.
+"""Compares yawid's answers with the truth of a log, as rows that all judges of flights count.
 
-A row is one estimate: of a manoeuvre by each method (kind ``rml``, ``els``) and as it is answered
-(``manoeuvre``), of the flight (``flight``), of the stream at its end (``stream rml``, ``stream
-els``); or a manoeuvre of the truth that was not found (``missed``).
+A row is one estimate: of a manoeuvre by each method (kind ``rml``, ``els``) and by the method that
+answers (``manoeuvre``), of the flight (``flight``), or of the stream at its end (``stream rml``,
+``stream els``). A manoeuvre of the truth that was not found is a row, too (``missed``).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Known = tuple[Floats, Floats]
 """True wn in rad/s and zeta (2,), and their sigmas (2,)."""
 METHODS = ("rml", "els")
 MEMORY_S = 60.0
-"""The default memory: what the stream's estimate at its end is of."""
+"""The default memory in s: the stretch that the stream's estimate at its end describes."""
 MOST_JOBS = 2
 
 
@@ -50,7 +50,7 @@ def options_of(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def folder_of(logs: Path | None) -> Iterator[Path]:
-    """Yield the folder where flights stay, or one that goes away."""
+    """Yield the folder ``logs``, or without it a temporary one."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = logs or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,9 +58,9 @@ def folder_of(logs: Path | None) -> Iterator[Path]:
 
 
 def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth]:
-    """Return a log and its truth; make them where they are not in the folder yet."""
+    """Return a log and its truth; make them if the folder does not have them yet."""
     log, told = folder / f"{name}.tlog", folder / f"{name}.json"
-    if not told.exists():  # written last: who has it has the whole log
+    if not told.exists():  # the truth is written last, so with it the log is complete
         made = make()
         log.write_bytes(made.log)
         told.write_text(json.dumps(made.truth, indent=1) + "\n", encoding="utf-8")
@@ -70,7 +70,7 @@ def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth
 def in_processes(
     do: Callable[[Any], list[Row]], tasks: Sequence[Any], jobs: int
 ) -> Iterator[list[Row]]:
-    """Yield what ``do`` returns of each task, in their order, and say how many are done."""
+    """Yield the result of ``do`` for each task in order; print how many are done to stderr."""
     with ExitStack() as stack:
         found: Iterator[list[Row]] = map(do, tasks)
         if jobs > 1:
@@ -83,14 +83,14 @@ def in_processes(
 
 
 def replayed(log: Path, config: RunConfig | None = None) -> RunSummary:
-    """Return the summary of a log, with the default options unless others are given."""
+    """Return the summary of a log, replayed with the default options unless others are given."""
     source, pipeline = open_log(log), Pipeline(config or RunConfig())
     feed_all(source, pipeline)
     return summarise(pipeline, source.link, str(log), "")[0]
 
 
 def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row]:
-    """Replay a log; return its rows. Of one that cannot be read the flight's, refused."""
+    """Replay a log and return its rows; a log that fails has only the flight's row, refused."""
     config = config or RunConfig()
     try:
         return compared(replayed(log, config), truth, config)
@@ -100,9 +100,10 @@ def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row
 
 
 def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> Known | None:
-    """Return what is true between two boot times, None where it is not known.
+    """Return the truth between two boot times, or None if it is unknown.
 
-    With the aileron as an input the roll hold is outside the model: then the bare airframe is true.
+    With the aileron as an input, the roll hold is not part of the model, and the truth is that of
+    the bare airframe.
     """
     bare = "aileron" in inputs
     if "lines" in truth:
@@ -126,7 +127,7 @@ def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> 
 
 
 def _manoeuvre_at(truth: Truth, from_s: float, to_s: float) -> Truth | None:
-    """Return the first of the truth's manoeuvres that lies between two boot times in part."""
+    """Return the first of the truth's manoeuvres that overlaps the time between two boot times."""
     meant = (m for m in truth.get("manoeuvres", ()) if m["from_s"] < to_s and from_s < m["to_s"])
     return next(meant, None)
 
@@ -134,9 +135,9 @@ def _manoeuvre_at(truth: Truth, from_s: float, to_s: float) -> Truth | None:
 def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None) -> list[Row]:
     """Return the rows of one flight.
 
-    The stream has rows where the truth says which airspeeds were ``flown``. The flight's row is
-    that of the deciding verdict: of the stream where no manoeuvre was found. Its estimate is absent
-    where it is refused.
+    The stream has rows if the truth has the airspeeds ``flown``. The flight's row is that of the
+    deciding verdict, which is the stream's if no manoeuvre was found; it has no estimate if it is
+    refused.
     """
     config = config or RunConfig()
     rows: list[Row] = []
@@ -202,9 +203,10 @@ def _flight_row(
 def _together(
     used: Sequence[Manoeuvre], known: Mapping[int, Known | None], at_speed: float | None
 ) -> Known | None:
-    """Return the mean truth of manoeuvres and its sigma: that of each, and how they scatter.
+    """Return the mean truth of manoeuvres and its sigma, from their sigmas and their scatter.
 
-    wn is scaled to an airspeed in m/s, unless the truth is one for all of them: None.
+    wn is scaled to ``at_speed`` in m/s; with None it is not, as all manoeuvres have one truth. The
+    result is None if the truth of a manoeuvre is unknown.
     """
     values, sigmas = [], []
     for each in used:
@@ -220,7 +222,7 @@ def _together(
 
 
 def _told(roll: DutchRoll | None, known: Known | None, verdict: VerdictSummary) -> Row:
-    """Return verdict, truth, estimate, error in %, sigmas and z; None for what there is not."""
+    """Return verdict, truth, estimate, error in %, sigmas and z; unknown values are None."""
     row: Row = {
         "usable": verdict.usable,
         "warnings": " ".join(r.id for r in verdict.reasons if r.weight == "warning"),

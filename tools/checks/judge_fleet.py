@@ -1,10 +1,11 @@
-"""Judge ``yawid fleet`` on many logs: each told once and rightly, whatever is killed.
+"""Judges ``yawid fleet`` on many logs: each must have one right outcome, whatever is killed.
 
     python -m checks.judge_fleet LOGS OUT [--workers 2] [--kill-every 30] [--share 0.1]
 
-LOGS is made by flights/fleet_logs.py. First some logs (``--share``) in one plain process and by the
-workers, in turns: throughput and memory; then all logs, while every so many seconds one process
-that replays is killed with -9; then all once more, which must touch nothing.
+LOGS is made by flights/fleet_logs.py. First, a part of the logs (``--share``) is replayed in one
+plain process and then by the workers, to compare throughput and memory. Then all logs are run,
+while every ``--kill-every`` seconds one process that replays is killed with -9. Then all are run
+again, which must change no file.
 """
 
 from __future__ import annotations
@@ -43,7 +44,11 @@ LOOK_S: Final = 0.5
 
 @dataclass(slots=True)
 class Watched:
-    """What was seen of one run of ``yawid fleet``: seconds, MB of a worker's process."""
+    """What was measured in one run of ``yawid fleet``.
+
+    ``wall_s`` is its time in s, ``worker_mb`` the peak memory of a child, ``kills`` how many were
+    killed, and ``cpu_s`` the CPU time in s of each child by its process id.
+    """
 
     wall_s: float = 0.0
     worker_mb: float = 0.0
@@ -52,12 +57,16 @@ class Watched:
 
 
 def workers_of(main: psutil.Process) -> list[psutil.Process]:
-    """Return the processes of a run that replay, one for each worker."""
+    """Return the child processes of a run that replay logs, one for each worker."""
     return [p for p in main.children(recursive=True) if "yawid.fleet.child" in p.cmdline()]
 
 
 def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float = 0.0) -> Watched:
-    """Run ``yawid fleet`` to its end and watch it; kill a process of it every so often."""
+    """Run ``yawid fleet`` to its end and watch it; kill one child every ``kill_every_s`` s.
+
+    Raises:
+        SystemExit: it ended with an exit code other than 0.
+    """
     seen, start_s = Watched(), time.perf_counter()
     command = [sys.executable, "-m", "yawid", "fleet", *paths, "--out", str(out)]
     command += ["--workers", str(workers)]
@@ -74,7 +83,7 @@ def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float
                     workers_of(main)[seen.kills % workers].kill()
                     seen.kills += 1
             except (psutil.Error, IndexError):
-                continue  # it has ended, or is just starting again
+                continue  # the child has ended, or is just starting again
     seen.wall_s = time.perf_counter() - start_s
     if process.returncode:
         raise SystemExit(f"yawid fleet ended with {process.returncode}")
@@ -82,7 +91,7 @@ def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float
 
 
 def throughput(logs: Sequence[Path], out: Path, workers: int) -> None:
-    """Print how the workers' rate compares with that of one process, in wall time and CPU."""
+    """Print the rate of the workers and of one process, in wall time and CPU."""
     command = [sys.executable, "-c", ONE_PROCESS, str(logs[0]), *map(str, logs)]
     told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     one_wall_s, one_cpu_s = map(float, told)
@@ -97,7 +106,7 @@ def throughput(logs: Sequence[Path], out: Path, workers: int) -> None:
 
 
 def faults(folder: Path, out: Path) -> list[str]:
-    """Return what is wrong with a data set, by the truth of its logs."""
+    """Return the mistakes in a data set in words, by the truth of its logs."""
     truth: dict[str, dict[str, Any]] = json.loads((folder / "truth.json").read_bytes())
     rows = read_table(out, "logs").to_pylist()
     counts = Counter(row["path"] for row in rows)
@@ -142,7 +151,7 @@ def differences(one: Path, other: Path) -> list[str]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Judge; return 1 where anything is wrong."""
+    """Run all parts; return 1 if there is a mistake."""
     parser = argparse.ArgumentParser(prog="judge_fleet.py", description=__doc__.split("\n")[0])
     parser.add_argument("logs", type=Path, metavar="LOGS")
     parser.add_argument("out", type=Path, metavar="OUT")

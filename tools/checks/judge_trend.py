@@ -1,17 +1,20 @@
-"""Judge ``yawid trend`` on drawn fleets: a damping that falls is found, and nothing else.
+"""Judges ``yawid trend`` on drawn fleets: it must find a falling damping, and nothing else.
 
     python -m checks.judge_trend rates [--draws 2000] [--only nightly]
     python -m checks.judge_trend looks [--histories 30000]
     python -m checks.judge_trend diff [--draws 4000]
 
-A number scatters by 8 % in zeta, 1.5 % in wn/V, 5 % in K/V (the flight's own total sigma, 3/8 to
-7/8 of it, is given; the rest is tau), and 5 % of the flights are off by 25 to 60 % in all three.
+The numbers scatter by 8 % (zeta), 1.5 % (wn/V) and 5 % (K/V). 3/8 to 7/8 of that is the flight's
+own total sigma, which is given; the rest is tau. 5 % of the flights are outliers, off by 25 to 60 %
+in all three numbers.
 
-rates: of the data sets of each of PLANS, how many call anything changed; each is PLANS' count of
-vehicles, with one to three flights on a day, which share an offset, looked at once or after every
-day; where zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31. looks:
-whether the p of one look is right, by histories without a change (changes.looks is from it). diff:
-in how many draws one flight more of a vehicle is called changed against so many flights.
+rates: in how many data sets drawn by each of PLANS a change is reported. The plans have one to
+three flights on a day, which may share an offset, and are tested once or after every day. Where
+zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31.
+looks: whether the p of one test is right, in histories without a change (``changes.looks`` was
+fitted to it).
+diff: in how many draws one more flight of a vehicle is reported as changed, compared with 3 to 30
+flights.
 """
 
 from __future__ import annotations
@@ -46,15 +49,16 @@ FALL_DAYS: Final = 30
 FALLS: Final = "sysid:7"
 START_US: Final = 1_740_000_000_000_000  # 2025-02-19
 _AT_ONCE: Final = 50
-"""Fleets that are fitted together."""
+"""Number of fleets that are fitted together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """How a fleet is drawn.
 
-    most: flights on a day, from one; share: sigmas of a flight that a day's flights are off
-    together; falls: whether zeta of the last vehicle falls; season: of each number, either way.
+    A day has 1 to ``most`` flights, which share an offset of ``share`` times the scatter; days are
+    ``apart_days`` apart. ``falls`` is whether zeta of vehicle 7 (or the last) falls; ``season`` is
+    the amplitude of a season, as a fraction. ``nightly`` tests after every day.
     """
 
     vehicles: int = VEHICLES
@@ -75,7 +79,7 @@ PLANS: Final = {
     "season": Plan(vehicles=5, days=50, season=0.03, apart_days=7),
     "fall": Plan(vehicles=5, days=60, most=3, share=0.5, falls=True),
 }
-"""What is drawn for ``rates``; the last should be found, in the others nothing changed."""
+"""The plans of ``rates``: the change of the last should be found, in the others nothing changed."""
 
 
 def draw_history(
@@ -83,22 +87,23 @@ def draw_history(
 ) -> tuple[Any, Any]:
     """Return numbers (n,) and total sigmas (n,) of a vehicle.
 
-    off (n,): factors of outliers; shared (n,): what flights of a day have in common, in sigmas.
+    ``off`` (n,) are the factors of outliers, ``shared`` (n,) the offsets that the flights of a day
+    share, in units of the scatter.
     """
     sigma = scatter * rng.uniform(3 / 8, 7 / 8, n)
-    tau2 = scatter**2 * (1.0 - (9 + 21 + 49) / 3 / 64)  # sigma² is 79/192 of it in the mean
+    tau2 = scatter**2 * (1.0 - (9 + 21 + 49) / 3 / 64)  # sigma² is on average 79/192 of scatter²
     own = np.sqrt(sigma**2 + tau2) * rng.standard_normal(n)
     return level * (1.0 + own + scatter * shared) * off, level * sigma
 
 
 def draw_off(rng: np.random.Generator, n: int, share: float = OUTLIERS) -> Any:
-    """Return a factor (n,) for each flight, 1 but for outliers."""
+    """Return a factor for each flight (n,), which is 1 except for outliers."""
     far = rng.choice([-1.0, 1.0], n) * rng.uniform(0.25, 0.6, n)
     return np.where(rng.random(n) < share, 1.0 + far, 1.0)
 
 
 def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Track]]:
-    """Yield the three histories of each vehicle."""
+    """Yield the three histories of each vehicle by quantity."""
     begin = int(rng.integers(0, max(plan.days - FALL_DAYS, 0) + 1))
     for vehicle in range(1, plan.vehicles + 1):
         counts = rng.integers(1, plan.most + 1, plan.days)
@@ -120,7 +125,7 @@ def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Tr
 
 
 def draw_fleet(seed: int, plan: Plan) -> list[dict[str, Any]]:
-    """Return a fleet's rows of ``flights``; FALLS is the aircraft whose zeta falls."""
+    """Return a fleet's rows of ``flights``; FALLS is the vehicle whose zeta falls, if one does."""
     rows = []
     for sysid, tracks in enumerate(draw_vehicles(np.random.default_rng(seed), plan), start=1):
         for i, date in enumerate(tracks["zeta"].dates):
@@ -131,7 +136,7 @@ def draw_fleet(seed: int, plan: Plan) -> list[dict[str, Any]]:
 
 
 def flight(sysid: int, i: int, date: int, **numbers: Any) -> dict[str, Any]:
-    """Return a usable row of ``flights``, of a log of its own."""
+    """Return a usable row of ``flights`` with a log hash of its own."""
     return {
         "log_sha256": f"{sysid:03d}-{i:05d}", "yawid_version": "0", "analysis_version": "1",
         "config_hash": "c", "vehicle": f"sysid:{sysid}", "sysid": sysid, "boot": 1, "date": date,
@@ -159,7 +164,11 @@ def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 @dataclass(slots=True)
 class Judged:
-    """Over many fleets: changes found, fleets with a wrong one, without and with a true one."""
+    """Counts over many fleets.
+
+    Of the fleets with a true change: in how many it was found, in how many another one was, and how
+    many outliers were reported; of those without: in how many a change was found.
+    """
 
     fleets: int = 0
     found: int = 0
@@ -169,7 +178,7 @@ class Judged:
 
 
 def judge_seed(seed: int, judged: Judged) -> None:
-    """Judge one fleet with a change, and one without, of another seed."""
+    """Judge one fleet with a change, and one without, which has another seed."""
     for falls in (True, False):
         with tempfile.TemporaryDirectory() as folder:
             write_fleet(Path(folder), draw_fleet(2 * seed + falls, Plan(falls=falls)))
@@ -186,15 +195,15 @@ def judge_seed(seed: int, judged: Judged) -> None:
 
 
 def _until(track: Track, days: int) -> Track:
-    """Return a history as it is after so many days."""
+    """Return a history as it was after ``days`` days."""
     n = int(np.searchsorted(track.day, days))
     return Track(track.value[:n], track.sigma[:n], track.dates[:n])
 
 
 def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tuple[int, int]:
-    """Return in how many of the drawn data sets the fall was called changed, and anything else.
+    """Return in how many drawn data sets the fall was reported, and in how many another change.
 
-    every: of the nightly looks, each so many days; the last one is always there.
+    Of the nightly tests, only one in every ``every`` days is made; the last one always is.
     """
     rng = np.random.default_rng(seed)
     looks = range(plan.days, LEAST_DAYS - 1, -every) if plan.nightly else [plan.days]
@@ -232,7 +241,7 @@ def print_rates(draws: int, only: str | None) -> None:
 
 
 def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
-    """Return how often one more flight of a vehicle with so many is called changed."""
+    """Return in how many draws one more flight of a vehicle with ``flights`` is called changed."""
     rng = np.random.default_rng(seed)
     wrong = 0
     for _ in range(draws):
@@ -271,7 +280,7 @@ def print_diff(draws: int) -> None:
 
 
 def print_looks(histories: int) -> None:
-    """Print by what factor a history without a change has a p more often than p says, once."""
+    """Print how often p of one test is below a limit without a change, over how often it should."""
     for vehicles in (VEHICLES, 3):
         for n in (12, 20, 40, 100, 300):
             rng = np.random.default_rng(n)

@@ -1,13 +1,13 @@
-"""Seed small defects one at a time in a copy of the tree, and see whether the tests notice.
+"""Seeds small defects one at a time in a copy of the tree, and checks that a test notices each.
 
-    python tools/mutate.py                # all of checks/defects.toml, a Markdown table at the end
-    python tools/mutate.py --only jury    # those whose description holds a word
+    python tools/mutate.py                # all of checks/defects.toml, as a Markdown table
+    python tools/mutate.py --only jury    # those whose description contains a word
 
-tests/test_mutations.py, marked ``long``, does the same. Each defect names one test
-that must fail; a run of it that ends otherwise than by failing has not caught it. Where the defect
-is in the kernel, or in what compiles it, that runs as plain Python, which gives the same bits and
-need not be compiled for each; elsewhere it is compiled once for all of them, without which the fits
-take minutes.
+tests/test_mutations.py, marked ``long``, does the same. Each defect names one test that must fail:
+if that ends in any other way, it has not caught the defect. For a defect in the kernel, or in the
+code that compiles it, the kernel runs as plain Python, which gives the same bits and need not be
+compiled for each defect. For all other defects it is compiled once, as fits in plain Python take
+minutes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("src", "tests", "tools", "replay_logs")
 PLAIN = ("estimation/kernel/", "estimation/machine/")
 TIMEOUT_S = 300
-# The first counterexample will do: shrinking it costs minutes.
+# The first counterexample suffices: reducing it would take minutes.
 CONFTEST = """
 from hypothesis import Phase, settings
 
@@ -39,7 +39,7 @@ settings.load_profile("mutation")
 
 
 class Copy:
-    """A copy of the tree to be spoiled, one defect at a time."""
+    """A copy of the tree, in which one defect at a time is seeded."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -50,7 +50,7 @@ class Copy:
         (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
 
     def run_all(self, defects: Sequence[Defect]) -> tuple[int, str]:
-        """Run their tests without a defect, each as it hunts one; return as :meth:`run` does."""
+        """Run the tests of all defects without a defect; return as :meth:`run` does."""
         for plain in (False, True):
             tests = {each.test for each in defects if each.file.startswith(PLAIN) == plain}
             code, told = self.run(*sorted(tests), plain=plain) if tests else (0, "")
@@ -59,9 +59,9 @@ class Copy:
         return code, told
 
     def run(self, *tests: str, plain: bool) -> tuple[int, str]:
-        """Run tests here; return pytest's exit code (1: some failed) and what it printed.
+        """Run tests in the copy; return pytest's exit code (1: some failed) and what it printed.
 
-        ``plain``: the kernel as plain Python.
+        With ``plain``, the kernel runs as plain Python.
         """
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         environment = os.environ | {
@@ -81,7 +81,7 @@ class Copy:
         return done.returncode, done.stdout + done.stderr
 
     def catches(self, defect: Defect) -> bool:
-        """Tell whether the defect's test fails with the defect in."""
+        """Return whether the defect's test fails with the defect seeded."""
         path = self.folder / "src" / "yawid" / defect.file
         kept = path.with_suffix(".kept")
         shutil.copy2(path, kept)
@@ -92,11 +92,11 @@ class Copy:
         except subprocess.TimeoutExpired:
             return False
         finally:
-            shutil.move(kept, path)  # with its old time, by which Python knows its caches
+            shutil.move(kept, path)  # keeps the old time, by which Python recognises its caches
 
 
 def misplaced(defects: Sequence[Defect]) -> list[str]:
-    """Return the defects whose pattern does not stand exactly once in its file."""
+    """Return in words the defects whose pattern is not exactly once in its file."""
     found = []
     for defect in defects:
         count = (ROOT / "src" / "yawid" / defect.file).read_text(encoding="utf-8").count(defect.old)
@@ -106,7 +106,7 @@ def misplaced(defects: Sequence[Defect]) -> list[str]:
 
 
 def seed(defects: Sequence[Defect], copy: Copy) -> int:
-    """Seed the defects, print a row for each and return how many were missed."""
+    """Seed the defects one by one, print a row for each, and return how many were missed."""
     print("| defect | file | caught by |\n|---|---|---|")
     missed = 0
     for defect in defects:
@@ -120,9 +120,9 @@ def seed(defects: Sequence[Defect], copy: Copy) -> int:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Return 0 where all defects are caught, 1 where not, 2 where they cannot be seeded."""
+    """Return 0 if all defects are caught, 1 if not, and 2 if they cannot be seeded."""
     parser = argparse.ArgumentParser(prog="mutate.py", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--only", metavar="WORD", default="", help="defects that speak of it")
+    parser.add_argument("--only", metavar="WORD", default="", help="defects whose text has it")
     options = parser.parse_args(argv)
     defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
     if wrong := misplaced(defects):

@@ -1,9 +1,9 @@
-"""Tables of the READMEs that a program writes: below a marker, up to the next blank line.
+"""Writes the tables of the READMEs that programs make, each below a marker.
 
-    python -m checks.readme_tables         # the tables that the tree itself gives: cases, mutations
+    python -m checks.readme_tables         # the tables made from the tree: cases and mutations
     python tools/bench.py NAME --readme    # a bench's table, in tools/README.md
 
-tests/test_readme.py holds the first two to what this gives.
+tests/test_readme.py checks that the tables of cases and mutations are up to date.
 """
 
 from __future__ import annotations
@@ -20,11 +20,15 @@ HOMES = {
     "mutations": "tests/README.md",
     "truth_short": "README.md",
 }
-"""Where a table stands; all others stand in tools/README.md."""
+"""The files of some tables; all others are in tools/README.md."""
 
 
 def put(name: str, table: str) -> None:
-    """Write a table, lines without a blank one among them, below ``<!-- name -->``."""
+    """Replace the table below ``<!-- name -->``; the new one must not have blank lines.
+
+    Raises:
+        SystemExit: the file has no such marker, or several.
+    """
     path = ROOT / HOMES.get(name, "tools/README.md")
     marker = f"<!-- {name} -->\n"
     text, count = re.subn(
@@ -38,14 +42,14 @@ def put(name: str, table: str) -> None:
 
 
 def written(name: str) -> str:
-    """Return the table that stands there."""
+    """Return the table that the file has now; "" without one."""
     text = (ROOT / HOMES.get(name, "tools/README.md")).read_text(encoding="utf-8")
     found = re.search(rf"<!-- {name} -->\n((?:\|[^\n]*\n)*)", text)
     return found[1].strip() if found else ""
 
 
 def mutations() -> str:
-    """Return the defects of checks/defects.toml, each with the test that must fail; names alone."""
+    """Return the table of checks/defects.toml: each defect with the test that must fail."""
     rows = [
         f"| {d.what} | {Path(d.file).stem} | {Path(d.test.replace('.py', '')).name[5:]} |"
         for d in DEFECTS
@@ -54,11 +58,11 @@ def mutations() -> str:
 
 
 def cases() -> str:
-    """Return the cases of replay_logs/, as their case.toml describes them."""
+    """Return the table of the cases in replay_logs/, as their case.toml describes them."""
     rows = []
     for path in sorted((ROOT / "replay_logs").glob("*/case.toml")):
         case = tomllib.loads(path.read_text(encoding="utf-8"))
-        # Most cases pin the stream alone: those that pin manoeuvres say so.
+        # Most references contain only the stream's answer; the option "manoeuvres off" is left out.
         given = ({"manoeuvres": "auto"} | case.get("options", {})).items()
         given = [(k, v) for k, v in given if (k, v) != ("manoeuvres", "off")]
         options = ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in given)

@@ -1,7 +1,7 @@
-"""Headless Chromium over its debugging pipe: open a page, hear what it says and loads, picture it.
+"""Headless Chromium over its debugging pipe: opens a page, notes its requests, takes pictures.
 
-No driver package: the protocol is JSON between two pipes (--remote-debugging-pipe), a zero byte
-after each message; https://chromedevtools.github.io/devtools-protocol/ describes the messages.
+It needs no driver package: the protocol is JSON over two pipes (--remote-debugging-pipe) with a
+zero byte after each message; https://chromedevtools.github.io/devtools-protocol/ describes it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from checks.children import LEAVE_S, LONG_S, child
 
 OPTIONS = (
     "--headless=new",
-    "--no-sandbox",  # a container's root has no other way
+    "--no-sandbox",  # needed as root in a container
     "--disable-dev-shm-usage",
     "--disable-background-networking",
     "--no-first-run",
@@ -43,7 +43,10 @@ def find_chromium() -> str | None:
 
 @dataclass
 class Browser:
-    """A browser with one page; ``requests`` and ``complaints`` are what the page did so far.
+    """A browser with one page.
+
+    ``requests`` are the URLs that the page has loaded so far, ``complaints`` its log entries,
+    exceptions and console output.
 
     Raises:
         RuntimeError: no browser is installed, or it does not answer.
@@ -59,7 +62,7 @@ class Browser:
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         theirs_in, self._out = os.pipe()
         self._in, theirs_out = os.pipe()
-        # The browser reads descriptor 3 and writes 4; a shell puts the pipes there.
+        # The browser reads descriptor 3 and writes to 4; a shell connects them to the pipes.
         shell = f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}'
         options = (*OPTIONS, f"--user-data-dir={self._profile.name}", "about:blank")
         quiet = subprocess.DEVNULL
@@ -84,14 +87,18 @@ class Browser:
 
     def __exit__(self, *_: object) -> None:
         os.close(self._out)
-        with suppress(subprocess.TimeoutExpired):  # it closes by itself
+        with suppress(subprocess.TimeoutExpired):  # it ends when its input closes
             self._process.wait(LEAVE_S)
         self._ended.close()
         os.close(self._in)
         self._profile.cleanup()
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send one command and return its result; events met on the way are noted."""
+        """Send one command and return its result; note the events that come before it.
+
+        Raises:
+            RuntimeError: the browser does not answer, or reports an error.
+        """
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
         if self._session:
@@ -121,26 +128,34 @@ class Browser:
         self.wait("Page.loadEventFired")
 
     def wait(self, event: str) -> None:
-        """Wait for an event of this name."""
+        """Wait for an event of this name.
+
+        Raises:
+            RuntimeError: it does not come in time.
+        """
         while event not in self._events:
             if self._read(TIMEOUT_S) is None:
                 raise RuntimeError(f"the browser did not say {event}")
 
     def listen(self, seconds: float) -> None:
-        """Note what happens for so long."""
+        """Note the page's events for so many seconds."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self._read(left)
 
     def evaluate(self, expression: str) -> Any:
-        """Return the value of a JavaScript expression in the page."""
+        """Return the value of a JavaScript expression in the page.
+
+        Raises:
+            RuntimeError: the expression raises an exception.
+        """
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         if "exceptionDetails" in found:
             raise RuntimeError(f"{expression}: {found['exceptionDetails']['text']}")
         return found["result"].get("value")
 
     def screenshot(self, path: Path, *, whole: bool = False) -> None:
-        """Save what the window shows, or the whole page, as a PNG."""
+        """Save a picture of the window, or of the whole page, as a PNG."""
         taken = self.call(
             "Page.captureScreenshot", captureBeyondViewport=whole, **_clip(self, whole)
         )
@@ -156,7 +171,7 @@ class Browser:
         return data.count(b"/Type /Page\n") or data.count(b"/Type /Page")
 
     def _read(self, timeout_s: float) -> dict[str, Any] | None:
-        """Return the next message, None after the time given or at the end."""
+        """Return the next message, or None after ``timeout_s`` or when the browser has ended."""
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._in], [], [], timeout_s)
             data = os.read(self._in, 1 << 16) if ready else b""

@@ -1,11 +1,11 @@
-"""Draw the paper's figures from our own runs.
+"""Draws the paper's figures from yawid's own runs.
 
     python tools/pictures/paper_figures.py FOLDER
 
-Figure 1 and 2: the transients of first and second order (eq. 4, 7) with the readings the paper
-takes from them; 2.3: the yaw angle of the reference model (eq. 23) after a unit step; 2.4: that
-record against the model identified by the paper's listing, and a second experiment against both
-that model and the one of the lagged procedure, which is where the two part.
+Figures 1 and 2 show the transients of first and second order (eq. 4, 7) with the values that the
+paper reads from them. Figure 2.3 shows the yaw angle and rate of the reference model (eq. 23) after
+a unit step. Figure 2.4 shows a second experiment, the model that the paper's listing identifies
+from the first one, and the model of the procedure with lags: only the latter predicts it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TS = 0.01
 
 
 def first_order(axes: Axes) -> None:
-    """Figure 1: K is the steady state, T the time to 63 %."""
+    """Draw figure 1: K is the steady state, T the time to 63 % of it."""
     t = np.linspace(0.0, 8.0, 400)
     axes.plot(t, first_order_response(t, 1.0, 1.2))
     axes.axhline(1.0, ls=":", c="0.5")
@@ -48,7 +48,7 @@ def first_order(axes: Axes) -> None:
 
 
 def second_order(axes: Axes) -> None:
-    """Figure 2: overshoot and the time of the first peak give D and q (eq. 12-13)."""
+    """Draw figure 2: overshoot and the time of the first peak give D and q (eq. 12-13)."""
     t, D, q = np.linspace(0.0, 12.0, 600), 0.2, 2.0
     axes.plot(t, second_order_response(t, 1.0, D, q))
     peak, height = extremum_time(D, q), 1.0 + overshoot(D)
@@ -61,7 +61,7 @@ def second_order(axes: Axes) -> None:
 
 
 def reference_model(axes: Axes) -> None:
-    """Figure 2.3: the transient of eq. 23."""
+    """Draw figure 2.3: the transient of eq. 23."""
     t = np.arange(0.0, 10.0, TS)
     plant = YawPlant.from_coefficients(REFERENCE)
     yaw, rate = plant.linear("yaw"), plant.linear("yaw-rate")
@@ -72,12 +72,12 @@ def reference_model(axes: Axes) -> None:
 
 
 def identified(axes: Axes) -> None:
-    """Figure 2.4: a fit of 100 % that predicts nothing, and the lagged model beside it."""
+    """Draw figure 2.4: a model that fits its record by 100 % and predicts nothing, and another."""
     plant = YawPlant.from_coefficients(REFERENCE).linear("yaw-rate")
     t = np.arange(0.0, 10.0, TS)
     record = plant.simulate(np.ones(len(t)), TS)[:, 0]
     vacuous = paper_program(np.ones(len(t)), record)
-    # Ten samples a second suit the mode; at a hundred the noise model of eq. 28 crowds z = 1.
+    # Ten samples a second suit the mode; at a hundred, the zeros of eq. 28's C lie close to z = 1.
     t = np.arange(0.0, 20.0, 10 * TS)
     u = Excitation(kind="3211", start_s=0.5, unit_s=0.7).samples(len(t), 10 * TS)
     noise = 0.02 * np.random.default_rng(1).standard_normal(len(t))

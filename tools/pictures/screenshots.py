@@ -1,9 +1,10 @@
-"""Real pictures: Rerun on a recording, and the report.
+"""Takes pictures of Rerun with a recording, and of the report.
 
     python -m pictures.screenshots [--log LOG.tlog] [--out DIR] [OPTIONS OF yawid replay ...]
 
-Needs no screen, but Debian's mesa-vulkan-drivers (the viewer draws by Vulkan, in software) and
-chromium; what is missing is said and left out. Look at every picture before you keep it.
+It needs no screen, but Debian's mesa-vulkan-drivers (the viewer draws by Vulkan, in software) and
+chromium. A picture that cannot be taken is reported and left out. Look at every picture before you
+keep it.
 """
 
 from __future__ import annotations
@@ -27,23 +28,23 @@ from yawid.cli.main import main as yawid
 
 ROOT = Path(__file__).resolve().parents[2]
 MANY = ROOT / "replay_logs/c172p_three_speeds/log.tlog"
-"""The report's log: twelve manoeuvres at three speeds."""
-# The command beside the interpreter is a script that waits for this one.
+"""The log of the report's picture: twelve manoeuvres at three speeds."""
+# The program itself: the rerun command next to the interpreter is a script that runs it.
 VIEWER = Path(rr.__file__).parents[1] / "rerun_cli" / "rerun"
-COLOURS = 256  # 99.9 % of the pixels are no more than 11 of 255 off
+COLOURS = 256  # with so many, 99.9 % of the pixels are at most 11 of 255 off
 WIDTH = 1440
 SETTLE_S = 6.0
 
 
 def free_port() -> int:
-    """Return a port nobody listens on."""
+    """Return a free TCP port."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port: int = server.getsockname()[1]
         return port
 
 
 def small(source: Path, target: Path, width: int, most_height: int | None = None) -> None:
-    """Save a picture narrower and cut to a height, its colours kept: for a README."""
+    """Save a picture for a README: at most ``width`` wide, cut to a height, with few colours."""
     with Image.open(source) as image:
         whole = image.convert("RGB")
     if most_height is not None and whole.height > most_height:
@@ -58,13 +59,13 @@ def small(source: Path, target: Path, width: int, most_height: int | None = None
 
 
 def viewer_picture(file: Path, target: Path) -> None:
-    """Open a file in the native viewer, without a screen, and picture it."""
+    """Open a file in the native viewer without a screen, and take a picture."""
     client = ViewerClient.spawn(
         headless=True, port=free_port(), executable_path=str(VIEWER), hide_welcome_screen=True
     )
     try:
         client.open([str(file)])
-        time.sleep(SETTLE_S)  # the viewer gives no sign of having drawn
+        time.sleep(SETTLE_S)  # the viewer does not report when it has drawn
         with tempfile.TemporaryDirectory() as folder:
             picture = Path(folder) / "picture.png"
             client.save_screenshot(str(picture))
@@ -74,12 +75,12 @@ def viewer_picture(file: Path, target: Path) -> None:
 
 
 def report_picture(report: Path, target: Path) -> None:
-    """Picture the report as it is at 1280 pixels, down to its second manoeuvre."""
+    """Take a picture of the report at a width of 1280 pixels, down to its second manoeuvre."""
     with Browser() as browser, tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "picture.png"
         browser.open(report.as_uri(), 1280, 800)
         browser.screenshot(picture, whole=True)
-        # The answer, its manoeuvres, the flight, and two of them as fitted.
+        # It shows the answer, the list of manoeuvres, the flight, and two manoeuvres as fitted.
         top = "document.querySelector('.pictures figure:nth-child(5)').getBoundingClientRect().top"
         small(picture, target, 1000, round(browser.evaluate(top)) - 20)
         if browser.complaints:
@@ -87,7 +88,7 @@ def report_picture(report: Path, target: Path) -> None:
 
 
 def attempt(what: str, act: Callable[[], None]) -> bool:
-    """Take one picture, or say why it cannot be had."""
+    """Take one picture, or print why it cannot be taken; return whether it was."""
     try:
         act()
     except (RuntimeError, OSError, ValueError, AttributeError) as error:
@@ -97,7 +98,7 @@ def attempt(what: str, act: Callable[[], None]) -> bool:
 
 
 def main() -> int:
-    """Make a run and take every picture of it; return 1 if one is missing."""
+    """Make the runs and take both pictures; return 1 if one is missing."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--log", type=Path, default=ROOT / "replay_logs/c172p_3211/log.tlog")
     parser.add_argument("--out", type=Path, default=ROOT / "tools/pictures")

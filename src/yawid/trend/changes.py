@@ -44,7 +44,7 @@ SEASON: Final = 0.04
 """Amplitude of a season as a fraction of the number: cold air is some 8 % denser than the mean, and
 zeta is proportional to the square root of the density."""
 NIGHTS: Final = 4.0
-"""Factor of :func:`nights`, found by drawing histories (tools/checks/judge_trend.py nights)."""
+"""Factor of :func:`nights`, found by drawing histories (tools/checks/judge_trend.py rates)."""
 _SHARE: Final = {True: 0.75, False: 0.25}
 """Shares of the false alarms that slow changes (True) and quick ones (False) may cause. Wear is
 slow, and slow changes cost few looks."""
