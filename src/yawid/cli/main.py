@@ -247,7 +247,7 @@ def _explained(error: YawidError) -> int:
 
 
 def _unforeseen(error: Exception) -> int:
-    """Report in one line that yawid itself failed; the traceback is shown on request."""
+    """Report in one line that yawid itself failed; ``DEBUG`` shows the traceback."""
     show_traceback(error)
     what = " ".join(f"{type(error).__name__}: {error}".split())[:MOST_SAID]
     say(f"unforeseen, a fault of yawid: {what}; {DEBUG}=1 shows where: please report it")

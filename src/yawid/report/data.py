@@ -35,7 +35,11 @@ TRACK_POINTS = 600
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Estimates over time, thinned to 600 rows at most: t (n,) in s since boot, others (n, ...)."""
+    """Estimates over time, thinned to 600 rows at most.
+
+    t (n,) in s since boot, theta and theta_std (n, p), dutch_roll (n, 4): wn in rad/s, its sigma,
+    zeta, its sigma.
+    """
 
     t: Floats
     theta: Floats

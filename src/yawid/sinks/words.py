@@ -27,7 +27,7 @@ NONE: Final = "–"
 LARGEST_IN_FULL: Final = 1e6
 """A number as large as this comes from an estimate that diverged; it has few digits."""
 MOST_DIGITS: Final = 6
-"""The most digits after the decimal point; where more are needed a power of ten is written."""
+"""The most digits after the decimal point; a number that needs more has four significant ones."""
 NOT_USED: Final = "usable, not used"
 _AS_GIVEN: Final = ("calibrated", "indicated")
 """Kinds of airspeed that are used as if they were the equivalent airspeed."""

@@ -86,7 +86,10 @@ def _whole_run() -> rrb.TimeSeriesView:
 
 
 def _lines(name: str, origin: str, *, legend: bool = False) -> rrb.TimeSeriesView:
-    """Return a view of lines; a legend covers them and is for those the name does not explain."""
+    """Return a view of lines; ``legend`` is for lines that the name of the view does not explain.
+
+    A legend lies on the lines.
+    """
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
     return rrb.TimeSeriesView(name=name, origin=origin, axis_x=linked, plot_legend=corner)

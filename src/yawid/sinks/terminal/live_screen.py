@@ -83,7 +83,7 @@ class LiveScreen(Console):
         self._news.set()
 
     def close(self) -> None:
-        """Leave the screen, after at most ``LEAVE_S``."""
+        """Leave the screen; the thread that draws it is waited for, at most ``LEAVE_S``."""
         thread = self._thread
         if thread is not None:
             self._closing.set()
