@@ -1,4 +1,4 @@
-"""1/A(q) over a whole record, for every method that needs it: SciPy's ``lfilter``."""
+"""The filter 1/A(q) over a whole record, by SciPy's ``lfilter``, for all methods that need it."""
 
 from functools import cache
 from importlib.machinery import PathFinder
@@ -11,10 +11,11 @@ from yawid.blocks import Floats
 
 
 def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
-    """Return x of x(k) + a1 x(k-1) + ... = drive(k), of each column where there are several.
+    """Return x(k) of x(k) + a1 x(k-1) + ... = drive(k), for each column of the drive.
 
-    ``a`` (na,) without its leading 1, ``drive`` (n,) or (n, m), ``past`` (na,) or (na, m) the x
-    before, newest first. A filter that is not stable overflows to values that are not finite.
+    ``a`` (na,) without its leading 1, ``drive`` (n,) or (n, m), ``past`` (na,) or (na, m) the
+    values of x before, newest first; x has the shape of the drive. An unstable filter may overflow
+    to values that are not finite.
     """
     x = np.asarray(drive, dtype=np.float64)
     if not (len(a) and x.size):
@@ -29,10 +30,10 @@ def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
 
 @cache
 def _lfilter() -> Any:
-    """Return SciPy's filter: its part in C alone.
+    """Return SciPy's filter by importing only its part in C.
 
-    The import of all of scipy.signal takes as long as a short replay; it is made
-    only where a version of SciPy keeps the part elsewhere.
+    Importing all of scipy.signal takes as long as a short replay; this happens only
+    where a version of SciPy keeps that part elsewhere.
     """
     scipy = find_spec("scipy")
     places = (scipy and scipy.submodule_search_locations) or []

@@ -1,6 +1,6 @@
-"""A bank of estimators over the same samples: the one asked for, the others as evidence.
+"""A bank of estimators over the same samples: the method asked for, and others to check it.
 
-It keeps the newest samples of a run, and its models as they stood at times.
+It keeps the newest samples of a run, and the model as it was after every 16th sample.
 """
 
 import copy
@@ -15,18 +15,18 @@ from yawid.config.run import RunConfig
 from yawid.estimation.reference.estimator import make_estimator
 
 HISTORY = 2**19
-"""Samples kept at most: seven hours at 20 Hz; a longer run is judged by its end."""
+"""The most samples kept: seven hours at 20 Hz; only the end of a longer run is judged."""
 MEMORIES = 3.0
-"""A model that forgets is asked about three times its memory, what it still knows something of."""
+"""A forgetting model is scored on the last three memory lengths only."""
 REMEMBERED = 16
-"""Every so many samples the model is kept as it stood, to be asked about what came after."""
+"""The model is kept after every 16th sample, so that it can be scored on later samples."""
 
 
 class Ring:
-    """The newest ``limit`` rows of what the columns of :class:`SampleHistory` are, in a ring each.
+    """The newest ``limit`` rows of several columns, each in a ring buffer.
 
-    A ring lies still: parts of a live session, a sample each, would hold the process's memory apart
-    for hours.
+    A ring buffer does not move in memory: thousands of arrays of one sample each, from a live
+    session, would fragment the memory of the process for hours.
     """
 
     def __init__(self, limit: int) -> None:
@@ -38,9 +38,9 @@ class Ring:
         return min(self.seen, self.limit)
 
     def add(self, *columns: Floats) -> None:
-        """Append rows; columns (n, ...) are the same in every call but for n."""
+        """Append n rows; the columns (n, ...) of every call have the same further dimensions."""
         if not self._rings:
-            # Memory that was never written to is not taken: a short record stays small.
+            # Memory that is never written to is not used: a short record stays small.
             self._rings = [np.empty((self.limit, *column.shape[1:])) for column in columns]
         count = len(columns[0])
         rows = np.arange(self.seen, self.seen + count)[-self.limit :] % self.limit
@@ -49,12 +49,12 @@ class Ring:
         self.seen += count
 
     def joined(self) -> tuple[Floats, ...]:
-        """Return the columns (n, ...) of the newest rows, the oldest first; none before any row."""
+        """Return the columns (n, ...), the oldest row first; no columns before the first row."""
         rows = np.arange(self.seen - len(self), self.seen) % self.limit
         return tuple(ring[rows] for ring in self._rings)
 
     def snapshot(self) -> "Ring":
-        """Return a copy that may be read, not added to."""
+        """Return a copy to read from; rows cannot be added to it."""
         taken = copy.copy(self)
         taken._rings = [ring[: len(self)].copy() for ring in self._rings]
         return taken
@@ -62,10 +62,11 @@ class Ring:
 
 @dataclass(frozen=True, slots=True)
 class SampleHistory:
-    """Samples as the estimators saw them: ``u`` (n, inputs), the rest (n,), held ones as NaN.
+    """Samples as the estimators took them, NaN where held: ``u`` (n, inputs), all others (n,).
 
-    ``y`` in rad/s, ``roll`` in rad, ``turn_rate`` in rad/s, ``airspeed`` in m/s, ``aileron`` in
-    units of half its travel, whether it is an input or not, ``mode`` HEARTBEAT.custom_mode.
+    ``u`` in half travels (the rudder in rad with ``--rudder-max-deg``), ``y`` in rad/s, ``roll`` in
+    rad, ``turn_rate`` in rad/s, ``airspeed`` in m/s, ``aileron`` in half travels, whether it is an
+    input or not, ``mode`` HEARTBEAT.custom_mode; ``y_hat`` in rad/s by method.
     """
 
     u: Floats
@@ -79,20 +80,20 @@ class SampleHistory:
 
     @property
     def good(self) -> Ints:
-        """The rows (m,) that the estimators could use."""
+        """Indices (m,) of the rows that have all of u and y."""
         return np.flatnonzero(np.isfinite(self.y) & np.isfinite(self.u).all(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
 class PastModels:
-    """The models as they stood before row ``first`` of the history: theta (n,) of each method."""
+    """The models as they were before row ``first`` of the history: theta (n,) of each method."""
 
     first: int
     theta: Mapping[str, Floats]
 
 
 class Bank:
-    """Runs the estimators of a configuration; each change of epoch starts all of them anew."""
+    """Runs the estimators of a configuration; at each change of epoch all of them start again."""
 
     def __init__(self, config: RunConfig, sample_time_s: float) -> None:
         self.config = config
@@ -133,14 +134,14 @@ class Bank:
         return self.last
 
     def snapshot(self) -> "Bank":
-        """Return the bank as it stands, for another thread to judge while this one runs on."""
+        """Return a copy of the bank, which another thread can judge while this one continues."""
         taken = copy.copy(self)
         taken.estimators = copy.deepcopy(self.estimators)
         taken._record, taken._thetas = self._record.snapshot(), self._thetas.snapshot()
         return taken
 
     def _remember(self, count: int) -> None:
-        """Keep theta after every 16th sample of the epoch, however the blocks were cut."""
+        """Keep theta after every 16th sample of the epoch, independent of the blocks' lengths."""
         before = self._record.seen
         rows = slice(-(before + 1) % REMEMBERED, None, REMEMBERED)
         seen = np.arange(before + 1.0, before + count + 1.0)[rows]
@@ -148,9 +149,9 @@ class Bank:
             self._thetas.add(seen, *(block.theta[rows] for block in self.last.values()))
 
     def history(self) -> SampleHistory:
-        """Return the newest samples of the epoch and what each method predicted of them.
+        """Return the samples of the epoch on which the model is scored, and each prediction of y.
 
-        As many as the model can be asked about: all of them, or three times its memory.
+        They are the newest 2^19 at most, and no more than three memories where the model forgets.
         """
         columns = self._record.joined()
         own = len(columns) - len(self.methods)
@@ -159,7 +160,10 @@ class Bank:
         return SampleHistory(u, y, roll, turn, airspeed, aileron, mode, y_hat)
 
     def earlier(self, row: int) -> PastModels | None:
-        """Return the newest models kept that had not seen ``row`` of the history, if there are."""
+        """Return the newest models kept that had not used ``row`` of the history or later rows.
+
+        None where there are none.
+        """
         seen, *thetas = self._thetas.joined() or (np.empty(0),)
         firsts = seen - (self._record.seen - len(self._record))
         known = np.flatnonzero((firsts > 0) & (firsts <= row))

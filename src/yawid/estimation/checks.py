@@ -1,4 +1,4 @@
-"""Check the arrays a caller hands over, before anything is touched."""
+"""Checks of the arrays that a caller passes, made before anything changes."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,10 +8,10 @@ from yawid.errors import ConfigError
 
 
 def checked_u(u: ArrayLike, y: float, n_inputs: int) -> Floats:
-    """Return one sample's inputs (n_inputs,) of ``u``, a float or (n_inputs,).
+    """Return one sample's inputs (n_inputs,) from ``u``, which is a float or (n_inputs,).
 
     Raises:
-        ConfigError: another number of inputs, or an infinite value.
+        ConfigError: the number of inputs is wrong, or u or y is infinite.
     """
     row = np.atleast_1d(np.asarray(u if u is not None else (), dtype=np.float64))
     if row.shape != (n_inputs,):
@@ -27,7 +27,7 @@ def checked_samples(
     """Return u (samples, n_inputs) and y (samples,), contiguous; NaN marks a missing sample.
 
     Raises:
-        ConfigError: wrong shapes or, where ``finite_or_nan``, an infinite value.
+        ConfigError: a shape is wrong or, with ``finite_or_nan``, a value is infinite.
     """
     y = np.ascontiguousarray(y, np.float64)
     if y.ndim != 1:
@@ -44,10 +44,10 @@ def checked_samples(
 
 
 def checked_record(u: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    """Return u (n,) and y (n,) of a record without gaps.
+    """Return u (n,) and y (n,) of a record without gaps as float64.
 
     Raises:
-        ConfigError: they differ in length, are not one-dimensional or not finite.
+        ConfigError: u and y differ in length, or are not one-dimensional or not finite.
     """
     u, y = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if u.ndim != 1 or u.shape != y.shape:

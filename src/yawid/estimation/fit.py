@@ -1,7 +1,7 @@
-"""How well a model tells what was measured: one step ahead, and run free from the inputs alone.
+"""How well a model explains the measurements: one step ahead, and simulated from the inputs alone.
 
-Both are 100 * (1 - |y - y_hat| / |y - mean(y)|) in percent. The one-step figure flatters every
-model, because each prediction starts from the measured past; the simulation is the harder judge.
+Both fits are 100 (1 - |y - y_hat| / |y - mean(y)|) in percent. The one-step fit is high for almost
+every model, because each prediction starts from measured values; the simulation is more severe.
 """
 
 import numpy as np
@@ -12,17 +12,18 @@ from yawid.estimation.all_pole import all_pole
 from yawid.estimation.polynomials import lag_depth
 
 WORST_PCT = -1000.0
+"""Lower limit of a fit."""
 TRAINING = 2.0 / 3.0
-"""The model as it stood after this part of the usable samples is tried on the rest."""
+"""The model as it was after this share of the usable samples is scored on the rest."""
 LEAST_SAMPLES = 200
-"""Usable samples below which there is nothing to hold back."""
+"""With fewer usable samples none are held back."""
 
 
 def fit_percent(y: Floats, y_hat: Floats) -> float:
     """Return the fit of ``y_hat`` (n,) to ``y`` (n,) in percent, over the rows that have both.
 
-    NaN where y does not move. It is never below -1000 %: of a model that explodes no number says
-    more than that it does.
+    NaN where y does not change. It is never below -1000 %: for a model that diverges, the exact
+    number has no meaning.
     """
     rows = np.isfinite(y) & ~np.isnan(y_hat)
     if rows.sum() < 2:
@@ -36,11 +37,11 @@ def fit_percent(y: Floats, y_hat: Floats) -> float:
 
 
 def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats) -> Floats:
-    """Return y (n,) of A(q) y = B(q) u + bias run free, anew after every held (NaN) sample.
+    """Return y (n,) of A(q) y = B(q) u + bias simulated from the inputs, in y's unit.
 
-    ``theta`` (n_theta,), ``u`` (n, inputs), ``y`` (n,) in its unit. Each stretch starts from its
-    first measured samples, as many as the lags need; those rows are NaN, as are held ones. Where a
-    model explodes its rows are infinite.
+    ``theta`` (n_theta,), ``u`` (n, inputs), ``y`` (n,). The simulation starts again after every
+    held (NaN) sample, from as many measured samples as the lags need: those rows are NaN, as are
+    held ones. Rows where the simulation overflows are infinite.
     """
     simulated = np.full(len(y), np.nan)
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)

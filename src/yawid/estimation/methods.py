@@ -1,7 +1,7 @@
-"""THE table of methods: what each is called, how it learns, how it is drawn, and who checks it.
+"""THE table of methods: each one's name, its fit, its colour, and the methods that check it.
 
-A further method of a record is a file with its fit and its scores, and a row here. One that
-recurses is a recursion of the kernel as well, and a name in ``config/names.py``.
+A new method for whole records needs a file with its fit and a row here. A recursive one also needs
+a recursion in the kernel and a name in ``config/names.py``.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,13 +17,16 @@ from yawid.estimation.prediction_error import RecordFit, Scores
 class Method:
     """One way to estimate theta.
 
-    ``fit`` returns theta (n_theta,) of a record, None where it finds none; it is done where it
-    gains a smaller share than the number given. ``scores`` returns what the covariance at theta is
-    made of, from the residuals of each stretch there. ``filters`` says that the recursion's
-    regressor is phi filtered by 1/C(q). The methods of ``checked_by`` are compared with it where it
-    answers. One that ``needs_spr`` is sure to lead to the truth only where 1/C - 1/2 is positive
-    real: where it is not, or where it may not be used itself, it checks nothing. ``colour`` is that
-    of its lines, ``shade`` the colour in a word.
+    - ``name`` on the command line and in files, ``words`` for texts;
+    - ``colour`` of its lines, ``shade`` the same colour as a word;
+    - ``fit`` returns theta (n_theta,) for a record, None where it finds none; it stops where a step
+      reduces the loss by a smaller share than its second argument;
+    - ``scores`` returns the :data:`Scores` from which the covariance at theta is computed, given
+      theta and the residuals of each stretch there;
+    - ``filters``: the regressor of the recursion is phi filtered by 1/C(q);
+    - ``checked_by``: the methods whose answers are compared with it, where its answer is given;
+    - ``needs_spr``: convergence to the true theta is certain only where 1/C - 1/2 is strictly
+      positive real; where it is not, or the method itself is not usable, it does not check others.
     """
 
     name: str
@@ -49,14 +52,14 @@ _ROWS = (
     ),
 )  # fmt: skip
 METHODS: Final[Mapping[str, Method]] = {row.name: row for row in _ROWS}
-"""By name. Over a record the last one answers, and those before it are shown next to it."""
+"""All methods by name. The last one answers for a record; the others are shown next to it."""
 OF_STRUCTURES: Final = RML
-"""The method by which structures are fitted to be compared: none has less loss."""
+"""The method with which structures are fitted to be compared: it has the smallest loss."""
 
 
 def of_a_record(asked: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Return the methods of a record, the one that answers first: ELS alone if it alone is asked.
+    """Return the methods for a record, the one that answers first.
 
-    ``asked`` are those of the stream.
+    ``asked`` are the methods of the stream: where ELS is the only one, it is so for records too.
     """
     return asked if asked == (ELS,) else tuple(METHODS)[::-1]

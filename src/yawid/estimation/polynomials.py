@@ -1,4 +1,4 @@
-"""The polynomials A, B, C of theta: names, order, regressors, and where C is well behaved."""
+"""The polynomials A, B, C in theta: names, lags, regressors, and properties of C(q)."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError
 
 FREQUENCIES = 512
+"""Number of frequencies at which the positive-real condition is checked."""
 
 
 def parameter_names(
@@ -15,7 +16,7 @@ def parameter_names(
     """Return theta's names: a1.., b1.. of the first input, b1_<input>.. of others, c1.., bias.
 
     Raises:
-        ConfigError: the number of inputs is not that of the orders.
+        ConfigError: the number of inputs differs from that of the orders.
     """
     if len(inputs) != orders.n_inputs:
         raise ConfigError(f"{len(inputs)} input names for orders with {orders.n_inputs} inputs")
@@ -27,7 +28,7 @@ def parameter_names(
 
 
 def c_of(theta: Floats, orders: ArmaxOrders) -> Floats:
-    """Return c1..c_nc, a view of theta (..., n)."""
+    """Return c1..c_nc (..., nc), a view of theta (..., n)."""
     first = orders.na + sum(orders.nb)
     return theta[..., first : first + orders.nc]
 
@@ -41,8 +42,8 @@ def lag_depth(orders: ArmaxOrders) -> int:
 def known_regressors(u: Floats, y: Floats, orders: ArmaxOrders, bias: bool) -> Floats:
     """Return the measured columns of phi over a record: -y(k-1).., u(k-nk).., 1 (eq. 32).
 
-    ``u`` (samples, n_inputs), ``y`` (samples,); the answer is (samples, n_theta less nc), in the
-    order of theta without c1.., NaN where a lag reaches before the record or a missing sample.
+    ``u`` (samples, n_inputs), ``y`` (samples,); the result (samples, n_theta - nc) has the order of
+    theta without c1... It is NaN where a lag lies before the record or on a missing sample.
     """
     columns = [-shifted(y, i + 1) for i in range(orders.na)]
     for j, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
@@ -53,10 +54,10 @@ def known_regressors(u: Floats, y: Floats, orders: ArmaxOrders, bias: bool) -> F
 
 
 def spr_margin(c: Floats) -> float:
-    """Return min over frequency of Re(1/C(e^jw)) - 1/2: ELS converges surely only where it is > 0.
+    """Return the minimum over frequency of Re(1/C(e^jw)) - 1/2, without unit.
 
-    ``c`` (nc,) without its leading 1; no unit. (Ljung 1977; Ljung and Soderstrom 1983, section
-    4.4.)
+    The convergence of ELS is certain only where it is > 0 (Ljung 1977; Ljung and Soderstrom 1983,
+    section 4.4). ``c`` (nc,) without its leading 1.
     """
     w = np.linspace(0.0, np.pi, FREQUENCIES)
     powers = np.exp(-1j * np.outer(w, np.arange(len(c) + 1)))
@@ -67,10 +68,10 @@ def spr_margin(c: Floats) -> float:
 
 
 def is_stable(c: Floats) -> bool:
-    """Tell whether all zeros of C(q), ``c`` (nc,), lie inside the unit circle.
+    """Return whether all zeros of C(q), ``c`` (nc,), lie inside the unit circle.
 
-    By Schur and Cohn, as the recursion does: a fit asks at every step, and to find the zeros takes
-    six times as long.
+    By the test of Schur and Cohn, as in the recursion: a fit needs it at every step, and computing
+    the zeros takes six times as long.
     """
     rest = [1.0, *c.tolist()]
     while len(rest) > 1:
@@ -83,7 +84,11 @@ def is_stable(c: Floats) -> bool:
 
 
 def reflected(c: Floats) -> Floats:
-    """Return C (nc,) with zeros outside the unit circle mirrored into it: the same spectrum."""
+    """Return ``c`` (nc,) with the zeros of C(q) outside the unit circle reflected into it.
+
+    The reflection keeps the shape of the spectrum. Then zeros beyond a radius of 0.98 are moved to
+    that radius, which changes it a little. All are 0 where a coefficient is not finite.
+    """
     if not len(c) or not np.isfinite(c).all():
         return np.zeros_like(c)
     zeros = np.roots(np.concatenate([[1.0], c]))

@@ -1,8 +1,8 @@
-"""Prediction errors over a record: loss, gradient, and where two methods come to rest.
+"""Prediction errors over a whole record: loss, gradient, and the fits of two methods.
 
-It works on scaled signals. RML rests where the loss is least, by damped Gauss-Newton steps (Ljung
-1999, 10.2); ELS rests at its own fixed point, the root of phi(theta)' eps(theta). The two share
-nothing but where they begin.
+All signals are scaled. RML is the theta of least loss, found by damped Gauss-Newton steps (Ljung
+1999, 10.2). ELS is the fixed point of extended least squares, the root of phi(theta)' eps(theta).
+The two fits have only their first guess in common.
 """
 
 from collections.abc import Iterator
@@ -17,20 +17,25 @@ from yawid.estimation.polynomials import c_of, is_stable, known_regressors, lag_
 from yawid.estimation.products import along, cross
 
 ITERATIONS = 30
+"""The most steps of a fit."""
 HALVINGS = 10
+"""The most trials of one step, each half the one before."""
 RIDGE = 1e-8
-"""Stands in for P0: that prior is tight where the noise is small, and would bend the fit."""
+"""Used in place of 1 / P0, a prior that would bias the fit where the noise is small."""
 SETTLED = 1e-12
-"""The relative gain in loss below which the fit is done."""
+"""A fit stops where a step reduces the loss by less than this share."""
 BALANCED = 1e-8
-"""Squared part of its own standard deviation by which theta may miss the fixed point."""
+"""The fixed point is reached where theta is off by this, in squared standard deviations."""
 
 Scores = tuple[Floats, Floats, Floats]
-"""At theta: the instruments Z (n, n_theta), the slope psi of -eps (n, n_theta), and eps (n,)."""
+"""At theta: instruments Z (n, n_theta), psi = -d eps/d theta (n, n_theta), and eps (n,)."""
 
 
 def stretches_of(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """Yield y (n,) and the known regressors (n, n_theta), residuals left 0, between breaks."""
+    """Yield y (n,) and phi (n, n_theta), with its residuals 0, of each stretch between two breaks.
+
+    ``rows`` (samples, 2 + n_inputs): break flag, y, u. Stretches that are too short are left out.
+    """
     orders, depth = config.orders, lag_depth(config.orders)
     first = orders.na + sum(orders.nb)
     for stretch in np.split(rows[:, 1:], np.flatnonzero(rows[:, 0] > 0.0)):
@@ -44,7 +49,7 @@ def stretches_of(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats
 
 
 class RecordFit:
-    """Loss, gradient, Gauss-Newton steps and ELS's fixed point over the stretches of a record."""
+    """Loss, gradient, Gauss-Newton fit and fixed point of ELS over the stretches of a record."""
 
     def __init__(self, config: EstimatorConfig, stretches: list[tuple[Floats, Floats]]) -> None:
         self.orders = config.orders
@@ -54,12 +59,15 @@ class RecordFit:
         self.prior = np.eye(config.n_theta) * RIDGE
 
     def residuals(self, theta: Floats) -> list[Floats]:
-        """Return eps (n,) = (A y - B u - bias) / C of each stretch, from eps = 0 (eq. 33)."""
+        """Return eps = (A y - B u - bias) / C (n,) of each stretch; eps = 0 before it (eq. 33)."""
         c, rest = c_of(theta, self.orders), np.zeros(self.orders.nc)
         return [all_pole(c, y - along(phi, theta), rest) for y, phi in self.stretches]
 
     def loss(self, theta: Floats, residuals: list[Floats] | None = None) -> float:
-        """Return the weighted sum of squared residuals with the ridge's share, or inf."""
+        """Return the weighted sum of squared residuals plus the ridge's part; inf if not finite.
+
+        ``residuals`` are those at theta, where the caller has them.
+        """
         eps = np.concatenate(self.residuals(theta) if residuals is None else residuals)
         loss = float(np.sum(self.weights * eps**2) + theta @ self.prior @ theta)
         return loss if np.isfinite(loss) else np.inf
@@ -67,9 +75,9 @@ class RecordFit:
     def gradient(
         self, theta: Floats, filtered: bool = True, residuals: list[Floats] | None = None
     ) -> tuple[Floats, Floats]:
-        """Return psi (n, n_theta), or phi where not filtered, and eps (n,) at theta.
+        """Return psi (n, n_theta), or phi where not ``filtered``, and eps (n,) at theta.
 
-        Here as in the loss ``residuals`` are those at theta, where they are known already.
+        ``residuals`` are those at theta, where the caller has them.
         """
         residuals = self.residuals(theta) if residuals is None else residuals
         rows = self.regressors(residuals)
@@ -79,17 +87,17 @@ class RecordFit:
         return np.concatenate(rows), np.concatenate(residuals)
 
     def scores(self, theta: Floats, residuals: list[Floats]) -> Scores:
-        """Return psi for the instruments, psi and eps at theta, whose ``residuals`` are known."""
+        """Return the scores at theta with psi as the instruments, given the ``residuals`` there."""
         psi, eps = self.gradient(theta, residuals=residuals)
         return psi, psi, eps
 
     def pseudo_linear_scores(self, theta: Floats, residuals: list[Floats]) -> Scores:
-        """Return phi for the instruments, psi and eps at theta, whose ``residuals`` are known."""
+        """Return the scores at theta with phi as the instruments, given the ``residuals`` there."""
         psi, eps = self.gradient(theta, residuals=residuals)
         return np.concatenate(self.regressors(residuals)), psi, eps
 
     def regressors(self, residuals: list[Floats]) -> list[Floats]:
-        """Return phi (n, n_theta) of each stretch with its residuals (n,) at their lags."""
+        """Return phi (n, n_theta) of each stretch, with its residuals (n,) in their columns."""
         full = [phi.copy() for _, phi in self.stretches]
         for phi, eps in zip(full, residuals, strict=True):
             for i, column in enumerate(c_of(phi, self.orders).T):
@@ -98,7 +106,10 @@ class RecordFit:
 
     @cached_property
     def first_guess(self) -> Floats:
-        """Theta by Hannan and Rissanen: a long ARX gives eps, then least squares on phi."""
+        """First theta (n_theta,), by Hannan and Rissanen's method.
+
+        A long ARX model gives eps; with it in phi, least squares give theta.
+        """
         if not self.orders.nc:
             phi = np.concatenate([phi for _, phi in self.stretches])
             return _least_squares(phi, self.y, self.prior)
@@ -113,7 +124,7 @@ class RecordFit:
         return theta if np.isfinite(theta).all() else np.zeros_like(theta)
 
     def _lagged(self, phi: Floats, y: Floats, order: int) -> Floats:
-        """Return the regressors of a long ARX: the known ones, y and inputs at further lags."""
+        """Return the regressors of a long ARX model: those of phi, and y and u at more lags."""
         orders = self.orders
         ends = np.cumsum([orders.na, *orders.nb])[[nb > 0 for nb in (1, *orders.nb)]]
         newest = phi[:, ends - 1] if orders.na else np.column_stack([y, phi[:, ends[1:] - 1]])
@@ -126,9 +137,9 @@ class RecordFit:
         return np.hstack(columns)
 
     def gauss_newton(self, settled: float = SETTLED) -> Floats:
-        """Return the theta of least loss that damped Gauss-Newton steps lead to.
+        """Return the theta (n_theta,) of least loss, found by damped Gauss-Newton steps.
 
-        They end when the loss gains a smaller share than ``settled``.
+        They stop where one reduces the loss by a smaller share than ``settled``.
         """
         theta = self.first_guess
         residuals = self.residuals(theta)
@@ -154,11 +165,11 @@ class RecordFit:
         return theta
 
     def fixed_point(self, _settled: float = SETTLED) -> Floats | None:
-        """Return the theta where extended least squares comes to rest: phi(theta)' eps(theta) = 0.
+        """Return the fixed point of extended least squares, phi(theta)' eps(theta) = 0; or None.
 
-        Newton's method with psi for the slope of eps, its steps halved until C(q) is stable and the
-        imbalance is less: plain passes need not settle where C is far from 1 (Ljung 1977). None
-        where none is found.
+        It is found by Newton's method with psi as the derivative of -eps, whose steps are halved
+        until C(q) is stable and phi' eps is smaller: repeated least squares need not converge where
+        C is far from 1 (Ljung 1977). None where no fixed point is found.
         """
         theta = self.first_guess
         imbalance, step = self._pseudo_linear_step(theta)

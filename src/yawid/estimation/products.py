@@ -1,7 +1,7 @@
 """Products of long matrices, summed row after row: the same bits on every machine.
 
-NumPy's own depend on how many threads its BLAS may take, and threads that share a busy machine wait
-for each other many times longer than one alone would need.
+The bits of NumPy's own products depend on the number of threads of its BLAS. On a busy machine such
+threads also wait for each other, which takes many times longer than one thread alone.
 """
 
 import numpy as np
@@ -11,13 +11,13 @@ from yawid.estimation.machine.runner import RUNNER
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """Return a' b of a (n, m) and b (n, l) or (n,): (m, l) or (m,)."""
+    """Return a' b, (m, l) or (m,), for ``a`` (n, m) and ``b`` (n, l) or (n,)."""
     wide = b[:, None] if b.ndim == 1 else b
     found = np.zeros((a.shape[1], wide.shape[1]))
     if (loop := RUNNER.add_products()) is not None:
         loop(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
     else:
-        # Of a single column einsum would sum every fourth row by itself.
+        # For a single column einsum would sum every fourth row separately.
         twice = np.ascontiguousarray(np.repeat(wide, 2, axis=1) if found.size == 1 else wide)
         sums = np.einsum("ki,kj->ij", np.ascontiguousarray(a), twice)
         found[:] = sums[:, : found.shape[1]]
@@ -25,5 +25,5 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def along(a: Floats, x: Floats) -> Floats:
-    """Return a x (n,) of a (n, m) and x (m,)."""
+    """Return a x (n,) for ``a`` (n, m) and ``x`` (m,)."""
     return np.asarray((a * x).sum(axis=1), np.float64)

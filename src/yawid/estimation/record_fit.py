@@ -1,7 +1,7 @@
-"""One fit over a whole record, every sample counting alike: what a short manoeuvre is answered by.
+"""One fit over a whole record, with equal weights: how a manoeuvre is estimated.
 
-One pass of a recursion over a short record starts too far off. How each method finds theta, and
-what its covariance is made of, is in its row of ``methods.py``.
+One pass of a recursion over a short record has not converged at its end. The row of each method in
+``methods.py`` names its fit and the scores from which the covariance of theta is computed.
 """
 
 from collections.abc import Sequence
@@ -20,20 +20,23 @@ from yawid.estimation.products import cross
 from yawid.estimation.whiteness import ljung_box
 
 BLOCKS = 8
-"""A record is cut into so many to see how much its parts scatter."""
+"""A record is cut into this many parts, to estimate how much their answers scatter."""
 HELD_BACK_SHARE = 1.0 / 3.0
+"""Share of the rudder's energy in the samples that are held back, at the end of the record."""
 LEAST_PER_PARAMETER = 10
-"""Samples that must be left to fit by, where some are held back."""
+"""Where samples are held back, at least this many for each parameter are needed before them."""
 
 
 @dataclass(frozen=True, slots=True)
 class FittedModel:
-    """What a fit found, in the user's units: as an estimator after its last sample.
+    """Result of a fit in the user's units, with the fields of an estimator after its last sample.
 
-    ``theta`` (n,) with ``covariance`` (n, n), 0 and NaN where nothing was found; ``scatter`` (n, n)
-    is the covariance that its parts tell, whatever makes them differ; ``y_hat`` (samples,) is the
-    one-step prediction, NaN where there was none; ``updates`` samples were fitted, ``held`` were
-    not.
+    ``theta`` (n,) and its ``covariance`` (n, n) are 0 and NaN where nothing was found. ``scatter``
+    (n, n) is the covariance estimated from the differences between parts of the record, whatever
+    their cause. ``y_hat`` (samples,) is the one-step prediction in y's unit, NaN where there was
+    none. ``updates`` is the number of samples fitted, ``held`` that of all others,
+    ``innovation_std`` the root mean square of the residuals in y's unit, ``whiteness_p`` the
+    p-value of the Ljung-Box test.
     """
 
     config: EstimatorConfig
@@ -49,7 +52,7 @@ class FittedModel:
 
     @property
     def residual_std(self) -> float:
-        """A model that does not change has the same residuals as innovations."""
+        """Equal to ``innovation_std``: with a constant theta innovation and residual are equal."""
         return self.innovation_std
 
     @property
@@ -58,7 +61,7 @@ class FittedModel:
         return self.row(self.covariance)
 
     def row(self, covariance: Floats) -> EstimateBlock:
-        """Return the estimate as a block of one row, with this covariance (n, n)."""
+        """Return the estimate as a block of one row, with the given covariance (n, n)."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         one = np.full(1, np.nan)
         noise, status = np.full(1, self.innovation_std), np.full(1, int(self.status))
@@ -69,9 +72,10 @@ class FittedModel:
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """A record made ready for ``config``: which rows are ``good`` (samples,), and its parts.
+    """A record prepared for a fit: ``good`` (samples,) are its rows without a NaN.
 
-    ``breaks`` (n,) are the good rows that follow a held one; ``factors`` scale y and the inputs.
+    ``breaks`` (n,) marks the good rows that follow a held one; ``factors`` (1 + n_inputs,) scale y
+    and the inputs; ``fit`` has the scaled stretches.
     """
 
     config: EstimatorConfig
@@ -84,12 +88,13 @@ class _Record:
 def fit_record(
     config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED, method: str = ""
 ) -> FittedModel:
-    """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); NaN rows are held and break it.
+    """Fit a record ``u`` (samples, n_inputs), ``y`` (samples,); rows with NaN are held and cut it.
 
-    Of the configuration orders, bias and residual lags count, and the method where no other is
-    given; nothing is forgotten. Where there are no two samples for each parameter, or a channel
-    does not move, ``updates`` is 0; where the fit finds nothing the status is diverged. A fit of
-    least loss ends when that gains a smaller share than ``settled``.
+    The configuration gives orders, bias and residual lags, and the method where ``method`` is
+    empty; its forgetting factor must be 1, which the covariance assumes. ``updates`` is 0 where
+    there are at most two samples for each parameter, or y or an input does not move. Where the fit
+    finds no theta the status is DIVERGED. A fit of least loss stops where a step reduces the loss
+    by a smaller share than ``settled``.
     """
     return fit_methods(config, [method or config.method], u, y, settled)[0]
 
@@ -98,7 +103,7 @@ def fit_record(
 def fit_methods(
     config: EstimatorConfig, methods: Sequence[str], u: Floats, y: Floats, settled: float = SETTLED
 ) -> list[FittedModel]:
-    """Fit a record by several methods, which begin alike."""
+    """Fit a record by several methods from the same first guess; as :func:`fit_record` for each."""
     record = _made_ready(config, u, y)
     if record is None:
         return [_nothing(config, len(y), Status.WARMING_UP) for _ in methods]
@@ -106,14 +111,14 @@ def fit_methods(
 
 
 def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None:
-    """Return the record scaled and cut; None where it is too short or a channel stands still."""
+    """Return the record scaled and cut; None where it is too short or a signal does not move."""
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     signals = np.column_stack([y, u])[good]
     factors = _factors(signals)
     breaks = np.diff(good.astype(int), prepend=0)[good] > 0
     rows = np.column_stack([breaks, signals * factors])
     fit = RecordFit(config, list(stretches_of(config, rows)))
-    # The standard deviation of what stands still is rounding, and not always 0.
+    # The standard deviation of a constant is rounding error, and not always 0.
     if len(fit.y) <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
         return None
     return _Record(config, good, breaks, factors, fit)
@@ -142,11 +147,11 @@ def _fitted_model(method: Method, record: _Record, settled: float) -> FittedMode
 def held_back_pct(
     config: EstimatorConfig, u: Floats, y: Floats, settled: float = SETTLED, method: str = ""
 ) -> float:
-    """Return the fit over the last third of the rudder's energy of a model fitted without it.
+    """Return how well a model fitted to the first part of a record explains the rest, in percent.
 
-    ``u`` (samples, n_inputs), ``y`` (samples,), ``settled`` and ``method`` as in
-    :func:`fit_record`. NaN where that leaves fewer than ten samples a parameter, or the model was
-    not found.
+    The rest has the last third of the rudder's energy, and the model is simulated over it. ``u``
+    (samples, n_inputs), ``y`` (samples,), ``settled`` and ``method`` as in :func:`fit_record`. NaN
+    where the first part has fewer than ten samples for each parameter, or no model was found.
     """
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(u).all(axis=1))
     if len(used) == 0:
@@ -167,10 +172,10 @@ def held_back_pct(
 
 
 def _theta(method: Method, fit: RecordFit, settled: float) -> Floats | None:
-    """Return theta (n,) of the scaled signals; None where no fit beats theta = 0."""
+    """Return theta (n,) of the scaled signals; None where theta = 0 has no larger loss."""
     try:
         theta = method.fit(fit, settled)
-    except np.linalg.LinAlgError:  # channels that tell nothing apart
+    except np.linalg.LinAlgError:  # signals that are linearly dependent
         return None
     if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
         return None
@@ -178,7 +183,7 @@ def _theta(method: Method, fit: RecordFit, settled: float) -> Floats | None:
 
 
 def _factors(signals: Floats) -> Floats:
-    """Return powers of two (m,) that bring signals (n, m) to a standard deviation of about 1."""
+    """Return powers of two (m,) that scale signals (n, m) to a standard deviation of about 1."""
     spread = signals.std(axis=0) if len(signals) else np.ones(signals.shape[1])
     spread = np.where(spread > 0.0, spread, 1.0)
     factors: Floats = 2.0 ** -np.floor(np.log2(spread) + 0.5)
@@ -186,7 +191,7 @@ def _factors(signals: Floats) -> Floats:
 
 
 def _units(config: EstimatorConfig, factors: Floats) -> Floats:
-    """Return what turns theta (n,) of the scaled signals into that of the user's units."""
+    """Return the factors (n,) that convert theta of the scaled signals to the user's units."""
     orders = config.orders
     b = np.repeat(factors[1:] / factors[0], orders.nb)
     bias = np.full(int(config.bias), 1.0 / factors[0])
@@ -194,7 +199,7 @@ def _units(config: EstimatorConfig, factors: Floats) -> Floats:
 
 
 def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
-    """Return which usable samples (n,) were fitted, in their order: those with all their lags."""
+    """Return which of the good samples (n,) were fitted: those that have all their lags."""
     depth, nc = lag_depth(config.orders), config.orders.nc
     starts = np.append(np.flatnonzero(breaks), len(breaks))
     since = np.arange(len(breaks)) - np.repeat(starts[:-1], np.diff(starts))
@@ -206,15 +211,16 @@ def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
 def _covariances(
     method: Method, record: _Record, theta: Floats, residuals: list[Floats]
 ) -> tuple[Floats, Floats] | None:
-    """Return theta's covariance (n, n): (Z' psi)^-1 S (psi' Z)^-1, Z the instruments of the fit.
+    """Return theta's covariance and its scatter (n, n): (Z' psi)^-1 S (psi' Z)^-1 with two S.
 
-    ``residuals`` are those at theta. None where the covariance is not finite.
+    Z are the instruments, psi for RML and phi for ELS; ``residuals`` are those at theta. None where
+    the covariance is not finite.
 
-    Z is psi for RML and phi for ELS. S sums the products of the scores Z eps over as many lags
-    either way, under Bartlett's weights (Newey and West 1987): residuals that are not white make
-    sigma larger instead of wrong. The second one has the scores' sums over blocks in S, one step of
-    the jackknife that leaves out a block each time (Shao and Tu 1995, 3.2): what lasts longer than
-    the lags, a gust or another way of flying, is in it.
+    For the covariance S sums the products of the scores Z eps over all lags up to
+    ``residual_lags``, with Bartlett's weights (Newey and West 1987), so that it holds for residuals
+    that are not white too. For the scatter S is made of the sums of the scores over BLOCKS parts,
+    one step of the jackknife that leaves out a part each time (Shao and Tu 1995, 3.2): it includes
+    what lasts longer than the lags, such as a gust or a change in the way of flying.
     """
     z, psi, eps = method.scores(record.fit, theta, residuals)
     scores, lags = z * eps[:, None], record.config.residual_lags
@@ -235,7 +241,7 @@ def _covariances(
 
 
 def _whiteness(residuals: list[Floats], lags: int) -> float:
-    """Return the Ljung-Box p-value over all stretches."""
+    """Return the p-value of the Ljung-Box test over all stretches."""
     products = np.zeros(lags + 1)
     for eps in residuals:
         for lag in range(min(lags, len(eps) - 1) + 1):
@@ -245,6 +251,7 @@ def _whiteness(residuals: list[Floats], lags: int) -> float:
 
 
 def _nothing(config: EstimatorConfig, samples: int, status: Status) -> FittedModel:
+    """Return a model without an estimate; ``updates`` is 0 only where nothing could be fitted."""
     n, updates = config.n_theta, 0 if status == Status.WARMING_UP else 1
     theta, covariance = np.zeros(n), np.full((n, n), np.nan)
     y_hat = np.full(samples, np.nan)

@@ -1,6 +1,6 @@
-"""The start fit: one Gauss-Newton prediction-error fit of the buffered samples.
+"""The start fit: one Gauss-Newton prediction-error fit of the samples in the window.
 
-It works on the scaled samples of the window and hands theta and P to the recursion.
+It works on scaled samples and gives the recursion its first theta and P.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from yawid.estimation.products import cross
 
 @dataclass(frozen=True)
 class Start:
-    """What the fit hands over, on scaled signals: theta (n,), P and theta's covariance (n, n)."""
+    """Result of the start fit on scaled signals: theta (n,), P and theta's covariance (n, n)."""
 
     theta: Floats
     P: Floats
@@ -26,7 +26,7 @@ class Start:
 def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
     """Fit ``rows`` (window, 2 + n_inputs): break flag, y and u, scaled, the oldest first.
 
-    None where there are too few samples, or no fit beats theta = 0.
+    Return None where there are too few samples, or where the loss is not below that of theta = 0.
     """
     fit = RecordFit(config, list(stretches_of(config, rows)))
     if len(fit.y) <= 2 * config.n_theta:
@@ -43,7 +43,7 @@ def fit_start(config: EstimatorConfig, rows: Floats) -> Start | None:
 
 
 def factorise(P: Floats, d: Floats, upper: Floats) -> None:
-    """Fill ``d`` (n,) and ``upper`` (n (n - 1) / 2,) with P (n, n) = U D U' (Bierman 1977)."""
+    """Write the factors of P (n, n) = U D U' to ``d`` (n,) and ``upper`` (n (n - 1) / 2,)."""
     lower = np.linalg.cholesky(P[::-1, ::-1])
     root = lower[::-1, ::-1]
     diagonal = np.diag(root)

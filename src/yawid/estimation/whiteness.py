@@ -1,4 +1,4 @@
-"""Whether the residuals are white, from running sums of their products."""
+"""Tests whether residuals are white, from sums of their products."""
 
 import math
 
@@ -8,11 +8,11 @@ from yawid.blocks import Floats
 
 
 def ljung_box(products: Floats, s1: float, s2: float) -> float:
-    """Return the p-value that the residuals are white (Ljung and Box 1978); NaN while unknown.
+    """Return the p-value of the hypothesis of white residuals (Ljung and Box 1978); NaN if unknown.
 
-    ``products`` (lags + 1,) are sums of eps(k) eps(k-l) with the weights whose sum is ``s1`` and
-    whose sum of squares is ``s2``; the sample they make is worth s1^2/s2 values. No degree of
-    freedom is taken off: recursive residuals, unlike fitted ones, are white when the model is true.
+    ``products`` (lags + 1,) are weighted sums of eps(k) eps(k-l); the sum of the weights is ``s1``
+    and that of their squares ``s2``, so that they count as s1^2/s2 values. No degrees of freedom
+    are subtracted: recursive residuals, unlike those of a fit, are white where the model is true.
     """
     lags = len(products) - 1
     if lags < 1 or s1 == 0.0 or not products[0] > 0.0:
@@ -26,9 +26,9 @@ def ljung_box(products: Floats, s1: float, s2: float) -> float:
 
 
 def largest_autocorrelation(eps: Floats, lags: int = 20) -> float:
-    """Return the largest autocorrelation of eps (n,), either sign, at lags 1 to ``lags``.
+    """Return the largest absolute autocorrelation of eps (n,) at lags 1 to ``lags``.
 
-    Pairs with NaN are left out. NaN where there are not two residuals a lag.
+    Pairs with a NaN are left out. NaN where there are fewer than two residuals for each lag.
     """
     power = float(np.nansum(eps**2))
     if np.isfinite(eps).sum() < 2 * lags or not power > 0.0:
@@ -39,8 +39,8 @@ def largest_autocorrelation(eps: Floats, lags: int = 20) -> float:
 def chi_square_tail(q: float, degrees: int) -> float:
     """Return the probability that chi-square with ``degrees`` of freedom, at least 1, exceeds q.
 
-    The regularised incomplete gamma function Q(degrees/2, q/2), by its recurrence
-    Q(s+1, x) = Q(s, x) + x^s e^-x / Gamma(s+1) from Q(1, x) or Q(1/2, x), all of it positive.
+    It is the regularised incomplete gamma function Q(degrees/2, q/2), by the recurrence
+    Q(s+1, x) = Q(s, x) + x^s e^-x / Gamma(s+1) from Q(1, x) or Q(1/2, x); all terms are positive.
     """
     x = 0.5 * q
     if not 0.0 < x < math.inf:

@@ -1,9 +1,10 @@
-"""Which orders and which delay: a larger bank over the same samples, judged on data held back.
+"""Choice of orders and delay: several models of the same samples, scored on data held back.
 
-The paper asks for orders that "balance accuracy and computational efficiency". Each candidate
-learns the first two thirds of the record by recursive maximum likelihood without forgetting and is
-then run free from the inputs over the last third. Accuracy is that simulation; the criteria of
-Akaike and Schwarz and the whiteness of the residuals stand beside it, and the cost of one update.
+The paper asks for orders that "balance accuracy and computational efficiency". Each candidate is
+estimated from the first two thirds of the record by recursive maximum likelihood without
+forgetting, and simulated from the inputs over the last third. The accuracy is the fit of that
+simulation; the criteria of Akaike and Schwarz, the whiteness of the residuals and the time of one
+update are given next to it.
 """
 
 import math
@@ -23,16 +24,18 @@ from yawid.estimation.methods import OF_STRUCTURES
 from yawid.physics.modes import modes
 
 CLOSE_PCT = 0.5
-"""Candidates within so many points of the best simulation are equally good; then BIC decides."""
+"""Candidates within this many percentage points of the best are equally good: BIC decides."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One structure and how it did.
+    """One structure and its scores.
 
-    ``loss`` is the mean square innovation over the training samples, ``simulation_pct`` the fit on
-    the samples held back, ``dutch_roll`` (wn, wn_std, zeta, zeta_std), ``update_ns`` the cost of an
-    update.
+    ``loss`` is the mean square of the innovation in y's unit squared, over the second half of the
+    training samples; ``aic`` and ``bic`` are the criteria of Akaike and Schwarz; ``whiteness_p`` is
+    the p-value of the Ljung-Box test; ``simulation_pct`` is the fit on the samples held back, in
+    percent; ``dutch_roll`` is (wn, wn_std in rad/s, zeta, zeta_std); ``update_ns`` is the time of
+    one update in ns.
     """
 
     orders: ArmaxOrders
@@ -46,7 +49,7 @@ class Tried:
 
 
 def candidates(n_inputs: int, *, extra_b: int = 0) -> list[ArmaxOrders]:
-    """Return the structures tried: na 2-4, nb na-1 to na, nc 0-3, nk 1-3, for every input.
+    """Return the structures to try: na 2-4, nb na-1 to na, nc 0-3, nk 1-3, alike for all inputs.
 
     ``extra_b`` is added to nb (1 with the yaw angle as output).
     """
@@ -64,17 +67,17 @@ def compare_orders(
     tried: list[ArmaxOrders],
     advance: Callable[[int], None] = lambda count: None,
 ) -> list[Tried]:
-    """Return the candidates, best simulation first, for u (n, inputs) and y (n,), NaN held.
+    """Return the candidates, best simulation first, for u (n, inputs) and y (n,); NaN is held.
 
-    ``advance`` is called with 1 as each has been tried.
+    ``advance`` is called with 1 after each candidate.
 
     Raises:
-        NotIdentifiable: fewer than 200 samples.
+        NotIdentifiable: there are fewer than 200 samples without a NaN.
     """
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     if good.sum() < LEAST_SAMPLES:
         raise NotIdentifiable(f"{good.sum()} samples: {LEAST_SAMPLES} are needed to compare orders")
-    # Two thirds of what can be used, not of the clock: a flight may begin on the ground.
+    # Two thirds of the usable samples, not of the time: a flight may begin on the ground.
     split = int(np.flatnonzero(good)[int(TRAINING * good.sum())])
     found = []
     for orders in tried:
@@ -84,10 +87,10 @@ def compare_orders(
 
 
 def recommended(found: list[Tried]) -> Tried:
-    """Return the candidate to use: of those about as good as the best, the one of least BIC.
+    """Return the candidate to use: of those about as good as the best, the one with the least BIC.
 
     Raises:
-        NotIdentifiable: no candidate is finite.
+        NotIdentifiable: no candidate has a finite simulation and BIC.
     """
     finite = [c for c in found if math.isfinite(c.simulation_pct) and math.isfinite(c.bic)]
     if not finite:
@@ -104,7 +107,7 @@ def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOr
     block = armax.run(u[:split], y[:split], covariance=True)
     seconds = time.perf_counter() - start
     theta = block.theta[-1]
-    # The transient of the recursion is no property of the model: the second half of the training.
+    # Only the second half of the training: the transient of the recursion is not the model's.
     settled = block.innovation[split // 2 :]
     settled = settled[np.isfinite(settled)]
     loss = float(np.mean(settled**2)) if len(settled) else math.nan

@@ -1,11 +1,11 @@
-"""The paper's program nhandangARMAX.m as printed, kept to show why its result says nothing.
+"""The paper's program nhandangARMAX.m as printed, kept to show why its result has no meaning.
 
-The listing builds ``Phi = [-Y U]'`` without lags: Y(k) is regressed on Y(k) itself. Whatever the
-plant, theta = [-1, 0] makes y_est = -Y theta1 + U theta2 = Y, the identity, and the least squares
-find it. The printed A(z) = 1 - 1.0000 z^-1 is this -1, the printed B = 5e-11 the rounding error of
-the inverse, the mean square error 1e-22 and the fit of 100 % those of Y = Y. The second regression
-adds error1, which is that rounding error: its coefficient (printed 4.1402e3) can be anything.
-The program with its lags is ``two_stage.py``.
+The listing builds ``Phi = [-Y U]'`` without lags: Y(k) is regressed on Y(k) itself. For any plant
+theta = [-1, 0] makes y_est = -Y theta1 + U theta2 = Y, the identity, and least squares find it. The
+printed A(z) = 1 - 1.0000 z^-1 is this -1, the printed B = 5e-11 is the rounding error of the
+inverse, and the mean square error 1e-22 and the fit of 100 % are those of Y = Y. The second
+regression adds error1, which is that rounding error: its coefficient (printed 4.1402e3) can have
+any value. ``two_stage.py`` is the program with its lags.
 
 Printed slips: ``Phi`` is used as ``phi``; T, t and the orders of eq. 28 are never used; "equation
 (7)" in the text around the listing means eq. 30.
@@ -25,7 +25,7 @@ SAMPLE_TIME_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
-    """The listing's variables, and the figures the paper reports from them.
+    """The variables of the listing, and the numbers that the paper reports from them.
 
     ``theta`` (2,) of the first regression, ``theta1`` (3,) of the second, ``y_est``, ``y_est1``,
     ``error1``, ``error2`` (n,); ``mse`` the mean square of error2; ``fit_pct`` 100 (1 - |error2| /
@@ -66,7 +66,7 @@ def paper_program(u: ArrayLike, y: ArrayLike) -> PaperResult:
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Return the inverse, infinite where the matrix is singular, as the paper's language has it."""
+    """Return the inverse, infinite where the matrix is singular, as MATLAB does."""
     try:
         return np.asarray(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:

@@ -1,9 +1,9 @@
-"""The plant as a curve: transient function h(t), weighting function g(t), G(jw). Eq. 1-3.
+"""The plant as curves: transient function h(t), weighting function g(t), G(jw). Eq. 1-3.
 
-Actively h is measured by a step; passively g comes from any input by least squares and G from cross
-spectra; or both come from an identified model. On the grid, with u held between its instants, h(k)
-is the response at k Ts and g(k) the mean of dh/dt over [k Ts, (k+1) Ts), so that both convolutions
-are exact.
+In the active method h is measured with a step. In the passive method g is estimated from any input
+by least squares, and G from cross spectra. h and g of an identified model can be computed too. On
+the grid, with u held between its instants, h(k) is the response at k Ts and g(k) the mean of dh/dt
+over [k Ts, (k+1) Ts), so that both convolutions are exact.
 
 Printed slips: eq. 3 has a d/dt too many, and its delta(t) = dh/dt means g(t) = dh/dt; y = u h(0) +
 integral of g(t - tau) u(tau) is meant.
@@ -25,7 +25,7 @@ from yawid.physics.model_response import step_response
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """h (n,) in y per u and g (n,) in y per u and second on the grid, with their sigma (n,)."""
+    """h (n,) in y per u and g (n,) in y per u and s at ``t`` (n,) in s, with their sigma (n,)."""
 
     t: Floats
     h: Floats
@@ -36,7 +36,11 @@ class Curves:
 
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse:
-    """G (n,) of the sampled plant at ``frequency_hz`` (n,), coherence, sigma of |G| and angle."""
+    """G (n,) of the sampled plant in y per u, at ``frequency_hz`` (n,).
+
+    ``coherence`` (n,) is the squared coherence; ``magnitude_std`` (n,) in y per u and
+    ``phase_std_rad`` (n,) are the sigma of |G| and of its angle.
+    """
 
     frequency_hz: Floats
     G: NDArray[np.complex128]
@@ -48,13 +52,13 @@ class FrequencyResponse:
 def curves_from_step(
     y: ArrayLike, sample_time_s: float, u0: float = 1.0, before: int = 0
 ) -> Curves:
-    """Return h and g measured by a step of height u0 at the sample ``before`` (active, eq. 1-2).
+    """Return h and g measured with a step of height u0 at the sample ``before`` (active, eq. 1-2).
 
-    ``y`` (n,); its level before the step, or its first sample, is the zero of h. Sigma takes the
-    noise as white and as strong as the second differences of y say.
+    ``y`` (n,); h = 0 is its mean before the step, or its first sample. Sigma assumes white noise
+    with the variance that follows from the second differences of y.
 
     Raises:
-        ConfigError: fewer than 3 samples from the step on, or u0 = 0.
+        ConfigError: y is not finite, has fewer than 3 samples from the step on, or u0 = 0.
     """
     y = np.asarray(y, dtype=np.float64)
     if y.ndim != 1 or not np.isfinite(y).all() or not 0 <= before <= len(y) - 3:
@@ -71,13 +75,13 @@ def curves_from_step(
 
 
 def curves_from_data(u: ArrayLike, y: ArrayLike, sample_time_s: float, length: int) -> Curves:
-    """Return the first ``length`` values of g, and h, from any input by least squares (passive).
+    """Return the first ``length`` values of g and h from any input by least squares (passive).
 
-    ``u``, ``y`` (n,). y(k) = sum of g(i) Ts u(k-1-i) + a constant; sigma takes the noise as white.
+    ``u``, ``y`` (n,). y(k) = sum of g(i) Ts u(k-1-i) + a constant; sigma assumes white noise.
 
     Raises:
-        ConfigError: wrong shapes, or too short a record for this length.
-        NotIdentifiable: the input does not move every direction of g.
+        ConfigError: a shape is wrong, or the record is too short for this length.
+        NotIdentifiable: the input does not excite all values of g.
     """
     u, y = checked_record(u, y)
     rows = len(y) - length
@@ -105,7 +109,7 @@ def curves_from_data(u: ArrayLike, y: ArrayLike, sample_time_s: float, length: i
 def curves_from_model(
     theta: Floats, orders: ArmaxOrders, sample_time_s: float, length: int
 ) -> Curves:
-    """Return h and g (length,) of an identified model's first input, theta (n,); sigma is 0."""
+    """Return h and g (length,) of a model's first input, from its theta (n,); sigma is 0."""
     h = step_response(theta, orders, length + 1)
     zero = np.zeros(length)
     t = _grid(length, sample_time_s)
@@ -117,15 +121,15 @@ def _grid(length: int, sample_time_s: float) -> Floats:
 
 
 def answer_by_transient(h: Floats, u: Floats) -> Floats:
-    """Return y (n,) to the held u (n,) by eq. 2: the sum of h(k-j) (u(j) - u(j-1)).
+    """Return the response y (n,) to the held u (n,) by eq. 2: sum of h(k-j) (u(j) - u(j-1)).
 
-    ``h`` (n,) or longer; 0 was held before u(0).
+    ``h`` (n,) or longer; u is 0 before its first value.
     """
     return np.convolve(h[: len(u)], np.diff(u, prepend=0.0))[: len(u)]
 
 
 def answer_by_weighting(g: Floats, u: Floats, sample_time_s: float, h0: float = 0.0) -> Floats:
-    """Return y (n,) to the held u (n,) by eq. 3: u(k) h(0) + Ts sum of g(k-1-j) u(j)."""
+    """Return the response y (n,) to the held u (n,) by eq. 3: u(k) h(0) + Ts sum g(k-1-j) u(j)."""
     answer = np.convolve(np.concatenate([[0.0], g[: len(u) - 1]]), u)[: len(u)]
     return np.asarray(h0 * u + sample_time_s * answer)
 
@@ -133,14 +137,14 @@ def answer_by_weighting(g: Floats, u: Floats, sample_time_s: float, h0: float = 
 def frequency_response(
     u: ArrayLike, y: ArrayLike, sample_time_s: float, segment_s: float
 ) -> FrequencyResponse:
-    """Return G = S_uy / S_uu of u (n,) and y (n,) by averaged cross spectra (passive).
+    """Return G = S_uy / S_uu of u (n,) and y (n,) from averaged cross spectra (passive).
 
-    Without the zero frequency. Hann windows of ``segment_s`` that overlap by half, each less its
-    mean. Sigma after Bendat and
-    Piersol (2010, table 9.6), for 0.95 times as many independent averages as there are halves.
+    Hann windows of ``segment_s`` s overlap by half, each with its mean removed; the frequency 0 is
+    left out. Sigma follows Bendat and Piersol (2010, table 9.6), with 0.95 independent averages for
+    each of the overlapping segments.
 
     Raises:
-        ConfigError: wrong shapes, or fewer than two segments in the record.
+        ConfigError: a shape is wrong, or a segment is below 8 samples or above half the record.
         NotIdentifiable: the input does not move.
     """
     u, y = checked_record(u, y)

@@ -1,7 +1,7 @@
-"""The closed forms of the paper's step responses and what is read off them: eq. 4-16, 23.
+"""Closed forms of the paper's step responses, and the numbers that follow from them: eq. 4-16, 23.
 
-Printed slips: eq. 8's limit is s -> 0; eq. 15 keeps the letters of eq. 12, Delta h/k, and means
-Delta y/(k u0).
+Printed slips: the limit of eq. 8 is s -> 0; eq. 15 repeats the letters of eq. 12, Delta h/k, and
+means Delta y/(k u0).
 """
 
 import math
@@ -18,7 +18,7 @@ def first_order_response(t: Floats, K: float, T: float) -> Floats:
 
 
 def first_order_settling(T: float, tolerance: float) -> float:
-    """Return the transient time T ln(1/tolerance) of eq. 6, tolerance 0.02 or 0.05."""
+    """Return the settling time T ln(1/tolerance) of eq. 6 in s; the tolerance is 0.02 or 0.05."""
     return T * math.log(1.0 / tolerance)
 
 
@@ -30,7 +30,7 @@ def second_order_response(t: Floats, k: float, D: float, q: float) -> Floats:
 
 
 def second_order_settling(D: float, q: float, tolerance: float) -> float:
-    """Return when the envelope exp(-D q t)/sqrt(1 - D^2) has come down to the tolerance."""
+    """Return the time in s at which exp(-D q t)/sqrt(1 - D^2), the envelope, is the tolerance."""
     return -math.log(tolerance * math.sqrt(1.0 - D * D)) / (D * q)
 
 
@@ -45,19 +45,19 @@ def yaw_response(t: Floats, K: float, T: float, xi: float, omega: float) -> Floa
 
 
 def yaw_settling(T: float, xi: float, omega: float, tolerance: float) -> float:
-    """Return when the envelope of eq. 23's transient has come down to the tolerance of K, in s."""
+    """Return the time in s at which the envelope of eq. 23's transient is tolerance times K."""
     root = math.sqrt(1.0 - xi * xi)
     height = math.hypot(1.0, (xi - T * omega) / root)
     return max(math.log(height / tolerance), 0.0) / (xi * omega)
 
 
 def extremum_time(D: float, q: float, i: int = 1) -> float:
-    """Return T_i = i pi / (q sqrt(1 - D^2)) of eq. 9."""
+    """Return the time of the i-th extremum, T_i = i pi / (q sqrt(1 - D^2)) of eq. 9, in s."""
     return i * math.pi / (q * math.sqrt(1.0 - D * D))
 
 
 def overshoot(D: float) -> float:
-    """Return Delta h / k = exp(-pi D / sqrt(1 - D^2)) of eq. 10-11."""
+    """Return the overshoot Delta h / k = exp(-pi D / sqrt(1 - D^2)) of eq. 10-11."""
     return math.exp(-math.pi * D / math.sqrt(1.0 - D * D))
 
 
@@ -66,11 +66,11 @@ def second_order_from_peak(
 ) -> tuple[float, float, float]:
     """Return k, D, q by eq. 8, 12 and 13, or 14-16 for a step of height u0.
 
-    ``y_end`` is the steady state and ``y_max`` the first extremum, both counted from where the
-    response started, ``t1`` the time from the step to it.
+    ``y_end`` is the steady state and ``y_max`` the first extremum, both from the value at the step;
+    ``t1`` is the time in s from the step to that extremum; k is in y per u, q in rad/s.
 
     Raises:
-        NotIdentifiable: no overshoot, one of 100 % or more, or no time to it: not eq. 7.
+        NotIdentifiable: the overshoot is not between 0 and 100 %, or t1 is not > 0: not eq. 7.
     """
     share = (y_max - y_end) / y_end if y_end else math.nan
     if not 0.0 < share < 1.0 or not t1 > 0.0:

@@ -1,11 +1,12 @@
-"""K and T, or k, D and q, of a measured step response: read off as the paper does, then refined.
+"""K and T, or k, D and q, of a measured step response: the paper's method, then a refinement.
 
-The yaw rate after a step of the rudder is neither of these forms but eq. 23, which has a zero: its
-starts come from linear fits on a grid of frequencies and dampings.
-The record comes from a CSV file or as arrays and is checked and scaled to run from 0 to 1.
-The reading is eq. 5-6 and 8-16 on the record smoothed over a few samples; it starts a least-squares
-fit of the closed form with a free offset, which gives the estimates and their sigma. Several widths
-of smoothing are tried, the fit with the least loss is kept.
+The record comes from a CSV file or as arrays, and is checked and scaled to run from 0 to 1. Eq. 5-6
+and 8-16, applied to the record smoothed over a few samples, give the start of a least-squares fit
+of the closed form with a free offset, which gives the estimates and their sigma. Several widths of
+smoothing are tried, and the fit with the least loss is kept.
+
+The yaw rate after a step of the rudder has neither of these forms but that of eq. 23, which has a
+zero: the starts of its fit come from linear fits on a grid of frequencies and damping ratios.
 """
 
 import csv
@@ -33,18 +34,19 @@ from yawid.offline.step_forms import (
 )
 
 SETTLED = 0.05
-"""A steady state is reached where the fitted form is within this share of its end."""
+"""The steady state is reached where the fitted form is within this share of its final value."""
 MISFIT = 0.05
-"""A form whose systematic misfit exceeds this share of the step does not hold."""
+"""A form is refused where its systematic misfit exceeds this share of the step."""
 FEWEST_SAMPLES = 10
+"""The fewest samples after the step."""
 SMOOTHING = (0.0, 0.01, 0.03)
 """Widths of the moving average before the reading, as shares of the record."""
 TAIL = 0.1
 """The share of the record whose mean is read as the steady state."""
 GRID_SAMPLES, GRID_OMEGAS, GRID_XIS, GRID_BEST = 400, 30, (0.05, 0.15, 0.3, 0.5, 0.8), 3
-"""How finely starts for eq. 23 are looked for, and how many of them are refined."""
+"""The grid on which starts for eq. 23 are searched, and how many of them are refined."""
 CLEAR = 3.0
-"""By how many sigma the answer to the step, an overshoot and a misfit must stand out."""
+"""The number of sigma by which the response, an overshoot or a misfit must exceed the noise."""
 
 
 def read_step(
@@ -52,13 +54,14 @@ def read_step(
 ) -> tuple[Floats, Floats, float, float]:
     """Return t (n,) in s, y (n,), and the step's height and time in s, of a CSV file (-: stdin).
 
-    Its first line names the columns t and y, and u where it is known: what is not given of the step
-    is then read off it, else it is 1 at 0 s. A record's r is such a y, its rudder a u. A row of
-    units, other columns and empty lines are ignored; an empty y is NaN.
+    The first line names the columns t and y, and u where it was recorded. A height or time that is
+    not given is taken from u; without u they are 1 and 0 s. The columns r and rudder of a flight
+    record count as y and u. A row of units, other columns and empty lines are ignored; an empty y
+    is NaN.
 
     Raises:
         SourceError: the file cannot be read or is not text.
-        ConfigError: no column t or y, a value that is no number, with its line, or u is no step.
+        ConfigError: a column t or y is missing, a value is not a number, or u is not one step.
     """
     try:
         if str(path) == "-":
@@ -100,7 +103,7 @@ def _columns(name: str, lines: Iterable[str]) -> tuple[Floats, Floats, Floats | 
 
 
 def _step_of(t: Floats, u: Floats, path: Path) -> tuple[float, float]:
-    """Return the height of the only step of u (n,) and its time."""
+    """Return the height of the only step of u (n,), and its time in s."""
     changes = np.flatnonzero(np.diff(u, prepend=0.0))
     if len(changes) != 1:
         raise ConfigError(
@@ -112,7 +115,10 @@ def _step_of(t: Floats, u: Floats, path: Path) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """t since the step, y less ``low`` over ``scale``: from 0 to 1 or so, and the scaled noise."""
+    """A checked record: ``t`` in s since the step and scaled ``y`` (n,), from about 0 to about 1.
+
+    y is (measured - ``low``) / ``scale``; ``noise`` is its standard deviation, scaled too.
+    """
 
     t: Floats
     y: Floats
@@ -124,7 +130,7 @@ class StepRecord:
     def checked(
         cls, times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float
     ) -> "StepRecord":
-        """Return the record of y (n,) at t (n,); raises as the fits do."""
+        """Return the record of y (n,) at t (n,) in s; errors as in :func:`fit_first_order`."""
         t, y = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
         if t.ndim != 1 or t.shape != y.shape:
             raise ConfigError(f"t and y must be (n,) alike, got {t.shape} and {y.shape}")
@@ -140,7 +146,7 @@ class StepRecord:
             raise ConfigError(f"{after} samples after the step, at least {FEWEST_SAMPLES} needed")
         before, tail = max(len(y) - after, 1), max(1, round(TAIL * after))
         low, scale = float(y[:before].mean()), float(y[-tail:].mean() - y[:before].mean())
-        noise = float(np.median(np.abs(np.diff(y)))) / 0.954  # of a normal difference of two
+        noise = float(np.median(np.abs(np.diff(y)))) / 0.954  # of |x1 - x2|, both N(0, 1)
         if not abs(scale) > CLEAR * noise * math.sqrt(1.0 / before + 1.0 / tail):
             raise NotIdentifiable(
                 f"y does not answer the step: its change of {scale:.3g} is not clear of the noise"
@@ -148,7 +154,7 @@ class StepRecord:
         return cls(t, (y - low) / scale, low, scale, noise / abs(scale))
 
     def smoothed(self) -> Iterator[tuple[Floats, Floats]]:
-        """Yield t and y (m,) from the step on, y averaged over ever more samples."""
+        """Yield t and y (m,) from the step on, with y averaged over more and more samples."""
         t, y = self.t[self.t >= 0.0], self.y[self.t >= 0.0]
         for width in sorted({2 * round(0.5 * share * len(y)) + 1 for share in SMOOTHING}):
             mean = np.convolve(y, np.ones(width) / width, mode="valid")
@@ -156,7 +162,7 @@ class StepRecord:
 
 
 def read_first_order(record: StepRecord) -> Iterator[float]:
-    """Yield T, the time at which the response reaches 63 % of its end (after eq. 6)."""
+    """Yield T in s, when the response reaches 63 % of its final value (eq. 6), per smoothing."""
     level = 1.0 - math.exp(-1.0)
     for t, y in record.smoothed():
         after = int(np.argmax(y >= level))
@@ -168,7 +174,7 @@ def read_first_order(record: StepRecord) -> Iterator[float]:
 
 
 def read_second_order(record: StepRecord) -> Iterator[tuple[float, float]]:
-    """Yield D and q by eq. 12-13 from the first extremum; none where there is no overshoot."""
+    """Yield D and q by eq. 12-13 from the maximum, for each smoothing that shows an overshoot."""
     for t, y in record.smoothed():
         peak, y_max = float(t[np.argmax(y)]), float(y.max())
         if 0.0 < y_max - 1.0 < 1.0 and peak > 0.0:
@@ -177,7 +183,7 @@ def read_second_order(record: StepRecord) -> Iterator[tuple[float, float]]:
 
 
 def read_yaw(record: StepRecord) -> list[Floats]:
-    """Return the likeliest [offset, K, T, xi, ln omega] (5,): K and K T are linear in eq. 23."""
+    """Return the best starts [offset, K, T, xi, ln omega] (5,): eq. 23 is linear in K and K T."""
     every = max(1, len(record.t) // GRID_SAMPLES)
     t, y = record.t[::every], record.y[::every]
     slowest, fastest = 2.0 * math.pi / record.t[-1], math.pi / (2.0 * float(np.median(np.diff(t))))
@@ -208,7 +214,7 @@ def _value(value: float, std: float) -> StepValue:
 
 @dataclass(frozen=True, slots=True)
 class FirstOrder:
-    """G(s) = K/(T s + 1): K in y per u, T in s, settling times of eq. 6, and the fit's noise."""
+    """G(s) = K/(T s + 1): K in y per u, times in s (eq. 6), offset and noise in y's unit."""
 
     K: StepValue
     T: StepValue
@@ -233,7 +239,7 @@ class SecondOrder:
 
 @dataclass(frozen=True, slots=True)
 class YawStep:
-    """Eq. 23: K in y per u, T_theta in s, omega_beta in rad/s, xi_beta; the envelope's settling."""
+    """Eq. 23: K in y per u, T_theta in s, omega_beta in rad/s, xi_beta; envelope settling."""
 
     K: StepValue
     T_theta_s: StepValue
@@ -250,12 +256,14 @@ def fit_first_order(
 ) -> FirstOrder:
     """Fit eq. 4 to y (n,) at t (n,) in s, increasing; the input steps by u0 at ``step_time_s``.
 
-    NaN in y is left out. The offset is y before the step. Sigma takes the noise as white, or, where
-    the residuals are correlated, as a first-order process.
+    A NaN in y is left out. The offset is y before the step. Sigma assumes white noise or, where
+    the residuals are correlated, a first-order process.
 
     Raises:
-        ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
-        NotIdentifiable: y does not answer, does not come to rest, or has another form.
+        ConfigError: a shape is wrong, there are fewer than 10 samples after the step, the times do
+        not increase, a value is infinite, or u0 is 0.
+        NotIdentifiable: y does not respond to the step, reaches no steady state, shows too little
+        of the transient, or has another form.
     """
     record = StepRecord.checked(t, y, u0, step_time_s)
 
@@ -281,11 +289,11 @@ def fit_first_order(
 def fit_second_order(
     t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0
 ) -> SecondOrder:
-    """Fit the h(t) of eq. 7 to y (n,) at t (n,) in s; the rest as :func:`fit_first_order`.
+    """Fit h(t) of eq. 7 to y (n,) at t (n,) in s; the rest as in :func:`fit_first_order`.
 
     Raises:
-        ConfigError: wrong shapes, too few samples, times that do not increase, u0 = 0.
-        NotIdentifiable: as there, or no overshoot that stands out of the noise.
+        ConfigError: as there.
+        NotIdentifiable: as there, or no overshoot is clear of the noise.
     """
     record = StepRecord.checked(t, y, u0, step_time_s)
 
@@ -320,7 +328,7 @@ def fit_second_order(
 
 
 def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0) -> YawStep:
-    """Fit eq. 23 to the yaw rate y (n,) at t (n,) in s; the rest as :func:`fit_first_order`.
+    """Fit eq. 23 to the yaw rate y (n,) at t (n,) in s; the rest as in :func:`fit_first_order`.
 
     Raises:
         ConfigError, NotIdentifiable: as there.
@@ -339,7 +347,7 @@ def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.
     scale, root = record.scale / u0, math.sqrt(1.0 - xi * xi)
 
     def settling(tolerance: float) -> StepValue:
-        """Return the time and its sigma, by how both factors move with T, xi and ln omega."""
+        """Return the settling time and its sigma, from its derivatives by T, xi and ln omega."""
         time = yaw_settling(T, xi, omega, tolerance)
         miss = (xi - T * omega) / root
         turn = miss / (1.0 + miss * miss) / (xi * omega)
@@ -360,12 +368,12 @@ def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.
 
 
 def _exp(exponent: float) -> float:
-    """Return e^exponent, a time or frequency searched for by its logarithm, within float range."""
+    """Return e^exponent within the range of floats: times and frequencies are fitted as ln."""
     return math.exp(min(max(exponent, -300.0), 300.0))
 
 
 def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> StepValue:
-    """Return the envelope's settling time; ``covariance`` (2, 2) is that of D and ln q."""
+    """Return the settling time of the envelope; ``covariance`` (2, 2) is that of D and ln q."""
     time = second_order_settling(D, q, tolerance)
     slope = np.array([1.0 / (q * (1.0 - D * D)) - time / D, -time])
     return _value(time, math.sqrt(slope @ covariance @ slope))
@@ -373,7 +381,7 @@ def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> StepV
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """The parameters (n,) on the scaled record, their covariance, and what is left of it."""
+    """Parameters ``p`` (n,) on the scaled record, their covariance (n, n), and the residual."""
 
     p: Floats
     covariance: Floats
@@ -389,7 +397,7 @@ def _refine(
     record: StepRecord, form: Callable[[Floats], Floats], starts: Iterable[Floats],
     low: list[float], high: list[float],
 ) -> _Fit:  # fmt: skip
-    """Fit offset p[0] plus form(p) from each start and keep the best."""
+    """Return the best fit of the offset p[0] plus form(p), made from each start."""
 
     def misses(p: Floats) -> Floats:
         return np.asarray(record.y - p[0] - form(p))
@@ -403,16 +411,19 @@ def _refine(
     if not np.linalg.cond(information) < 1e14:
         raise NotIdentifiable("the record has too few samples in the transient")
     correlation = float(residual[1:] @ residual[:-1]) / max(2.0 * best.cost, 1e-300)
-    if correlation > 2.0 / math.sqrt(n):  # more than white noise shows: fewer samples are worth it
+    if correlation > 2.0 / math.sqrt(n):  # more than white noise has: the samples count for fewer
         variance *= (1.0 + correlation) / max(1.0 - correlation, 1e-3)
     covariance = np.linalg.inv(information) * variance
     return _Fit(p, covariance, residual, math.sqrt(2.0 * best.cost / (n - len(p))))
 
 
 def _check_form(record: StepRecord, fit: _Fit, left: float, settling_s: float) -> None:
-    """Raise NotIdentifiable where the fitted form does not speak for the record."""
+    """Raise NotIdentifiable where the fitted form does not describe the record.
+
+    ``left`` is the share of the transient that is left at the end of the record.
+    """
     step = abs(float(fit.p[1]))
-    # The product of neighbours is the systematic part: that of white noise averages to nothing.
+    # The mean product of neighbours is the systematic part; that of white noise is about 0.
     after = record.t >= 0.0
     residuals = [fit.residual[after], fit.residual[after & (record.t <= 1.5 * settling_s)]]
     products = [r[1:] * r[:-1] for r in residuals if len(r) > FEWEST_SAMPLES]
@@ -432,5 +443,5 @@ def _check_form(record: StepRecord, fit: _Fit, left: float, settling_s: float) -
 
 
 def _chance(record: StepRecord, count: int) -> float:
-    """Return what the mean product of so many neighbours in white noise hardly exceeds."""
+    """Return a limit that the mean product of ``count`` pairs of white noise rarely exceeds."""
     return CLEAR * record.noise**2 / math.sqrt(count)

@@ -1,14 +1,14 @@
-"""The procedure the paper's text describes, with the lags its listing drops. Eq. 27-33.
+"""The procedure that the paper's text describes, with the lags that its listing omits. Eq. 27-33.
 
 1. Take C(q) = 1 and fit ARX by least squares; its residuals are the first eps.
-2. Put the lagged eps beside y and u (eq. 32) and fit theta by least squares.
-3. Form eps anew by eq. 33, which with eq. 32 is the recursion eps = (A y - B u - bias)/C.
-4. Repeat 2 and 3 until theta stands still, going only a share of the way where it swings.
+2. Put the lagged eps next to y and u (eq. 32) and fit theta by least squares.
+3. Compute eps again by eq. 33, which with eq. 32 is the recursion eps = (A y - B u - bias)/C.
+4. Repeat 2 and 3 until theta converges; where it oscillates, take only a share of each step.
 
-The fixed point is that of extended least squares. It is reached surely where 1/C - 1/2 is strictly
-positive real (``polynomials.spr_margin``), often but not always elsewhere; recursive maximum
-likelihood has no such limit. Printed slip: the last exponent of B in eq. 29 is -nk-nb+1, as eq. 32
-has it.
+The fixed point is that of extended least squares. Convergence is certain where 1/C - 1/2 is
+strictly positive real (``polynomials.spr_margin``), and frequent elsewhere; recursive maximum
+likelihood has no such condition. Printed slip: the last exponent of B in eq. 29 is -nk-nb+1, as in
+eq. 32.
 """
 
 from dataclasses import dataclass
@@ -26,20 +26,23 @@ from yawid.estimation.polynomials import c_of, known_regressors, reflected, spr_
 
 MOST_ROUNDS = 500
 STILL = 1e-7
-"""Theta stands still where a round would move it by less than this share of its sigma."""
+"""theta has converged where a round would move it by at most this share of its sigma."""
 SMALLEST_SHARE = 0.1
+"""The smallest share of a step that is taken."""
 NOISELESS = 1e-9
-"""ARX residuals below this share of y are rounding: C stays 1, its sigma infinite."""
+"""ARX residuals up to this share of y are rounding errors: C stays 1, with infinite sigma."""
 RCOND = 1e-12
+"""Relative size of singular values that count as 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class TwoStage:
-    """theta (n,) and its sigma, the ARX fit it started from, and how the rounds went.
+    """Result of the procedure: theta, the ARX fit before it, and the number of rounds.
 
-    ``theta`` is [a1.., b1.. of each input, c1.., bias]; ``arx`` the same without c. ``theta_std``
-    is that of the last least squares: too small where C is not 1. ``residual`` (samples,) is NaN
-    where lags are missing, ``noise_std`` its root mean square, ``one_step_pct`` the fit.
+    ``theta`` (n,) is [a1.., b1.. of each input, c1.., bias]; ``arx`` is the same without c.
+    ``theta_std`` (n,) is the sigma of the last least squares, too small where C is not 1.
+    ``residual`` (samples,) in y's unit is NaN where lags are missing, ``noise_std`` is its standard
+    deviation, ``one_step_pct`` the fit in percent, ``spr_margin`` as in ``polynomials``.
     """
 
     theta: Floats
@@ -56,11 +59,11 @@ class TwoStage:
 def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = False) -> TwoStage:
     """Fit A(q) y = B(q) u + C(q) e (+ bias) to a record: y (samples,), u (samples, n_inputs).
 
-    A sample with a NaN, and those whose lags reach it, are left out.
+    A sample with a NaN is left out, and so are those whose lags reach it.
 
     Raises:
-        ConfigError: wrong shapes, an infinite value, or too few samples for these orders.
-        NotIdentifiable: the record does not excite these orders.
+        ConfigError: a shape is wrong, a value is infinite, or there are too few samples.
+        NotIdentifiable: the record does not excite all parameters of these orders.
     """
     u, y = checked_samples(u, y, orders.n_inputs, finite_or_nan=True)
     known, first = known_regressors(u, y, orders, bias), orders.n_theta - orders.nc
@@ -72,7 +75,7 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
     eps, rounds, share, last = y - known @ arx, 0, 1.0, np.inf
     spread = float(np.linalg.norm(y[rows]))
     still = orders.nc == 0
-    if np.linalg.norm(eps[rows]) <= NOISELESS * spread:  # nothing tells C
+    if np.linalg.norm(eps[rows]) <= NOISELESS * spread:  # without noise C cannot be estimated
         std, still = np.insert(std, [first] * orders.nc, np.inf), True
     while not still and rounds < MOST_ROUNDS:
         lagged = [shifted(np.where(rows, eps, 0.0), i + 1) for i in range(orders.nc)]
@@ -109,7 +112,7 @@ def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
 def _residuals(
     theta: Floats, known: Floats, y: Floats, rows: NDArray[np.bool_], orders: ArmaxOrders
 ) -> Floats:
-    """Return eps (samples,) of eq. 33, from rest after every gap; NaN outside the rows."""
+    """Return eps (samples,) of eq. 33, from eps = 0 before each run of ``rows``; NaN outside."""
     first = orders.n_theta - orders.nc
     c = c_of(theta, orders)
     eps = y - known @ np.delete(theta, slice(first, first + orders.nc))

@@ -1,1 +1,1 @@
-"""Physics: from theta to what a flight-test engineer asks for, each with its sigma."""
+"""Physics: from theta to poles, modes and derivatives, each with its sigma."""

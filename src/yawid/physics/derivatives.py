@@ -1,24 +1,25 @@
 """From theta to the yaw channel of paper eq. 22-23: K, T, omega, xi and the four derivatives.
 
-With r the yaw rate and u the rudder (positive nose right, the paper's -delta_H; in half travel or,
-where ``--rudder-max-deg`` gives it, in rad, and K and a_delta per the same), eq. 22 at gamma =
-0 is r' = -a_omega r - a_beta beta + a_delta u, beta' = r - a_z beta, and eq. 23 for the rate
+r is the yaw rate in rad/s and u the rudder, positive nose right (the paper's -delta_H), in half
+travels or, with ``--rudder-max-deg``, in rad; K in rad/s and a_delta in 1/s^2 are per that unit.
+Eq. 22 at gamma = 0, and eq. 23 for the rate, are::
 
-    r/u = K (T s + 1) omega^2 / (s^2 + 2 xi omega s + omega^2),
+    r'    = -a_omega r - a_beta beta + a_delta u                                    (22)
+    beta' = r - a_z beta                                                            (22)
+    r/u   = K (T s + 1) omega^2 / (s^2 + 2 xi omega s + omega^2)                    (23)
 
-    T = 1/a_z,  omega^2 = a_omega a_z + a_beta,  2 xi omega = a_omega + a_z,  K = a_delta a_z /
-    omega^2,
+    T = 1/a_z            omega^2 = a_omega a_z + a_beta
+    K = a_delta a_z / omega^2      2 xi omega = a_omega + a_z
 
-four numbers one way and four the other. theta gives the poles p_i and residues R_i of r/u exactly,
-the zero-order hold undone; for na = 2 that is the model above. With more poles, the yaw mode stays
-and the others are lags in series, of DC gain one: r/u times (1 - s/p) for each of them and times
-the yaw mode's polynomial is a polynomial in s, and K omega^2 (T s + 1) is fitted to it over 0.3 to
-3 omega; how badly it fits is the reduction's error.
+Four numbers of one kind give the four of the other. theta gives the poles p_i and the residues R_i
+of r/u exactly, because the zero-order hold is undone; for na = 2 these are the model above. With
+more poles, the yaw mode stays and the others count as lags in series with a DC gain of 1: r/u times
+(1 - s/p) for each of them and times the polynomial of the yaw mode is a polynomial in s, to which
+K omega^2 (T s + 1) is fitted over 0.3 to 3 omega. The misfit is the error of the reduction.
 
-The yaw mode is the Dutch roll or, where no pole oscillates, the two slowest real poles that the
-servo leaves. The servo's pole is the real one nearest to 1/tau where its lag tau is known.
-Otherwise it is the one whose removal costs least: without a lag at p the response is another by
-|s/p|, least for the fastest pole.
+The yaw mode is the Dutch roll or, where no pole oscillates, the two slowest real poles other than
+the servo's. The servo's pole is the real one nearest to 1/tau where its lag tau is given. Otherwise
+it is the fastest one, whose removal changes the response least: by |s/p| for a pole at p.
 """
 
 from typing import Any
@@ -42,15 +43,17 @@ from yawid.quantities.table import REDUCTION_ERROR, YAW_CHANNEL
 
 SERVO = list(YAW_CHANNEL).index("servo_tau_s")
 LARGEST_ERROR = 0.3
-"""Relative misfit over 0.3 to 3 omega above which the model is no yaw channel of eq. 23."""
+"""With a larger relative misfit over 0.3 to 3 omega the model is not of the form of eq. 23."""
 _BAND = np.geomspace(0.3, 3.0, 15)
+"""Frequencies of the reduction, over omega."""
 _STEP = 1e-6
+"""Smallest step of the central differences, in units of theta."""
 _FAR = 1e9
-"""Where in rad/s a pole is put that must not be felt."""
+"""Size in rad/s of a pole that has no effect."""
 CANCELLED = 0.01
-"""An alternating pole at which B is no more than this share of its terms has a zero beside it."""
+"""A zero cancels an alternating pole where |B| is at most this share of the sum of its |terms|."""
 _NEAR = 2.0
-"""A real pole this many times off the servo's, as it was named, is not the servo's."""
+"""The servo's pole lies within this factor of 1 / tau, where tau is given."""
 
 
 def yaw_channel(
@@ -62,12 +65,13 @@ def yaw_channel(
     servo_tau_s: float | None = None,
     poles: Poles | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the numbers (n, 9), in the order of YAW_CHANNEL, and the reduction's error (n,).
+    """Return the numbers of eq. 22-23 (n, 9) and the error of the reduction (n,).
 
-    ``theta`` (n, p) and its ``poles``, where they are known; eq. 22-23. ``mean_output``: the output
-    is the mean rate over the interval before, as with the yaw angle. ``servo_tau_s`` names the
-    servo's lag, for na > 2. NaN where there is no mode or no servo of that lag or, for na < 2, no
-    such model; the servo's lag alone is NaN where no pole is left.
+    The numbers have the order and units of ``quantities.table.YAW_CHANNEL``. ``theta`` (n, p) and
+    its ``poles``, where the caller has them. ``mean_output``: the output is the mean rate over the
+    interval before the sample, as with the yaw angle. ``servo_tau_s`` is the servo's lag in s, used
+    for na > 2. NaN where there is no yaw mode or no servo with that lag, and for na < 2 or without
+    B. The servo's lag alone is NaN where no pole is left for it.
     """
     n, at_once = len(theta), rows_at_once(orders, len(_BAND))
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
@@ -108,11 +112,12 @@ def yaw_channel(
 def _without_alternating(
     z: Complexes, p: Complexes, residues: Complexes, cancelled: NDArray[np.bool_]
 ) -> tuple[Complexes, Complexes]:
-    """Move poles without a continuous counterpart (z <= 0) to z = 0, their DC gain kept.
+    """Return s-plane poles and residues in which poles with z <= 0 are moved to z = 0.
 
-    Nothing an aircraft does alternates from sample to sample: such a pole models delay or noise.
-    One that is ``cancelled`` (n, na) by a zero models nothing and is left out: what is left of its
-    zero would be a delay of up to half a sample, to which K and T are sensitive.
+    Such a pole has no continuous counterpart: its response alternates from sample to sample, which
+    no motion of an aircraft does, so that it models delay or noise. The DC gain is kept. A pole
+    that a zero has ``cancelled`` (n, na) models nothing and is left out: the zero would remain as a
+    delay of up to half a sample, to which K and T are sensitive.
     """
     residues = residues.copy()
     alternating = np.isnan(p) & np.isfinite(z)
@@ -126,7 +131,10 @@ def _without_alternating(
 def _yaw_and_servo(
     p: Complexes, residues: Complexes, sample_time_s: float, servo_tau_s: float | None
 ) -> tuple[Ints, Floats]:
-    """Return the columns (n, 2) of the yaw mode's poles and the servo's pole (n,), NaN for none."""
+    """Return the columns (n, 2) of the yaw mode's poles, and the servo's pole (n,) or NaN.
+
+    Rows of ``p`` without a yaw mode become NaN.
+    """
     rows = np.arange(len(p))
     first = dutch_roll_index(p, residues, sample_time_s)
     mirrored = np.abs(p - np.conj(p[rows, np.maximum(first, 0)])[:, None])
@@ -138,7 +146,7 @@ def _yaw_and_servo(
     nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=1)
     servo = lag[rows, nearest]
     if servo_tau_s is None:
-        # Two real poles are the yaw mode's, there is no third for the servo.
+        # Without a third real pole both belong to the yaw mode, and none to the servo.
         servo[(first < 0) & (np.isfinite(real).sum(axis=1) < 3)] = np.nan
     else:
         servo[~(off[rows, nearest] <= np.log(_NEAR))] = np.nan
@@ -154,7 +162,7 @@ def _yaw_and_servo(
 def _numerator(
     p: Complexes, residues: Complexes, yaw: Ints, omega: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return n1, n0 of n1 s + n0 over the yaw mode's polynomial, and the relative misfit."""
+    """Return n1 and n0 (n,) of the numerator n1 s + n0 of eq. 23, and its relative misfit (n,)."""
     if p.shape[1] == 2:
         n1 = residues.sum(axis=1).real
         n0 = -(residues[:, 0] * p[:, 1] + residues[:, 1] * p[:, 0]).real
@@ -163,9 +171,9 @@ def _numerator(
     np.put_along_axis(lags, yaw, -1.0, axis=1)
     wanted = _numerator_polynomial(p, residues) * np.prod(-1.0 / lags, axis=1).real[:, None]
     w = omega[:, None] * _BAND
-    # At s = iw the even powers make the real part, the odd ones w times the imaginary one.
+    # At s = jw the even powers are the real part; the odd ones times w are the imaginary part.
     even, odd = (polyval(-(w**2), wanted.T[i::2, :, None], tensor=False) for i in (0, 1))
-    # Relative weights; n0 meets the real part and n1 the imaginary one, so both are apart.
+    # Weights for the relative misfit; n0 fits the real part and n1 the imaginary part alone.
     weight = 1.0 / (even**2 + (odd * w) ** 2)
     n0 = (weight * even).sum(axis=1) / weight.sum(axis=1)
     n1 = (weight * odd * w**2).sum(axis=1) / (weight * w**2).sum(axis=1)
@@ -197,10 +205,10 @@ def with_sigma(
     mean_output: bool = False,
     servo_tau_s: float | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return values (n, 9), their sigma (n, 9) by the delta method and the error (n,).
+    """Return the numbers of :func:`yaw_channel` (n, 9), their sigma (n, 9) and the error (n,).
 
-    ``theta`` (n, p), ``covariance`` (n, p, p). The Jacobian is taken by central differences, each
-    step in proportion to the parameter's sigma.
+    ``theta`` (n, p), ``covariance`` (n, p, p). Sigma is that of the delta method. The Jacobian is
+    taken by central differences, with steps of 1e-6 plus a thousandth of each parameter's sigma.
     """
     n, count = len(theta), orders.na + (orders.nb[0] if orders.nb else 0)
     variances = np.diagonal(covariance, axis1=1, axis2=2)[:, :count]
@@ -208,7 +216,7 @@ def with_sigma(
     shifts = np.zeros((count, n, theta.shape[1]))
     shifts[np.arange(count), :, np.arange(count)] = steps.T
     stack = np.concatenate([theta[None], theta + shifts, theta - shifts])
-    # B moves no pole: most of the time would go into finding the same ones again.
+    # B does not move the poles, and finding the same ones again would take most of the time.
     moved = np.r_[0, 1 : orders.na + 1, count + 1 : count + 1 + orders.na]
     same = np.zeros((len(stack), 1), int)
     same[moved, 0] = np.arange(len(moved))
@@ -221,17 +229,17 @@ def with_sigma(
     jacobian = (values[1 : count + 1] - values[count + 1 :]) / (2.0 * steps.T[:, :, None])
     jacobian = np.ascontiguousarray(jacobian.transpose(1, 2, 0))
     with np.errstate(invalid="ignore"):
-        # Per-row matrix products: the bits of a row must not depend on the block's length.
+        # A matrix product for each row: its bits must not depend on the length of the block.
         product = np.matmul(jacobian, covariance[:, :count, :count])
         std = np.sqrt(np.maximum((product * jacobian).sum(axis=2), 0.0))
     return values[0], std, error[:n]
 
 
 def known_rows(values: Floats, std: Floats, error: Floats) -> NDArray[np.bool_]:
-    """Tell (n,) where eq. 23 holds: all of it known, with sigma, and the reduction's error small.
+    """Return in which rows (n,) eq. 23 holds: all numbers have a sigma, and the error is small.
 
-    ``values`` and ``std`` (n, 9), ``error`` (n,), as :func:`with_sigma` returns them. A servo may
-    be missing, nothing else.
+    ``values`` and ``std`` (n, 9), ``error`` (n,) are those of :func:`with_sigma`. Only the servo's
+    lag may be missing.
     """
     rest = np.arange(len(YAW_CHANNEL)) != SERVO
     finite = np.isfinite(values[:, rest]) & np.isfinite(std[:, rest])
@@ -248,9 +256,9 @@ def summary_of(
     mean_output: bool = False,
     servo_tau_s: float | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Return {name: {value, std}} of theta (p,) and its covariance (p, p) for the JSON summary.
+    """Return {name: {value, std}} for the JSON summary, empty where eq. 23 does not hold.
 
-    Empty where eq. 23 does not hold.
+    ``theta`` (p,) and its ``covariance`` (p, p); the rest as in :func:`yaw_channel`.
     """
     values, std, error = with_sigma(
         theta[None], covariance[None], orders, sample_time_s,
@@ -263,6 +271,6 @@ def summary_of(
         for name, value, sigma in zip(YAW_CHANNEL, values[0], std[0], strict=True)
         if np.isfinite(value) and np.isfinite(sigma)
     }
-    if orders.na > 2:  # it has no sigma
+    if orders.na > 2:  # the error has no sigma
         found[REDUCTION_ERROR] = {"value": float(error[0]), "std": 0.0}
     return found

@@ -1,4 +1,4 @@
-"""What the identified model answers to a step of the rudder."""
+"""The response of the identified model to a step of the rudder."""
 
 import math
 
@@ -10,7 +10,7 @@ from yawid.estimation.all_pole import all_pole
 
 
 def step_response(theta: Floats, orders: ArmaxOrders, steps: int) -> Floats:
-    """Return the yaw rate (steps,) of theta (p,) after a unit step of the first input at row 0."""
+    """Return the response (steps,) of theta (p,) to a unit step of the first input at row 0."""
     b = np.concatenate([np.zeros(orders.nk[0]), theta[orders.na : orders.na + orders.nb[0]]])
     drive = np.cumsum(b)[np.minimum(np.arange(steps), len(b) - 1)]
     return all_pole(theta[: orders.na], drive, np.zeros(orders.na))
@@ -21,8 +21,8 @@ def early_response(
 ) -> float:
     """Return the mean yaw rate of theta (p,) over half a period after a unit step; NaN without wn.
 
-    Its sign is that of the rudder's effect. The DC gain's is not to be trusted: the spiral mode,
-    which no short record shows, decides it.
+    Its sign is the sign of the rudder's effect. That of the DC gain is not reliable: it depends on
+    the spiral mode, which a short record does not show.
     """
     if not math.isfinite(wn_rad_s):
         return math.nan

@@ -1,8 +1,9 @@
-"""From theta to poles and modes, and the Dutch roll among them, for a whole block at once.
+"""From theta to poles, modes and the Dutch roll, for a whole block of estimates at once.
 
-The estimated model is the zero-order-hold sampling of a continuous one, so a discrete pole z is
-the continuous pole s = ln(z) / Ts exactly. wn = |s|, zeta = -Re(s) / |s|. Their sigma comes by the
-delta method: with A(z) = z^na + a1 z^(na-1) + ... and its derivative A'(z) at a simple root,
+The estimated model is a continuous one sampled with a zero-order hold, so that a discrete pole z is
+exactly the continuous pole s = ln(z) / Ts in rad/s, with wn = |s| and zeta = -Re(s) / |s|. Their
+sigma is that of the delta method: with A(z) = z^na + a1 z^(na-1) + ... and its derivative A'(z) at
+a simple root,
 
     dz/da_i = -z^(na-i) / A'(z),   ds = dz / (z Ts),   dwn = Re(conj(s) ds) / |s|.
 """
@@ -20,15 +21,17 @@ from yawid.config.estimator import ArmaxOrders
 Complexes = NDArray[np.complex128]
 
 LOWEST_DUTCH_ROLL_HZ = 0.05
+"""Lowest natural frequency of a pole that may be the Dutch roll."""
 HIGHEST_DUTCH_ROLL_OF_RATE = 0.4
+"""Its highest natural frequency, as a share of the sample rate."""
 _IN_PLACE_BYTES = 2**18
-"""From this size on NumPy reuses temporaries and may then swap the factors of a product."""
+"""From this size on NumPy reuses temporary arrays, and may then swap the factors of a product."""
 
 
 def orders_of(parameters: Sequence[str]) -> ArmaxOrders:
-    """Return the orders of a model of its first input, by the names of its parameters.
+    """Return the orders of a model, for its first input, from the names of its parameters.
 
-    nk, which these do not tell, is 1: it does not matter where one pair of poles oscillates.
+    nk, which the names do not contain, is 1: it has no effect where one pair of poles oscillates.
     """
     na, nc = (sum(name[0] == letter for name in parameters) for letter in "ac")
     nb = sum(name[0] == "b" and name[1:].isdigit() for name in parameters)
@@ -38,14 +41,14 @@ def orders_of(parameters: Sequence[str]) -> ArmaxOrders:
 def discrete_poles(a: Floats) -> Complexes:
     """Return the roots (n, na) of z^na + a1 z^(na-1) + ... for coefficients ``a`` (n, na).
 
-    Rows are sorted by frequency, then by the sign of the imaginary part; a row of theta not yet
-    estimated or not finite is NaN.
+    Rows are sorted by |ln z|, then by the imaginary part; a row that is not finite, or all 0 before
+    the first estimate, is NaN.
     """
     return _sorted_poles(a)[0]
 
 
 def _sorted_poles(a: Floats) -> tuple[Complexes, Complexes]:
-    """Return what :func:`discrete_poles` does, and its logarithm."""
+    """Return the poles of :func:`discrete_poles`, and their logarithms."""
     n, na = a.shape
     if na == 0:
         return np.zeros((n, 0), np.complex128), np.zeros((n, 0), np.complex128)
@@ -57,7 +60,7 @@ def _sorted_poles(a: Floats) -> tuple[Complexes, Complexes]:
     with np.errstate(divide="ignore", invalid="ignore"):
         ln_z = np.log(z)
     key = np.nan_to_num(np.abs(ln_z), posinf=1e3)
-    # Conjugates differ in the last bits of |ln z|; rounding keeps them side by side.
+    # |ln z| of a conjugate pair differs in its last bits; rounding keeps the pair together.
     order = np.lexsort((z.imag, np.round(key, 9)))
     z, ln_z = (np.take_along_axis(x, order, axis=1) for x in (z, ln_z))
     z[~good] = np.nan
@@ -76,7 +79,7 @@ class Poles(Columns):
 def poles_of(a: Floats, orders: ArmaxOrders, sample_time_s: float) -> Poles:
     """Return the poles (n, na) of coefficients ``a`` (n, na), sorted as :func:`discrete_poles`.
 
-    ``s`` is NaN where z has no continuous counterpart: on the negative real axis or at zero.
+    ``s`` in rad/s is NaN where z has no continuous counterpart: on the negative real axis or at 0.
     """
     at_once = rows_at_once(orders)
     if len(a) > at_once:
@@ -84,7 +87,7 @@ def poles_of(a: Floats, orders: ArmaxOrders, sample_time_s: float) -> Poles:
         return Poles.joined([poles_of(piece, orders, sample_time_s) for piece in pieces])
     z, ln_z = _sorted_poles(a)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # NaN only the pole itself: the others' slopes still need its distance.
+        # Only s becomes NaN: the slopes at the other poles need the distance to this z.
         continuous = (z.imag != 0.0) | (z.real > 0.0)
         s = np.where(continuous, ln_z / sample_time_s, np.nan).astype(np.complex128)
         return Poles(z, s, _slopes(z))
@@ -97,12 +100,12 @@ def modes(
     *,
     mean_output: bool = False,
 ) -> ModesBlock:
-    """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, a row each (n,).
+    """Return continuous poles, their wn and zeta with sigma, and the Dutch roll, for n estimates.
 
-    Sigma is NaN where the estimates carry no covariance.
-    The yaw channel is left empty, see :mod:`yawid.physics.stage`.
-    A pole on the negative real axis or at zero has no continuous counterpart and is NaN; unstable
-    poles are reported as they are, with zeta < 0. ``mean_output`` see :func:`residues_of`.
+    Sigma is NaN where the estimates have no covariance. The yaw channel is left empty, see
+    :mod:`yawid.physics.stage`. A pole on the negative real axis or at 0 has no continuous
+    counterpart and is NaN; unstable poles are reported as they are, with zeta < 0. For
+    ``mean_output`` see :func:`residues_of`.
     """
     n, na = len(estimates), orders.na
     theta = estimates.theta
@@ -142,7 +145,7 @@ def dutch_roll_of(
 
 
 def _leave_one_nan(values: Complexes | Floats) -> None:
-    """Have all NaNs the same bits: their sign depends on how long a block the processor took."""
+    """Give all NaNs the same bits: their sign depends on how many rows are computed at once."""
     parts = values.view(np.float64)
     parts[np.isnan(parts)] = np.nan
 
@@ -155,12 +158,12 @@ def residues_of(
     *,
     mean_output: bool = False,
 ) -> Complexes:
-    """Return R (n, na) of the first input; ``theta`` (n, p), of which these are the poles.
+    """Return the residues R (n, na) of the first input, for ``theta`` (n, p) and its poles.
 
-    The continuous model is the sum of R/(s - p). A zero-order hold makes of each term
-    R (z_p - 1)/p / (z - z_p); where the output is the mean over the interval before
-    (``mean_output``), the residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are undone here,
-    exactly.
+    The continuous model is the sum of R/(s - p). A zero-order hold turns each term into
+    R (z_p - 1)/p / (z - z_p). Where the output is the mean over the interval before the sample
+    (``mean_output``), that discrete residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are
+    undone here exactly.
     """
     n, at_once = len(theta), rows_at_once(orders)
     if n > at_once:
@@ -182,7 +185,7 @@ def residues_of(
 
 
 def numerator_terms(theta: Floats, orders: ArmaxOrders, z: Complexes) -> Complexes:
-    """Return b_i z^-(nk+i) (n, na, nb) of the first input, whose sum is B, at z (n, na)."""
+    """Return the terms b_i z^-(nk+i) (n, na, nb) of B, for the first input, at z (n, na)."""
     nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
     b = theta[:, None, orders.na : orders.na + nb]
     terms: Complexes = b * z[:, :, None] ** (-(nk + np.arange(nb)))
@@ -190,19 +193,20 @@ def numerator_terms(theta: Floats, orders: ArmaxOrders, z: Complexes) -> Complex
 
 
 def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
-    """Return how many rows may be computed at once, so that their bits do not depend on it.
+    """Return how many rows may be computed at once without any effect on their bits.
 
-    The product of two complex numbers in other order differs in its last bits, and large arrays
-    may be multiplied in other order. ``columns`` a row has at least.
+    NumPy may swap the factors of products of large arrays, and swapped factors give a complex
+    product other last bits. ``columns`` is the least number of columns of a row.
     """
     widest = orders.na * max(orders.na, *orders.nb, 1)
     return max(1, (_IN_PLACE_BYTES - 1) // (16 * max(widest, columns)))
 
 
 def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) -> Ints:
-    """Return the column (n,) of the oscillatory pole with most energy |R|^2/(2|Re s|), or -1.
+    """Return the column (n,) of the Dutch roll, -1 where no pole oscillates in its band.
 
-    ``s`` (n, na) in rad/s, ``residues`` (n, na).
+    It is the oscillatory pole with the most energy |R|^2/(2 |Re s|) in its impulse response, of
+    0.05 Hz to 0.4 times the sample rate. ``s`` (n, na) in rad/s, ``residues`` (n, na).
     """
     if s.shape[1] == 0:
         return np.full(len(s), -1)
@@ -218,7 +222,7 @@ def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) ->
 
 
 def _slopes(z: Complexes) -> Complexes:
-    """Return A'(z) at each of its roots: the product of its distances to the others."""
+    """Return A'(z) (n, na) at its roots: the product of the differences to the other roots."""
     distance = z[:, :, None] - z[:, None, :]
     distance[:, np.arange(z.shape[1]), np.arange(z.shape[1])] = 1.0
     slope: Complexes = np.prod(distance, axis=2)
@@ -226,16 +230,16 @@ def _slopes(z: Complexes) -> Complexes:
 
 
 def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Floats, Floats]:
-    """Return sigma of wn and zeta (n, na) of every pole by the delta method."""
+    """Return sigma of wn in rad/s and of zeta (n, na) for every pole, by the delta method."""
     z, s, na = poles.z, poles.s, poles.z.shape[1]
     powers = np.empty((*z.shape, na), np.complex128)
-    for i in range(na):  # a column at a time: in one go it takes three times as long
+    for i in range(na):  # one column at a time: all at once takes three times as long
         np.power(z, na - 1 - i, out=powers[:, :, i])
     ds = -powers / poles.slopes[:, :, None] / (z[:, :, None] * sample_time_s)
     wn = np.abs(s)[:, :, None]
     dwn = (np.conj(s)[:, :, None] * ds).real / wn
     dzeta = -ds.real / wn + s.real[:, :, None] / wn**2 * dwn
-    # Per-row matrix products, not einsum: the bits of a row must not depend on the block's length.
+    # A matrix product for each row, not einsum: its bits must not depend on the block's length.
     wn_std, zeta_std = (
         np.sqrt(np.maximum((np.matmul(d, covariance) * d).sum(axis=2), 0.0)) for d in (dwn, dzeta)
     )
@@ -243,7 +247,7 @@ def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Flo
 
 
 def damping_lines() -> list[Complexes]:
-    """Return the lines of zeta 0.1 to 0.9 in the upper half of the z plane, points (n,) each."""
+    """Return five lines of constant zeta, 0.1 to 0.9, in the upper half of the z plane, (60,)."""
     lines = []
     for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
         root = np.sqrt(1.0 - zeta**2)
@@ -252,7 +256,10 @@ def damping_lines() -> list[Complexes]:
 
 
 def mode_list(block: ModesBlock, row: int = -1) -> list[dict[str, Any]]:
-    """Return one row's modes for the summary: pairs once, absent where not finite."""
+    """Return the modes of one row for the summary, a conjugate pair once; only finite numbers.
+
+    Frequencies are in rad/s, periods and time constants in s.
+    """
     found = []
     for i, s in enumerate(block.poles[row]):
         if not np.isfinite(s) or s.imag < 0.0:

@@ -1,8 +1,8 @@
-"""The physics of a stream of estimates: modes with every sample, the yaw channel once a second.
+"""The physics of a stream of estimates: modes at every sample, the yaw channel once a second.
 
-The yaw channel of eq. 22-23 costs some fifteen times what the modes do, nearly all of it for the
-sigma of its numbers. It is worked out at the samples whose index on the grid of vehicle time is a
-whole number of seconds and stands until the next: a sixtieth of the memory by default.
+The yaw channel of eq. 22-23 takes about fifteen times as long as the modes, almost all of it for
+the sigma of its numbers. It is computed at the samples at whole seconds of vehicle time, and kept
+until the next one: a second is a sixtieth of the default memory.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from yawid.quantities.table import YAW_CHANNEL
 
 
 class PhysicsStage:
-    """Turns blocks of estimates, cut anywhere, into modes and yaw channel, a row each."""
+    """Computes modes and yaw channel for blocks of estimates, which may have any length."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class PhysicsStage:
         self._standing = np.full((2, len(YAW_CHANNEL)), np.nan)
 
     def of(self, k: Ints, estimates: EstimateBlock) -> ModesBlock:
-        """Return the modes of estimates with their covariance; ``k`` (n,) indices on the grid."""
+        """Return modes and yaw channel of n estimates; ``k`` (n,) are their indices on the grid."""
         block = modes(estimates, self._orders, self._sample_time_s, mean_output=self._mean_output)
         warming_up = estimates.status == Status.WARMING_UP
         due = np.flatnonzero((k % self._every == 0) | warming_up)
@@ -43,7 +43,7 @@ class PhysicsStage:
         return replace(block, yaw=rows[newest, 0], yaw_std=rows[newest, 1])
 
     def _yaw_rows(self, estimates: EstimateBlock, due: Ints) -> Floats:
-        """Return value and sigma (m, 2, 9) of the rows due; NaN where eq. 23 does not hold."""
+        """Return value and sigma (m, 2, 9) for the rows ``due`` (m,); NaN where eq. 23 fails."""
         rows = np.full((len(due), 2, len(YAW_CHANNEL)), np.nan)
         worth = estimates.status[due] != Status.WARMING_UP
         if estimates.covariance is not None and worth.any():
@@ -53,6 +53,6 @@ class PhysicsStage:
             )  # fmt: skip
             known = known_rows(values, std, error)[:, None, None]
             numbers = np.stack([values, std], axis=1)
-            # Always the same NaN: files are compared to the bit.
+            # All NaNs have the same bits, because files are compared bit for bit.
             rows[worth] = np.where(known & np.isfinite(numbers), numbers, np.nan)
         return rows

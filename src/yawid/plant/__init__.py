@@ -1,1 +1,1 @@
-"""Plants with known truth: the paper's equations 17 to 23 and the inputs that excite them."""
+"""Plants with known parameters: the paper's equations 17 to 23, and inputs that excite them."""

@@ -1,8 +1,8 @@
-"""The paper's axes and signs, and the one place where they turn into the project's.
+"""The paper's axes and signs, and the only place where they are converted to the project's.
 
-``plant/`` keeps the paper's axes: x forward, y up, z to the right, and on the ground north, up,
-east. The rest of the project speaks MAVLink's: forward, right, down (north, east, down). Both are
-right-handed; a quarter turn about x leads from one to the other.
+``plant/`` uses the paper's axes: x forward, y up, z to the right, and on the ground north, up,
+east. The rest of the project uses MAVLink's: forward, right, down (north, east, down). Both are
+right-handed; a rotation of 90 deg about x converts one to the other.
 
 ======================  ======================  =============================
 quantity                paper                   project

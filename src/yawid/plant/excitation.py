@@ -1,7 +1,7 @@
-"""Inputs that make a plant show itself, sampled on the grid and held between its instants.
+"""Inputs that excite a plant, sampled on the grid and held between its instants.
 
-A unit step excites order 1 only; models of order 2 to 3 need a doublet, 3-2-1-1, PRBS, sweep or
-multisine.
+A unit step excites only models of order 1; those of order 2 to 3 need a doublet, 3-2-1-1, PRBS,
+sweep or multisine.
 """
 
 import math
@@ -20,14 +20,14 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """One input: zero until ``start_s``, then its shape with the peak ``amplitude``.
+    """One input: zero until ``start_s``, then a shape with the peak ``amplitude``.
 
     ``unit_s`` is the length of a doublet's half, of the 1 of a 3-2-1-1 and of a PRBS bit;
     ``low_hz`` and ``high_hz`` bound sweep and multisine; ``seed`` draws the PRBS's start and the
     multisine's phases. An impulse lasts one sample and has the area ``amplitude`` (times 1 s).
 
     Raises:
-        ConfigError: an unknown kind or a value outside its limits.
+        ConfigError: the kind is unknown, or a value is outside its limits.
     """
 
     kind: Kind
@@ -58,8 +58,8 @@ class Excitation:
         """Return u (count,): u(k) is held over [k Ts, (k+1) Ts).
 
         Raises:
-            ConfigError: the shape does not fit: it starts after the end, switches faster than the
-            samples, or goes above half their rate.
+            ConfigError: the shape starts after the end, switches faster than the samples, exceeds
+            half their rate, or has no frequency in its band.
         """
         first = round(self.start_s / sample_time_s)
         if not 0 <= first < count:
@@ -90,7 +90,7 @@ class Excitation:
         return _multisine(count, ts, self.low_hz, self.high_hz, self.seed)
 
     def _unit(self, ts: float) -> int:
-        """Return the samples in a unit."""
+        """Return the number of samples in ``unit_s``."""
         length = round(self.unit_s / ts)
         if length < 1:
             raise ConfigError(f"unit_s = {self.unit_s} is shorter than half a sample of {ts} s")
@@ -98,14 +98,14 @@ class Excitation:
 
 
 def _held(bits: list[float], length: int, count: int) -> Floats:
-    """Return the bits, each held for so many samples, then zero."""
+    """Return the bits (count,), each held for ``length`` samples, then zeros."""
     u = np.zeros(max(count, len(bits) * length))
     u[: len(bits) * length] = np.repeat(bits, length)
     return u[:count]
 
 
 def _prbs(length: int, count: int, seed: int) -> Floats:
-    """Return a maximum-length sequence of +-1, long enough not to repeat (up to 2^20 bits)."""
+    """Return a maximum-length sequence of +-1 (count,), which does not repeat up to 2^20 bits."""
     bits = -(-count // length)
     order = min(max(4, bits.bit_length()), 20)
     start = np.random.default_rng(seed).integers(0, 2, order)
@@ -115,7 +115,10 @@ def _prbs(length: int, count: int, seed: int) -> Floats:
 
 
 def _multisine(count: int, ts: float, low: float, high: float, seed: int) -> Floats:
-    """Return equal sines at the record's own harmonics in the band, random phases, peak 1."""
+    """Return the sum (count,) of equal sines at the record's harmonics in the band, with peak 1.
+
+    Their phases are random.
+    """
     harmonics = np.arange(math.ceil(low * count * ts), math.floor(high * count * ts) + 1)
     if not len(harmonics):
         raise ConfigError(f"no harmonic of {count * ts:g} s lies between {low} and {high} Hz")

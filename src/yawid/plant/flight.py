@@ -1,7 +1,7 @@
-"""Steady wings-level flight of the rigid body: loads whose linear part at trim is eq. 21.
+"""Steady wings-level flight of the rigid body: forces and moments linearised at trim are eq. 21.
 
-The trim is W = (V, 0, 0), thrust equal to drag and lift to weight. Loads by an angle grow with the
-dynamic pressure, loads by a rate with the airspeed; gravity acts along the true vertical.
+At trim W = (V, 0, 0), thrust equals drag and lift equals weight. Loads due to an angle grow with
+the dynamic pressure, loads due to a rate with the airspeed; gravity acts along the true vertical.
 """
 
 import math
@@ -19,11 +19,12 @@ from yawid.plant.rigid_body import GRAVITY_M_S2, Motion, RigidBody, weight
 class SteadyFlight:
     """An aircraft at its trim speed in m/s, with its lateral and longitudinal coefficients at trim.
 
-    ``a_x_speed`` (1/s) drag by speed, ``a_y_alpha`` (1/s) lift and ``a_mz_alpha`` (1/s^2),
-    ``a_mz_omega_z`` (1/s) restoring and damping moment in pitch.
+    ``a_x_speed`` (1/s) is the drag due to speed and ``a_y_alpha`` (1/s) the lift due to the angle
+    of attack; ``a_mz_alpha`` (1/s^2) and ``a_mz_omega_z`` (1/s) are the restoring and the damping
+    moment in pitch.
 
     Raises:
-        ConfigError: the speed is not > 0, or a_z_gamma is not what gravity makes it, -g/V.
+        ConfigError: the speed is not > 0, or a_z_gamma is not -g/V, which gravity demands.
     """
 
     body: RigidBody
@@ -42,16 +43,18 @@ class SteadyFlight:
             raise ConfigError(f"a_z_gamma must be -g/V = {turn:.9g} 1/s at {self.speed} m/s")
 
     def trim(self) -> Motion:
-        """Return the steady motion."""
+        """Return the steady motion at trim."""
         zero = np.zeros(3)
         attitude = np.array([0.0, 0.0, 0.0, 1.0])
         return Motion(np.array([self.speed, 0.0, 0.0]), zero, attitude, zero)
 
     def loads(self, motion: Motion, controls: Floats) -> tuple[Floats, Floats]:
-        """Return forces and moments for the controls (3,): -delta_b, -delta_h, beta_b.
+        """Return forces (3,) in N and moments (3,) in N m for controls (3,) in rad.
+
+        The controls are -delta_b, -delta_h and beta_b.
 
         Raises:
-            ConfigError: the aircraft no longer flies forward, where such loads mean nothing.
+            ConfigError: the aircraft does not fly forward, where these loads are not valid.
         """
         if not motion.velocity[0] > 0.0:
             raise ConfigError("the aircraft no longer flies forward: take a smaller amplitude")

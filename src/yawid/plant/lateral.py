@@ -7,8 +7,9 @@ Eq. 21, with every rate on the left::
     psi''    = -a_my_omega_x gamma' - a_my_omega_y psi' - a_my_beta beta + a_my_delta_h (-delta_h)
     beta     = psi - theta_G + beta_b
 
-theta_G is the direction of flight, beta the sideslip in the air and beta_b the part of it that the
-wind makes. a_z_gamma is negative: psi and theta_G count to the left, gamma to the right.
+theta_G is the direction of flight, beta the sideslip in the air and beta_b the part of it due to
+wind, all in rad. a_z_gamma is negative: psi and theta_G are positive to the left, gamma to the
+right.
 """
 
 import math
@@ -25,7 +26,7 @@ OUTPUTS = ("psi", "psi_rate", "gamma", "beta")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LateralCoefficients:
-    """The coefficients of eq. 21; forces in 1/s, moments in 1/s (by a rate) or 1/s^2 (by an angle).
+    """Coefficients of eq. 21: forces in 1/s, moments in 1/s (of a rate) or 1/s^2 (of an angle).
 
     Raises:
         ConfigError: a coefficient is not finite.
@@ -49,7 +50,7 @@ class LateralCoefficients:
 
 
 def lateral_motion(c: LateralCoefficients) -> LinearPlant:
-    """Return eq. 21: states theta_G, gamma, gamma', psi, psi'; see INPUTS and OUTPUTS."""
+    """Return eq. 21 with states theta_G, gamma, gamma', psi, psi'; see INPUTS and OUTPUTS."""
     beta = np.array([-1.0, 0.0, 0.0, 1.0, 0.0])
     A = np.zeros((5, 5))
     A[0] = c.a_z_beta * beta
@@ -70,7 +71,7 @@ def lateral_motion(c: LateralCoefficients) -> LinearPlant:
 
 
 def yaw_motion(c: LateralCoefficients) -> LinearPlant:
-    """Return eq. 22, eq. 21 with gamma = 0 and no wind: states theta_G, psi, psi'."""
+    """Return eq. 22, which is eq. 21 with gamma = 0 and no wind; states theta_G, psi, psi'."""
     beta = np.array([-1.0, 1.0, 0.0])
     A = np.stack([c.a_z_beta * beta, np.eye(3)[2], -c.a_my_beta * beta])
     A[2, 2] -= c.a_my_omega_y

@@ -1,4 +1,4 @@
-"""A linear plant in state space: from its transfer function, and its answer to a held input."""
+"""A linear plant in state space: from its transfer function, and its response to a held input."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from yawid.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class LinearPlant:
-    """x' = A x + B u, y = C x + D u, with the names of the inputs and outputs."""
+    """The plant x' = A x + B u, y = C x + D u, with the names of its inputs and outputs."""
 
     A: Floats
     B: Floats
@@ -24,22 +24,22 @@ class LinearPlant:
 
     @classmethod
     def from_transfer(cls, numerator: ArrayLike, denominator: ArrayLike) -> "LinearPlant":
-        """Return one input u and one output y with this transfer function, highest power first.
+        """Return the plant with input u and output y that has this transfer function.
 
-        ``numerator`` (m,), ``denominator`` (n + 1,) for n states. The numerator has a lower degree
-        than the denominator, whose first coefficient is 1.
+        ``numerator`` (m,) and ``denominator`` (n + 1,), for n states, begin with the highest power
+        of s. The numerator has a lower degree than the denominator, whose first coefficient is 1.
         """
         A, B, C, D = signal.tf2ss(numerator, denominator)
         return cls(A, B, C, D, ("u",), ("y",))
 
     def simulate(self, u: ArrayLike, sample_time_s: float) -> Floats:
-        """Return the outputs (n, outputs) at k Ts from rest.
+        """Return the outputs (n, outputs) at k Ts, from rest.
 
-        ``u`` (n, inputs), or (n,) of one input, is held over [k Ts, (k+1) Ts). Exact, by the
-        matrix exponential.
+        ``u`` (n, inputs), or (n,) for one input, is held over [k Ts, (k+1) Ts). The result is
+        exact, by the matrix exponential.
 
         Raises:
-            ConfigError: u has another number of inputs.
+            ConfigError: u has the wrong number of inputs.
         """
         u = np.asarray(u, dtype=np.float64)
         u = u.reshape(-1, 1) if u.ndim == 1 else u
@@ -62,10 +62,10 @@ def _discrete(plant: LinearPlant, sample_time_s: float) -> tuple[Floats, Floats]
 
 
 def sampled_theta(plant: LinearPlant, sample_time_s: float) -> Floats:
-    """Return theta = [a1.., b1..] with nk = 1 of a one-input, one-output plant behind a held input.
+    """Return theta (2 na,) = [a1.., b1..], nk = 1, of a plant with one held input and one output.
 
     Raises:
-        ConfigError: the plant passes its input through at once (nk would be 0).
+        ConfigError: the input acts on the output without delay (nk would be 0).
     """
     if np.any(plant.D):
         raise ConfigError("theta with nk = 1 needs a plant that does not pass its input through")

@@ -1,11 +1,10 @@
 """Six degrees of freedom in the paper's axes (x forward, y up, z right): eq. 17 to 20.
 
-Forces and moments are given, gravity among the forces. The attitude is a unit quaternion
-(x, y, z, w) from body to ground axes; yaw psi about y, then pitch theta about z, then bank gamma
-about x.
+Forces, gravity included, and moments are given. The attitude is a unit quaternion (x, y, z, w) from
+body to ground axes: yaw psi about y, then pitch theta about z, then bank gamma about x.
 
 Printed slips: eq. 19 permutes the indices (its first line is the x equation, its second the y
-equation) and its moment line means J_z omega_z'; implemented as rows of eq. 17 and 18.
+equation), and its moment line means J_z omega_z'; the code has the rows of eq. 17 and 18.
 """
 
 from collections.abc import Callable
@@ -24,7 +23,7 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class RigidBody:
-    """Mass in kg and the moments of inertia about the body axes in kg m^2.
+    """Mass in kg and moments of inertia about the body axes in kg m^2.
 
     Raises:
         ConfigError: one of them is not > 0.
@@ -42,10 +41,10 @@ class RigidBody:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One instant, or a row for each of n.
+    """The motion at one instant, or at n instants with a row each.
 
-    ``velocity`` W (..., 3) in m/s and ``angular_rate`` omega (..., 3) in rad/s in body axes,
-    ``attitude`` (..., 4), ``position`` (..., 3) in m in ground axes.
+    ``velocity`` W (..., 3) in m/s and ``angular_rate`` omega (..., 3) in rad/s are in body axes,
+    ``position`` (..., 3) in m is in ground axes; ``attitude`` (..., 4) is a quaternion.
     """
 
     velocity: Floats
@@ -60,7 +59,7 @@ class Motion:
 
 
 Loads = Callable[[float, Motion], tuple[Floats, Floats]]
-"""Forces (3,) in N and moments (3,) in N m in body axes, at a time and a motion."""
+"""A function of time in s and motion: forces (3,) in N and moments (3,) in N m in body axes."""
 
 
 def translation(body: RigidBody, W: Floats, omega: Floats, forces: Floats) -> Floats:
@@ -100,13 +99,13 @@ def lateral(body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: 
 
 
 def weight(body: RigidBody, attitude: Floats) -> Floats:
-    """Return gravity's force (3,) in N in body axes, at an attitude (4,)."""
+    """Return the force of gravity (3,) in N in body axes, at an attitude (4,)."""
     down = np.array([0.0, -body.mass * GRAVITY_M_S2, 0.0])
     return np.asarray(Rotation.from_quat(attitude).apply(down, inverse=True))
 
 
 def fly(body: RigidBody, start: Motion, loads: Loads, t: Floats) -> Motion:
-    """Return the motion (n rows) at the times t (n,), which begin with that of the start.
+    """Return the motion (n rows) at the times t (n,) in s; the first is the time of ``start``.
 
     Integrated by an eighth-order Runge-Kutta method (DOP853) to a relative tolerance of 1e-10.
 

@@ -1,4 +1,4 @@
-"""The reference plants under a chosen input, in the project's signs, ready for a file."""
+"""The response of the reference plants to a chosen input, in the project's signs."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ REFERENCE = LateralCoefficients(
     a_mx_omega_x=8.0, a_mx_omega_y=1.5, a_mx_beta=15.0, a_mx_delta_b=40.0,
     a_my_omega_x=-0.2, a_my_omega_y=0.7, a_my_beta=5.5, a_my_delta_h=4.0,
 )  # fmt: skip
-"""A light aircraft at 50 m/s."""
+"""Coefficients of a light aircraft at 50 m/s."""
 REFERENCE_FLIGHT = SteadyFlight(
     body=RigidBody(1000.0, 1300.0, 2700.0, 1800.0), speed=SPEED_M_S, coefficients=REFERENCE
 )
@@ -35,10 +35,11 @@ REFERENCE_FLIGHT = SteadyFlight(
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """What was fed and what came out, (n,) each, at t = k Ts in s.
+    """Input and outputs (n,) of a simulation at ``t`` = k Ts in s.
 
-    ``u`` rudder in rad, positive nose right, held over [t_k, t_k+1); ``y`` yaw rate in rad/s at
-    t_k with its noise; ``yaw`` and ``roll`` in rad without noise, roll 0 where the plant has none.
+    ``u`` is the rudder in rad, positive nose right, held over [t_k, t_k+1); ``y`` the yaw rate in
+    rad/s at t_k with noise; ``yaw`` and ``roll`` in rad have no noise. roll is 0 where the plant
+    has none.
     """
 
     t: Floats
@@ -58,13 +59,13 @@ def simulate_plant(
     seed: int = 0,
     flight: SteadyFlight = REFERENCE_FLIGHT,
 ) -> Simulation:
-    """Fly a reference plant from rest: "yaw" eq. 22-23, "lateral" eq. 21, "rigid-body" eq. 17-18.
+    """Simulate a plant from rest: "yaw" eq. 22-23, "lateral" eq. 21, "rigid-body" eq. 17-18.
 
-    All three come from the same coefficients. ``noise_std`` in rad/s of white noise is added to y.
+    All three have the same coefficients. White noise of ``noise_std`` rad/s is added to y.
 
     Raises:
-        ConfigError: an unknown plant, a value outside its limits, or a rudder so large that the
-        rigid body no longer flies forward.
+        ConfigError: the plant is unknown, a value is outside its limits, or the rudder moves so
+        much that the rigid body does not fly forward any more.
     """
     if name not in PLANTS:
         raise ConfigError(f"plant must be one of {', '.join(PLANTS)}, got {name!r}")
@@ -85,7 +86,7 @@ def simulate_plant(
 
 
 Run = Callable[[SteadyFlight, Floats, float], tuple[Floats, Floats, Floats]]
-"""From -delta_h (n,) and Ts to psi, psi' and gamma (n,)."""
+"""A function of flight, -delta_h (n,) in rad and Ts in s: psi, psi' and gamma (n,)."""
 
 
 def _run_yaw(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
@@ -103,7 +104,7 @@ def _run_lateral(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Fl
 
 
 def _run_rigid_body(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
-    """Integrate from one change of the rudder to the next: the loads are smooth in between."""
+    """Integrate from one change of the rudder to the next, between which the loads are smooth."""
     edges = sorted({0, *(np.flatnonzero(np.diff(u)) + 1), len(u) - 1})
     motion, angles, rates = flight.trim(), np.zeros((len(u), 3)), np.zeros(len(u))
     for start, stop in pairwise(edges):

@@ -1,8 +1,8 @@
-"""The same recursion on filterpy's KalmanFilter: an independent reference and an engine.
+"""The same recursion on filterpy's KalmanFilter: an independent reference, and an engine to choose.
 
-The state is theta, F = I, H = psi', R = 1, alpha = lambda^-1/2 (filterpy's fading memory). Scaling,
-window, held samples, schedule, floor and sums are written here a second time, in plain NumPy. Only
-the backstop on D is left out: a Kalman filter has no D.
+The state of the filter is theta, with F = I, H = psi', R = 1, alpha = lambda^-1/2 (filterpy's
+fading memory). Scaling, window, held samples, schedule, floor and sums are written a second time
+here, in plain NumPy. Only the limit of D is left out: a Kalman filter has no D.
 """
 
 import copy
@@ -29,7 +29,7 @@ from yawid.estimation.whiteness import ljung_box
 def make_estimator(
     config: EstimatorConfig, engine: Engine = "numba"
 ) -> "RecursiveArmax | ReferenceArmax":
-    """Return the estimator of a configuration on the engine asked for."""
+    """Return the estimator of a configuration, on the given engine."""
     return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
 
 
@@ -43,7 +43,7 @@ class Sums:
         self.products = np.zeros(lags + 1)
 
     def add(self, y: float, e: float, eps: float, lam: float, share: float) -> None:
-        """Add one update; ``share`` is the part of e^2 that the loss counts."""
+        """Add one update; the loss counts e^2 times ``share``, which is lambda / alpha."""
         self.s1, self.s2 = lam * self.s1 + 1.0, lam * lam * self.s2 + 1.0
         self.loss = lam * self.loss + e * e * share
         self.e2, self.eps2 = lam * self.e2 + e * e, lam * self.eps2 + eps * eps
@@ -55,18 +55,18 @@ class Sums:
         self.residuals = lagged[:-1]
 
     def noise_variance(self, n_theta: int) -> float:
-        """Return the variance of the innovation, NaN before the first update."""
+        """Return the variance of the noise e; NaN before the first update."""
         if not self.s1:
             return math.nan
         return self.loss / max(self.s1 - n_theta * self.s2 / self.s1, 1.0)
 
     def root_mean(self, total: float) -> float:
-        """Return the root of a mean square."""
+        """Return the root mean square of a sum of squares; NaN before the first update."""
         return math.sqrt(total / self.s1) if self.s1 else math.nan
 
 
 class FollowedCovariance:
-    """The covariance of theta, the residual's autocorrelation included."""
+    """The covariance of theta, which includes the autocorrelation of the innovations."""
 
     def __init__(self, covariance: Floats, lags: int) -> None:
         self.covariance = covariance
@@ -74,7 +74,7 @@ class FollowedCovariance:
         self.lags = lags
 
     def follow(self, psi: Floats, gain: Floats, e: float, s1: float) -> None:
-        """Take one update: see ``kernel.follow_covariance``, here as the equations stand."""
+        """Take one update: the equations of ``kernel.follow_covariance``, written as matrices."""
         memory = 1.0 - min(1.0, max(1.0 / max(self.lags, 1), steps.FEW / (s1 + 1.0)))
         F, drive = np.eye(len(psi)) - np.outer(gain, psi), gain * e
         cross = F @ np.outer(memory * self.echo, drive)
@@ -84,7 +84,7 @@ class FollowedCovariance:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceEstimate:
-    """A snapshot after one sample, as :class:`yawid.Estimate`."""
+    """The estimate after one sample, with the fields of :class:`yawid.Estimate`."""
 
     theta: Floats
     theta_std: Floats
@@ -97,7 +97,7 @@ class ReferenceEstimate:
 
 
 class ReferenceArmax:
-    """:class:`RecursiveArmax` on filterpy, hundreds of times slower; it cannot be saved."""
+    """:class:`RecursiveArmax` on filterpy: hundreds of times slower, and without saving."""
 
     def __init__(self, config: EstimatorConfig) -> None:
         self.config = config
@@ -111,7 +111,7 @@ class ReferenceArmax:
         self._begin()
 
     def _begin(self) -> None:
-        from filterpy.kalman import KalmanFilter  # most of a second, and only this engine needs it
+        from filterpy.kalman import KalmanFilter  # takes most of a second, for this engine only
 
         config, n = self.config, self.config.n_theta
         self._filter = KalmanFilter(dim_x=n, dim_z=1)
@@ -128,14 +128,14 @@ class ReferenceArmax:
         orders = self.config.orders
         reach = [nb + nk for nb, nk in zip(orders.nb, orders.nk, strict=True)]
         self._raw = np.zeros((orders.n_inputs + 3, max([1, orders.na, orders.nc, *reach])))
-        self._filtered = np.zeros_like(self._raw)  # rows y, u.., residual, 1; the newest first
+        self._filtered = np.zeros_like(self._raw)  # rows -y, u.., residual, 1; the newest first
         self._fresh = np.zeros(len(self._raw))
         self._sums.residuals[:] = 0.0
         self._spread.echo[:] = 0.0
         self._fill, self._broken = 0, False
 
     def update(self, u: ArrayLike, y: float) -> ReferenceEstimate:
-        """Take one sample, as :meth:`RecursiveArmax.update`."""
+        """Take one sample and return the estimate, as :meth:`RecursiveArmax.update`."""
         self._sample(checked_u(u, y, self.config.orders.n_inputs), float(y))
         return self.estimate()
 
@@ -213,7 +213,7 @@ class ReferenceArmax:
             self.forgetting_factor = self.config.forgetting_factor
 
     def _shift(self, u: Floats) -> None:
-        """Enter what is fresh into the registers, and through 1/C into the filtered ones."""
+        """Enter the fresh values into the registers, and filtered by 1/C(q) into the others."""
         if self._broken:
             self._open()
         self._fresh[1:-2], self._fresh[-1] = u * self._factors[1:], 1.0
@@ -342,7 +342,7 @@ class ReferenceArmax:
         return float(y_hat / self._factors[0])
 
     def estimate(self) -> ReferenceEstimate:
-        """Return a snapshot."""
+        """Return the estimate after the last sample."""
         status, covariance = self.status, self.covariance
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         std[np.isnan(np.diag(covariance))] = math.nan
@@ -360,7 +360,7 @@ class ReferenceArmax:
 
     @property
     def P(self) -> Floats:
-        """P (n, n) in the user's units, not multiplied by the noise variance."""
+        """P (n, n): the covariance of theta over the noise variance, in the user's units."""
         units = self._units * self._factors[0]
         return np.asarray(self._filter.P * np.outer(units, units), dtype=np.float64)
 
@@ -378,21 +378,21 @@ class ReferenceArmax:
 
     @property
     def noise_std(self) -> float:
-        """Standard deviation of the noise e, in y's unit; NaN where its loss is below 0."""
+        """Standard deviation of the noise e, in y's unit; NaN where its variance is below 0."""
         variance = self._sums.noise_variance(self.config.n_theta)
         return math.sqrt(variance) / float(self._factors[0]) if variance >= 0.0 else math.nan
 
     @property
     def innovation_std(self) -> float:
-        """Root mean square of the innovation."""
+        """Root mean square of the innovation, in y's unit."""
         return self._sums.root_mean(self._sums.e2) / float(self._factors[0])
 
     @property
     def residual_std(self) -> float:
-        """Root mean square of the residual."""
+        """Root mean square of the residual, in y's unit."""
         return self._sums.root_mean(self._sums.eps2) / float(self._factors[0])
 
     @property
     def whiteness_p(self) -> float:
-        """Ljung-Box p-value that the residuals are white; NaN while unknown."""
+        """p-value of the Ljung-Box test that the residuals are white; NaN while unknown."""
         return ljung_box(self._sums.products, self._sums.s1, self._sums.s2)
