@@ -1,1 +1,1 @@
-"""Sources: bytes from a log or a link, and the MAVLink messages in them."""
+"""The sources: bytes from a log or a link, and the MAVLink messages in them."""

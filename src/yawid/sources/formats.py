@@ -1,7 +1,8 @@
-"""The kinds of files that hold a flight: a new one is its reader and a row of ``FORMATS`` here.
+"""The kinds of files that hold a flight. A new kind needs its reader and a row of ``FORMATS``.
 
-A file is known by its first bytes. Only a table of texts may be known by its name, to be told why
-it is none; all that is not known is taken for a telemetry log, whose reader says what is wrong.
+A file is recognised by its first bytes. Only a table of texts may be recognised by its name, so
+that its reader can say what is wrong with it. Any unknown file is taken for a telemetry log, whose
+reader then says what is wrong.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,21 +20,22 @@ if TYPE_CHECKING:
     Reader = TlogReader | DataflashReader | UlogReader | Record
 
 HEAD: Final = 1 << 14
-"""Bytes by which a file's kind is known."""
+"""The number of first bytes that identify a kind of file."""
 
 
 Opener = Callable[[Path, Iterable[str], "ReadOptions"], "Reader"]
-"""From a path, the messages that are wanted and how bytes are read to a reader."""
+"""A function of a path, the wanted messages and the options of reading that returns a reader."""
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One kind of file; ``name`` is its suffix too, and the ``kind`` in a data set.
+    """One kind of file; ``name`` is also its suffix, and its ``kind`` in a data set.
 
-    ``said`` is what help calls it, ``called`` what an error does. ``opener`` is None of a finished
-    run, which holds samples, not messages: ``runs/`` opens it. ``magic`` are its first bytes, none
-    where it is not known by them. ``needs`` are the module that must be installed and the extra
-    which brings it. A file that ``has_columns`` is one of many uses: no folder is searched for it.
+    ``said`` is its name in help texts, ``called`` its name in errors. ``opener`` is None for a
+    finished run, which holds samples instead of messages: ``runs/`` opens it. ``magic`` holds its
+    first bytes, empty if they do not identify it. ``needs`` names the module that must be installed
+    and the extra that installs it. Files that ``has_columns`` have many other uses, so they are not
+    searched for in folders.
     """
 
     name: str
@@ -46,7 +48,7 @@ class Format:
 
     @property
     def suffix(self) -> str:
-        """What the name of such a file ends in."""
+        """The suffix of such a file's name, with its dot."""
         return f".{self.name}"
 
     def __str__(self) -> str:
@@ -89,22 +91,22 @@ FORMATS: Final = (
     RUN,
 )
 IN_FOLDERS: Final = tuple(each.suffix for each in FORMATS if not each.has_columns)
-"""What files end in that are taken from a folder: logs and finished runs."""
+"""The suffixes of files that are taken from a folder: logs and finished runs."""
 
 
 def recorded() -> str:
-    """Return what a log may be, in words."""
+    """Return the kinds of logs in words."""
     *first, last = (str(each) for each in FORMATS if each.opener is not None)
     return f"{', '.join(first)} or {last}"
 
 
 def format_of(path: Path) -> Format:
-    """Return the kind of a file by its first bytes; what cannot be read is a telemetry log."""
+    """Return the kind of a file by its first bytes; an unreadable file counts as telemetry log."""
     head = _head(path)
     for each in FORMATS:
         if each.magic and head.startswith(each.magic):
             return each
-    # A stamp begins with 0, a frame of MAVLink 2 with 0xFD.
+    # The stamps of a tlog begin with 0, a bare frame of MAVLink 2 begins with 0xFD.
     if not path.is_file() or head[:1] in (b"\0", b"\xfd"):
         return TLOG
     if path.suffix.lower() in [each.suffix for each in FORMATS if each.has_columns]:
@@ -115,7 +117,7 @@ def format_of(path: Path) -> Format:
 
 
 def _head(path: Path) -> bytes:
-    """Return the first bytes, none where the reader is to say what is wrong."""
+    """Return the first bytes, none of an unreadable file: its reader will say what is wrong."""
     if not path.is_file():
         return b""
     try:

@@ -1,6 +1,6 @@
-"""One way to read every kind of log: open it, then take blocks of messages from it.
+"""The one way to read every kind of log: open it, then take blocks of messages from it.
 
-``formats.py`` says which kinds there are and how each is known.
+``formats.py`` lists the kinds and how each is recognised.
 """
 
 import hashlib
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from yawid.sources.records.record import Record
 
 IN_MEMORY = 64 << 20
-"""Bytes of decoded messages kept in memory; what is more goes to a file of its own."""
+"""The bytes of decoded messages kept in memory; beyond them a temporary file is used."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """The form of a log, and the key that frames must be signed with (None: any frame will do).
+    """The form of a log, and the key that frames must be signed with (None accepts any frame).
 
-    ``key_file`` is where the key came from, to be named in a command line.
+    ``key_file`` is the file that the key came from, to be named in a command line.
 
-    It stands beside ``RunConfig``, not in it: the configuration goes into files, a key must not.
+    The key is kept out of ``RunConfig``, because configurations are written into files.
     """
 
     form: Form = "auto"
@@ -41,7 +41,7 @@ class ReadOptions:
 
     @classmethod
     def asked(cls, form: str, key_file: Path | None) -> "ReadOptions":
-        """Return what options ask for: the form, and the key that a file holds.
+        """Return the options asked for: the form, and the key in a file.
 
         Raises:
             ConfigError: there is no such form, or the key cannot be read.
@@ -52,32 +52,35 @@ class ReadOptions:
         return cls(found, None if key_file is None else SigningKey.from_file(key_file), key_file)
 
     def decoder(self, wanted: Iterable[str]) -> Decoder:
-        """Return a decoder for one stream."""
+        """Return a decoder of the ``wanted`` messages for one stream."""
         return Decoder(wanted, None if self.key is None else Signing(self.key))
 
     def unchecked(self, link: LinkStats) -> str | None:
-        """Return what is to be said of signed frames whose signatures nobody looked at, if any."""
+        """Return a note on signed frames whose signatures were not checked, None without any."""
         if self.key is not None or not link.signed:
             return None
         return "signed frames are read without a look at their signatures: --signing-key-file FILE"
 
 
 class Source(Protocol):
-    """Something recorded, opened for reading: messages of a log, or the samples of a run."""
+    """A recording opened for reading: the messages of a log, or the samples of a run."""
 
     @property
     def size(self) -> int:
-        """Bytes of the file."""
+        """The size of the file in bytes."""
 
     def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | SampleBlock | None]]:
-        """Yield (bytes read, what they hold) from the start, what was held back at the end too."""
+        """Yield (bytes read, their messages or samples) from the start to the end.
+
+        Messages are None where the bytes complete none.
+        """
 
 
 class Log:
     """A log opened for reading: the ``wanted`` messages, their counts and the file's hash.
 
-    It is decoded once. With ``again`` its messages are kept for whoever reads it again, those
-    beyond ``IN_MEMORY`` in a temporary file, until ``close``.
+    It is decoded once. With ``again`` its messages are kept for a second reading until ``close``,
+    in a temporary file if they are larger than ``IN_MEMORY``.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or it is no log.
@@ -106,23 +109,23 @@ class Log:
         self._is_decoded = False
 
     def close(self) -> None:
-        """Remove what was kept, if anything was."""
+        """Remove the messages that were kept, if any."""
         if self._kept is not None:
             self._kept.close()
 
     @property
     def link(self) -> LinkStats:
-        """Counts of what the log holds, once it has been read."""
+        """The counts of what the log holds, once it has been read."""
         return self._reader.link
 
     @property
     def vehicle_id(self) -> str | None:
-        """What the log itself calls its vehicle, None where it does not."""
+        """The log's own identifier of its vehicle, None where it has none."""
         return self._reader.vehicle_id
 
     @property
     def record(self) -> "Record | None":
-        """What never was MAVLink, to be settled before it is read; None of all else."""
+        """The record, whose columns must be settled before it is read; None for MAVLink logs."""
         if not self.format.has_columns:
             return None
         from yawid.sources.records.record import Record  # a log needs nothing of it
@@ -136,7 +139,7 @@ class Log:
         return self._digest.hexdigest()
 
     def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | None]]:
-        """See :class:`Source`."""
+        """Yield (bytes read, their messages): see :class:`Source`."""
         if self._is_decoded:
             assert self._kept is not None, "a log is decoded once"
             self._kept.seek(0)
@@ -153,7 +156,7 @@ class Log:
 
 
 class TlogBytes:
-    """The bytes of a telemetry log in memory, in pieces cut anywhere, as a source."""
+    """A source of the bytes of a telemetry log in memory, in pieces that may be cut anywhere."""
 
     def __init__(
         self, pieces: Iterable[bytes], wanted: Iterable[str], options: ReadOptions | None = None
@@ -164,11 +167,11 @@ class TlogBytes:
 
     @property
     def link(self) -> LinkStats:
-        """Counts of what has been read."""
+        """The counts of what has been read."""
         return self._decoder.link
 
     def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
-        """See :class:`Source`."""
+        """Yield (bytes read, their messages): see :class:`Source`."""
         for piece in self._pieces:
             yield len(piece), self._decoder.feed(piece)
         yield 0, self._decoder.finish()

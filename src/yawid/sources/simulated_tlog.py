@@ -1,4 +1,4 @@
-"""A simulated flight as the tlog an ArduPilot plane would have sent, in genuine frames."""
+"""A simulated flight as the tlog of an ArduPilot plane, in genuine MAVLink frames."""
 
 import struct
 from dataclasses import dataclass
@@ -15,7 +15,10 @@ TRAVEL_US = 400
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """A flight: ``t`` (n,) s from 0, rudder ``u`` (n,) on -1..1, rates in rad/s, angles in rad."""
+    """A flight: times ``t`` (n,) in s from 0, and rudder ``u`` (n,) in -1..1.
+
+    The yaw rate is in rad/s, yaw and roll are in rad, all (n,).
+    """
 
     t: Floats
     u: Floats

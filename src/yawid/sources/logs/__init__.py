@@ -1,1 +1,1 @@
-"""Recorded files."""
+"""The readers of recorded files."""

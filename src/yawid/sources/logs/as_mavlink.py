@@ -1,7 +1,7 @@
-"""What the on-board logs share: the messages they are turned into, and the care their times need.
+"""What the readers of on-board logs share: the messages they make, and the check of their times.
 
-Each dtype has the fields of the MAVLink message of its name that the channels read and the log can
-report, no others. Time is 64 bits of microseconds in all of them: the logs know it that well.
+Each dtype has those fields of the MAVLink message of its name that the channels read and that a log
+can report. Times have 64 bits of microseconds in all of them, since the logs are that exact.
 """
 
 from collections.abc import Iterable
@@ -12,13 +12,13 @@ import numpy as np
 from yawid.blocks import Array, Bools, Floats, FrameBlock, Ints, MessageBlock
 
 PlacedFields = tuple[Ints, Array]
-"""Where rows of a message stand (n,), in us since boot or in bytes, and their fields (n,)."""
+"""The places of a message's rows (n,), in us since boot or in bytes, and their fields (n,)."""
 COMPID = 1
-"""MAV_COMP_ID_AUTOPILOT1: who writes an on-board log."""
+"""MAV_COMP_ID_AUTOPILOT1, which writes an on-board log."""
 STRAY_US = 10_000_000
-"""A time this far from its neighbours' is a damaged one."""
+"""A time that is further than this from its neighbours' is damaged."""
 ANGLES_GAP_US = 1_000_000
-"""Over a longer stretch without attitude its angles are not known."""
+"""The longest stretch without attitude over which angles are interpolated."""
 
 _TIME = ("time_usec", "<u8")
 DTYPES = {
@@ -46,13 +46,13 @@ DTYPES = {
 
 
 def quiet() -> np.errstate:
-    """Convert numbers without a warning: of damaged bytes any may come, signalling NaNs too."""
+    """Return a context without warnings: damaged bytes may be any number, also signalling NaNs."""
     return np.errstate(invalid="ignore", over="ignore")
 
 
 @quiet()
 def table(name: str, rows: int, **columns: Any) -> Array:
-    """Return the fields of a message (rows,), those not given being zero."""
+    """Return the fields of a message (rows,); fields that are not given are zero."""
     fields = np.zeros(rows, DTYPES[name])
     for column, values in columns.items():
         fields[column] = values
@@ -60,19 +60,19 @@ def table(name: str, rows: int, **columns: Any) -> Array:
 
 
 def message(name: str, order: Ints, received_us: Ints, fields: Array, sysid: int) -> MessageBlock:
-    """Return rows (n,) of one message from the vehicle ``sysid``; stamps in us of Unix time."""
+    """Return rows (n,) of a message from the vehicle ``sysid``; ``received_us`` is Unix time."""
     sysids, compids = (np.full(len(order), number, np.uint8) for number in (sysid, COMPID))
     return MessageBlock(name, order, received_us, sysids, compids, fields)
 
 
 def within(block: MessageBlock, low: int, high: int) -> MessageBlock:
-    """Return the rows whose order lies in [low, high)."""
+    """Return the rows whose ``order`` is in [low, high)."""
     first, stop = np.searchsorted(block.order, (low, high))
     return block.select(slice(int(first), int(stop)))
 
 
 def frame_block(blocks: Iterable[MessageBlock]) -> FrameBlock | None:
-    """Return the blocks that have rows as one, None where none has any."""
+    """Return the blocks that have rows as one, None where no block has any."""
     found = {block.name: block for block in blocks if len(block)}
     return FrameBlock(found) if found else None
 
@@ -80,7 +80,7 @@ def frame_block(blocks: Iterable[MessageBlock]) -> FrameBlock | None:
 def steady(t_us: Ints) -> Bools:
     """Return which times (n,) agree with their neighbours: within 10 s of the median of five.
 
-    A pause of the log is no damage: on either side of it most of the five are on one's own side.
+    A pause of the log is no damage: next to it, most of the five are on the same side of it.
     """
     from scipy.ndimage import median_filter  # takes 0.1 s: a telemetry log must not pay for it
 
@@ -98,10 +98,10 @@ def fill_forward(values: Floats) -> Floats:
 
 
 def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
-    """Merge columns reported at places of their own: all at every place, the last value held.
+    """Return columns that have places of their own as columns at all places, the last value held.
 
-    Each of the ``parts`` has places (m,) and values (m,). Return the places (n,) and each column
-    (n,): the first row, at place -1, is the ``opening``; what is reported at one place is one row.
+    Each of the ``parts`` has places (m,) and values (m,). Returned are the places (n,) and each
+    column (n,). The first row, at place -1, is the ``opening``; each place has one row.
     """
     places = np.concatenate([[-1], *(own for own, _ in parts)])
     in_place = np.argsort(places, kind="stable")
@@ -118,9 +118,9 @@ def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[
 
 
 def merged(name: str, before: float, **columns: tuple[Ints, Floats]) -> PlacedFields:
-    """Return a message wherever one of its columns is reported, the others held.
+    """Return a message at each place at which one of its columns is reported, the others held.
 
-    Each column has places (n,) and values (n,) of its own, and is ``before`` until its first.
+    Each column has places (n,) and values (n,) of its own, and is ``before`` until its first value.
     """
     places, values = hold_last((before,) * len(columns), *columns.values())
     known = {column: own[1:] for column, own in zip(columns, values, strict=True)}
@@ -130,8 +130,8 @@ def merged(name: str, before: float, **columns: tuple[Ints, Floats]) -> PlacedFi
 def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,).
 
-    Linear between the two attitudes (m,) around each, the short way round in yaw; NaN outside them
-    and where they lie more than a second apart.
+    They are interpolated between the two attitudes (m,) around each instant, the yaw over the
+    shorter way; NaN outside all attitudes and where these are more than a second apart.
     """
     forward = known_us > np.maximum.accumulate(np.concatenate([[-1], known_us]))[:-1]
     known_us = known_us[forward]

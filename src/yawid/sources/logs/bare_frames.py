@@ -1,9 +1,9 @@
-"""Records without stamps (.rlog, .raw): bare frames become the records of a tlog.
+"""Logs without stamps (.rlog, .raw): bare frames become the records of a tlog.
 
-Nobody wrote down when these frames were received. The stamps put before them are made up: they
+The times at which these frames were received are not recorded. Their stamps are made up: they
 follow the vehicle's own clock, count from the first ATTITUDE received as if that were 1970, and
-never fall. Gaps and reboots show in the vehicle's clock as ever; what is lost is the time of day
-and the latency.
+never fall. Gaps and reboots are visible in the vehicle's clock as always; only the time of day and
+the latency are lost.
 """
 
 from typing import NamedTuple
@@ -21,18 +21,18 @@ from yawid.sources.mavlink.framing import (
     read_header,
 )
 
-_LONGEST_STEP_MS = 3_600_000  # a step of the clock by more is none of time
+_LONGEST_STEP_MS = 3_600_000  # a longer step of the clock is no time that has passed
 _CLOCKS = ("ATTITUDE", "ATTITUDE_QUATERNION")  # both begin with time_boot_ms
 _CLOCK_SIZE = 4
 
 
 class Stamper:
-    """Turns bare frames, cut anywhere, into the bytes of a tlog; no cut changes what comes out.
+    """The way from bare frames to the bytes of a tlog; where the bytes are cut changes nothing.
 
-    A stamp goes before every intact frame and before every damaged or unknown one that the next
+    A stamp is put before every intact frame, and before every damaged or unknown one that the next
     intact frame follows directly. All other bytes stay as they are, so that the decoder counts them
-    as it does in a tlog. Where there was damage, the next frame whose CRC fits is taken for one:
-    without stamps there is nothing else to know it by.
+    as in a tlog. After damage, the next frame whose CRC fits counts as a frame: without stamps
+    nothing else identifies it.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Stamper:
         return self._stamped(data, final=False)
 
     def finish(self) -> bytes:
-        """Return what the end of the stream still holds."""
+        """Return the records that are decided by the end of the stream."""
         return self._stamped(b"", final=True)
 
     def _stamped(self, data: bytes, *, final: bool) -> bytes:
@@ -62,7 +62,7 @@ class Stamper:
         return _with_stamps(buffer[SLACK:decided], places - SLACK, stamps)
 
     def _walk(self, window: "_Window") -> tuple[Ints, int]:
-        """Return where frames begin that get a stamp, and where the undecided bytes begin."""
+        """Return where the frames to be stamped begin, and where the undecided bytes begin."""
         begin, end = window.found.begin, window.found.end
         run_ends = [*(np.flatnonzero(begin[1:] != end[:-1]) + 1).tolist(), len(begin)]
         places: list[Ints] = [np.empty(0, np.int64)]
@@ -89,9 +89,9 @@ class Stamper:
             at = int(begin[row])
 
     def _end_of_damaged(self, window: "_Window", at: int) -> int | None:
-        """Return where the frame at ``at`` that is not intact ends, before an intact one.
+        """Return where the damaged frame at ``at`` ends, if an intact one follows it directly.
 
-        None if there is no such frame, -1 if the bytes that decide have not come.
+        None if there is no such frame, -1 if the bytes that decide it have not come.
         """
         if at + LONGEST_HEADER > window.stop:
             return None if window.final else -1
@@ -106,9 +106,9 @@ class Stamper:
 
 
 class _Window(NamedTuple):
-    """Bytes not yet decided up to ``stop``, the intact frames ``found`` in them, and ``open_from``.
+    """The bytes not decided yet, up to ``stop``, and the intact frames ``found`` in them.
 
-    See :func:`find_frames`; with ``final`` no more bytes will come.
+    ``open_from`` is that of :func:`find_frames`. With ``final`` no more bytes will come.
     """
 
     data: bytes
@@ -119,7 +119,7 @@ class _Window(NamedTuple):
 
 
 class _Clock:
-    """Stamps by the clock of one sender: the first whose attitude is received."""
+    """The stamps by the clock of one sender: the first one whose attitude is received."""
 
     def __init__(self, rows: list[int]) -> None:
         self._rows = rows
@@ -128,16 +128,16 @@ class _Clock:
         self._stamp_us = 0
 
     def stamps(self, data: Bytes, found: Frames, places: Ints) -> Ints:
-        """Return the stamps (n,) of the frames that begin at ``places``, all of those at rest."""
+        """Return the stamps (n,) in us of the frames that begin at ``places`` (n,)."""
         is_clock = np.isin(found.row, self._rows) & np.isin(found.begin, places)
         begins, stamps = [0], [self._stamp_us]
         for row in np.flatnonzero(is_clock).tolist():
             payload = int(found.payload[row])
-            # The ids stand right before the message id: at -3 of MAVLink 1, at -5 of MAVLink 2.
+            # The ids are right before the message id: at -3 in MAVLink 1, at -5 in MAVLink 2.
             ids = payload - (3 if payload - found.begin[row] == 6 else 5)
             source = int(found.row[row]), int(data[ids]), int(data[ids + 1])
             if self._source in (None, source):
-                # MAVLink 2 leaves zeros at the end of a payload out.
+                # MAVLink 2 does not send zeros at the end of a payload.
                 size = min(_CLOCK_SIZE, int(found.length[row]))
                 boot_ms = int.from_bytes(data[payload : payload + size].tobytes(), "little")
                 self._advance(source, boot_ms)
@@ -155,7 +155,7 @@ class _Clock:
 
 
 def _with_stamps(data: Bytes, places: Ints, stamps: Ints) -> bytes:
-    """Return ``data`` with a stamp put in at each of the places (n,)."""
+    """Return ``data`` with a stamp inserted at each of the places (n,)."""
     joined = np.empty(len(data) + STAMP_SIZE * len(places), np.uint8)
     slots = places + STAMP_SIZE * np.arange(len(places))
     slots = slots[:, None] + np.arange(STAMP_SIZE)

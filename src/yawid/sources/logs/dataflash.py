@@ -1,11 +1,19 @@
 """ArduPilot's on-board log (.bin) as the MAVLink messages that the channels read.
 
-RCOU becomes SERVO_OUTPUT_RAW, RCIN RC_CHANNELS, PARM PARAM_VALUE, MODE and ARM HEARTBEAT, CTUN or
-ARSP, GPS and POS VFR_HUD, STAT EXTENDED_SYS_STATE. ATTITUDE has the body's rates from RATE or IMU,
-a row for each of theirs, and the angles of ATT, linear between two of its rows. ArduPlane writes
-RATE only in VTOL modes; IMU is the first gyro as calibrated, its slow drift not taken out as RATE's
-is. With neither the heading of ATT stands in, coarse, as GLOBAL_POSITION_INT. RCOU ends at output
-14; later ones are not read.
+| message of the log | becomes |
+|---|---|
+| RCOU | SERVO_OUTPUT_RAW, up to output 14 |
+| RCIN | RC_CHANNELS |
+| PARM | PARAM_VALUE |
+| MODE, ARM | HEARTBEAT |
+| CTUN or ARSP, GPS, POS | VFR_HUD |
+| STAT | EXTENDED_SYS_STATE |
+| RATE or IMU, ATT | ATTITUDE |
+
+ATTITUDE has a row for each row of RATE or IMU, with their body rates and with the angles of ATT,
+which are interpolated between two of its rows. ArduPlane writes RATE only in VTOL modes. IMU is the
+first gyro as calibrated; unlike RATE it still has its slow drift. If both are missing, the heading
+of ATT is used, which is coarse, as GLOBAL_POSITION_INT.
 """
 
 from collections.abc import Iterator
@@ -35,9 +43,9 @@ from yawid.sources.logs.tlog import CHUNK, Digest
 _RATES = {"RATE": ("R", "P", "Y"), "IMU": ("GyrX", "GyrY", "GyrZ")}
 _TIMED = ("ATT", "RCOU", "RCIN", *_RATES, "GPS", "CTUN", "ARSP", "NTUN", "POS", "STAT")
 _ENOUGH = 0.9
-"""RATE is read where it covers this share of the seconds that IMU covers."""
+"""RATE is read if it covers at least this share of the seconds that IMU covers."""
 _UNTIMED = ("PARM", "MODE", "ARM", "EV", "MSG", "VER", "DSF")
-"""Messages read whose time does not count."""
+"""The messages that are read without regard to their times."""
 _TYPE_OF_BUILD = {1: 10, 2: 2, 3: 1, 4: 5, 7: 12, 12: 7, 13: 4}  # VER.BU -> MAV_TYPE
 _TYPE_OF_NAME = {b"Plane": 1, b"Copter": 2, b"Rover": 10, b"Sub": 12, b"Tracker": 5, b"Blimp": 7}
 _AIRSPEED = (("CTUN", "As"), ("ARSP", "Airspeed"), ("NTUN", "Arspd"))  # best first
@@ -51,12 +59,12 @@ _NONE = np.zeros(0, np.int64)
 
 
 class DataflashReader:
-    """A dataflash log; the module says what is made of it.
+    """A dataflash log; the module's docstring lists the messages made from it.
 
-    Messages follow each other as in the file. What the vehicle was when the log began is reported
-    first: its type, its mode and the first value of every parameter. ``received_us`` is Unix time
-    by GPS, as late as the receiver reports it (0.1 to 0.3 s) and by the 18 leap seconds since 2017;
-    without a 3D fix it is the boot time.
+    Messages come in the order of the file. The vehicle's state when the log began comes first: its
+    type, its mode and the first value of every parameter. ``received_us`` is Unix time from GPS,
+    with the receiver's delay (0.1 to 0.3 s) and the 18 leap seconds since 2017; without a 3D fix it
+    is the boot time.
 
     Raises:
         SourceError: the file cannot be read, or holds no message.
@@ -78,7 +86,7 @@ class DataflashReader:
         self._first = self._untimed("PARAM_VALUE", order - self._shift, first)
         beats, states = _heartbeats(index)
         self._context = [
-            # What held before the log's first byte moves to where order becomes 0.
+            # The state before the log's first byte gets the place at which order becomes 0.
             self._untimed("HEARTBEAT", np.where(beats < 0, -self._shift, beats), states),
             self._untimed("VFR_HUD", *_hud(index)),
             self._untimed("EXTENDED_SYS_STATE", *_system_state(index)),
@@ -87,7 +95,7 @@ class DataflashReader:
 
     @property
     def link(self) -> LinkStats:
-        """Counts of the whole log: messages believed, bytes in none, messages it dropped itself."""
+        """The counts of the whole log: messages believed, other bytes, messages it lost itself."""
         index, lost = self._index, 0
         if index.has("DSF", "Dp"):
             lost = int(index.reported("DSF")[1]["Dp"].max())
@@ -103,7 +111,7 @@ class DataflashReader:
         )
 
     def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they hold) from the start, continuing ``digest``."""
+        """Yield (bytes read, their messages) from the start, and update ``digest``."""
         data = self._index.data
         opening = [within(block, 0, self._shift) for block in self._context]
         yield 0, frame_block([opening[0], self._first])
@@ -116,7 +124,7 @@ class DataflashReader:
             yield len(chunk), frame_block([*context, *self._flying(low, high)])
 
     def _flying(self, low: int, high: int) -> Iterator[MessageBlock]:
-        """Yield what is logged fast, of the bytes [low, high)."""
+        """Yield the messages with high rates from the bytes [low, high)."""
         if len(offsets := self._between("RCOU", low, high)):
             yield self._outputs("SERVO_OUTPUT_RAW", "servo", "RCOU", offsets)
         if len(offsets := self._between("RCIN", low, high)):
@@ -127,7 +135,7 @@ class DataflashReader:
             yield self._heading(self._between("ATT", low, high))
 
     def _between(self, name: str, low: int, high: int, more: int = 0) -> Ints:
-        """Return where messages of this name start in [low, high), and ``more`` on both sides."""
+        """Return where messages of this name start in [low, high), plus ``more`` on each side."""
         offsets = self._index.offsets.get(name, _NONE)
         first, stop = np.searchsorted(offsets, (low, high))
         return offsets[max(first - more, 0) : stop + more]
@@ -146,7 +154,7 @@ class DataflashReader:
         rows = self._index.rows(log, offsets)
         columns = {}
         for column in rows.dtype.names or ():
-            # C1 to C14; Ch1 and Chan1 in older logs.
+            # The columns are C1 to C14; in older logs Ch1 or Chan1.
             field = f"{prefix}{column.lstrip('Chan')}_raw"
             if field in (DTYPES[name].names or ()):
                 columns[field] = rows[column]
@@ -175,7 +183,7 @@ class DataflashReader:
         return self._timed("GLOBAL_POSITION_INT", "ATT", offsets, hdg=100.0 * degrees)
 
     def _rate_source(self) -> str:
-        """Return RATE, or IMU where that covers more of the flight, or nothing."""
+        """Return RATE, or IMU where that covers more of the flight, or "" without either."""
         index, seconds = self._index, {}
         for name, columns in _RATES.items():
             covered = index.times(name, index.offsets[name]) if index.has(name, *columns) else _NONE
@@ -185,7 +193,7 @@ class DataflashReader:
         return "RATE" if seconds["RATE"] >= _ENOUGH * seconds["IMU"] else "IMU"
 
     def _keep_one_instance(self, name: str) -> None:
-        """Of several sensors keep the first; of airspeed sensors the one reported to be primary."""
+        """Keep only the first of several sensors, or the one that is reported as primary."""
         if not self._index.has(name, "I"):
             return
         offsets, rows = self._index.reported(name)
@@ -194,7 +202,7 @@ class DataflashReader:
 
 
 def _unix_minus_boot_us(index: DataflashIndex) -> int:
-    """Return Unix minus boot time in microseconds by GPS, 0 without a 3D fix."""
+    """Return Unix time minus boot time in us from GPS, 0 without a 3D fix."""
     if not index.has("GPS", "Status", "GWk", "GMS"):
         return 0
     offsets, rows = index.reported("GPS")
@@ -209,7 +217,7 @@ def _unix_minus_boot_us(index: DataflashIndex) -> int:
 def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
     """Return the first value of every parameter, and all values reported after those.
 
-    A log writes its parameters down within the first seconds; they held from its beginning.
+    A log has its parameters within the first seconds; they apply from its beginning.
     """
     if not index.has("PARM", "Name", "Value"):
         nothing = _NONE, table("PARAM_VALUE", 0)
@@ -222,7 +230,7 @@ def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
 
 
 def _system_id(first: Array) -> int:
-    """Return the system id by the PARAM_VALUE rows ``first`` (n,), 1 unless it is there."""
+    """Return the system id from the PARAM_VALUE rows ``first`` (n,), 1 if it is missing."""
     for name in _SYSID:
         reported = first["param_value"][first["param_id"] == name]
         if len(reported) and 1 <= reported[0] <= 255:
@@ -231,14 +239,14 @@ def _system_id(first: Array) -> int:
 
 
 def _heartbeats(index: DataflashIndex) -> PlacedFields:
-    """Return a HEARTBEAT for what held at the start, at byte -1, then one for every change."""
+    """Return a HEARTBEAT for the state at the start, at byte -1, then one for every change."""
     modes, mode = _NONE, np.zeros(0)
     column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
     if index.has("MODE", column):
         modes, rows = index.reported("MODE")
         mode = np.asarray(rows[column], float)
     arms, armed = _arming(index)
-    # Unless it says otherwise a log begins with arming (LOG_DISARMED is 0).
+    # A log without another report begins with arming (LOG_DISARMED is 0).
     opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)
     offsets, (mode, armed) = hold_last(opening, (modes, mode), (arms, armed))
     base_mode = np.where(armed > 0.0, ARMED, 0)
@@ -260,7 +268,7 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
 
 
 def _hud(index: DataflashIndex) -> PlacedFields:
-    """Return a VFR_HUD wherever one of its columns is reported, the others held."""
+    """Return a VFR_HUD at each place at which one of its columns is reported, the others held."""
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
     kind = next((AIRSPEED_GIVEN[each] for each in _AIRSPEED if index.has(*each)), np.nan)
     ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
@@ -283,7 +291,7 @@ def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tup
 
 
 def _system_state(index: DataflashIndex) -> PlacedFields:
-    """Return an EXTENDED_SYS_STATE for each time that ArduPlane says whether it believes to fly."""
+    """Return an EXTENDED_SYS_STATE for each report of ArduPlane whether it is flying."""
     if not index.has("STAT", "isFlying"):
         return _NONE, table("EXTENDED_SYS_STATE", 0)
     offsets, rows = index.reported("STAT")
@@ -292,7 +300,7 @@ def _system_state(index: DataflashIndex) -> PlacedFields:
 
 
 def _vehicle_type(index: DataflashIndex) -> int:
-    """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) where both lack."""
+    """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) without either."""
     if index.has("VER", "BU"):
         build = int(index.reported("VER")[1]["BU"][0])
         if build in _TYPE_OF_BUILD:

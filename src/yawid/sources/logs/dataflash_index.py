@@ -1,14 +1,14 @@
-"""Where the messages of a dataflash log stand, and how their columns read in SI units.
+"""The index of a dataflash log: where its messages are, and their columns in SI units.
 
-A dataflash message is A3 95, its type and a payload whose length and columns an FMT message
-reported before; there is no check sum. So a message is believed only where it ends at the next A3
-95, or at the end of the file: of a damaged stretch nothing is taken for data, and reading goes on
-behind it.
+A dataflash message is A3 95, its type, and a payload whose length and columns an earlier FMT
+message reported; there is no checksum. So a message is believed only if it ends at the next A3 95,
+or at the end of the file: nothing in a damaged stretch counts as data, and reading goes on after
+it.
 
-pymavlink's ``DFFormat`` says what the format characters mean. Its index of the messages is not
-used: it writes a line to the terminal for every byte of a damaged stretch, believes a message
-whatever follows it, and gives up the whole log for one FMT it cannot read. Measured on a log of
-102 000 messages: 0.04 s for this index, 1.4 s for pymavlink to hand out the messages one by one.
+The meaning of the format characters comes from pymavlink. Its own index of the messages is not
+used: it prints a line for every byte of a damaged stretch, believes a message whatever follows it,
+and gives up the whole log for one FMT that it cannot read. Measured on a log of 102 000 messages:
+0.04 s for this index, 1.4 s for pymavlink to return the messages one by one.
 """
 
 import mmap
@@ -33,12 +33,12 @@ _FMT_STRUCT = struct.Struct("<BB4s16s64s")
 _TABLES = ("UNIT", "MULT", "FMTU")
 _TEXT = frozenset({"Name", "Message", "Label", "UnitIds", "MultIds"})
 _DEGREES = ("deg", "deg/s", "degheading")
-_IN_DEGREES = ("ATT", "RATE")  # in logs older than FMTU, which reports the units
+_IN_DEGREES = ("ATT", "RATE")  # in logs without FMTU, which reports the units in newer ones
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One FMT message: the name, the columns and what their characters imply as a factor."""
+    """One FMT message: the name, the columns, and the factors that their characters imply."""
 
     name: str
     dtype: np.dtype[Any]
@@ -46,10 +46,10 @@ class Format:
 
 
 class DataflashIndex:
-    """The messages of a log by name.
+    """The index of the messages of a log by name.
 
-    ``offsets`` holds the byte at which each message of the names ``wanted`` starts; ``messages``
-    counts those believed, of all names, and ``message_bytes`` their bytes.
+    ``offsets`` holds, by name, the bytes at which the ``wanted`` messages start; ``messages``
+    counts the messages believed, of all names, and ``message_bytes`` their bytes.
 
     Raises:
         SourceError: the file cannot be read, or holds no message.
@@ -70,7 +70,7 @@ class DataflashIndex:
         self._factors = self._reported_factors()
 
     def _walk(self) -> dict[str, Ints]:
-        """Step from message to message; return where those wanted start."""
+        """Step from message to message; return where the wanted ones start."""
         data, size = self.data, len(self.data)
         lengths, places = [0] * 256, [array("q") for _ in range(256)]
         lengths[_FMT] = _HEADER + _FMT_STRUCT.size
@@ -96,7 +96,7 @@ class DataflashIndex:
         return found
 
     def _define(self, body: bytes, lengths: list[int], keep: list[bool]) -> None:
-        """Take an FMT in; the first sound one of a type counts."""
+        """Take an FMT in; of each type the first sound one counts."""
         kind, length, name, characters, columns = _FMT_STRUCT.unpack(body)
         if kind == _FMT or kind in self._types:
             return
@@ -108,9 +108,10 @@ class DataflashIndex:
             keep[kind] = found.name in self._wanted
 
     def has(self, name: str, *columns: str) -> bool:
-        """Return whether there are messages of this name, and with these columns.
+        """Return whether there are messages of this name with these columns.
 
-        Text where a number should stand, or the other way round, is none: an FMT may be damaged.
+        A column with text instead of numbers, or the other way round, does not count: an FMT may be
+        damaged.
         """
         if len(self.offsets.get(name, ())) == 0:
             return False
@@ -121,7 +122,7 @@ class DataflashIndex:
         )
 
     def reported(self, name: str) -> PlacedFields:
-        """Return where all messages of a name start (n,), at least one, and their payloads (n,)."""
+        """Return where all messages of a name start (n,), n >= 1, and their payloads (n,)."""
         return self.offsets[name], self.rows(name, self.offsets[name])
 
     def rows(self, name: str, offsets: Ints) -> Array:
@@ -145,7 +146,7 @@ class DataflashIndex:
         return rows["TimeMS"].astype(np.int64) * 1000
 
     def keep_timed(self, names: Iterable[str]) -> None:
-        """Leave out the messages of these names whose time is damaged, or that have none."""
+        """Remove from the index the messages of these names whose time is damaged or missing."""
         for name in names:
             if self.has(name, "TimeUS") or self.has(name, "TimeMS"):
                 offsets = self.offsets[name]
@@ -154,9 +155,9 @@ class DataflashIndex:
                 self.offsets.pop(name, None)
 
     def _reported_factors(self) -> dict[str, dict[str, float]]:
-        """Return the factor to SI of every column, by MULT and UNIT where FMTU names them.
+        """Return every column's factor to SI, from MULT and UNIT where FMTU names them.
 
-        A multiplier applies to the raw number: it says again what a format character implies.
+        A multiplier applies to the raw number: it includes the factor of the format character.
         """
         units = self._table("UNIT", "Label")
         multipliers = self._table("MULT", "Mult")
@@ -178,7 +179,7 @@ class DataflashIndex:
         return factors
 
     def _table(self, name: str, column: str) -> dict[str, Any]:
-        """Return UNIT or MULT: its one-character id -> value."""
+        """Return UNIT or MULT as values by their ids, one character each."""
         if not self.has(name, "Id", column):
             return {}
         _, rows = self.reported(name)
@@ -194,7 +195,7 @@ def _mapped(path: Path) -> mmap.mmap:
 
 
 def _format(name: str, characters: str, columns: str) -> Format | None:
-    """Return what an FMT says, None where it is damaged."""
+    """Return the contents of an FMT, None where it is damaged."""
     names = columns.split(",")
     known = _characters()
     if not name or len(names) != len(characters) or len(set(names)) != len(names):
@@ -207,8 +208,8 @@ def _format(name: str, characters: str, columns: str) -> Format | None:
 
 @cache
 def _characters() -> dict[str, tuple[str, float]]:
-    """Return what each format character means: NumPy's type, and the factor it implies."""
-    from pymavlink.DFReader import FORMAT_TO_STRUCT  # takes 0.1 s: only who reads such a log pays
+    """Return the meaning of each format character: NumPy's type, and the factor it implies."""
+    from pymavlink.DFReader import FORMAT_TO_STRUCT  # this takes 0.1 s, only for such a log
 
     return {
         character: (f"S{code[:-1]}" if code.endswith("s") else f"<{code}", multiplier or 1.0)

@@ -1,6 +1,6 @@
-"""Reading a telemetry log: in chunks, hashed as it is read, refused in one line if it is none.
+"""The reader of telemetry logs: in chunks, with a hash; other files are refused in one line.
 
-A log without stamps (.rlog, .raw) is read as the tlog that ``bare_frames`` makes of it.
+A log without stamps (.rlog, .raw) is read as the tlog that ``bare_frames`` makes from it.
 """
 
 from collections.abc import Iterator
@@ -30,10 +30,10 @@ _OTHER_FORMATS = (
 
 
 class Digest(Protocol):
-    """A hash that can be continued, as those of hashlib."""
+    """A hash that can be continued, such as those of hashlib."""
 
     def update(self, data: bytes, /) -> None:
-        """Continue the hash by ``data``."""
+        """Continue the hash with ``data``."""
 
 
 class TlogReader:
@@ -53,18 +53,18 @@ class TlogReader:
 
     @property
     def link(self) -> LinkStats:
-        """Counts of all that has been decided so far."""
+        """The counts of all that has been decided so far."""
         return self._decoder.link
 
     def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they completed), continuing ``digest`` by the bytes."""
+        """Yield (bytes read, the messages they complete), and update ``digest`` with the bytes."""
         for chunk in read_tlog(self._path, digest=digest, form=self._form):
             yield len(chunk), self._decoder.feed(chunk)
         yield 0, self._decoder.finish()
 
 
 def check_readable(path: Path, form: Form = "auto") -> None:
-    """Read the head of a log and return if it is one.
+    """Read the head of a log; return if it is a telemetry log.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or its first MiB holds no intact
@@ -76,10 +76,10 @@ def check_readable(path: Path, form: Form = "auto") -> None:
 def read_tlog(
     path: Path, chunk: int = CHUNK, digest: Digest | None = None, form: Form = "auto"
 ) -> Iterator[bytes]:
-    """Yield a log as tlog bytes, made of at most ``chunk`` of the file each; hash the file's bytes.
+    """Yield a log as tlog bytes, ``chunk`` bytes of the file at a time; hash the file's bytes.
 
-    With ``auto`` a file is a tlog if it holds an intact record, else bare frames if it holds one
-    and is called .rlog or .raw.
+    With ``auto`` a file is a tlog if it holds an intact record; else it holds bare frames if its
+    suffix is .rlog or .raw and there is an intact frame.
 
     Raises:
         SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
@@ -141,7 +141,7 @@ def _has_record(head: bytes) -> bool:
 
 
 def _what_it_is(head: bytes) -> str:
-    """Say what a file is that is no telemetry log, and what to do."""
+    """Return what a file is that is no telemetry log, and what to do."""
     if not head:
         return "is empty: nothing was recorded"
     for magic, verdict in _OTHER_FORMATS:

@@ -1,15 +1,21 @@
 """PX4's on-board log (.ulg), read by pyulog, as the MAVLink messages that the channels read.
 
-actuator_outputs becomes SERVO_OUTPUT_RAW (its instance is the port), actuator_outputs_sim
-HIL_ACTUATOR_CONTROLS, actuator_controls_0 or in newer logs vehicle_torque_setpoint
-ACTUATOR_CONTROL_TARGET (of a VTOL the fixed-wing's), input_rc RC_CHANNELS, vehicle_status
-HEARTBEAT (``custom_mode`` as it would be sent), airspeed, ground speed and altitude VFR_HUD,
-vehicle_land_detected and vtol_vehicle_status EXTENDED_SYS_STATE. ATTITUDE has a row for each of
-vehicle_angular_velocity at its sampling time, with the angles of vehicle_attitude, linear between
-two of its rows; older logs have the rates in vehicle_attitude itself, or in sensor_combined.
+| topic | becomes |
+|---|---|
+| actuator_outputs | SERVO_OUTPUT_RAW; the instance is the port |
+| actuator_outputs_sim | HIL_ACTUATOR_CONTROLS |
+| actuator_controls_0, or vehicle_torque_setpoint | ACTUATOR_CONTROL_TARGET |
+| input_rc | RC_CHANNELS |
+| vehicle_status | HEARTBEAT, with ``custom_mode`` as PX4 would send it |
+| airspeed, ground speed, altitude | VFR_HUD |
+| vehicle_land_detected, vtol_vehicle_status | EXTENDED_SYS_STATE |
+| vehicle_angular_velocity, vehicle_attitude | ATTITUDE |
 
-A standard log has actuator_outputs at 10 Hz, vehicle_torque_setpoint at 50: ``--rudder control:2``
-reads the latter.
+ACTUATOR_CONTROL_TARGET of a VTOL is the fixed-wing's instance. ATTITUDE has a row for each row of
+vehicle_angular_velocity, at its sampling time, with the angles of vehicle_attitude interpolated
+between two of its rows; older logs have the rates in vehicle_attitude itself, or in
+sensor_combined. A standard log has actuator_outputs at 10 Hz and vehicle_torque_setpoint at 50 Hz:
+``--rudder control:2`` reads the latter.
 """
 
 import contextlib
@@ -55,7 +61,7 @@ from yawid.sources.logs.tlog import CHUNK, Digest
 
 _AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
 _TRUE = "true_airspeed_m_s"
-"""Converted by the air's density, and only where none of the others is known."""
+"""True airspeed is converted by the air's density; it is only used without any of the others."""
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
     *("vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_status"),
@@ -75,12 +81,12 @@ _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 
 
 class UlogReader:
-    """A ULog; the module says what is made of it.
+    """A ULog; the module's docstring lists the messages made from it.
 
-    Messages follow each other by the time they were published, parameters known at the start come
-    first. ``received_us`` is Unix time by the median of GPS time against boot time, the boot time
-    without GPS. The whole log is read at once, as pyulog does; of a torn or damaged one what pyulog
-    finds.
+    Messages come in the order of their times of publication; parameters known at the start come
+    first. ``received_us`` is Unix time by the median of GPS time minus boot time, or the boot time
+    without GPS. The whole log is read at once by pyulog; a torn or damaged log gives what pyulog
+    finds in it.
 
     Raises:
         SourceError: pyulog is missing, or can read nothing of the file.
@@ -98,7 +104,7 @@ class UlogReader:
 
     @property
     def link(self) -> LinkStats:
-        """Counts of the messages of the topics read; what pyulog passed over it does not count."""
+        """The counts of messages in the topics read; pyulog does not count what it passes over."""
         times = [topic["timestamp"] for topic in self._topics.values() if len(topic["timestamp"])]
         found = sum(len(t) for t in times)
         ends = [int(t.min()) for t in times] + [int(t.max()) for t in times]
@@ -111,12 +117,12 @@ class UlogReader:
 
     @property
     def vehicle_id(self) -> str | None:
-        """The autopilot's own number, where the log tells it."""
+        """The autopilot's unique number, None where the log does not have it."""
         own = self._log.msg_info_dict.get("sys_uuid")
         return f"uuid:{own}" if isinstance(own, str) and own else None
 
     def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes, messages) from the start, continuing ``digest`` by the file's bytes."""
+        """Yield (bytes, messages) from the start, and update ``digest`` with the file's bytes."""
         total = sum(len(block) for block in self._blocks)
         pieces = max(self._size // CHUNK + 1, 1)
         edges = [total * i // pieces for i in range(pieces + 1)]
@@ -146,9 +152,9 @@ class UlogReader:
             yield "RC_CHANNELS", _timed("RC_CHANNELS", stick, **columns)
 
     def _in_order(self, parts: Mapping[str, PlacedFields]) -> Iterator[MessageBlock]:
-        """Yield the blocks, each row's order its place among all rows by time.
+        """Yield the blocks; each row's ``order`` is its rank among all rows by time.
 
-        Of equal times the name that stands first comes first.
+        Rows of equal time come in the order of ``parts``.
         """
         times = np.concatenate([t for t, _ in parts.values()])
         place = np.empty(len(times), np.int64)
@@ -162,7 +168,7 @@ class UlogReader:
             yield message(name, order[rows], received, fields[rows], self._sysid)
 
     def _first(self, column: str, parameter: str) -> int:
-        """Return a small number as vehicle_status said first, or a parameter, 0 if neither did."""
+        """Return vehicle_status's first number in a column, else a parameter, 0 without either."""
         reported = [*self._status.get(column, ())[:1], self._log.initial_parameters.get(parameter)]
         sound = (int(n) for n in reported if isinstance(n, int | np.integer) and 0 <= n <= 255)
         return next(sound, 0)
@@ -173,7 +179,7 @@ class UlogReader:
         return kind or (FIXED_WING if (flies_as == _FIXED_WING).any() else 0)
 
     def _heartbeats(self) -> PlacedFields:
-        """Return a HEARTBEAT for what held at the start, then one for each vehicle_status."""
+        """Return a HEARTBEAT for the state at the start, then one for each vehicle_status."""
         status = self._status
         n = len(status["timestamp"])
         armed = status.get("arming_state", np.full(n, _ARMED_STATE)) == _ARMED_STATE
@@ -204,7 +210,7 @@ class UlogReader:
         return np.array([t for t, _, _ in reported], np.int64), fields
 
     def _hud(self) -> PlacedFields:
-        """Return a VFR_HUD wherever one of its columns is reported, the others held."""
+        """Return a VFR_HUD at each time at which a column of it is reported, the others held."""
         air, kind = self._airspeed()
         ground = self._over_ground()
         height = self._first_known(
@@ -215,7 +221,7 @@ class UlogReader:
         return places, fields
 
     def _airspeed(self) -> tuple[tuple[Ints, Floats], float]:
-        """Return the best airspeed that reports any number, and of which kind it is."""
+        """Return the best airspeed that has any number, and the kind of airspeed it is."""
         topics = "airspeed_validated", "airspeed"
         best_first = itertools.product(topics, _AIRSPEED), itertools.product(topics, (_TRUE,))
         for name, column in itertools.chain(*best_first):
@@ -229,7 +235,7 @@ class UlogReader:
         return _NOTHING, np.nan
 
     def _density_ratio(self, t_us: Ints) -> Floats:
-        """Return the air's density over that at sea level (n,) at these times, NaN if unknown."""
+        """Return the air's density over that at sea level (n,) at times in us, NaN if unknown."""
         air = self._topics.get(("vehicle_air_data", 0), {})
         nothing = np.full(len(t_us), np.nan)
         if not len(air.get("timestamp", ())):
@@ -242,7 +248,7 @@ class UlogReader:
         return density_ratio(height, rho)
 
     def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
-        """Return the first of these topics and columns that reports any number."""
+        """Return the first of these topics and columns that has any number."""
         for name, columns in wanted:
             topic = self._topics.get((name, 0), {})
             column = next((column for column in columns if column in topic), None)
@@ -251,7 +257,7 @@ class UlogReader:
         return _NOTHING
 
     def _over_ground(self) -> tuple[Ints, Floats]:
-        """Return the speed over ground in m/s where it is known: the estimator's, else GPS's."""
+        """Return the ground speed in m/s: that of PX4's position estimate, else that of GPS."""
         position = self._topics.get(("vehicle_local_position", 0), {})
         if {"vx", "vy"} <= position.keys():
             t_us = published(position)
@@ -303,7 +309,7 @@ class UlogReader:
                 return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
             topic = self._topics.get(("vehicle_torque_setpoint", own))
             if topic is not None:
-                # Roll, pitch and yaw stand where actuator_controls_0 had them.
+                # Roll, pitch and yaw have the same indices as in actuator_controls_0.
                 controls = np.full((len(topic["timestamp"]), 8), np.nan)
                 controls[:, :3] = array(topic, "xyz", 3)
                 return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
@@ -326,10 +332,10 @@ def _timed(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
 
 
 def parsed(path: Path, topics: Iterable[str]) -> Any:
-    """Return pyulog's ULog of these topics.
+    """Return pyulog's ULog with these topics.
 
     Raises:
-        SourceError: pyulog is missing, or can read none of them.
+        SourceError: pyulog is missing, or can read none of the topics.
     """
     try:
         from pyulog import ULog
@@ -339,7 +345,7 @@ def parsed(path: Path, topics: Iterable[str]) -> Any:
         ) from error
     said = io.StringIO()
     try:
-        # pyulog reports of damage by printing to stdout, where our results go.
+        # pyulog prints reports of damage to stdout, which is for our results.
         with path.open("rb") as file, contextlib.redirect_stdout(said):
             log = ULog(file, list(topics))
     except Exception as error:  # whatever pyulog raises at a damaged byte
@@ -350,7 +356,7 @@ def parsed(path: Path, topics: Iterable[str]) -> Any:
 
 
 def topics_of(log: Any) -> dict[tuple[str, int], UlogTopic]:
-    """Return the topics by name and instance, each column (n,) by its name."""
+    """Return the topics by name and instance; each has columns (n,) by name."""
     found: dict[tuple[str, int], UlogTopic] = {}
     for topic in log.data_list:
         if "timestamp" not in topic.data:
@@ -362,12 +368,15 @@ def topics_of(log: Any) -> dict[tuple[str, int], UlogTopic]:
 
 
 def published(topic: UlogTopic) -> Ints:
-    """Return when the rows (n,) were published, in microseconds since boot."""
+    """Return the times (n,) at which the rows were published, in us since boot."""
     return topic["timestamp"].astype(np.int64)
 
 
 def sampled(topic: UlogTopic) -> Ints:
-    """Return when the values (n,) were sampled, or where that is not reported published."""
+    """Return the times (n,) at which the values were sampled, in us since boot.
+
+    Where these are not reported, they are the times of publication.
+    """
     t_us = published(topic)
     sampled = topic.get("timestamp_sample", np.zeros(len(t_us))).astype(np.int64)
     return np.where((sampled > 0) & (np.abs(t_us - sampled) < _OLDEST_SAMPLE_US), sampled, t_us)
@@ -384,7 +393,10 @@ def array(topic: UlogTopic, name: str, size: int) -> Floats:
 
 
 def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
-    """Return an EXTENDED_SYS_STATE wherever one of its columns is reported, the others one held."""
+    """Return an EXTENDED_SYS_STATE at each time at which one of its columns is reported.
+
+    The other column keeps its last value.
+    """
     land = topics.get(("vehicle_land_detected", 0), {})
     landed = _NOTHING
     if "landed" in land:
@@ -393,7 +405,7 @@ def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
 
 
 def _vtol(topics: Mapping[tuple[str, int], UlogTopic]) -> tuple[Ints, Floats]:
-    """Return the state of a VTOL as its own status says it, else as the vehicle's type then."""
+    """Return the state of a VTOL by vtol_vehicle_status, else by the vehicle type at the time."""
     own = topics.get(("vtol_vehicle_status", 0), {})
     if "vehicle_vtol_state" in own:
         return published(own), own["vehicle_vtol_state"].astype(float)

@@ -1,1 +1,1 @@
-"""The wire format, for files and links alike."""
+"""MAVLink's wire format, for files and links alike."""

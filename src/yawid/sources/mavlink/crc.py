@@ -1,9 +1,9 @@
-"""CRC-16/MCRF4XX of many frames at once, eight bytes a step.
+"""CRC-16/MCRF4XX of many frames at once, eight bytes in a step.
 
-The generator ``P = x^16 + x^12 + x^5 + 1`` is sparse and squaring over GF(2) spreads its exponents:
-``P^4 = x^64 + x^48 + x^20 + 1``. A message is therefore reduced modulo P^4 in words of 64 bits by a
-few shifts, then modulo P^2 and P. The first byte of a word holds its highest powers, lowest bit
-first: a shift to the left is a division by x.
+The generator ``P = x^16 + x^12 + x^5 + 1`` is sparse, and squaring over GF(2) doubles its
+exponents: ``P^4 = x^64 + x^48 + x^20 + 1``. A message is therefore reduced modulo P^4 in words of
+64 bits by a few shifts, then modulo P^2 and P. The first byte of a word has its highest powers,
+lowest bit first: a shift to the left is a division by x.
 
 Measured on a megabyte of a flight (23 421 frames): 40 ns a frame, fastcrc called for each 157 ns.
 """
@@ -50,7 +50,7 @@ def crc_of_frames(data: Bytes, first: Ints, end: Ints, extra: Bytes) -> NDArray[
 
 
 def _crc_of_one(message: bytes) -> int:
-    """Return the CRC of one message: that of ``crc_hqx``, which takes the highest bit first."""
+    """Return the CRC of one message, by ``crc_hqx``, which takes the highest bit first."""
     crc = crc_hqx(message.translate(REVERSED), START)
     return REVERSED[crc >> 8] | REVERSED[crc & 0xFF] << 8
 
@@ -58,8 +58,8 @@ def _crc_of_one(message: bytes) -> int:
 def _columns(data: Bytes, end: Ints, rows_of_step: list[int]) -> NDArray[np.uint64]:
     """Return the words of each message (words, n), rows sorted by falling number of words.
 
-    All messages end together: ``rows_of_step`` (words,) says how many have begun in each step. What
-    lies before a message is not set.
+    All messages end in the same step; ``rows_of_step`` (words,) says how many have begun in each
+    step. Words before a message begins are not set.
     """
     most = len(rows_of_step)
     columns = np.empty((most, len(end)), np.uint64)
@@ -79,8 +79,8 @@ def _modulo_p4(
 ) -> NDArray[np.uint64]:
     """Return the messages modulo P^4 (n,), working in ``columns``.
 
-    The first word of each message loses the ``unused`` bits that lie before it and takes up the
-    start value, which may spill into the second word.
+    The first word of each message loses the ``unused`` bits before the message, and the start value
+    is added to it, part of which may belong to the second word.
     """
     keep = ~np.uint64(0) << unused
     start = np.uint64(START) << unused
@@ -98,7 +98,10 @@ def _modulo_p4(
 
 
 def _modulo_p(remainder: NDArray[np.uint64]) -> NDArray[np.uint16]:
-    """Reduce modulo P^4 to modulo P: each half step is ``high * x^(width / 2) + low``."""
+    """Return the remainders modulo P (n,) from those modulo P^4.
+
+    Each step halves the width: ``high * x^(width / 2) + low``.
+    """
     half = _advance(remainder.astype(np.uint32)) ^ (remainder >> np.uint64(32)).astype(np.uint32)
     quarter = _advance(half.astype(np.uint16)) ^ (half >> np.uint32(16)).astype(np.uint16)
     return np.asarray(quarter, np.uint16)
@@ -123,7 +126,7 @@ def _advance(v: Words) -> Words:
 
 
 def _append(crc: Words, byte: Bytes) -> NDArray[np.uint16]:
-    """Continue the CRC by one byte each."""
+    """Return the CRCs (n,) continued by one byte each."""
     x = (crc ^ byte) & np.uint16(0xFF)
     x ^= (x << np.uint16(4)) & np.uint16(0xFF)
     shifted = (x << np.uint16(8)) ^ (x << np.uint16(3)) ^ (x >> np.uint16(4))

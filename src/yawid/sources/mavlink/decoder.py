@@ -1,4 +1,4 @@
-"""The decoder: bytes of a tlog in, messages as columns and a count of everything out."""
+"""The decoder: bytes of a tlog in; messages as columns, and counts of everything, out."""
 
 from collections.abc import Iterable
 from functools import cache
@@ -16,22 +16,22 @@ from yawid.sources.mavlink.sequence import Records
 from yawid.sources.mavlink.signing import Signing
 from yawid.sources.mavlink.tally import Tally
 
-_SLICE = 1 << 20  # bytes worked on at once: what is hostile takes thirty times as much
+_SLICE = 1 << 20  # bytes decoded at once: hostile ones need thirty times as much memory
 FEW = 1 << 13
-"""Bytes, some two hundred frames: as few as this are tried frame by frame first."""
+"""The most bytes (some two hundred frames) that are first tried frame by frame."""
 _SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
 _NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
 
 
 class Decoder:
-    """Turns the bytes of a tlog, cut anywhere, into messages; no cut changes what comes out.
+    """The decoder of a tlog's bytes into messages; where the bytes are cut changes nothing.
 
     A record is an 8-byte big-endian stamp in microseconds and a MAVLink 1 or 2 frame. Every record
-    whose stamp and frame are intact is found, whatever stands around it, and none is invented: see
-    ``resync`` for the rules. What cannot be seen: a damaged stamp that stays within 3
-    days of its neighbours, and damage that meets the 16 bits of CRC by chance. The first record of
-    all comes out with the second, which confirms its stamp. With ``signing`` only frames it accepts
-    come out; of frames that two links carried, the first.
+    whose stamp and frame are intact is found, whatever is around it, and none is invented: see
+    ``resync`` for the rules. Two kinds of damage cannot be seen: a stamp that is still within 3
+    days of its neighbours, and a frame whose damage happens to match the 16 bits of CRC. The first
+    record of all is returned with the second, which confirms its stamp. With ``signing`` only the
+    frames that it accepts are returned; of a frame that came over two links, the first.
 
     Raises:
         ConfigError: a name in ``wanted`` is no message of the dialect.
@@ -53,7 +53,7 @@ class Decoder:
 
     @property
     def link(self) -> LinkStats:
-        """Counts of all that has been decided so far."""
+        """The counts of all that has been decided so far."""
         decided = self._decided - len(self._held)
         chain = self._chain
         return self._tally.stats(decided, chain.passed_bytes, chain.bad_crc, chain.unknown)
@@ -71,7 +71,7 @@ class Decoder:
         return _merge([self._decode(piece, final=False) for piece in slices])
 
     def _plain_records(self, data: bytes) -> list[PlainRecord] | None:
-        """Count the records of which ``data`` is made up and return them; None if it is not."""
+        """Count and return the records if ``data`` is nothing but plain records, else None."""
         last_us = self._filter.last_us
         if self._tail or self._held or last_us is None or not self._chain.is_in_step:
             return None
@@ -82,7 +82,7 @@ class Decoder:
         return records
 
     def finish(self) -> FrameBlock | None:
-        """Return what the end of the stream still holds; nothing may be fed after it."""
+        """Return the messages decided by the end of the stream; nothing may be fed after it."""
         return self._decode(memoryview(b""), final=True)
 
     def _decode(self, data: memoryview, *, final: bool) -> FrameBlock | None:
@@ -107,7 +107,7 @@ class Decoder:
     def _believe(
         self, joined: bytes, buffer: Bytes, records: Frames, order: Ints, *, final: bool
     ) -> FrameBlock | None:
-        """Count the records whose stamps fit and return them; hold back those that are pending."""
+        """Count and return the records whose stamps fit; keep back those that are pending."""
         stamps = stamps_of(buffer, records.begin)
         rows, pending = self._filter.sort(stamps, len(self._held_order))
         is_alone = len(pending) == 1 and self._filter.last_us is None
@@ -161,15 +161,19 @@ def _records(buffer: Bytes, frames: Frames, stamps: Ints) -> Records:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Free a large block once: from then on glibc keeps what NumPy frees, not unmaps it.
+    """Free a large block once: from then on glibc keeps memory that NumPy frees, for the next use.
 
-    For logs, a megabyte at a time; a session that listens for days does better without.
+    This is for logs, which are read a megabyte at a time; a session that listens for days does
+    better without it.
     """
     np.empty(1 << 24, np.uint8)
 
 
 def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> Array:
-    """Return the payloads (n,) of one message; bytes that were not sent are zero."""
+    """Return the payloads (n,) of one message; bytes that were not sent are zero.
+
+    ``at`` (n,) and ``length`` (n,) are the positions and the sizes as sent.
+    """
     size = dtype.itemsize
     row_at = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))
     rows = row_at[at]

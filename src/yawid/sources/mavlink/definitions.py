@@ -1,4 +1,4 @@
-"""What pymavlink knows of each message, as tables that NumPy can look up."""
+"""pymavlink's definitions of the messages, as tables for NumPy."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from yawid.errors import ConfigError
 
 HEARTBEAT = 0
 UNKNOWN = -1
-_IDS = 1 << 16  # MAVLink 2 allows 2^24, of which no dialect uses more
+_IDS = 1 << 16  # MAVLink 2 allows 2^24 ids, but no dialect uses more than these
 
 _SCALARS = {
     "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4",
@@ -23,11 +23,11 @@ _SCALARS = {
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """The dialect's messages, a row each.
+    """The dialect's messages, one row each.
 
-    ``row_of`` (65536,) is the row of a message id or ``UNKNOWN`` and ``names`` the row by name. By
-    row are ``crc_extra`` (n,), the payload's full ``size`` (n,) in bytes and ``fits_v1`` (n, 256),
-    the payload lengths a MAVLink 1 frame may have.
+    ``row_of`` (65536,) is the row of a message id or ``UNKNOWN``, ``names`` the row of a name. By
+    row there are ``crc_extra`` (n,), the payload's full ``size`` (n,) in bytes, and ``fits_v1``
+    (n, 256), whether a payload of MAVLink 1 may have so many bytes.
     """
 
     row_of: NDArray[np.int16]
@@ -92,8 +92,8 @@ def _wire_fields(cls: Any) -> Iterator[tuple[str, str, int]]:
 def _lengths_v1(cls: Any) -> Iterator[int]:
     """Yield the payload lengths of MAVLink 1: without extensions, or with some of them.
 
-    The class does not say where the extensions begin, but CRC_EXTRA is the check sum of the base
-    fields alone: it is met at the first field where they may end.
+    The class does not say where the extensions begin, but CRC_EXTRA is the checksum of the base
+    fields alone: the first field at which the checksum matches may be the last of them.
     """
     from pymavlink.generator.mavcrc import x25crc
 

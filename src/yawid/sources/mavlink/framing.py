@@ -1,4 +1,4 @@
-"""Find intact MAVLink frames in raw bytes: by magic, header and CRC, wherever they stand."""
+"""The search for intact MAVLink frames in raw bytes: by magic, header and CRC, at any position."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,7 +15,7 @@ MAGIC_V2 = 0xFD
 STAMP_SIZE = 8
 MAX_FRAME = 280  # MAVLink 2: header 10, payload 255, CRC 2, signature 13
 LONGEST_HEADER = 10
-SLACK = MAX_FRAME + 16  # bytes behind the last valid one: no look-ahead leaves the array
+SLACK = MAX_FRAME + 16  # bytes after the last valid one, so that no look-ahead leaves the array
 SIGNED = 1
 SIGNATURE_SIZE = 13
 CRC_SIZE = 2
@@ -23,10 +23,11 @@ CRC_SIZE = 2
 
 @dataclass(frozen=True, slots=True)
 class Frames(Columns):
-    """Frames in an array of bytes, a row each, by rising position.
+    """Frames in an array of bytes, one row each, by rising position.
 
     ``begin`` (n,) is the position of the magic, ``end`` one past the last byte, ``payload`` and
-    ``length`` where the payload lies, ``row`` the message's row in :class:`Definitions`.
+    ``length`` the position and size of the payload, ``row`` the message's row in
+    :class:`Definitions`.
     """
 
     begin: Ints
@@ -37,10 +38,10 @@ class Frames(Columns):
 
 
 class Header(NamedTuple):
-    """What one header says.
+    """The contents of one header.
 
-    The ``size`` in bytes of the whole frame, the ``row`` of its message or ``UNKNOWN``, whether
-    that message ``may_be`` so long, and the ``sender`` (256 * sysid + compid).
+    These are the ``size`` in bytes of the whole frame, the ``row`` of its message or ``UNKNOWN``,
+    whether that message ``may_be`` so long, and the ``sender`` (256 * sysid + compid).
     """
 
     size: int
@@ -75,11 +76,11 @@ def read_header(data: bytes, begin: int, known: Definitions) -> Header | None:
 
 
 def find_frames(data: Bytes, start: int, stop: int, known: Definitions) -> tuple[Frames, int]:
-    """Return the intact frames in ``data[start:stop]`` and where more may yet be found.
+    """Return the intact frames in ``data[start:stop]``, and from where on there may be more.
 
-    That position is where the first frame begins that could be intact once bytes after ``stop`` are
-    known (``stop`` itself if there is none): frames that begin before it can no longer change.
-    ``data`` (m,) has ``SLACK`` bytes after ``stop`` and ``start`` is at least ``STAMP_SIZE``.
+    That position is the beginning of the first frame that may be intact once the bytes after
+    ``stop`` are known, or ``stop`` if there is none: frames that begin before it no longer change.
+    ``data`` (m,) has ``SLACK`` bytes after ``stop``, and ``start`` is at least ``STAMP_SIZE``.
     """
     window = data[start:stop]
     at = np.flatnonzero((window == MAGIC_V1) | (window == MAGIC_V2)) + start
@@ -118,7 +119,7 @@ def _parse_v2(data: Bytes, at: Ints, known: Definitions) -> Frames:
 
 
 def _finished(frames: Frames, stop: int) -> tuple[Frames, int]:
-    """Return the frames that end by ``stop`` and where the first of the others begins."""
+    """Return the frames that end by ``stop``, and the position of the first of the others."""
     unfinished = np.flatnonzero(frames.end > stop)
     if not len(unfinished):
         return frames, stop

@@ -1,18 +1,19 @@
-"""Decide which intact frames are records of the stream, and which only look like one.
+"""Resynchronisation: which intact frames are records of the stream, and which only look like one.
 
-The stream is walked from front to back; what is decided depends on the bytes alone, never on how
-they were cut. A position is *in step* when the record before it has just ended there.
+The stream is walked from front to back; decisions depend on the bytes alone, never on where they
+were cut. A position is *in step* if a record ends exactly there.
 
-1. In step, an intact frame behind its stamp is a record.
-2. In step, a frame that is not intact (wrong CRC, unknown id) is passed over whole if a record
-   header follows whose stamp agrees with its own, so that nothing inside its payload is believed;
-   at the end of the stream the stamp before it must agree. It is the length that was damaged, and
-   3 applies, if an intact frame ends at that very place or lies inside what cannot be so long.
-3. Otherwise the next intact frame is looked for byte by byte.
+1. In step, an intact frame after a stamp is a record.
+2. In step, a frame that is not intact (wrong CRC, unknown id) is passed over as a whole if a record
+   header follows it whose stamp agrees with its own, so that nothing inside its payload is
+   believed; at the end of the stream, the stamp before it must agree. But if an intact frame ends
+   at the same place, or is inside a frame that cannot be so long, the length was damaged and rule 3
+   applies.
+3. Otherwise the next intact frame is searched for byte by byte.
 
-A frame inside an intact one is never looked at. A frame whose stamp would reach into the frame
-before has none: it hides what is inside it and is no record. And a record is believed only if its
-stamp fits: within 3 days of its neighbours (:class:`StampFilter`).
+A frame inside an intact one is never considered. A frame whose stamp would overlap the frame before
+it has no stamp: it hides what is inside it and is no record. A record is believed only if its stamp
+fits: within 3 days of its neighbours (:class:`StampFilter`).
 """
 
 from bisect import bisect_left, bisect_right
@@ -42,9 +43,9 @@ _MOST_PENDING = 8
 
 
 class Stretch:
-    """Bytes not yet decided, ``data[start:stop]``, and the intact ``frames`` in them.
+    """The bytes not decided yet, ``data[start:stop]``, and the intact ``frames`` in them.
 
-    ``open_from`` is that of :func:`find_frames`. With ``final`` no more bytes will come and
+    ``open_from`` is that of :func:`find_frames`. With ``final`` no more bytes will come, and
     everything is to be decided.
     """
 
@@ -72,17 +73,17 @@ class Stretch:
         return row < len(self.begin) and self.begin[row] < self.searched + STAMP_SIZE
 
     def run_end(self, row: int) -> int:
-        """Return the row after the last of the records that follow one another from ``row`` on."""
+        """Return the row after the last of those records that follow ``row`` without a gap."""
         return self.run_ends[bisect_right(self.run_ends, row)]
 
     def stamp(self, at: int) -> int:
-        """Return the stamp that stands at a position, ``NO_STAMP`` if out of range."""
+        """Return the stamp at a position, ``NO_STAMP`` if it is out of range."""
         stamp = int.from_bytes(self.data[at : at + STAMP_SIZE], "big")
         return stamp if stamp <= LATEST_US else NO_STAMP
 
 
 def stamps_agree(a: int, b: int) -> bool:
-    """Return whether two stamps may stand side by side: both in range and within 3 days."""
+    """Return whether two stamps may be neighbours: both in range and within 3 days."""
     return NO_STAMP not in (a, b) and abs(a - b) <= STAMP_TOLERANCE_US
 
 
@@ -97,11 +98,10 @@ def stamps_of(data: Bytes, begin: Ints) -> Ints:
 class Chain:
     """The walk along one stream.
 
-    ``bad_crc`` and ``unknown`` count the records passed over whole, by the sender that their header
-    names (256 * sysid + compid), ``passed_bytes`` is their size, and ``unstamped`` counts the
-    intact frames that have no stamp. ``is_in_step`` says whether a record has just ended where the
-    next byte stands, ``last_us`` is its stamp; whoever reads records in step by other means sets
-    it.
+    ``bad_crc`` and ``unknown`` count the records passed over as a whole, by the sender in their
+    headers (256 * sysid + compid); ``passed_bytes`` is their size. ``unstamped`` counts the intact
+    frames that have no stamp. ``is_in_step`` says whether a record ends right before the next byte;
+    ``last_us`` is its stamp, which another reader of records in step also sets.
     """
 
     def __init__(self, known: Definitions) -> None:
@@ -114,7 +114,7 @@ class Chain:
         self.last_us = NO_STAMP
 
     def walk(self, stretch: Stretch) -> tuple[Ints | slice, int]:
-        """Return the rows (m,) of the frames that are records, and where undecided bytes begin."""
+        """Return the rows (m,) of the frames that are records, and where open bytes begin."""
         begin, end = stretch.begin, stretch.end
         runs: list[tuple[int, int]] = []
         at = stretch.start
@@ -146,7 +146,7 @@ class Chain:
     def _pass_over(self, stretch: Stretch, at: int) -> int | None:
         """Return where the damaged or unknown record at ``at`` ends.
 
-        None if there is no such record, ``_NOT_YET`` if the bytes that decide have not come.
+        None if there is no such record, ``_NOT_YET`` if the bytes that decide it have not come.
         """
         begin = at + STAMP_SIZE
         undecided = None if stretch.final else _NOT_YET
@@ -183,13 +183,13 @@ def _rows(runs: list[tuple[int, int]], count: int) -> Ints | slice:
 
 
 class StampFilter:
-    """Sorts records by whether their stamps belong to the stream.
+    """The decision which records have stamps that belong to the stream.
 
-    A stamp belongs if it agrees with that of the last record believed. One that does not stays
-    pending: a later record that agrees with it makes both believed (the clock was set), a later one
-    that agrees with the last record believed drops it (the stamp was damaged). Nothing is lost if
-    the very first stamp is the damaged one. ``last_us`` is the stamp of the last record believed,
-    None before the first; whoever reads records that fit by other means sets it.
+    A stamp belongs if it agrees with that of the last record believed. A record whose stamp does
+    not stays pending. If a later record agrees with it, both are believed (the clock was set); if a
+    later one agrees with the last record believed, it is dropped (the stamp was damaged). Nothing
+    is lost if the very first stamp is the damaged one. ``last_us`` is the stamp of the last record
+    believed, None before the first; another reader of records that fit also sets it.
     """
 
     def __init__(self) -> None:
@@ -199,7 +199,7 @@ class StampFilter:
         """Return the rows to believe and the rows that stay pending, both rising.
 
         ``stamps`` (n,) are those of the records in the order received; the first ``pending`` of
-        them are what the call before left pending.
+        them were left pending by the last call.
         """
         fresh = stamps[pending:]
         near = np.abs(np.diff(fresh)) <= STAMP_TOLERANCE_US

@@ -1,4 +1,4 @@
-"""One sender of a link: its frames, what is missing among them, and what came twice."""
+"""One sender of a link: how many of its frames came, were lost, or came twice."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from yawid.sources.mavlink.framing import Frames
 
 _CYCLE = 256
 _LONGEST = 128  # a larger step of the sequence is a restart, not a loss
-_LATE = 32  # a step back by this much is a frame that came late, by more a restart
+_LATE = 32  # a step back by up to this much is a frame that came late, by more a restart
 _TWICE_WITHIN_US = 2_000_000
 _WORD = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Records(Columns):
-    """Records in an array of bytes, a row each: their frames, stamps and what the headers say.
+    """Records in an array of bytes, one row each: frames, stamps and the contents of the headers.
 
     ``sender`` (n,) is 256 * sysid + compid.
     """
@@ -30,12 +30,12 @@ class Records(Columns):
 
 
 class SenderCount:
-    """Counts the frames of one sender as they are received.
+    """The counts of the frames of one sender, as they are received.
 
-    Where two links carry the same vehicle each frame comes twice. A frame is a duplicate if the
-    last one of its sequence number was the same to the byte, not a whole turn of the sequence away
-    and within 2 s. Whichever link is first counts: MAVProxy writes the link's number into the two
-    low bits of the stamp, which are left as they are (a stamp may be 3 us off).
+    If two links carry the same vehicle, each frame comes twice. A frame is a duplicate if the last
+    one of its sequence number was the same to the byte, not a whole turn of the sequence away, and
+    within 2 s. The frame that came first counts. MAVProxy writes the link's number into the two low
+    bits of the stamp; they are left as they are, so that a stamp may be 3 us off.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class SenderCount:
         self._recent: list[tuple[int, int, bytes] | None] = [None] * _CYCLE
 
     def add(self, data: bytes, own: Records) -> Bools | None:
-        """Count the frames, n >= 1; return which are no duplicates (n,), None if all."""
+        """Count the frames, n >= 1; return which are no duplicates (n,), None if all are new."""
         steps = _steps(own.sequence, self._last)
         place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
         goes_on = bool(place[0] > self._highest and (steps[1:].view(np.int8) > 0).all())
@@ -67,7 +67,7 @@ class SenderCount:
         return None if is_new is None or is_new.all() else is_new
 
     def goes_on(self, sequence: list[int]) -> bool:
-        """Whether frames of these numbers are each later than all before them."""
+        """Return whether frames with these numbers are each later than all before them."""
         last, place = self._last, self._place
         if last is None:
             return False
@@ -80,7 +80,7 @@ class SenderCount:
         return True
 
     def add_plain(self, sequence: list[int], stamps: list[int], frames: list[bytes]) -> None:
-        """Count frames that go on, as :meth:`add` does."""
+        """Count frames for which :meth:`goes_on` holds, like :meth:`add`."""
         assert self._last is not None
         for number, stamp, frame in zip(sequence, stamps, frames, strict=True):
             missing = -1 if self._last_kept is None else (number - self._last_kept) % _CYCLE - 1
@@ -93,10 +93,10 @@ class SenderCount:
         self.frames += len(sequence)
 
     def _count_lost(self, sequence: Bytes, is_taken: Bools | None) -> None:
-        """Add up what the steps leave out.
+        """Count the frames that the steps of the sequence leave out.
 
-        A frame that comes late was counted as missing before. One whose place ``is_taken`` already
-        is not late: the sender has begun again.
+        A frame that comes late was counted as missing before. A frame whose place ``is_taken``
+        already is not late: the sender has started again.
         """
         if not len(sequence):
             return
@@ -108,7 +108,7 @@ class SenderCount:
         self._last_kept = int(sequence[-1])
 
     def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Bools, Bools]:
-        """Return which frames have the place of one before them, and which are the same."""
+        """Return which frames (n,) have the place of an earlier one, and which equal that one."""
         by_number = np.argsort(own.sequence, kind="stable")
         follows = np.diff(own.sequence[by_number]) == 0
         earlier, later = by_number[:-1][follows], by_number[1:][follows]
@@ -138,13 +138,13 @@ class SenderCount:
         for number, at, stamp, first, stop in zip(numbers, *when, begin, end, strict=True):
             self._recent[number] = at, stamp, data[first:stop]
         self._last, self._place = int(own.sequence[-1]), int(place[-1])
-        # Only of the frames kept: after a restart, places lower than before must not stay suspect.
+        # Only frames kept count: after a restart, lower places must not be suspect for good.
         kept = (entry[0] for entry in self._recent if entry is not None)
         self._highest = self._place if goes_on else max(kept)
 
 
 def _steps(sequence: Bytes, before: int | None) -> Bytes:
-    """Return the steps of the sequence modulo 256; the first frame of all is one further."""
+    """Return the steps of the sequence modulo 256 (n,); that of the very first frame is 1."""
     steps = np.empty(len(sequence), np.uint8)
     steps[0] = 1 if before is None else (int(sequence[0]) - before) % _CYCLE
     np.subtract(sequence[1:], sequence[:-1], out=steps[1:])

@@ -1,6 +1,6 @@
-"""MAVLink 2 signing: which frames the holder of the key has sent, and each only once.
+"""MAVLink 2 signing: accepts frames from the holder of the key, and each of them only once.
 
-A signature stands behind the CRC: link id (1 byte), time stamp (6, little-endian, in 10 us since
+A signature follows the CRC: link id (1 byte), time stamp (6 bytes, little-endian, in 10 us since
 2015) and the first 6 bytes of sha256(key, frame, link id, time stamp).
 """
 
@@ -27,10 +27,10 @@ _HEX = re.compile(rb"[0-9a-fA-F]{64}")
 
 
 class SigningKey:
-    """A key that signs and never shows itself: only a hash that has taken it in is kept.
+    """A key for signatures; the key itself is not kept, only the state of a hash after it.
 
     Raises:
-        ConfigError: the key has not 32 bytes.
+        ConfigError: the key does not have 32 bytes.
     """
 
     __slots__ = ("_begun",)
@@ -42,9 +42,10 @@ class SigningKey:
 
     @staticmethod
     def from_file(path: Path) -> "SigningKey":
-        """Read a key: 32 bytes as they are, 64 hex digits, or one line whose sha256 is the key.
+        """Return the key in a file: 32 raw bytes, 64 hex digits, or one line of text (passphrase).
 
-        A passphrase counts without its line end, in UTF-8, as MAVProxy and Mission Planner hash it.
+        The key is then the sha256 of the line without its end, in UTF-8, as in MAVProxy and Mission
+        Planner.
 
         Raises:
             ConfigError: the file cannot be read or holds none of the three.
@@ -58,9 +59,9 @@ class SigningKey:
 
     @property
     def mark(self) -> str:
-        """Return hex digits by which keys are told apart.
+        """The hex digits that distinguish keys in data sets.
 
-        They stand in data sets; guessing passphrases by them costs scrypt's time and memory each.
+        To guess a passphrase from them costs scrypt's time and memory for each try.
         """
         return _mark(self._begun.digest())
 
@@ -69,12 +70,12 @@ class SigningKey:
         return hmac.compare_digest(self._signature_of(signed), signature)
 
     def has_signed(self, frame: bytes) -> bool:
-        """Return whether a whole frame bears this key's signature, of whatever time."""
+        """Return whether a whole frame has this key's signature, of any time."""
         is_signed = frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
         return is_signed and self.signs(frame[:-_HASH_SIZE], frame[-_HASH_SIZE:])
 
     def sign(self, frame: bytes) -> bytes:
-        """Return a frame laid out as signed ones are, its last bytes being the signature now."""
+        """Return the frame, which has room for a signature at its end, with that signature."""
         return frame[:-_HASH_SIZE] + self._signature_of(frame[:-_HASH_SIZE])
 
     def _signature_of(self, signed: bytes) -> bytes:
@@ -91,12 +92,12 @@ def _mark(digest: bytes) -> str:
 class Signing:
     """The check of one stream, in the order received.
 
-    A frame is accepted if its signature is right and its time stamp newer than the last accepted
-    one of its (link id, sysid, compid); the first of such a stream may lie up to a minute behind
-    the newest of all. Nothing is compared with the time now: a recording checks as it did when it
-    was made, and a live session as its replay will. Frames without a signature are rejected
-    whoever sends them, and so are RADIO_STATUS frames, which radios put into the link unsigned, and
-    all of MAVLink 1.
+    A frame is accepted if its signature is right and its time stamp is newer than the last accepted
+    one of its (link id, sysid, compid). The first time stamp of those may be up to a minute older
+    than the newest of all. Nothing is compared with the present time, so that a recording gives the
+    same result at any time, and a live session the same as its replay. Frames without a signature
+    are rejected from any sender: also RADIO_STATUS frames, which radios put into the link unsigned,
+    and all of MAVLink 1.
     """
 
     def __init__(self, key: SigningKey) -> None:
@@ -116,7 +117,7 @@ class Signing:
 
     def _check_one(self, data: bytes, begin: int, end: int, sysid: int, compid: int) -> Check:
         hash_at = end - _HASH_SIZE
-        # First the signature: a forged frame must not move the time stamps.
+        # The signature is checked first: a forged frame must not move the time stamps.
         if not self._key.signs(data[begin:hash_at], data[hash_at:end]):
             return Check.WRONG
         stream = data[end - SIGNATURE_SIZE], sysid, compid
@@ -129,7 +130,7 @@ class Signing:
 
 
 def _key_in(content: bytes, path: Path) -> bytes:
-    """Return the key that a file's content means; errors never quote it."""
+    """Return the key from a file's content; errors never quote it."""
     if len(content) == KEY_SIZE:
         return content
     if _HEX.fullmatch(content.strip()):
@@ -140,7 +141,7 @@ def _key_in(content: bytes, path: Path) -> bytes:
     try:
         line.decode("utf-8")
     except UnicodeDecodeError:
-        # Not chained: the original error carries the bytes.
+        # The original error is not chained, because it contains the bytes.
         raise _no_key(path) from None
     return hashlib.sha256(line).digest()
 

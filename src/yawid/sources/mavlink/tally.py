@@ -1,4 +1,4 @@
-"""What a link carried, counted per sender."""
+"""The counts of what a link carried, by sender."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -20,7 +20,7 @@ _TYPE_OFFSET = 4  # of HEARTBEAT.type in the payload
 
 
 class Tally:
-    """Counts records as they are believed, and says which of them are to be used."""
+    """The counts of records that were decided on, and the choice of those to be used."""
 
     def __init__(self, known: Definitions, signing: Signing | None) -> None:
         self.record_bytes = 0
@@ -34,9 +34,9 @@ class Tally:
         self._rejected: dict[Check, int] = dict.fromkeys(_REFUSALS, 0)
 
     def add(self, data: bytes, buffer: Bytes, records: Records) -> Ints | None:
-        """Count the records; return the rows (m,) that are accepted and no duplicates, None if all.
+        """Count the records; return the rows (m,) to use, None for all of them.
 
-        ``buffer`` (b,) is ``data`` as an array.
+        Those are accepted and no duplicates. ``buffer`` (b,) is ``data`` as an array.
         """
         self._count_bytes(records)
         rows = None if self._signing is None else self._accepted(data, records, self._signing)
@@ -48,7 +48,7 @@ class Tally:
         return new if rows is None else rows[new]
 
     def add_plain(self, data: bytes, records: Sequence[PlainRecord]) -> bool:
-        """Count records none of which came late, twice, or from somebody new; else count nothing.
+        """Count the records if none came late, twice or from a new sender, else count nothing.
 
         Return whether they were counted; then all of them are to be used.
         """
@@ -125,10 +125,10 @@ class Tally:
         bad_crc: Mapping[int, int],
         unknown: Mapping[int, int],
     ) -> LinkStats:
-        """Return the counts; ``passed_bytes`` of the ``decided_bytes`` were passed over whole.
+        """Return the counts; of ``decided_bytes``, ``passed_bytes`` belong to records passed over.
 
-        Those are ``bad_crc`` and ``unknown`` records, by the sender their headers name; that of
-        noise is nobody's and counts in the sums only.
+        ``bad_crc`` and ``unknown`` count those records by the sender in their headers. A sender
+        that has no intact record may be noise: its records count in the sums only.
         """
         by_sender = {}
         for key, sender in sorted(self._senders.items()):
