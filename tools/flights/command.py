@@ -1,13 +1,13 @@
-"""Fly JSBSim's aircraft with a moving rudder and record what its telemetry link would deliver.
+"""Flies an aircraft of JSBSim with a moving rudder, and records what its telemetry link delivers.
 
     python tools/fly_jsbsim.py --manoeuvre 3211 --seconds 120 --out log.tlog --truth truth.json
     python tools/fly_jsbsim.py --plan three_speeds -o log.tlog
     python tools/fly_jsbsim.py --udp 127.0.0.1:14560
 
-writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found in it; or sends
-the same frames to a UDP endpoint at the pace of the flight. The same command gives the same bytes.
-A plan (flights/legs.py) is a whole flight; its truth, manoeuvre by manoeuvre, is written beside the
-log as log.truth.json unless --truth says where.
+The first command writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found
+in it. --udp sends the same frames to a UDP endpoint at the pace of the flight. The same command
+gives the same bytes. A plan (flights/legs.py) is a whole flight; its truth, manoeuvre by manoeuvre,
+is written next to the log as log.truth.json, or to the file of --truth.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ LINK_NUMBERS = {
     "boot_s": "vehicle time at the start",
 }
 SERVO_HELP = "MIN,TRIM,MAX[,REVERSED] in us"
-OWN = ("out", "truth", "udp", "speedup", "plan")  # neither the flight's options nor the link's
+OWN = ("out", "truth", "udp", "speedup", "plan")  # options of neither the flight nor the link
 
 
 def record(frames: Iterable[Record], path: Path) -> Iterator[Record]:
-    """Pass frames on and write them to a tlog: 8 bytes of stamp, big-endian, then the frame."""
+    """Yield the frames again and write them to a tlog: a stamp of 8 bytes, then the frame."""
     with path.open("wb") as log:
         for stamp_us, frame in frames:
             log.write(join([(stamp_us, frame)]))
@@ -69,7 +69,7 @@ def servo(text: str) -> Servo:
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the options; those of plan and link have their field's name and default."""
+    """Return the options; those of plan and link have the name and default of their field."""
     parser = argparse.ArgumentParser(
         prog="fly_jsbsim.py",
         description=(__doc__ or "").split("\n")[0],
@@ -103,7 +103,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             parser.error("--plan is flown to --out or --udp")
         own = {"aircraft", "manoeuvre", *PLAN_NUMBERS, "rudder", "aileron"}
         changed = [name for name in own if getattr(options, name) != parser.get_default(name)]
-        # Servos come as their default's text parsed: they are equal to what a plan flies.
+        # argparse parses the text of a servo's default, too: then it equals Servo().
         changed = [name for name in changed if getattr(options, name) != Servo()]
         if changed:
             parser.error(f"--plan says what is flown: leave out {', '.join(sorted(changed))}")
@@ -117,7 +117,7 @@ def _add_numbers(group: Any, defaults: object, names: Mapping[str, str]) -> None
 
 
 def main(argv: Sequence[str]) -> int:
-    """Fly, write, send; return 0, or 2 with one line of reason."""
+    """Fly, write and send; return 0, or 2 after printing the reason in one line."""
     options = vars(parse(argv))
     own = {name: options.pop(name) for name in OWN}
     link_names = {*LINK_NUMBERS, "mavlink1", "seed"}
@@ -149,7 +149,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def deliver(frames: Iterator[Record], own: dict[str, Any]) -> None:
-    """Fly, write and send as asked, and say how much."""
+    """Fly, write and send as asked; print the number of frames."""
     if own["out"]:
         frames = record(frames, own["out"])
     count = send(frames, own["udp"], own["speedup"]) if own["udp"] else sum(1 for _ in frames)

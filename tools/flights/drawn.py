@@ -1,6 +1,6 @@
-"""Motions drawn by simple means for the corpora: hovering, tumbling, parked, rolling.
+"""Motions for the corpora without a flight model: hovering, tumbling, parked, rolling.
 
-No rudder moves an aircraft here: lift motors, gusts, engines and wheels do.
+The rudder moves no aircraft here; lift motors, gusts, engines and wheels do.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from flights.telemetry import FOOT, KNOT, Link, telemetry
 MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 LENGTHS_S = (60.0, 80.0, 100.0)
-"""Of the logs without excitation."""
+"""Lengths of the logs without excitation in s."""
 FIRST_LIFT_MOTOR = 33  # SERVOn_FUNCTION of the first of four
 
 
 class Drawn:
-    """Stands in for a flight: the properties that telemetry asks for, drawn beforehand.
+    """A replacement of a flight: it has the properties that telemetry reads, computed beforehand.
 
-    Columns (n,) by the millisecond: ``r``, ``p``, ``roll``, ``pitch`` in rad and rad/s, airspeed
-    and ground speed in m/s, rudder and aileron in units; what is not given is 0.
+    Its columns (n,) have a value for each millisecond: ``r`` and ``p`` in rad/s, ``roll`` and
+    ``pitch`` in rad, airspeed and ground speed in m/s, rudder and aileron in units. A column that
+    is not given is 0.
     """
 
     def __init__(self, plan: FlightPlan, columns: dict[str, Floats]) -> None:
@@ -62,20 +63,23 @@ class Drawn:
         self.advance_to(0)
 
     def advance_to(self, ms: int) -> None:
-        """Go on to a millisecond after the start."""
+        """Advance to a millisecond after the start."""
         self._ms = ms
         self.rudder_us = self.plan.rudder.pulse(float(self._rudder[ms]))
         self.aileron_us = self.plan.aileron.pulse(float(self._aileron[ms]))
 
     def __getitem__(self, name: str) -> float:
-        """Return a property of JSBSim's name now."""
+        """Return the present value of a property by its name in JSBSim."""
         return float(self._columns[name][self._ms])
 
 
 def told_log(
     rng: np.random.Generator, draw: Callable[[float], dict[str, Floats]], **told: Any
 ) -> Made:
-    """Tell a motion whose columns ``draw`` returns for a length in s."""
+    """Return the log of a motion, with ``told`` in its truth.
+
+    ``draw`` returns the motion's columns for a length in s.
+    """
     seconds = float(rng.choice(LENGTHS_S))
     plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
     log = join(telemetry(link, Drawn(plan, draw(seconds))))
@@ -89,7 +93,7 @@ def _of(link: Link, seconds: float) -> dict[str, float]:
 
 
 def hovering(rng: np.random.Generator) -> Made:
-    """Hover a quadplane in wind: the rudder moves with the lift motors, which do the work."""
+    """Hover a quadplane in wind: the rudder moves with the lift motors, which turn the aircraft."""
     wind = float(rng.choice([0.0, 3.0, 8.0, 12.0]))
     drawn = told_log(rng, lambda s: _hover(rng, s, wind), wind_m_s=wind)
     kind = int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR]))
@@ -100,7 +104,7 @@ def hovering(rng: np.random.Generator) -> Made:
 
 
 def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:
-    """Return a hover: the pilot asks for headings, a loop of 1 to 3 rad/s follows in gusts."""
+    """Return a hover in gusts: a loop with a wn of 1 to 3 rad/s follows the pilot's headings."""
     n, every = count(seconds), 20
     asked = np.repeat(rng.uniform(-1.0, 1.0, math.ceil(n / 6000)), 6000)[:n:every]
     gust = wander(rng, n, 0.5, 0.15)[::every]
@@ -128,7 +132,7 @@ def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, F
 
 
 def on_lift_motors(told: list[Record], rng: np.random.Generator, *, kind: int, mode: int) -> bytes:
-    """Tell a log as a quadplane's whose four lift motors, outputs 5 to 8, carry it."""
+    """Change a log into that of a quadplane, carried by lift motors on outputs 5 to 8."""
     motors = [
         mavlink.MAVLink_param_value_message(
             f"SERVO{5 + i}_FUNCTION".encode(), float(FIRST_LIFT_MOTOR + i),
@@ -154,7 +158,7 @@ def on_lift_motors(told: list[Record], rng: np.random.Generator, *, kind: int, m
 
 
 def quadrotor(rng: np.random.Generator) -> Made:
-    """Hover PX4's quadrotor: its third control is a yaw torque that the yaw answers, no rudder."""
+    """Hover PX4's quadrotor: its third control is a torque that moves the yaw, not a rudder."""
     made = told_log(rng, lambda s: _hover(rng, s, 0.0))
 
     def change(message: Any) -> list[Any]:
@@ -173,7 +177,7 @@ def quadrotor(rng: np.random.Generator) -> Made:
 
 
 def tumbling(rng: np.random.Generator) -> Made:
-    """Tumble, rolling over and over; the controller's rudder fights the rates."""
+    """Tumble, rolling all the time; the controller moves the rudder against the rates."""
     return told_log(rng, lambda s: _tumble(rng, s))
 
 
@@ -196,7 +200,7 @@ def _tumble(rng: np.random.Generator, seconds: float) -> dict[str, Floats]:
 
 
 def parked(rng: np.random.Generator) -> Made:
-    """Stand with the engine running: the pilot checks the rudder, the gyro has the vibration."""
+    """Stand with the engine running: the pilot checks the rudder, the gyro has a vibration."""
     line_hz, wind = float(rng.uniform(1.0, 9.0)), float(rng.choice([0.0, 2.0, 9.0]))
 
     def draw(seconds: float) -> dict[str, Floats]:
@@ -221,7 +225,7 @@ def _standing(rng: np.random.Generator, seconds: float, wind: float) -> dict[str
 
 
 def disarmed(rng: np.random.Generator) -> Made:
-    """Stand disarmed, the sticks tried; some airspeed sensors say anything."""
+    """Stand disarmed while the pilot tries the sticks; some airspeeds are absurd."""
     wind = float(rng.choice([0.0, 3.0, 63.0]))
     made = told_log(rng, lambda s: _standing(rng, s, wind), wind_m_s=wind)
 

@@ -1,10 +1,10 @@
-"""Make the logs of a fleet: many, small, each another flight; one in a hundred damaged.
+"""Makes the logs of a fleet: many small, different flights, one in a hundred damaged.
 
     python -m flights.fleet_logs DIR [--count 2000] [--minutes 1,4] [--damaged 0.01] [--seed 1]
 
-DIR/plane_NN/NNNN.tlog, flown over a year by aircraft each with its own Dutch roll. DIR/truth.json
-names, for each log that is not as it should be, its damage, the outcomes allowed and a reason that
-must be among those given. The same numbers give the same bytes.
+The logs are DIR/plane_NN/NNNN.tlog, flown over a year; each plane has its own Dutch roll.
+DIR/truth.json has, for each damaged log, its damage, the allowed outcomes, and a reason that must
+be among those given. The same options give the same bytes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Damage = Callable[[bytes, int], bytes]
 
 
 def plant_of(plane: int) -> Plant:
-    """Return an aircraft's discrete model, its wn of 2 to 5 rad/s, its zeta of 0.1 to 0.4."""
+    """Return an aircraft's discrete model; its wn is 2 to 5 rad/s, its zeta 0.1 to 0.4."""
     rng = np.random.default_rng((7, plane))
     wn, zeta = rng.uniform(2.0, 5.0), rng.uniform(0.1, 0.4)
     gain, lead_s = rng.uniform(0.3, 0.8), rng.uniform(0.5, 2.0)
@@ -47,7 +47,7 @@ def _kept(log: bytes, keeps: Callable[[int, bytes], bool]) -> bytes:
 
 
 def _still(log: bytes, _: int) -> bytes:
-    """Return a log in which the rudder never moves: its first servo message, over and over."""
+    """Return a log whose rudder never moves: all servo messages are its first one."""
     records = split(log)
     still = next(frame for _, frame in records if message_id(frame) == SERVO_OUTPUT_RAW)
     return join((s, still if message_id(f) == SERVO_OUTPUT_RAW else f) for s, f in records)
@@ -123,11 +123,12 @@ DAMAGES: Final[dict[str, tuple[Damage, tuple[str, ...], str | None]]] = {
     ),
     "the head alone": (lambda log, _: log[:300], REFUSED, None),
 }  # fmt: skip
-"""Name -> what is done to a good log, the outcomes allowed, a reason that must be given."""
+"""The kinds of damage by name: the function that damages a good log, the allowed outcomes, and the
+reason that must be given, if one must."""
 
 
 def make(folder: Path, count: int, minutes: tuple[float, float], damaged: float, seed: int) -> int:
-    """Write ``count`` logs and the truth; return how many are damaged."""
+    """Write ``count`` logs and truth.json; return how many logs are damaged."""
     rng = np.random.default_rng(seed)
     is_damaged = set(rng.choice(count, round(damaged * count), replace=False).tolist())
     ways = list(DAMAGES)

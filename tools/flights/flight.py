@@ -1,9 +1,9 @@
 """An aircraft of JSBSim in flight: trimmed, held by an autopilot, its controls moved on purpose.
 
-The autopilot hears what its sensors say, noise included, as ATTITUDE tells it; a plan with
-``true_feedback`` hears the true ones, as the recorded cases of replay_logs/ were flown. Signs:
-outside :func:`jsbsim_rudder` a positive rudder turns the nose right, as ArduPilot has it. In JSBSim
-a positive ``fcs/rudder-cmd-norm`` turns it left. Ailerons agree: positive rolls right.
+The autopilot's sensors have the noise that ATTITUDE reports; with a plan's ``true_feedback`` they
+have none, as when the cases of replay_logs/ were recorded. Outside of :func:`jsbsim_rudder`, a
+positive rudder turns the nose right, as in ArduPilot; in JSBSim, a positive ``fcs/rudder-cmd-norm``
+turns it left. A positive aileron rolls right in both.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ Floats = NDArray[np.float64]
 NOTED_MS = 250
 FULL_TRIM = 1
 MILSPEC = 3
-"""JSBSim's atmosphere/turb-type of MIL-F-8785C."""
+"""The value of JSBSim's atmosphere/turb-type for MIL-F-8785C."""
 PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
-"""Elevator units per rad and rad/s that keep the nose where it was trimmed, and so the airspeed."""
+"""Elevator units per rad and per rad/s that hold the nose as trimmed, and so the airspeed."""
 SENSED_MS = 20
-"""The sensors are read at 50 Hz, ArduPlane's own loop: their noise stays for so long."""
+"""The autopilot reads its sensors at 50 Hz, as ArduPlane's loop does: their noise changes then."""
 SENSED = (
     *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
     *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
 )
-"""What ATTITUDE tells and the autopilot hears, in that order."""
+"""The quantities that the autopilot senses and ATTITUDE reports, in this order."""
 
 
 @dataclass(slots=True)
 class Hands:
-    """What moves the controls besides the holds, by the millisecond.
+    """What moves the controls in addition to the autopilot, with a value for each millisecond.
 
-    ``rudder`` and ``aileron`` in units about trim, ``bank`` the roll in rad that is held, each (n,)
-    or nothing; ``react`` is asked each millisecond for more rudder, knowing the flight. With
-    ``nose_held`` the elevator keeps the nose where it was trimmed, otherwise it stays.
+    ``rudder`` and ``aileron`` (n,) are in units about trim, ``bank`` (n,) is the roll in rad to be
+    held; None is 0. ``react`` is called with the flight each millisecond and returns additional
+    rudder. With ``nose_held`` the elevator holds the nose as trimmed; otherwise it does not move.
     """
 
     rudder: Floats | None = None
@@ -52,7 +52,7 @@ class Hands:
 
 
 def jsbsim_rudder(unit: float) -> float:
-    """Turn yawid's rudder (positive: nose right) into JSBSim's (positive: nose left), and back."""
+    """Convert yawid's rudder (positive: nose right) to JSBSim's (positive: nose left), or back."""
     return -unit
 
 
@@ -60,7 +60,7 @@ def trimmed(plan: FlightPlan) -> Any:
     """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running.
 
     Raises:
-        FlightError: JSBSim does not have the aircraft or finds no trim.
+        FlightError: JSBSim does not have the aircraft, or finds no trim.
     """
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     fdm = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())
@@ -85,15 +85,15 @@ def trimmed(plan: FlightPlan) -> Any:
 
 
 class Flight:
-    """A flight in progress: ``advance_to`` a millisecond after the start, then read.
+    """A flight in progress: ``advance_to`` a millisecond after the start, then read properties.
 
     ``hands`` move the controls, ``severity`` is that of the turbulence (MIL-F-8785C, 0: calm).
-    ``flown`` collects seconds, calibrated airspeed in kt, altitude in ft and equivalent airspeed in
-    kt, four times a second from the start. ``noise`` is what the sensors say too much, in the order
-    of ``SENSED``; None where the autopilot hears the true signals.
+    ``flown`` collects time in s, calibrated airspeed in kt, altitude in ft and equivalent airspeed
+    in kt, four times a second from the start. ``noise`` (6,) is the present noise of the sensors in
+    the order of ``SENSED``; None if they have none.
 
-    The command of an instant is set before the run that arrives there: JSBSim propagates first and
-    evaluates controls and forces at the new state, so that the command acts from that instant on.
+    The command of an instant is set before the step that arrives there: JSBSim first propagates the
+    state, then evaluates controls and forces, so that the command acts from that instant on.
 
     Raises:
         FlightError: the aircraft cannot be loaded or trimmed, or trim and moves pass the stops.
@@ -144,7 +144,7 @@ class Flight:
         fdm, plan = self._fdm, self.plan
         rudder, aileron, elevator = self._commands()
         self.rudder_us, self.aileron_us = plan.rudder.pulse(rudder), plan.aileron.pulse(aileron)
-        # What the servos are told is what is flown, quantised as it is.
+        # The aircraft flies the servo outputs, with their quantisation.
         fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
         fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
         fdm["fcs/elevator-cmd-norm"] = elevator
@@ -153,7 +153,7 @@ class Flight:
             self.noise = self._noises[self.ms // SENSED_MS]
 
     def _commands(self) -> tuple[float, float, float]:
-        """Return what rudder, aileron and elevator are told in this millisecond."""
+        """Return the commands of rudder, aileron and elevator in this millisecond."""
         ms, hands = self.ms, self._hands
         rudder = self._rudder[ms] + (0.0 if hands.react is None else hands.react(self))
         aileron = self._aileron_trim + self._aileron[ms]
@@ -168,17 +168,17 @@ class Flight:
         return self.plan.roll_gain * roll + self.plan.roll_rate_gain * self.sensed(3)
 
     def sensed(self, number: int) -> float:
-        """Return one of ``SENSED`` as the autopilot hears it."""
+        """Return number ``number`` of ``SENSED`` as the autopilot senses it."""
         true = self._fdm[SENSED[number]]
         return float(true if self.noise is None else true + self.noise[number])
 
     @property
     def aileron(self) -> float:
-        """The aileron about trim in units, as its servo was told last."""
+        """The last command of the aileron in units about trim."""
         return float(self.plan.aileron.unit(self.aileron_us) - self._aileron_trim)
 
     def __getitem__(self, name: str) -> float:
-        """Return a JSBSim property now."""
+        """Return the present value of a property of JSBSim."""
         return float(self._fdm[name])
 
 

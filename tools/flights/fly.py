@@ -1,4 +1,4 @@
-"""Fly a plan: the log that its telemetry link would deliver, and what is true of the aircraft."""
+"""Flies a plan: returns the log that its telemetry link would deliver, and its truth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flights.truth import after_lead_in, modes_at, truth_lines
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A log, and the truth where there is one."""
+    """A log, and its truth if there is one."""
 
     log: bytes
     truth: dict[str, Any] | None = None
@@ -27,8 +27,8 @@ def flight_of(
 ) -> Flight:
     """Return the flight of a plan before its first millisecond.
 
-    ``hands`` and ``severity`` are those of a plan without legs; without hands the rudder alone is
-    moved, as the plan says, and the elevator stays.
+    ``hands`` and ``severity`` are for a plan without legs. Without ``hands``, only the rudder moves
+    as the plan says, and the elevator does not move.
 
     Raises:
         FlightError: the aircraft cannot be loaded or trimmed, or trim and moves pass the stops.
@@ -45,13 +45,13 @@ def fly(
     severity: int = 0,
     **told: Any,
 ) -> Made:
-    """Fly; return the log and its truth, and what is ``told`` of the flight besides.
+    """Fly a plan; return the log and its truth, which also has the items of ``told``.
 
-    The truth of legs is that of :func:`leg_truth`. Of other plans it is the Dutch roll at the
-    airspeeds and the altitude flown (``dutch_roll``, closed with the roll hold and with nothing
-    that ``hands`` feed back; ``dutch_roll_open_loop``, of the airframe alone: what a model finds
-    that has the aileron as an input), and what it is at any airspeed: ``lines``, see
-    :func:`truth_lines`, and ``flown``, boot seconds and kt.
+    The truth of a plan with legs is that of :func:`leg_truth`. The truth of other plans has the
+    Dutch roll at the airspeeds and the altitude flown: ``dutch_roll`` with the roll hold, but
+    without any feedback by ``hands``, and ``dutch_roll_open_loop`` of the airframe alone, which a
+    model with the aileron as an input should find. For other airspeeds it has ``lines`` (see
+    :func:`truth_lines`) and ``flown``, the airspeeds as pairs of s since boot and kt.
 
     Raises:
         FlightError: the aircraft cannot be trimmed or flown as asked.

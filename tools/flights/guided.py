@@ -1,9 +1,9 @@
-"""JSBSim's aircraft flown leg by leg by a simple autopilot, and the truth of each manoeuvre.
+"""Flies an aircraft of JSBSim leg by leg with a simple autopilot; the truth of each manoeuvre.
 
-The throttle holds the airspeed and the nose the climb; the ailerons hold the bank, in MANUAL they
-are let alone. Nothing answers the yaw rate. In a manoeuvre nose and throttle stay as they were: the
-speed drops by the 1 to 3 % that a rudder sequence costs, which is why the truth is linearised at
-the airspeed flown.
+The throttle holds the airspeed and the nose the climb. The ailerons hold the bank, except in
+MANUAL. There is no feedback of the yaw rate. In a manoeuvre, the nose's attitude and the throttle
+do not change: a rudder sequence costs 1 to 3 % of the airspeed, so the truth is linearised at the
+airspeed flown.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from flights.truth import flown_yaw_channels, linear_dutch_rolls, yaw_channels
 
 GUIDE_MS = 20
 LEVEL = ("idle", "climb", "speed")
-"""Legs in which the aileron that keeps the wings level is learnt, which MANUAL leaves it at."""
+"""Legs in which the mean aileron that keeps the wings level is learnt; MANUAL keeps it there."""
 LOW_WIND_FPS = 8.0
-"""Per severity: below 2000 ft it is the wind near the ground that makes turbulence."""
+"""Wind at 20 ft for each step of severity: below 2000 ft, the turbulence depends on it."""
 THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
-"""Throttle per kt, per kt and second, and per rad of the climb that is wanted."""
+"""Throttle per kt, per kt and s, and per rad of the wanted angle of climb."""
 SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
 FLARE_FT, ON_WHEELS_FT = 25.0, 5.0
 WINDOW_S = (1.0, 4.0)
-"""Before the first movement and after the last: what a manoeuvre's samples are."""
+"""Time in s before the first movement and after the last one that belongs to a manoeuvre."""
 
 
 class LegFlight(Flight):
-    """A flight of legs in progress; the link's seed draws turbulence, gusts and noise.
+    """A flight of legs in progress; turbulence, gusts and noise depend on the link's seed.
 
-    The gains of the nose are those of the airspeed at the start; they go with 1/V^2.
+    The gains of the elevator are given for the airspeed at the start, and vary as 1/V^2.
 
-    ``starts_ms`` are the legs' beginnings and the end of the last.
+    ``starts_ms`` are the beginnings of the legs and the end of the last one in ms.
     """
 
     def __init__(self, plan: LegPlan, link: Link) -> None:
@@ -66,7 +66,7 @@ class LegFlight(Flight):
 
     @property
     def custom_mode(self) -> int:
-        """ArduPlane's mode now, as HEARTBEAT tells it."""
+        """ArduPlane's present mode as a number, which HEARTBEAT reports."""
         return MODES[self._leg.mode]
 
     def _enter(self, number: int) -> None:
@@ -106,7 +106,7 @@ class LegFlight(Flight):
         return rudder, aileron + self._aileron[self.ms], self._elevator + held
 
     def _guide(self) -> None:
-        """Say what nose, throttle and bank are to be, fifty times a second."""
+        """Update the wanted nose attitude, throttle and bank, fifty times a second."""
         leg = self._leg
         bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
         self._bank_held += _within(bank - self._bank_held, BANK_STEP)
@@ -129,7 +129,7 @@ class LegFlight(Flight):
         steep = CLIMB_THROTTLE * wanted / max(fdm["velocities/vt-fps"], 50.0)
         throttle = self._throttle + THROTTLE_GAIN * slow + steep
         fdm["fcs/throttle-cmd-norm"] = min(max(throttle, 0.0), 1.0)
-        # Out of power the nose saves the speed, and the height follows.
+        # If the throttle does not suffice, the nose goes down to keep the speed.
         self._climb(wanted - 3.0 * max(slow - 4.0, 0.0), dt)
 
     def _climb(self, wanted_fps: float, dt: float) -> None:
@@ -139,7 +139,7 @@ class LegFlight(Flight):
         self._nose = _within(self._lift + 0.8 * share, 0.3)
 
     def _flare(self, dt: float) -> None:
-        """Close the throttle, break the descent and, on the wheels, steer straight and brake."""
+        """Close the throttle and slow the descent; on the wheels, steer straight and brake."""
         fdm = self._fdm
         over_ft = fdm["position/h-agl-ft"] - ON_WHEELS_FT
         self._throttle = max(self._throttle - 0.3 * dt, 0.0)
@@ -156,11 +156,11 @@ class LegFlight(Flight):
         fdm["fcs/left-brake-cmd-norm"] = fdm["fcs/right-brake-cmd-norm"] = 0.3
 
     def _ends_soon(self) -> bool:
-        """Say whether it is time to roll out of the leg's bank."""
+        """Return whether it is time to roll out of the leg's bank."""
         return bool(self.starts_ms[self._number + 1] - self.ms < 3000)
 
     def _blow(self) -> None:
-        """Set the side gust: (1 - cos) across the heading."""
+        """Set the side gust, a (1 - cos) across the heading."""
         fdm, share = self._fdm, (self.ms - self._gust_ms) / (1000.0 * self._leg.gust_s)
         size = self._gust_fps * 0.5 * (1.0 - math.cos(math.tau * min(max(share, 0.0), 1.0)))
         heading = fdm["attitude/psi-rad"]
@@ -173,9 +173,12 @@ def _within(value: float, most: float) -> float:
 
 
 def moves(plan: LegPlan) -> tuple[Floats, Floats]:
-    """Return the rudder's and the aileron's moves of the whole flight, (n,) each, in units.
+    """Return the moves of rudder and aileron in the whole flight, (n,) each, in units.
 
-    Their unit of time is 0.3 periods of the Dutch roll at the leg's airspeed.
+    Their unit of time is 0.3 periods of the Dutch roll, scaled to the leg's airspeed.
+
+    Raises:
+        ValueError: the aircraft has no oscillatory Dutch roll.
     """
     mode = linear_dutch_rolls(plan.trim_plan())["dutch_roll"]
     if mode is None:
@@ -190,11 +193,11 @@ def moves(plan: LegPlan) -> tuple[Floats, Floats]:
 def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
     """Return what identification should find in a finished flight, manoeuvre by manoeuvre.
 
-    Times are boot seconds, ``from_s`` and ``to_s`` the rudder's first and last movement. Means are
-    over the manoeuvre, 1 s before to 4 s after; there it is linearised, for the loop that was flown
-    (``dutch_roll``), bare and with the roll hold, each with its sigmas; ``dutch_roll_at_trim`` is
-    that of the airspeed at its beginning. ``legs`` holds every leg, so that what is found elsewhere
-    can be judged.
+    Times are in s since boot; ``from_s`` and ``to_s`` are the first and the last movement of the
+    rudder. Means are from 1 s before that to 4 s after it. The Dutch roll is linearised at these
+    means for the loop flown (``dutch_roll``), bare (``airframe``) and with the roll hold
+    (``with_roll_loop``), each with its sigmas. ``dutch_roll_at_trim`` is linearised at the airspeed
+    at the beginning. ``legs`` has all legs, to judge manoeuvres that are found elsewhere.
     """
     flown = np.array(flight.flown)
     found: list[dict[str, Any]] = []
@@ -255,7 +258,7 @@ def _ends(values: Sequence[float] | Floats) -> tuple[float, float]:
 
 
 def _kappa(found: list[dict[str, Any]], loop: str) -> dict[str, float] | None:
-    """Return wn/V over the manoeuvres: mean and standard deviation, in rad/m."""
+    """Return the mean and standard deviation of wn/V over the manoeuvres, in rad/m."""
     ratios = [m[loop]["wn_rad_s"] / m["airspeed_m_s"] for m in found if m[loop]]
     if not ratios:
         return None

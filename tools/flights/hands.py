@@ -1,4 +1,4 @@
-"""How hands and feet move the controls: by chance, by a pilot, or in answer to the flight."""
+"""Movements of the controls: at random, by a pilot, or as a feedback of the flight."""
 
 from __future__ import annotations
 
@@ -13,24 +13,27 @@ from flights.plan import LEAD_IN_S, STEP_S
 
 
 def count(seconds: float) -> int:
-    """Return how many milliseconds a log of this length has."""
+    """Return the number of milliseconds in a log of this length, both ends included."""
     return round(seconds / STEP_S) + 1
 
 
 def wander(rng: np.random.Generator, n: int, tau_s: float, std: float) -> Floats:
-    """Return noise (n,) by the millisecond that passed two lags of ``tau_s``, scaled to ``std``."""
+    """Return noise (n,), a value for each millisecond, filtered by two lags of ``tau_s``.
+
+    ``std`` is the standard deviation of the process, from which that of a short piece may differ.
+    """
     every = max(round(0.1 * tau_s / STEP_S), 1)
     white = rng.normal(size=math.ceil(n / every) + 200)
     pole = math.exp(-0.1)
     slow = lfilter([1.0], [1.0, -2.0 * pole, pole * pole], white)[199:]
-    # By the process's own deviation: a short piece may move more or less, as chance has it.
+    # Scale by the standard deviation of the process, not of this piece.
     slow *= std * math.sqrt((1.0 - pole**2) ** 3 / (1.0 + pole**2))
     at = np.arange(n) / every
     return np.asarray(np.interp(at, np.arange(len(slow)), slow))
 
 
 def pulses(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
-    """Return moves to either side (n,), drawn anew every ``unit_s`` from the lead-in on."""
+    """Return moves to either side (n,), whose side is drawn every ``unit_s`` after the lead-in."""
     n = count(seconds)
     held = rng.choice([-amplitude, amplitude], size=math.ceil(seconds / unit_s) + 1)
     moves = np.repeat(held, round(unit_s / STEP_S))[:n]
@@ -39,9 +42,9 @@ def pulses(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: f
 
 
 def by_hand(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
-    """Return the rudder (n,) of a pilot's doublets: none the same, none square, rests between.
+    """Return the rudder (n,) of a pilot's doublets, all different, with smooth edges and rests.
 
-    ``unit_s`` is about the length of one side; the foot needs 0.3 s from stop to stop.
+    ``unit_s`` is about the length of one side; a change of side takes 0.3 s.
     """
     n = count(seconds)
     rudder, at = np.zeros(n), round(LEAD_IN_S / STEP_S)
@@ -57,7 +60,7 @@ def by_hand(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: 
 
 @dataclass(slots=True)
 class Mixed:
-    """Rudder that is the aileron's copy: ``share`` of it, ``lag_s`` later, and some noise (n,)."""
+    """A rudder that copies the aileron: ``share`` of it with a lag of ``lag_s``, and noise (n,)."""
 
     share: float
     lag_s: float = 0.0
@@ -74,7 +77,7 @@ class Mixed:
 
 @dataclass(slots=True)
 class Damper:
-    """Rudder against the yaw rate, less what lasts: a yaw damper with its washout."""
+    """A yaw damper: a rudder against the yaw rate, whose steady part a washout removes."""
 
     gain: float
     washout_s: float = 3.0

@@ -1,4 +1,4 @@
-"""A flight as data: legs one after the other, by name, from a TOML file, or in Python.
+"""A flight as data: legs one after the other, from a named plan, a TOML file, or Python.
 
     aircraft = "c172p"
     speed_kt = 95.0
@@ -11,7 +11,7 @@
     seconds = 25.0
     bank_deg = 20.0
 
-flies a 3-2-1-1 and a turn; :class:`Leg` says what else a leg may hold.
+This flies a 3-2-1-1 and a turn; :class:`Leg` describes all fields of a leg.
 """
 
 from __future__ import annotations
@@ -37,29 +37,31 @@ from flights.plan import (
 Floats = NDArray[np.float64]
 KINDS = ("manoeuvre", "aileron", "idle", "turn", "climb", "speed", "gust", "landing", "go_around")
 MODES = {"MANUAL": 0, "FBWA": 5}
-"""ArduPlane's custom_mode; FBWA is flown with the roll hold, MANUAL with the aileron let alone."""
+"""ArduPlane's custom_mode by name; FBWA has the roll hold, in MANUAL the aileron is held still."""
 BEFORE_S, AFTER_S = 2.0, 8.0
-"""Of still rudder at a manoeuvre leg's ends: the last 8 s hold the free decay and 5 s of rest."""
+"""Time in s of still rudder at the ends of a manoeuvre leg. The last 8 s contain the free decay and
+5 s of rest."""
 LONGEST_REST_S = 4.0
-"""Between the moves of one manoeuvre; 5 s of rest would end it."""
+"""Longest rest in s between the moves of one manoeuvre; 5 s of rest would end it."""
 STIR_S = 0.5
-"""In which a steady foot comes and goes."""
+"""Time in s in which ``rudder_hold`` rises at the beginning of a leg and falls at its end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One leg. What a kind does not name holds for it too: a turn may climb, an idle leg be gusty.
+    """One leg. Most fields apply to all kinds: a turn may climb, and an idle leg may be gusty.
 
-    ``shape`` and ``amplitude`` (rudder units) are the manoeuvre's; ``aileron`` is the amplitude of
-    the aileron's own moves, in a manoeuvre beside the rudder's and in a leg of kind ``aileron``
-    alone. ``speed_kt`` is held from this leg on (0: as before), ``climb_ft_min`` flown until
-    ``to_ft`` where that is given. ``rudder_hold`` is a pilot's steady foot, to the right positive.
-    MANUAL wants the wings level and still at its beginning: an idle leg before it, not a turn.
-    ``severity`` is that of the turbulence (MIL-F-8785C, 0 to 7), ``gust_m_s`` the peak of one side
-    gust of ``gust_s``, (1 - cos); its side, instant and 0.7 to 1.3 of its size are the seed's.
+    ``shape`` and ``amplitude`` (rudder units) are those of a manoeuvre. ``aileron`` is the
+    amplitude of the aileron's own moves, together with the rudder's in a manoeuvre, and alone in a
+    leg of kind ``aileron``. ``speed_kt`` is held from this leg on (0: as before). ``climb_ft_min``
+    is flown until ``to_ft``, if given. ``rudder_hold`` is a steady rudder, positive to the right.
+    MANUAL needs level wings at its beginning, so an idle leg should precede it, not a turn.
+    ``severity`` is that of the turbulence (MIL-F-8785C, 0 to 7). ``gust_m_s`` is the peak of one
+    side gust, a (1 - cos) of ``gust_s``; the seed draws its side, its time and a factor of its size
+    from 0.7 to 1.3.
 
     Raises:
-        ValueError: a kind, mode, shape or number that is not one.
+        ValueError: an unknown kind, mode or shape, or a number outside its limits.
     """
 
     kind: str
@@ -94,10 +96,10 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class LegPlan:
-    """The aircraft, where it is trimmed at the start, its roll hold, and the legs flown then.
+    """The aircraft, its trim at the start, its roll hold, and the legs that it flies.
 
     Raises:
-        ValueError: no legs, or a number that is not one.
+        ValueError: there are no legs, or a number is outside its limits.
     """
 
     aircraft: str
@@ -122,7 +124,7 @@ class LegPlan:
         return FlightPlan(**same, seconds=seconds, manoeuvre="none")
 
     def speeds_kt(self) -> list[float]:
-        """Return the calibrated airspeed each leg holds."""
+        """Return the calibrated airspeed in kt that each leg holds."""
         speeds = [self.speed_kt]
         for leg in self.legs:
             speeds.append(leg.speed_kt or speeds[-1])
@@ -130,9 +132,9 @@ class LegPlan:
 
 
 def rudder_moves(leg: Leg, step_s: float) -> Floats:
-    """Return the rudder about trim for every millisecond of a leg, (n,), in units.
+    """Return the rudder about trim for every millisecond of a leg (n,), in units.
 
-    As many whole rounds of the manoeuvre as the leg has room for; a sweep fills it.
+    The leg has as many whole sequences of the manoeuvre as fit; a PRBS or sweep fills it.
     """
     moves = np.zeros(round(leg.seconds / STEP_S))
     first, room = round(BEFORE_S / STEP_S), round((leg.seconds - BEFORE_S - AFTER_S) / STEP_S)
@@ -160,10 +162,11 @@ def rudder_moves(leg: Leg, step_s: float) -> Floats:
 
 
 def aileron_moves(leg: Leg, step_s: float) -> Floats:
-    """Return the aileron's own moves about the roll hold's (n,), in units, positive rolls right.
+    """Return the aileron's own moves (n,) in units, which are added to the roll hold's.
 
-    One way, twice as long the other, back: no bank is left. Sides and rests alternate, and the
-    tempo is not the rudder's, so that a regression tells the two apart.
+    Positive rolls right. Each move goes to one side, twice as long to the other, and back, so that
+    no bank is left. Sides and rests alternate, and the times differ from the rudder's, so that a
+    regression can separate the two.
     """
     moves = np.zeros(round(leg.seconds / STEP_S))
     if not leg.aileron:
@@ -182,10 +185,10 @@ def aileron_moves(leg: Leg, step_s: float) -> Floats:
 
 
 def read_plan(name: str) -> LegPlan:
-    """Return the named plan, or that of a TOML file.
+    """Return the plan of this name, or that of a TOML file.
 
     Raises:
-        ValueError: it is neither, or the file says what no plan has.
+        ValueError: ``name`` is neither, or the file has an unknown field or a wrong value.
         OSError: the file cannot be read.
     """
     if name in PLANS:
@@ -202,7 +205,7 @@ def read_plan(name: str) -> LegPlan:
 
 
 def _at_speed(speed_kt: float, side: float) -> tuple[Leg, ...]:
-    """Return five minutes at one airspeed: four manoeuvres, turns and a climb between them."""
+    """Return five minutes at one airspeed: four manoeuvres with turns and a climb between them."""
     return (
         Leg("speed", 40.0, speed_kt=speed_kt),
         Leg("manoeuvre", 50.0),
@@ -261,5 +264,5 @@ PLANS = {
         ),
     ),
 }
-"""By name; all c172p. ``three_speeds`` takes 15 minutes. ``upset`` moves nothing on purpose: its
-rudder moves by the foot held through the go-around and by the steering after touchdown."""
+"""The named plans, all of the c172p. ``three_speeds`` takes 15 minutes. ``upset`` has no excitation
+on purpose: its rudder moves by ``rudder_hold`` in the go-around and to steer after touchdown."""

@@ -1,6 +1,7 @@
-"""Long telemetry logs of a plane, made fast: the whole mix of messages that a real link carries.
+"""Makes long telemetry logs of a plane quickly, with all messages of a real link.
 
-The mixes are those of recorded ArduPlane links; what yawid does not read is random bits.
+The mixes are those of recorded ArduPlane links. Messages that yawid does not read have random
+payloads.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ _SLOW = (
     "SCALED_PRESSURE2", "SYSTEM_TIME", "SYS_STATUS", "TERRAIN_REPORT", "VIBRATION", "WIND",
 )  # fmt: skip
 MIXES: Final[dict[str, dict[str, int]]] = {
-    # ArduPlane with the wanted streams raised, as a ground station leaves the others.
+    # ArduPlane with higher rates of the streams that yawid needs; a ground station set the others.
     "raised": dict.fromkeys(_RAISED, RATE_HZ)
     | dict.fromkeys(_HALF, RATE_HZ // 2)
     | dict.fromkeys((*_SLOW, "HEARTBEAT"), 1),
-    # MAVProxy's "set streamrate 20": all that the autopilot streams, at that rate.
+    # MAVProxy's "set streamrate 20": all streams of the autopilot at that rate.
     "all": dict.fromkeys((*_RAISED, *_HALF, *_SLOW), RATE_HZ) | {"HEARTBEAT": 1},
 }
 _FIELDS: Final[dict[str, dict[str, int | float]]] = {
@@ -60,10 +61,10 @@ def write_log(
     plant: Plant = PLANT,
     start_us: int = START_US,
 ) -> int:
-    """Write a flight whose rudder moves ``moved_s`` of ``every_s``; return how many messages.
+    """Write a flight whose rudder moves for ``moved_s`` in every ``every_s``.
 
-    The default is steady excitation. ``plant`` answers the rudder, ``start_us`` (us since 1970) is
-    when the vehicle was switched on.
+    Return the number of messages. By default the rudder always moves. ``plant`` is the model from
+    rudder to yaw rate; ``start_us`` (us since 1970) is when the vehicle was switched on.
     """
     rng = np.random.default_rng(seed)
     n = round(3600 * hours * RATE_HZ)
@@ -101,7 +102,10 @@ def _write_piece(
     rng: np.random.Generator,
     start_us: int,
 ) -> int:
-    """Write the messages of some minutes from the sample ``first`` on, ``count`` sent before."""
+    """Write the messages of ten minutes from sample ``first`` on; return how many.
+
+    ``count`` messages were sent before.
+    """
     n = len(flight["yawspeed"])
     rows = {name: np.arange(0, n, RATE_HZ // hz) for name, hz in mix.items()}
     at = np.concatenate([_times(first + rows[name], i) for i, name in enumerate(mix)])
@@ -137,7 +141,7 @@ def _row(name: str) -> int:
 
 
 def _kind(name: str) -> np.dtype[Any]:
-    """Return a record of one message, its payload without the extension fields."""
+    """Return the dtype of a message's record, whose payload has no extension fields."""
     length = int(definitions().fits_v1[_row(name)].argmax())
     head = [("stamp", ">u8"), ("magic", "u1"), ("length", "u1"), ("flags", "u1", 2),
             ("seq", "u1"), ("ids", "u1", 2), ("message", "u1", 3)]  # fmt: skip
@@ -152,7 +156,7 @@ def _frames(
     flight: dict[str, NDArray[Any]],
     rng: np.random.Generator,
 ) -> NDArray[Any]:
-    """Return the records of one message (n,) but for their CRCs."""
+    """Return the records of one message (n,), still without stamps and CRCs."""
     frames = np.zeros(len(at), _kind(name))
     length = frames["payload"].shape[1]
     frames["magic"], frames["length"] = 0xFD, length

@@ -1,7 +1,6 @@
-"""Flights whose rudder is moved on purpose, half of them in turbulence: those of the benches.
+"""The flights of the benches whose rudder is moved on purpose, half of them in turbulence.
 
-Everything that is drawn has the generator of a flight's own seed: the same numbers give the same
-bytes.
+Each flight has a random generator with its own seed: the same numbers give the same bytes.
 """
 
 from __future__ import annotations
@@ -31,33 +30,35 @@ AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
     ("T38", 10000.0, (270.0, 300.0)),
     ("A320", 10000.0, (220.0, 250.0)),
 )
-"""Name, altitude in ft, calibrated airspeeds in kt: where JSBSim trims, and pulse and linearisation
-agree (flights/truth.py), so that the linearisation is the truth."""
+"""Name, altitude in ft and calibrated airspeeds in kt of the aircraft. JSBSim can trim there, and
+pulse and linearisation agree (flights/truth.py), so that the linearisation is the truth."""
 CONDITIONS = [(name, feet, knots) for name, feet, speeds in AIRCRAFT for knots in speeds]
 PLACES = [(name, feet, knots) for name, feet, ends in AIRCRAFT for knots in (ends[0], ends[-1])]
 TUNING, TABLE = 161, 162
-"""Seeds of the grid: thresholds were chosen on the first, the table is of the second."""
+"""Seeds of the grid: thresholds were chosen with the first, the table is made with the second."""
 SEED = 13
-"""Of the corpus: a log's generator is that of (SEED, kind, number)."""
+"""Seed of the corpora: a log's generator has the seed (SEED, kind, number)."""
 SHAPES = ("3211", "doublets", "sweep")
 ALL_SHAPES = ("3211", "doublets", "prbs", "sweep")
 SEVERITIES = (0, 1, 2, 3)
-"""Of MIL-F-8785C, in the grid: every other flight is calm, the others have 1, 2 and 3 in turn."""
+"""Severities of MIL-F-8785C in the grid: half of the flights are calm, the others have 1 to 3 in
+turn."""
 GYROS = {"clean": 0.0005, "noisy": 0.008}
-"""Standard deviation of what the gyro says, in rad/s."""
+"""Standard deviation of the gyro's noise in rad/s."""
 RATES_HZ = (10, 25, 50)
 LINK_RATES_HZ = ((50, 50), (25, 25), (10, 10), (20, 20), (50, 25), (25, 10), (20, 10))
-"""Of ATTITUDE and SERVO_OUTPUT_RAW."""
+"""Rates of ATTITUDE and SERVO_OUTPUT_RAW in Hz, as pairs."""
 COUNT = len(PLACES) * len(SHAPES) * 2 * len(GYROS)
+"""Number of flights in the grid."""
 REST_S = 8.0
-"""At the end of a flight of the grid, the rudder at trim."""
+"""Time in s with the rudder at trim at the end of a flight of the grid."""
 
 
 def of_grid(seed: int, number: int) -> Made:
     """Return flight ``number`` (0 to COUNT - 1) of a seed's grid.
 
-    Aircraft, speed, manoeuvre, air and gyro are a full grid, rates and severities come in turn;
-    amplitude (10 to 30 % of travel), length and heading are the seed's.
+    Aircraft, speed, manoeuvre, calm or turbulent air and gyro form a full grid; rates and
+    severities come in turn. Amplitude (10 to 30 % of travel), length and heading are random.
     """
     rng = np.random.default_rng([seed, number])
     rest, place = divmod(number, len(PLACES))
@@ -77,8 +78,8 @@ def of_grid(seed: int, number: int) -> Made:
 def excited(number: int) -> Made:
     """Return flight ``number`` of the excited corpus; even ones are calm, odd ones turbulent.
 
-    Aircraft, speeds and manoeuvres come in turn; amplitude, length, rates, noise and whether the
-    aileron is moved too (in every fourth) by chance.
+    Aircraft, speeds and manoeuvres come in turn. Amplitude, length, rates and noise are random; in
+    one of four flights, on average, the aileron moves, too.
     """
     rng = np.random.default_rng([SEED, 0, number])
     half, shapes = number // 2, len(ALL_SHAPES)
@@ -115,7 +116,7 @@ def _plan(
 
 
 def drawn_link(rng: np.random.Generator) -> Link:
-    """Return a link: its rates, its gyro's noise and its seed by chance."""
+    """Return a link with random rates, gyro noise and seed."""
     attitude_hz, servo_hz = LINK_RATES_HZ[rng.integers(len(LINK_RATES_HZ))]
     noise = float(rng.choice([0.001, 0.002, 0.004, 0.008]))
     seed = int(rng.integers(1, 2**31))

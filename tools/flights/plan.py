@@ -1,4 +1,4 @@
-"""A flight of one manoeuvre as data: the aircraft, its trim, its servos, how the rudder moves."""
+"""A flight of one manoeuvre as data: the aircraft, its trim, its servos and the rudder's moves."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
 STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
-LEAD_IN_S = 5.0  # at trim, while a receiver finds the vehicle and its parameters
+LEAD_IN_S = 5.0  # the flight starts at trim, while a receiver finds vehicle and parameters
 MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
-SWEEP_S = 45.0  # of one sweep
+SWEEP_S = 45.0  # length of one sweep
 
 
 class FlightError(RuntimeError):
-    """An aircraft that cannot be loaded, trimmed or flown as asked."""
+    """The aircraft cannot be loaded, trimmed or flown as asked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """One servo output: travel in us, as SERVOn_MIN, _TRIM, _MAX and _REVERSED give it."""
+    """One servo output: its travel in us as SERVOn_MIN, _TRIM and _MAX, and SERVOn_REVERSED."""
 
     min_us: int = 1100
     trim_us: int = 1500
@@ -34,13 +34,13 @@ class Servo:
             raise ValueError(f"servo travel must rise, got {self}")
 
     def pulse(self, unit: float) -> int:
-        """Return the pulse in whole us for a deflection of -1..1; what lies outside is clipped."""
+        """Return the pulse in whole us for a deflection from -1 to 1, clipped to the travel."""
         shaft = -unit if self.reverse else unit
         travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
         return min(max(self.trim_us + round(shaft * travel), self.min_us), self.max_us)
 
     def unit(self, pulse_us: int) -> float:
-        """Return the deflection a pulse stands for: ArduPilot's pwm_from_angle inverted."""
+        """Return the deflection of a pulse: the inverse of ArduPilot's pwm_from_angle."""
         shaft = pulse_us - self.trim_us
         travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
         return (-shaft if self.reverse else shaft) / travel
@@ -48,14 +48,15 @@ class Servo:
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """All that decides a flight.
+    """All settings of a flight.
 
     ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and per
-    rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time,
-    best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot hears no noise.
+    rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time
+    in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors have no
+    noise.
 
     Raises:
-        ValueError: a manoeuvre or number that is none.
+        ValueError: the manoeuvre is unknown, or a number is outside its limits.
     """
 
     aircraft: str = "c172p"
@@ -86,7 +87,7 @@ class FlightPlan:
 
 
 def excitation(plan: FlightPlan) -> NDArray[np.float64]:
-    """Return the rudder about trim for every simulation step, (n,), in units."""
+    """Return the rudder about trim for every simulation step (n,), in units."""
     n = round(plan.seconds / STEP_S) + 1
     rudder = np.zeros(n)
     start = round(LEAD_IN_S / STEP_S)
@@ -105,7 +106,7 @@ def excitation(plan: FlightPlan) -> NDArray[np.float64]:
 def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
     """Return sines (n,) from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``.
 
-    The frequency rises exponentially, again and again; every other sweep begins to the left.
+    Each sweep of SWEEP_S rises exponentially in frequency; every second one begins to the left.
     """
     t = np.arange(n) * STEP_S
     low_hz, octaves = 0.3 * 0.3 / step_s, np.log(2.5 / 0.3)
@@ -114,7 +115,7 @@ def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
 
 
 def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
-    """Return the pieces (seconds, -1 | 0 | 1) of one round of a manoeuvre."""
+    """Return one sequence of a manoeuvre as pieces (length in s, side: -1, 0 or 1)."""
     if manoeuvre == "none":
         return []
     if manoeuvre == "prbs":
@@ -123,7 +124,7 @@ def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]
     one = [(5 / 3, 1), (5 / 3, -1), (5, 0)]  # half a period each way
     if manoeuvre == "3211":
         one = [(3, 1), (2, -1), (1, 1), (1, -1), (4, 0)]
-    # Both signs, and three tempos so that no repetition excites quite the same band.
+    # Both signs and three tempos, so that no two repetitions excite the same band.
     turns = [(sign, tempo) for tempo in (1.0, 0.7, 1.3) for sign in (1, -1)]
     return [
         (length * tempo * step_s, float(value * sign))

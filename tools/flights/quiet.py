@@ -1,7 +1,8 @@
-"""Logs in which nothing excites the rudder, a dozen ways: none may pass for an answer.
+"""Logs without excitation by the rudder, of fourteen kinds: none may have a usable answer.
 
-In the air by JSBSim (turns, gusts, mixed and damped rudders, a vibration, an autopilot that is only
-a passenger); hovering, tumbling, parked and rolling by simple motions (flights/drawn.py).
+Those in the air are flown by JSBSim (turns, gusts, mixed and damped rudders, a vibration, an
+autopilot that does not control the aircraft); hovering, tumbling, parked and rolling are simple
+motions (flights/drawn.py).
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ GENTLE = (
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
     ("t6texan2", 5000.0, 180.0), ("OV10", 5000.0, 160.0), ("c172r", 3000.0, 90.0),
 )  # fmt: skip
-"""Aircraft, altitude in ft, airspeed in kt."""
+"""Aircraft, altitudes in ft and airspeeds in kt of the flights."""
 
 
 def turns(rng: np.random.Generator, seconds: float) -> Floats:
-    """Return a bank in rad (n,): to either side or level for 6 to 18 s, rolled into at 20 deg/s."""
+    """Return a bank in rad (n,): left, right or level for 6 to 18 s, reached within 1.5 s."""
     n = count(seconds)
     bank, at = np.zeros(n), 5000
     while at < n:
@@ -44,7 +45,7 @@ def turns(rng: np.random.Generator, seconds: float) -> Floats:
 
 
 def drift(rng: np.random.Generator, seconds: float) -> Floats:
-    """Return a trim (n,) that wanders within some 2 % of travel in half a minute."""
+    """Return a trim (n,) that wanders by at most 2 % of travel over half a minute."""
     return np.clip(wander(rng, count(seconds), 15.0, 0.01), -0.02, 0.02)
 
 
@@ -54,7 +55,7 @@ def in_the_air(
     severities: Sequence[int],
     **told: Any,
 ) -> Made:
-    """Fly one of the gentle aircraft; ``hands`` are told the length of the flight in s."""
+    """Fly one of the GENTLE aircraft; ``hands`` is called with the length of the flight in s."""
     aircraft, altitude_ft, speed_kt = GENTLE[rng.integers(len(GENTLE))]
     seconds = float(rng.choice(LENGTHS_S))
     plan = FlightPlan(
@@ -70,17 +71,17 @@ def in_the_air(
 
 
 def turning(rng: np.random.Generator) -> Made:
-    """Fly turns by the aileron alone, the rudder still."""
+    """Fly turns with the aileron alone, while the rudder does not move."""
     return in_the_air(rng, lambda s: Hands(bank=turns(rng, s)), (0, 0, 1, 2))
 
 
 def gusts(rng: np.random.Generator) -> Made:
-    """Fly wings level in turbulence, the rudder still."""
+    """Fly wings level in turbulence, while the rudder does not move."""
     return in_the_air(rng, lambda s: Hands(), (1, 2, 3, 4))
 
 
 def drifting(rng: np.random.Generator) -> Made:
-    """Fly in turbulence, now and then in turns, the rudder's trim wandering."""
+    """Fly in turbulence, half of the flights in turns, while the rudder's trim wanders."""
 
     def hands(seconds: float) -> Hands:
         bank = turns(rng, seconds) if rng.random() < 0.5 else None
@@ -90,7 +91,7 @@ def drifting(rng: np.random.Generator) -> Made:
 
 
 def mixed(rng: np.random.Generator) -> Made:
-    """Fly by an autopilot whose rudder is a share of its aileron, and a little noise."""
+    """Fly with an autopilot whose rudder is a share of its aileron with a little noise."""
     share = round(float(rng.uniform(0.2, 1.0)), 2)
     noise = float(rng.choice([0.0, 0.001, 0.003]))
 
@@ -102,7 +103,7 @@ def mixed(rng: np.random.Generator) -> Made:
 
 
 def coordinated(rng: np.random.Generator) -> Made:
-    """Fly a pilot's coordinated turns: the rudder follows the aileron by 0.1 to 0.3 s."""
+    """Fly a pilot's coordinated turns: the rudder lags the aileron by 0.1 to 0.3 s."""
     share, lag_s = (round(float(rng.uniform(*ends)), 2) for ends in ((0.2, 0.8), (0.1, 0.3)))
 
     def hands(seconds: float) -> Hands:
@@ -113,7 +114,7 @@ def coordinated(rng: np.random.Generator) -> Made:
 
 
 def damped(rng: np.random.Generator) -> Made:
-    """Fly in turbulence, every other time in turns; a yaw damper alone moves the rudder."""
+    """Fly in turbulence, half of the flights in turns; only a yaw damper moves the rudder."""
     gain = round(float(rng.uniform(0.3, 1.5)), 2)
 
     def hands(seconds: float) -> Hands:
@@ -124,7 +125,7 @@ def damped(rng: np.random.Generator) -> Made:
 
 
 def vibrating(rng: np.random.Generator) -> Made:
-    """Put a line of 2 to 4 Hz on the gyro; the rudder moves by 2 % of travel each way at most."""
+    """Add a vibration of 2 to 4 Hz to the gyro; the rudder moves by at most 2 % of travel."""
     line_hz = round(float(rng.uniform(2.0, 4.0)), 2)
     share = round(float(rng.uniform(0.1, 0.7)), 2)
     foot = float(rng.choice([0.0, 0.01, 0.02]))
@@ -139,7 +140,10 @@ def vibrating(rng: np.random.Generator) -> Made:
 
 
 def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator) -> bytes:
-    """Add a narrow line (0.05 Hz) to the yaw rate of ATTITUDE, then ``share`` of its power."""
+    """Add a vibration 0.05 Hz wide to the yaw rate of ATTITUDE.
+
+    ``share`` is its part of the power of the result.
+    """
     rates = [
         struct.unpack_from("<f", payload(frame, 28), 24)[0]
         for _, frame in split(log)
@@ -147,7 +151,7 @@ def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator
     ]
     amplitude = math.sqrt(2.0 * share / (1.0 - share) * float(np.var(rates)))
     phase, before_s = float(rng.uniform(0.0, math.tau)), 0.0
-    width = math.sqrt(math.tau * 0.05)  # of the phase's random walk, rad per root of a second
+    width = math.sqrt(math.tau * 0.05)  # of the phase's random walk, in rad per square root of a s
 
     def change(message: Any) -> list[Any]:
         nonlocal phase, before_s
@@ -162,10 +166,11 @@ def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator
 
 
 def lined() -> Made:
-    """Fly by hand a Dutch roll near 1.3 rad/s, and put a line of 2.4 Hz on the gyro.
+    """Fly a Dutch roll near 1.3 rad/s by hand, and add a vibration of 2.4 Hz to the gyro.
 
-    The line has 17 % of the yaw rate's power and is no mode of the aircraft: 15.1 rad/s is no
-    answer. The flight is kept as it was when that was found, its autopilot hearing true signals.
+    The vibration has 17 % of the yaw rate's power and is not a mode of the aircraft, so 15.1 rad/s
+    must not be the answer. The flight is as it was when that mistake was found, with an autopilot
+    whose sensors have no noise.
     """
     rng = np.random.default_rng([SEED, 2])
     plan = FlightPlan(
@@ -178,7 +183,10 @@ def lined() -> Made:
 
 
 def passenger(rng: np.random.Generator) -> Made:
-    """Carry PX4 along: its controls ask for much, its outputs never move; half are disarmed."""
+    """Carry a PX4 along that controls nothing: its controls move, its outputs do not.
+
+    In half of the logs it is disarmed.
+    """
     made = in_the_air(
         rng,
         lambda s: Hands(bank=turns(rng, s), react=Mixed(0.3, 0.2)),
@@ -193,9 +201,10 @@ def passenger(rng: np.random.Generator) -> Made:
 def as_passenger(
     flown: list[Record], rng: np.random.Generator, *, armed: bool, status: bool
 ) -> bytes:
-    """Tell a flight as such a PX4 does; outputs as ACTUATOR_OUTPUT_STATUS or SERVO_OUTPUT_RAW.
+    """Return a flight's log as such a PX4 sends it.
 
-    The controls would level the wings and damp the yaw; yaw has some of the roll's.
+    Its outputs are ACTUATOR_OUTPUT_STATUS with ``status``, else SERVO_OUTPUT_RAW. Its controls
+    would level the wings and damp the yaw; the yaw control has a part of the roll control.
     """
     roll = yaw = 0.0
     gains = rng.uniform([0.6, 0.1, 0.2], [1.5, 0.6, 1.0])
@@ -251,7 +260,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
 
 
 def unexcited(number: int) -> Made:
-    """Return log ``number`` of the unexcited corpus; the kinds come in turn."""
+    """Return log ``number`` of the corpus without excitation; the kinds come in turn."""
     group = list(KINDS)[number % len(KINDS)]
     rng = np.random.default_rng([SEED, 1, number])
     made = KINDS[group](rng)

@@ -1,10 +1,10 @@
-"""Send a telemetry log's frames to a UDP endpoint, one datagram each.
+"""Sends the frames of a telemetry log to a UDP endpoint, one in each datagram.
 
     python -m flights.send_tlog log.tlog 127.0.0.1:14560 --speed 2
     python -m flights.send_tlog log.tlog 127.0.0.1:14560 --rate 20000 --count 1200000
 
-By default at the pace of their stamps; with ``--rate`` so many a second whatever the stamps say,
-from the start again where the log ends.
+By default they are sent at the pace of their stamps. With ``--rate``, so many are sent a second
+regardless of the stamps, and the log starts again when it ends.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def flood(frames: Sequence[bytes], where: tuple[str, int], rate: float, count: i
 
 
 def main(argv: Sequence[str]) -> int:
-    """Send; return 0."""
+    """Send the log; return 0."""
     parser = argparse.ArgumentParser(
         prog="send_tlog.py", description=(__doc__ or "").split("\n")[0]
     )

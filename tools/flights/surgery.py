@@ -1,7 +1,7 @@
-"""Take a tlog apart into records, change what is in them, put it together again.
+"""Splits a tlog into records, changes them, and joins them again.
 
-A record is (receive stamp in us of Unix time, MAVLink frame). What links, radios and recorders do
-to a log is done here to a good one, for the cases of replay_logs/ and the fault tests.
+A record is (receive stamp in us of Unix time, MAVLink frame). The functions do to a good log what
+links, radios and recorders do to logs, for the cases of replay_logs/ and the fault tests.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FIRST_SIGNATURE = 10_000_000
 
 
 def split(log: bytes) -> list[Record]:
-    """Return the records of an intact log; a torn last one is left out.
+    """Return the records of an intact log; an incomplete last one is left out.
 
     Raises:
         ValueError: a record does not begin with a MAVLink frame.
@@ -52,7 +52,7 @@ def message_id(frame: bytes) -> int:
 
 
 def payload(frame: bytes, size: int) -> bytes:
-    """Return the first bytes of a frame's payload; MAVLink 2 leaves trailing zeros out."""
+    """Return the first ``size`` bytes of a payload, with the zeros that MAVLink 2 cuts off."""
     head = 6 if frame[0] == 0xFE else 10
     return frame[head : head + frame[1]].ljust(size, b"\0")[:size]
 
@@ -64,7 +64,7 @@ def sender(frame: bytes) -> tuple[int, int]:
 
 
 class Encoder:
-    """Packs messages as several senders do, each with its sequence; signed where there is a key."""
+    """Packs messages of several senders, each with its own sequence; with a key it signs them."""
 
     def __init__(self, key: bytes | None = None, dialect: Any = mavlink) -> None:
         self._key, self._dialect = key, dialect
@@ -90,9 +90,9 @@ def rewrite(
     sysid: int | None = None,
     key: bytes | None = None,
 ) -> list[Record]:
-    """Decode each frame, ``change`` its message into others (none drops it), and pack them anew.
+    """Decode each frame, ``change`` its message into others (or none), and pack these again.
 
-    ``sysid`` replaces the vehicle's (1); ``key`` signs every frame.
+    ``sysid`` replaces the vehicle's system id 1; ``key`` signs every frame.
     """
     reader, encoder = mavlink.MAVLink(None), Encoder(key)
     rewritten = []
@@ -106,7 +106,7 @@ def rewrite(
 
 
 def without(records: Sequence[Record], low_s: float, high_s: float) -> list[Record]:
-    """Leave out what was received from ``low_s`` to ``high_s`` after the first record."""
+    """Return the records without those received from ``low_s`` to ``high_s`` after the first."""
     low, high = (records[0][0] + round(1e6 * s) for s in (low_s, high_s))
     return [record for record in records if not low <= record[0] < high]
 
@@ -118,17 +118,17 @@ def after(first: Sequence[Record], second: Sequence[Record], pause_s: float) -> 
 
 
 def together(*logs: Sequence[Record]) -> list[Record]:
-    """Return several logs as one recorder hears them."""
+    """Return several logs as one recorder would receive them, sorted by stamp."""
     return sorted((record for log in logs for record in log), key=lambda record: record[0])
 
 
 def wrong_crc(frame: bytes) -> bytes:
-    """Return a frame as a sender of another dialect packs it: whole, but its CRC never fits."""
+    """Return a frame as a sender of another dialect packs it: whole, but with a wrong CRC."""
     return frame[:-2] + bytes(b ^ 0x5A for b in frame[-2:])
 
 
 def nonsense(rng: np.random.Generator) -> bytes:
-    """Return something that begins like a frame, with an id nobody knows, and noise for a rest."""
+    """Return bytes that begin like a frame with an unknown message id, followed by noise."""
     size = int(rng.integers(0, 60))
     ident = int(rng.integers(60_000, 2**24)).to_bytes(3, "little")
     head = bytes([0xFD, size, 0, 0, *rng.integers(0, 256, 3).tolist()]) + ident
@@ -136,10 +136,10 @@ def nonsense(rng: np.random.Generator) -> bytes:
 
 
 def littered(records: Sequence[Record], seed: int, share: float = 0.02) -> bytes:
-    """Return a log in which rubbish stands at the very start and between records, its end torn.
+    """Return a log with garbage at the start and between records, and with its end cut off.
 
-    The rubbish: noise without a stamp, frames with nonsense ids, frames whose CRC never fits, lone
-    line ends.
+    The garbage is noise without a stamp, frames with unknown ids, frames with a wrong CRC, and line
+    ends.
     """
     rng = np.random.default_rng(seed)
     parts = [rng.bytes(333)]

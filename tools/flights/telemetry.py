@@ -1,4 +1,4 @@
-"""What a telemetry link makes of a flight: MAVLink frames and the stamps they are received at."""
+"""Turns a flight into the MAVLink frames of a telemetry link, with their receive stamps."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos
 
 
 class Flying(Protocol):
-    """What is told of: a flight of JSBSim, or what gives the properties that are asked for.
+    """A flight to be sent: of JSBSim, or another source of the same properties.
 
-    ``noise`` (6,) is that of its sensors, angles and rates; None: the link draws it.
+    ``noise`` (6,) is that of its sensors for angles and rates; if it is None, the link draws noise.
     """
 
     plan: FlightPlan
@@ -31,20 +31,20 @@ class Flying(Protocol):
     noise: list[float] | None
 
     def advance_to(self, ms: int) -> None:
-        """Go on to a millisecond after the start."""
+        """Advance to a millisecond after the start."""
 
     def __getitem__(self, name: str) -> float: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """What is sent and how it arrives.
+    """The settings of a link: what is sent, and with which noise.
 
-    Rates in Hz; noise is the standard deviation of what ATTITUDE says, in rad/s and rad; ``boot_s``
-    is the vehicle's time at the start of the flight.
+    Rates are in Hz. ``rate_noise`` and ``angle_noise`` are the standard deviations of ATTITUDE's
+    noise in rad/s and rad. ``boot_s`` is the vehicle's time at the start of the flight.
 
     Raises:
-        ValueError: a number outside its limits.
+        ValueError: a number is outside its limits.
     """
 
     attitude_hz: float = 50.0
@@ -79,7 +79,7 @@ class Sender:
 
 
 class Receiver:
-    """The receive stamps of a link that keeps the order: latency, jitter, now and then a stall."""
+    """The receive stamps of a link that keeps the order: latency, jitter, and some stalls."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -87,7 +87,7 @@ class Receiver:
         self._stalled_until_us = 0
 
     def stamp(self, sent_us: int) -> int:
-        """Return the stamp of the next frame; frames that waited out a stall share one."""
+        """Return the stamp of the next frame; frames that wait for the end of a stall share one."""
         if self._rng.random() < 0.002:
             self._stalled_until_us = sent_us + int(self._rng.uniform(30_000, 150_000))
         arrival_us = sent_us + 3_000 + int(self._rng.exponential(1_500.0))
@@ -114,7 +114,7 @@ def telemetry(link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
 def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tuple[int, str, int]]:
     """Return (millisecond after the start, message, its count) in the order of sending.
 
-    As in an autopilot each stream has a phase of its own, and a message goes out up to 2 ms late.
+    As in an autopilot, each stream has its own phase, and messages are sent up to 2 ms late.
     """
     streams = [
         ("heartbeat", 1.0, 0),
@@ -133,7 +133,7 @@ def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tup
 
 
 def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
-    """Return the SERVOn parameters of the four servos, and the mix that is not there."""
+    """Return the SERVOn parameters of the four servos, and KFF_RDDRMIX, which is 0."""
     outputs = [
         (AILERON, plan.aileron),
         (ELEVATOR, Servo()),
@@ -149,14 +149,14 @@ def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
 
 
 class Messages:
-    """Each message as the vehicle (or the ground station) would say it now."""
+    """The messages that the vehicle or the ground station would send now."""
 
     def __init__(self, dialect: Any, link: Link, flight: Flying, rng: np.random.Generator) -> None:
         self._dialect, self._link, self._flight, self._rng = dialect, link, flight, rng
         self._parameters = parameters(flight.plan)
 
     def heartbeat(self, ms: int, index: int) -> Any:
-        """HEARTBEAT of the armed aeroplane."""
+        """Return the HEARTBEAT of the armed aeroplane."""
         d = self._dialect
         armed = d.MAV_MODE_FLAG_SAFETY_ARMED | d.MAV_MODE_FLAG_STABILIZE_ENABLED
         mode = armed | d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -165,13 +165,13 @@ class Messages:
         return d.MAVLink_heartbeat_message(kind, autopilot, mode, flown, d.MAV_STATE_ACTIVE, 3)
 
     def gcs_heartbeat(self, ms: int, index: int) -> Any:
-        """HEARTBEAT of the ground station: no vehicle."""
+        """Return the HEARTBEAT of the ground station, which is no vehicle."""
         d = self._dialect
         kind, autopilot = d.MAV_TYPE_GCS, d.MAV_AUTOPILOT_INVALID
         return d.MAVLink_heartbeat_message(kind, autopilot, 0, GCS_MODE, d.MAV_STATE_ACTIVE, 3)
 
     def parameter(self, ms: int, index: int) -> Any:
-        """PARAM_VALUE number ``index``."""
+        """Return PARAM_VALUE number ``index``."""
         name, value = self._parameters[index]
         d = self._dialect
         kind = d.MAV_PARAM_TYPE_INT16 if name.startswith("SERVO") else d.MAV_PARAM_TYPE_REAL32
@@ -179,7 +179,7 @@ class Messages:
         return d.MAVLink_param_value_message(name.encode(), value, kind, count, index)
 
     def attitude(self, ms: int, index: int) -> Any:
-        """ATTITUDE: true angles and body rates plus sensor noise."""
+        """Return ATTITUDE: the true angles and body rates plus sensor noise."""
         flight, link = self._flight, self._link
         yaw = math.remainder(flight["attitude/psi-rad"], math.tau)
         angles = np.array([flight["attitude/phi-rad"], flight["attitude/theta-rad"], yaw])
@@ -194,16 +194,16 @@ class Messages:
         return self._dialect.MAVLink_attitude_message(boot_ms, *angles, *rates)
 
     def servo_output_raw(self, ms: int, index: int) -> Any:
-        """SERVO_OUTPUT_RAW: what the servos are told at this very instant."""
+        """Return SERVO_OUTPUT_RAW: the servo outputs of this instant."""
         flight = self._flight
-        # Sent within the millisecond in which the command holds; rolls over after 71.6 min.
+        # Sent within the millisecond of the command; the time wraps after 71.6 min.
         boot_us = 1000 * (ms + round(1000 * self._link.boot_s)) + int(self._rng.integers(0, 1000))
         throttle_us = 1000 + round(1000 * flight["fcs/throttle-cmd-norm"])
         servos = [flight.aileron_us, 1500, throttle_us, flight.rudder_us, 0, 0, 0, 0]
         return self._dialect.MAVLink_servo_output_raw_message(boot_us % 2**32, 0, *servos)
 
     def vfr_hud(self, ms: int, index: int) -> Any:
-        """VFR_HUD: airspeed, groundspeed, heading in whole degrees, throttle, altitude, climb."""
+        """Return VFR_HUD: speeds, heading in whole degrees, throttle, altitude, climb rate."""
         flight = self._flight
         return self._dialect.MAVLink_vfr_hud_message(
             flight["velocities/vc-kts"] * KNOT,

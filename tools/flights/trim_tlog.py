@@ -1,8 +1,8 @@
-"""Cut a stretch of vehicle time out of a tlog; whole records, bytes untouched.
+"""Cuts a stretch of vehicle time out of a tlog: whole records, whose bytes do not change.
 
     python tools/trim_tlog.py IN.tlog OUT.tlog --from 76.5 --to 255 --only
 
-Vehicle time is ATTITUDE's time_boot_ms; a record belongs to the last one before it.
+Vehicle time is ATTITUDE's time_boot_ms; a record has the time of the last ATTITUDE up to it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALU
 
 
 def trim(log: bytes, start_s: float, stop_s: float, only: Collection[str] | None = None) -> bytes:
-    """Return the records with ``start_s <= boot time < stop_s``, only of the messages named."""
+    """Return the records with ``start_s <= boot time < stop_s``; ``only`` names their messages."""
     wanted = None if only is None else {number(name) for name in only}
     attitude, boot_s, kept = number("ATTITUDE"), -1.0, []
     for stamp, frame in split(log):
@@ -45,7 +45,7 @@ def number(name: str) -> int:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Trim; return 0, or 2 with one line of reason."""
+    """Trim the log; return 0, or 2 after printing the reason in one line."""
     parser = argparse.ArgumentParser(prog="trim_tlog.py")
     parser.add_argument("log", type=Path)
     parser.add_argument("out", type=Path)

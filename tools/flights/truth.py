@@ -1,9 +1,9 @@
-"""What identification should find in a flight of JSBSim, and how well that is known.
+"""The truth of a flight of JSBSim: what identification should find, and its sigma.
 
-It is known when the flight has been flown: the Dutch roll is linearised at the mean airspeed and
-altitude flown, closed with the roll hold (``dutch_roll``) and bare (``dutch_roll_open_loop``). Its
-sigma has two parts: the airspeeds flown about their mean, by the slope over the airspeed, and how
-far the decay after a rudder pulse in the simulation itself, its actuators included, lies off.
+After the flight, the Dutch roll is linearised at the mean airspeed and altitude flown, closed with
+the roll hold (``dutch_roll``) and bare (``dutch_roll_open_loop``). Its sigma has two parts: the
+scatter of the airspeed times the slope over the airspeed, and the difference from the decay after a
+rudder pulse in the simulation itself, with its actuators.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ Line = dict[str, Any]
 LATERAL = ("Beta", "Phi", "P", "R")  # FGLinearization's names
 
 SLOPE_SHARE = 0.01
-"""The slope over the airspeed is taken so far ahead: trim and linearisation are smooth."""
+"""Step for the slope over the airspeed, as a fraction of it: trim and linearisation are smooth."""
 
 
 def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
-    """Return what identification should find in a flight, ``flown`` (n, 3 or 4) as it notes it.
+    """Return what identification should find in a flight; ``flown`` (n, 3 or 4) is Flight's.
 
-    All but ``dutch_roll_at_trim``, that of the plan, is of the mean airspeed and altitude flown, by
-    ``jsbsim.FGLinearization``'s lateral block (beta, roll, p, r; rad and rad/s). It knows the
-    flight-control system by its statics only; ``dutch_roll_pulse``, seen in the simulation itself,
-    differs where an aircraft has actuator lags or dampers of its own.
+    All values but ``dutch_roll_at_trim``, which is that of the plan, are for the mean airspeed and
+    altitude flown, by the lateral block of ``jsbsim.FGLinearization`` (beta, roll, p, r; rad and
+    rad/s). That has only the statics of the flight-control system; ``dutch_roll_pulse``, from the
+    simulation itself, differs if an aircraft has actuator lags or dampers of its own.
 
     Raises:
         FlightError: the aircraft finds no trim at the airspeed flown.
@@ -65,20 +65,20 @@ def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
 
 
 def after_lead_in(flown: Sequence[tuple[float, ...]]) -> Floats:
-    """Return what a flight noted since its rudder may move, (n, 4); all of it where it did not."""
+    """Return the rows of ``flown`` (n, 4) after the lead-in; all rows if there is none after it."""
     rows = np.array(flown)
     later = rows[rows[:, 0] > LEAD_IN_S]
     return later if len(later) else rows
 
 
 def mean_plan(plan: FlightPlan, flown: Floats) -> FlightPlan:
-    """Return the plan at the mean of ``flown`` (n, 3 or 4): seconds, kt, ft; rounded as told."""
+    """Return the plan with the mean airspeed and altitude of ``flown`` (n, 3 or 4): s, kt, ft."""
     knots, feet = flown[:, 1:3].mean(axis=0).tolist()
     return replace(plan, speed_kt=round(knots, 3), altitude_ft=round(feet, 1))
 
 
 def flown_dutch_rolls(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]:
-    """Return the two Dutch rolls of a flight: wn_rad_s, wn_std, zeta, zeta_std; None: no such."""
+    """Return a flight's Dutch rolls by name: wn_rad_s, wn_std, zeta, zeta_std; None if none."""
     return modes_at(truth_lines(plan, flown), flown[:, 1])
 
 
@@ -102,11 +102,11 @@ def flown_yaw_channels(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None
 
 
 def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
-    """Return what is true of a flight at any airspeed, by the names of :func:`linear_dutch_rolls`.
+    """Return the truth of a flight at any airspeed, by the names of :func:`linear_dutch_rolls`.
 
     ``line`` is the Dutch roll linearised at the mean airspeed ``mean_kt`` and altitude of ``flown``
-    (``at``: wn, zeta) and its slope (``per_kt``), ``pulse`` how far the decay after a pulse lies
-    from it. None where there is no Dutch roll, linearised or in the pulse.
+    (``at``: wn, zeta) and its slope (``per_kt``); ``pulse`` is the difference of the decay after a
+    pulse from it. A value is None if the linearisation or the pulse has no Dutch roll.
     """
     mean = mean_plan(plan, flown)
     step_kt = SLOPE_SHARE * mean.speed_kt
@@ -130,7 +130,7 @@ def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
 
 
 def at_airspeeds(line: Line, knots: Floats) -> tuple[Floats, Floats]:
-    """Return wn in rad/s and zeta (2,) at the mean of airspeeds ``knots`` (n,), and their sigma."""
+    """Return wn in rad/s and zeta (2,) at the mean of airspeeds ``knots`` (n,), and the sigmas."""
     at, slope = np.array(line["line"]["at"]), np.array(line["line"]["per_kt"])
     value = at + slope * (float(knots.mean()) - line["mean_kt"])
     return value, np.hypot(slope * float(knots.std()), line["pulse"])
@@ -153,8 +153,8 @@ def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
 
         r/u = K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2),
 
-    the Dutch roll being the linearisation's, K and T the least relative misfit to all of r/u from
-    0.3 to 3 wn (``misfit``, rms): spiral and roll mode are in r/u and not in the model.
+    The Dutch roll is the linearisation's. K and T minimise the relative misfit to the whole r/u
+    from 0.3 to 3 wn (``misfit``, its rms): r/u also has spiral and roll mode, the model does not.
     """
     A, closed, rudder = _with_roll_hold(plan)
     return {"airframe": _yaw_channel(A, rudder), "with_roll_loop": _yaw_channel(closed, rudder)}
@@ -182,7 +182,7 @@ def _yaw_channel(A: Floats, rudder: Floats) -> Mode | None:
 def _with_roll_hold(plan: FlightPlan) -> tuple[Floats, Floats, Floats]:
     """Return A (4, 4) of the bare airframe and with the roll hold, and the rudder's column (4,).
 
-    Kept: a piston engine makes JSBSim's linearisation last up to a second, now and then twelve.
+    Results are cached: with a piston engine, JSBSim's linearisation takes up to 1 s, sometimes 12.
     """
     A, aileron, rudder = _lateral(jsbsim.FGLinearization(trimmed(plan)))
     hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
@@ -200,7 +200,7 @@ def _lateral(linear: Any) -> tuple[Floats, Floats, Floats]:
 
 
 def rudder_travel(plan: FlightPlan) -> dict[str, float]:
-    """Return the rudder's stops in rad of JSBSim's surface angle, by holding it there for 2 s."""
+    """Return JSBSim's surface angles in rad at the rudder's stops, after holding it for 2 s."""
     stops = {}
     for name, command in (("nose_right", -1.0), ("nose_left", 1.0)):
         fdm = trimmed(plan)
@@ -212,7 +212,7 @@ def rudder_travel(plan: FlightPlan) -> dict[str, float]:
 
 
 def dutch_roll(A: Floats, b: Floats, output: int) -> Mode | None:
-    """Return the oscillatory pair with the largest energy from input ``b`` to one state."""
+    """Return the oscillatory pair with the largest energy from input ``b`` to state ``output``."""
     poles, modes = np.linalg.eig(A)
     return strongest_pair(poles, modes[output] * np.linalg.solve(modes, b.astype(complex)))
 
@@ -233,10 +233,10 @@ def _as_pairs(poles: NDArray[Any]) -> list[list[float]]:
 
 
 def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> Floats:
-    """Return the yaw rate in rad/s at 20 Hz after a small rudder pulse, roll hold on, (n,).
+    """Return the yaw rate (n,) in rad/s at 20 Hz after a small rudder pulse, with the roll hold.
 
-    The same flight without the pulse is subtracted, which leaves no trim error and no drift. The
-    servos have 32 766 steps of travel a side: quantisation would hide the end of the decay.
+    The same flight without the pulse is subtracted, which removes trim errors and drift. The servos
+    have 32 766 steps of travel on each side, as quantisation would hide the end of the decay.
     """
     fine = Servo(1, 32_767, 65_533)
     plan = replace(plan, seconds=seconds + 1.0, rudder=fine, aileron=fine, true_feedback=True)
@@ -258,7 +258,8 @@ def decay_modes(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return poles in rad/s and amplitudes of ``response = sum(a_i exp(p_i t))``.
 
-    The Hankel matrix's shift within its leading ``order`` left singular vectors (Ho and Kalman).
+    The poles follow from the shift of the Hankel matrix within its first ``order`` left singular
+    vectors (Ho and Kalman).
     """
     hankel = np.lib.stride_tricks.sliding_window_view(response, len(response) // 2)
     left = np.linalg.svd(hankel.T)[0][:, :order]
@@ -270,13 +271,16 @@ def decay_modes(
 
 @lru_cache(maxsize=32)
 def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
-    """Return the Dutch roll seen in the decay after a rudder pulse, without any linearisation."""
+    """Return the Dutch roll in the decay after a rudder pulse, without any linearisation."""
     poles, amplitudes = decay_modes(pulse_response(plan), 0.05)
     return strongest_pair(poles, amplitudes)
 
 
 def disagreement(found: dict[str, Any]) -> str | None:
-    """Return a warning where pulse and linearisation differ by 2.5 % in wn or 0.02 in zeta."""
+    """Return a warning if pulse and linearisation differ by over 2.5 % in wn or 0.02 in zeta.
+
+    It is None if they agree.
+    """
     linear, pulse = found["dutch_roll"], found["dutch_roll_pulse"]
     if not linear or not pulse:
         return f"{found['aircraft']} shows no oscillatory Dutch roll here"
