@@ -7,7 +7,7 @@ from hand_flights import forty, four_of_a_flight, summary
 from msgspec.structs import replace
 
 from yawid.answers.run_summary import ReasonSummary, VehicleSeen
-from yawid.results.advice import to_do
+from yawid.results.advice import Situation, advised, next_step, remedy, to_do
 from yawid.results.reasons import ARDUPILOT, KINDS, PX4
 
 PLANE, QUADROTOR = 1, 2
@@ -50,3 +50,29 @@ def test_what_a_reason_says_itself_is_not_said_again() -> None:
 
     assert to_do(reason("rate_changed", "yaw came slower: choose the rate with --rate"), run) == ""
     assert to_do(reason("of_a_newer_version"), run) == ""
+
+
+@pytest.mark.parametrize("copy", ["mixed_rudder", "collinear_inputs"])
+def test_the_turn_is_not_removed_where_the_rudder_copies_the_aileron(copy: str) -> None:
+    turn = reason("turn_dominated")
+    situation = Situation(vehicle(PLANE), has_flight=False, moved_enough=False)
+
+    assert "--turn remove" in remedy(turn, [turn], situation)
+    assert "--turn remove" not in remedy(turn, [reason(copy), turn], situation)
+
+
+def test_the_next_step_is_that_of_the_first_fatal_reason() -> None:
+    found = [ReasonSummary("saturated", "warning", ""), reason("no_yaw"), reason("diverged")]
+    situation = Situation(None, has_flight=False, moved_enough=False)
+
+    assert next_step(found, situation) == KINDS["no_yaw"].now
+    assert next_step(found[:1], situation) is None
+
+
+def test_every_verdict_that_is_not_usable_says_what_to_do_next_and_no_other() -> None:
+    run = advised(forty())
+    verdicts = [run.verdict, *(each.verdict for each in run.manoeuvres or [])]
+    verdicts += [] if run.flight is None else [run.flight.verdict]
+
+    assert len({each.usable for each in verdicts}) == 2
+    assert [each.next is None for each in verdicts] == [each.usable for each in verdicts]

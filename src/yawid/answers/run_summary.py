@@ -231,11 +231,12 @@ class ReasonSummary(Part, frozen=True):
 
 
 class VerdictSummary(Part, frozen=True, kw_only=True):
-    """Whether the answer may be used, why not, and the estimator that gives it."""
+    """Whether the answer may be used, why not, what to do next, and the estimator that gives it."""
 
     method: str | None = None
     usable: bool
     reasons: list[ReasonSummary]
+    next: str | None = None
 
     @property
     def fatal(self) -> list[ReasonSummary]:

@@ -14,6 +14,7 @@ from yawid.answers.run_summary import ReasonSummary
 from yawid.report.picture import Picture
 from yawid.sinks.answers import Card
 from yawid.sinks.palette import BAD, CARE, DATA, GOOD
+from yawid.sinks.words import NEXT
 
 _COLOURS: Final = {"data": DATA, "good": GOOD, "care": CARE, "bad": BAD}
 STYLE: Final = (
@@ -57,10 +58,12 @@ def first_screen(
     answers: Sequence[Card],
     told: Sequence[Told],
     remark: str = "",
+    step: str | None = None,
 ) -> str:
     """Return the head of the page: the sentence, the cards, the reasons with what to do.
 
-    ``remark`` is put below the cards. The last card says whether the answer can be used.
+    ``remark`` is put below the cards. The last card says whether the answer can be used; ``step``
+    is what to do next where it cannot.
     """
     kind = {"Yes": "yes", "No": "no"}.get(answers[-1].answer, "care")
     shown = [_card(card, f"use {kind}" if i == len(answers) - 1 else "") for i, card in
@@ -68,7 +71,8 @@ def first_screen(
     cards = f'<div class="cards">\n{"".join(shown)}</div>\n'
     below = f"{note('', remark) if remark else ''}\n"
     items = ((reason.weight, reason.name, reason.text, to_do) for reason, to_do in told)
-    return head(name, origin, sentence, cards + below + listed(items), usable=kind != "no")
+    last = "" if step is None else f'<p class="next"><b>{NEXT}</b> {prose(step)}</p>\n'
+    return head(name, origin, sentence, cards + below + listed(items) + last, usable=kind != "no")
 
 
 def head(name: str, origin: str, sentence: str, body: str, *, usable: bool) -> str:

@@ -90,8 +90,9 @@ class Report:
         stretch = (run.config.from_s, run.config.to_s)
         sentence = headline(summary, stretch)
         yield first_screen(
-            name, _origin(run), sentence, cards(summary), _told(summary), _sigma(summary)
-        )
+            name, _origin(run), sentence, cards(summary), _told(summary), _sigma(summary),
+            summary.deciding.next,
+        )  # fmt: skip
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
         yield from flight_section(summary, unit)
         yield pictures("Measured, and what the model says", self._of_flight())
@@ -167,7 +168,10 @@ def _sigma(summary: RunSummary) -> str:
 
 
 def _told(summary: RunSummary) -> list[tuple[ReasonSummary, str]]:
-    return [(reason, to_do(reason, summary)) for reason in summary.deciding.reasons]
+    """Return each reason with what to do about it; what to do next is stated once, below them."""
+    reasons, step = summary.deciding.reasons, summary.deciding.next
+    advice = [to_do(reason, summary) for reason in reasons]
+    return list(zip(reasons, ("" if each == step else each for each in advice), strict=True))
 
 
 def _origin(run: McapRun) -> str:

@@ -1,17 +1,20 @@
 """Advice about a log without a usable answer: what to do now, and what to record next time."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from msgspec.structs import replace
 
 from yawid.answers.channel_report import ChannelReport
-from yawid.answers.run_summary import ReasonSummary, RunSummary
+from yawid.answers.run_summary import ReasonSummary, RunSummary, VehicleSeen, VerdictSummary
 from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
-from yawid.results.reasons import ASK_HZ, KINDS, PARAMETERS, PARAMETERS_ON
+from yawid.results.reasons import ASK_HZ, COPIES, KINDS, PARAMETERS, PARAMETERS_ON
 
-_OFTEN = 3
+OFTEN = 3
 """With this many manoeuvres, more of the same are no longer advised."""
 _LONG_S = 60.0
 """The rudder moved long enough where the estimator learnt from this many seconds."""
-_NOT_MOVED = frozenset({"not_excited", "mixed_rudder", "collinear_inputs"})
+_NOT_MOVED = COPIES | {"not_excited"}
 _FLOWN_ENOUGH = {
     "not_converged": "The rudder moved enough: choose calmer air or a steadier airspeed by --from "
     "and --to, or compare orders with yawid orders.",
@@ -52,13 +55,64 @@ def _no_rudder(report: ChannelReport) -> str:
     return f"record SERVO_OUTPUT_RAW (36) and {parameters}; or name it: --rudder servo:N"
 
 
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """The facts on which the advice about a reason depends.
+
+    ``moved_enough`` is True where the rudder moved by itself in several manoeuvres or, without
+    any, for long: then more of the same is no advice.
+    """
+
+    vehicle: VehicleSeen | None
+    has_flight: bool
+    moved_enough: bool
+
+    @staticmethod
+    def of(summary: RunSummary) -> "Situation":
+        """Return the situation of a run."""
+        has_flight = summary.flight is not None
+        return Situation(summary.vehicle, has_flight, _moved_enough(summary))
+
+
+def advised(summary: RunSummary) -> RunSummary:
+    """Return the summary with ``next`` in each of its verdicts that is not usable."""
+    situation = Situation.of(summary)
+
+    def complete(verdict: VerdictSummary) -> VerdictSummary:
+        return replace(verdict, next=next_step(verdict.reasons, situation))
+
+    flight, manoeuvres = summary.flight, summary.manoeuvres
+    if flight is not None:
+        flight = replace(flight, verdict=complete(flight.verdict))
+    if manoeuvres is not None:
+        manoeuvres = [replace(each, verdict=complete(each.verdict)) for each in manoeuvres]
+    verdict = complete(summary.verdict)
+    return replace(summary, verdict=verdict, flight=flight, manoeuvres=manoeuvres)
+
+
+def next_step(reasons: Sequence[ReasonSummary], situation: Situation) -> str | None:
+    """Return what to do about the first fatal reason; None where there is none."""
+    first = next((reason for reason in reasons if reason.weight == "fatal"), None)
+    return None if first is None else remedy(first, reasons, situation) or None
+
+
 def to_do(reason: ReasonSummary, summary: RunSummary) -> str:
-    """Return what to do now about a reason, in one sentence for this vehicle and this record.
+    """Return what to do now about a reason of the verdict that decides, in one sentence.
 
     It is empty where there is nothing to do, or where the reason's own text already says it.
     """
-    kind, vehicle = KINDS.get(reason.id), summary.vehicle
-    if kind is None:  # written by a newer version
+    text = remedy(reason, summary.deciding.reasons, Situation.of(summary))
+    return "" if text.rstrip(".").lower() in reason.text.lower() else text
+
+
+def remedy(reason: ReasonSummary, reasons: Sequence[ReasonSummary], situation: Situation) -> str:
+    """Return what to do now about one of a verdict's reasons, in one sentence.
+
+    It fits the vehicle and the record, and contradicts no other reason of the verdict. It is empty
+    for a reason that a newer version wrote.
+    """
+    kind, vehicle = KINDS.get(reason.id), situation.vehicle
+    if kind is None:
         return ""
     autopilot = None if vehicle is None else vehicle.autopilot
     if reason.id == "no_rudder" and vehicle is not None:
@@ -66,21 +120,26 @@ def to_do(reason: ReasonSummary, summary: RunSummary) -> str:
             return "Use a log of an aircraft that has a rudder."
         if "functions" in reason.text:
             return "If one of these outputs does move a rudder, name it: --rudder servo:N."
-    if reason.id == "airspeed_changed" and summary.flight is not None:
+    if reason.id == "turn_dominated" and not COPIES.isdisjoint(each.id for each in reasons):
+        return "Choose a stretch of straight flight by --from and --to."
+    if reason.id == "mode_not_driven" and "damper" in reason.text:
+        return "Switch the yaw damper off for the manoeuvre (ArduPlane: YAW2SRV_DAMP = 0)."
+    if reason.id == "not_converged" and "periods of the Dutch roll" in reason.text:
+        return "Choose a longer stretch, or fly longer manoeuvres."
+    if reason.id == "airspeed_changed" and situation.has_flight:
         return "Fly at a steady airspeed, or choose a manoeuvre that was, by --from and --to."
     if reason.id in ("rate_too_low", "rate_low") and autopilot in kind.record_on:
         how = kind.to_record(autopilot)
         return f"Next time {how}."
-    if reason.id in _FLOWN_ENOUGH and _flown_enough(summary):
+    if reason.id in _FLOWN_ENOUGH and situation.moved_enough:
         return _FLOWN_ENOUGH[reason.id]
-    # The texts of some reasons already say what to do.
-    return "" if kind.now.rstrip(".").lower() in reason.text.lower() else kind.now
+    return kind.now
 
 
-def _flown_enough(summary: RunSummary) -> bool:
+def _moved_enough(summary: RunSummary) -> bool:
     """Return whether the rudder moved by itself in several manoeuvres or, without any, for long."""
     if summary.manoeuvres:
-        return len(summary.manoeuvres) >= _OFTEN
+        return len(summary.manoeuvres) >= OFTEN
     answer, against = summary.answer, {each.id for each in summary.verdict.reasons}
     learnt_s = 0.0 if answer is None else answer.updates * answer.sample_time_s
     return learnt_s >= _LONG_S and not against & _NOT_MOVED

@@ -184,6 +184,9 @@ _TABLE: Final = (
 
 KINDS: Final[Mapping[str, ReasonKind]] = {kind.id: kind for kind in _TABLE}
 """The kinds of reasons by id: the fatal ones first, in the order in which they decide."""
+COPIES: Final = frozenset({"mixed_rudder", "collinear_inputs"})
+"""Reasons that find the rudder to be a copy of the aileron: then to remove the turn, which the
+aileron makes, is no remedy."""
 _RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
 
 

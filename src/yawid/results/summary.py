@@ -35,6 +35,7 @@ from yawid.physics.model_response import early_response
 from yawid.physics.modes import dutch_roll_of, mode_list, modes
 from yawid.quantities.link import LinkStats
 from yawid.quantities.table import REDUCTION_ERROR
+from yawid.results.advice import advised
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
 from yawid.results.judge_samples import changed_rates, why_believed
@@ -94,7 +95,7 @@ def summarise(
         manoeuvres=pipeline.manoeuvres,
         flight=None if flight is None else flight[0],
     )
-    return summary, verdict if flight is None else flight[1]
+    return advised(summary), verdict if flight is None else flight[1]
 
 
 def of_the_log(reasons: Iterable[Reason]) -> list[Reason]:

@@ -13,7 +13,6 @@ from yawid.blocks import SampleBlock, finite
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable
 from yawid.results.reasons import Verdict
-from yawid.results.summary import as_summary
 from yawid.runs.job import Job, KeptSamples, Recording, open_log, run
 from yawid.runs.trials import Trials
 from yawid.sinks.terminal.progress import Bar, progress
@@ -97,14 +96,14 @@ def orders_report(
             kind = ChannelError if first.exit_code == 3 else NotIdentifiable
             raise kind(f"{log}: {first}")
         found, chosen = _compared(samples, config, bar)
-        verdict = Trials(source, bar).of(_with(chosen, config)).verdict
+        trial = Trials(source, bar).of(_with(chosen, config))
     report = OrdersReport(
         log=str(log.absolute()),
-        recommended=Orders(**_orders(chosen)) if verdict.usable else None,
+        recommended=Orders(**_orders(chosen)) if trial.verdict.usable else None,
         candidates=[_described(candidate) for candidate in found],
-        verdict=as_summary(verdict),
+        verdict=trial.summary.deciding,
     )
-    return report, verdict
+    return report, trial.verdict
 
 
 def _orders(candidate: "Tried") -> dict[str, int]:

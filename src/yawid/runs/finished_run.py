@@ -19,6 +19,7 @@ from yawid.config.run import RunConfig, overruled
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
+from yawid.results.advice import advised
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.summary import as_summary, bank_summaries
@@ -136,7 +137,7 @@ class FinishedRun:
             manoeuvres=pipeline.manoeuvres,
             flight=None if flight is None else flight[0],
         )
-        return summary, verdict if flight is None else flight[1]
+        return advised(summary), verdict if flight is None else flight[1]
 
     def close(self) -> None:
         """Do nothing: the file is opened and closed at each reading."""

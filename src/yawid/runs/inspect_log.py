@@ -33,8 +33,7 @@ from yawid.results.judge_samples import (
     WORTH_PCT,
 )
 from yawid.results.make_card import SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
-from yawid.results.reasons import Verdict
-from yawid.results.summary import as_summary
+from yawid.results.reasons import COPIES, Verdict
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import KeptSamples, RecordedLog, run
 from yawid.runs.trials import Trial, Trials
@@ -127,7 +126,7 @@ def _inspected(
         recommend=recommend,
         command=command,
         card=_card(whole, samples, rates, channels.parameters.values) if with_card else None,
-        verdict=as_summary(chosen.verdict),
+        verdict=chosen.summary.deciding,
     )
     return inspection, chosen.verdict
 
@@ -299,8 +298,9 @@ def _best(trials: Trials, whole: Trial, stretch: Span, later_hz: float) -> Trial
 def _mended(trials: Trials, trial: Trial) -> Trial | None:
     """Return a trial with the remedies of a trial's reasons, None where none makes it better."""
     remedy: dict[str, Any] = {}
+    copies = not COPIES.isdisjoint(reason.id for reason in trial.verdict.reasons)
     for reason in trial.verdict.reasons:
-        if reason.exit_code:
+        if reason.exit_code and not (copies and "turn" in reason.remedy):
             remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
     if not remedy:
         return None

@@ -12,6 +12,7 @@ from yawid.answers.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError
 from yawid.pipeline import Pipeline
+from yawid.results.advice import advised
 from yawid.results.reasons import Reason, Verdict
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
@@ -168,7 +169,7 @@ def refused(summary: RunSummary, verdict: Verdict, reason: Reason) -> tuple[RunS
     if (flight := summary.flight) is not None:
         flight = msgspec.structs.replace(flight, verdict=_with(said, flight.verdict))
         marked = msgspec.structs.replace(marked, flight=flight)
-    return marked, Verdict.of([reason, *verdict.reasons], verdict.method)
+    return advised(marked), Verdict.of([reason, *verdict.reasons], verdict.method)
 
 
 def _with(fatal: ReasonSummary, verdict: VerdictSummary) -> VerdictSummary:

@@ -28,6 +28,8 @@ LARGEST_IN_FULL: Final = 1e6
 """A number as large as this comes from an estimate that diverged; it has few digits."""
 MOST_DIGITS: Final = 6
 """The most digits after the decimal point; a number that needs more has four significant ones."""
+NEXT: Final = "next:"
+"""Begins the last line of a verdict that is not usable: what to do about the first fatal reason."""
 NOT_USED: Final = "usable, not used"
 _AS_GIVEN: Final = ("calibrated", "indicated")
 """Kinds of airspeed that are used as if they were the equivalent airspeed."""

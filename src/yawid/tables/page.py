@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from yawid.answers.run_summary import RunSummary
-from yawid.sinks.words import dutch_roll, flight_rows
+from yawid.sinks.words import NEXT, dutch_roll, flight_rows
 from yawid.tables.table import Table
 
 
@@ -42,8 +42,10 @@ def verdict(summary: RunSummary) -> str:
 
 
 def reasons(summary: RunSummary) -> list[str]:
-    """Return the reasons of the deciding verdict, fatal ones and warnings."""
-    return [str(reason) for reason in summary.deciding.reasons]
+    """Return the reasons of the deciding verdict, fatal ones and warnings, and what to do next."""
+    verdict = summary.deciding
+    lines = [str(reason) for reason in verdict.reasons]
+    return lines if verdict.next is None else [*lines, f"{NEXT} {verdict.next}"]
 
 
 def answer(summary: RunSummary) -> list[str]:

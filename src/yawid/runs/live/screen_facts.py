@@ -8,9 +8,10 @@ from yawid.blocks import EstimateBlock, Held, Status, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
+from yawid.results.advice import OFTEN, Situation, next_step
 from yawid.results.judge_estimate import answering
 from yawid.results.reasons import Verdict
-from yawid.results.summary import basis_of, of_the_log
+from yawid.results.summary import as_summary, basis_of, of_the_log
 from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
 from yawid.runs.live.standing import SILENT, running
 from yawid.runs.live.worker import Worker
@@ -69,6 +70,7 @@ class Gatherer:
             state=SILENT if quiet else _state(pipeline),
             verdict=None if verdict is None else verdict.usable,
             why=tuple(map(str, fatal or reasons)),
+            next=_next(pipeline, verdict),
         )
 
     def _rates(self, pipeline: Pipeline, link: LinkStats) -> tuple[tuple[float, ...], bool]:
@@ -93,6 +95,15 @@ class Gatherer:
         if self._of_stream is not None and link.frames:
             answer = self._of_stream.look(pipeline, link)
         return None, None if answer is None else answer.verdict
+
+
+def _next(pipeline: Pipeline, verdict: Verdict | None) -> str:
+    """Return what to do about the first fatal reason, empty where there is none."""
+    if verdict is None or verdict.usable:
+        return ""
+    manoeuvres, vehicle = pipeline.manoeuvres or (), pipeline.report().vehicle
+    situation = Situation(vehicle, bool(manoeuvres), len(manoeuvres) >= OFTEN)
+    return next_step(as_summary(verdict).reasons, situation) or ""
 
 
 def _held(pipeline: Pipeline) -> str:

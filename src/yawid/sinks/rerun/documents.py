@@ -18,6 +18,7 @@ from yawid.quantities.table import YAW_CHANNEL
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.sinks.words import (
     GREEK,
+    NEXT,
     conditions,
     dutch_roll,
     loop_of,
@@ -43,6 +44,8 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
         said = _answer(summary.dutch_roll, usable=verdict.usable)
         lines.append(f"The stream, {summary.answering.upper()}: {said}.")
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
+    if verdict.next is not None:
+        lines += ["", f"**{NEXT}** {verdict.next}"]
     if summary.estimates and not verdict.usable:
         lines += ["", _UNUSABLE]
     lines += _methods(summary.estimates or {})

@@ -19,7 +19,8 @@ class VehicleFacts:
     is True once the rudder has moved far enough. ``unanswered`` manoeuvres have ended and are being
     estimated; ``finds`` is False where manoeuvres are not looked for. ``stream`` is the running
     estimate in words, ``state`` its status in one or two. ``verdict`` says whether the answer is
-    usable, the flight's or before that the stream's, None where unknown; ``why`` lists its reasons.
+    usable, the flight's or before that the stream's, None where unknown; ``why`` lists its reasons
+    and ``next`` says what to do about the first fatal one.
     """
 
     sysid: int = 0
@@ -45,6 +46,7 @@ class VehicleFacts:
     state: str = ""
     verdict: bool | None = None
     why: tuple[str, ...] = ()
+    next: str = ""
 
     @property
     def urgency(self) -> tuple[bool, bool, bool, int]:

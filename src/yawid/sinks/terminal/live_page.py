@@ -14,7 +14,7 @@ from yawid.blocks import WINDOW_S
 from yawid.results.excitation import LEAST_STROKE
 from yawid.sinks.terminal.flight_table import in_columns, manoeuvres_table
 from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
-from yawid.sinks.words import conditions, counted, dutch_roll
+from yawid.sinks.words import NEXT, conditions, counted, dutch_roll
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page and shows one line."""
@@ -259,6 +259,8 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
     why = wrap(said, width - NAME_WIDTH, max_lines=MOST_WHY)
     yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :]))
     yield from (_row("", Text(line)) for line in why[1:])
+    if vehicle.next:
+        yield from _wrapped("", f"{NEXT} {vehicle.next}", width)
 
 
 def _events(said: Said, width: int, room: int) -> list[RenderableType]:

@@ -20,7 +20,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
-from yawid.sinks.words import Row, flight_rows, noise_spreads, numbers, percent
+from yawid.sinks.words import NEXT, Row, flight_rows, noise_spreads, numbers, percent
 
 NAME_WIDTH = 9
 """The width of the column of names."""
@@ -54,12 +54,15 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
 
 
 def print_verdict(console: Console, verdict: VerdictSummary) -> None:
-    """Print whether the answer is usable, and every reason."""
+    """Print whether the answer is usable, every reason, and what to do next."""
     word = Text("usable", "bold green") if verdict.usable else Text("NOT USABLE", "bold red")
     console.print(Text("verdict  ") + word)
     for reason in verdict.reasons:
         style = "red" if reason.weight == "fatal" else "yellow"
         line = Text(f"{reason.id}: ", style) + Text(reason.text, "default")
+        console.print(Padding(line, (0, 0, 0, 2), expand=False))
+    if verdict.next is not None:
+        line = Text(f"{NEXT} ", "bold") + Text(verdict.next, "default")
         console.print(Padding(line, (0, 0, 0, 2), expand=False))
 
 
@@ -172,4 +175,6 @@ def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
     console.print(Text("none is recommended: no replay of this log can be used", style="bold red"))
     for reason in report.verdict.fatal:
         console.print(Text(f"  {reason}"))
-    console.print(Text("yawid inspect says what would help"))
+    if report.verdict.next is not None:
+        console.print(Text(f"  {NEXT} {report.verdict.next}"))
+    console.print(Text("yawid inspect says what to record next time"))
