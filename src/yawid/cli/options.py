@@ -108,6 +108,8 @@ RECORD: tuple[Option, ...] = (
      "names of columns: rudder=delta_r,r=Rate[deg/s] (default: t, rudder, r, ...)"),
     ("--units", str, "rad|deg", "of angles and rates that say none (default: none)"),
     ("--rudder-unit", str, "half-travel|rad|deg", "of a rudder that says none (default: none)"),
+    ("--least-stroke-deg", float, "DEG",
+     "rudder stroke needed, in deg, where its travel is unknown (default: 1)"),
 )  # fmt: skip
 ESTIMATOR_OPTIONS = (*SAMPLES, *CHANNELS, *MODEL)
 TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"}

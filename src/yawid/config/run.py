@@ -30,6 +30,7 @@ _VTAIL = rf"\A({_CHANNELS}|vtail:{_SERVO},{_SERVO})\Z"
 Rudder = Annotated[str, Meta(pattern=_VTAIL, description=f"be vtail:L,R, {_SAID}")]
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
+LEAST_STROKE_DEG = 1.0
 RATE_SLACK = 0.98
 """Measured message rates jitter: 4.95 Hz counts as 5."""
 BINDING = ("orders", "inputs", "turn")
@@ -70,7 +71,8 @@ class RunConfig:
     Of a record that never was MAVLink ``columns`` are the names of its columns (NAME=COLUMN),
     ``units`` those of its angles and ``rudder_unit`` the rudder's where it does not say them itself
     (None). ``rudder_stroke_rad`` is its largest stroke within 5 s, which stands in for half of a
-    travel that is not known.
+    travel that is not known; there ``least_stroke_deg`` is the least stroke in deg from which
+    anything is estimated (None: 1).
 
     Raises:
         ConfigError: a value outside its limits.
@@ -95,6 +97,7 @@ class RunConfig:
     ) = None
     rudder_unit: Annotated[str, one_of("half-travel", "rad", "deg")] | None = None
     rudder_stroke_rad: Positive | None = None
+    least_stroke_deg: Positive | None = None
     columns: tuple[str, ...] = ()
     units: Annotated[str, one_of("rad", "deg")] | None = None
     servo_tau: Positive | None = None
@@ -179,6 +182,13 @@ class RunConfig:
     def travel_is_known(self) -> bool:
         """Whether it is known how far the rudder moves, in the unit of u."""
         return self.rudder_max_deg is not None or self.rudder_stroke_rad is None
+
+    @property
+    def stroke_floor_deg(self) -> float:
+        """The least stroke in deg of a rudder whose travel is unknown, 0 of any other."""
+        if self.travel_is_known:
+            return 0.0
+        return LEAST_STROKE_DEG if self.least_stroke_deg is None else self.least_stroke_deg
 
     @property
     def in_rad(self) -> bool:

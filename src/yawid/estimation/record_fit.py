@@ -4,6 +4,7 @@ One pass of a recursion over a short record has not converged at its end. The ro
 ``methods.py`` names its fit and the scores from which the covariance of theta is computed.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,11 +14,12 @@ import numpy as np
 from yawid.blocks import Bools, EstimateBlock, Floats, Status
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.free_run import RudderEffect, best_shift, rudder_fits
 from yawid.estimation.methods import METHODS, Method
 from yawid.estimation.polynomials import lag_depth
 from yawid.estimation.prediction_error import SETTLED, RecordFit, stretches_of
 from yawid.estimation.products import cross
-from yawid.estimation.whiteness import ljung_box
+from yawid.estimation.whiteness import chi_square_tail, ljung_box
 
 BLOCKS = 8
 """A record is cut into this many parts, to estimate how much their answers scatter."""
@@ -141,6 +143,31 @@ def _fitted_model(method: Method, record: _Record, settled: float) -> FittedMode
         float(np.sqrt(np.mean(eps**2))) / factors[0], _whiteness(residuals, config.residual_lags),
         Status.TRACKING,
     )  # fmt: skip
+
+
+@np.errstate(all="ignore")
+def rudder_effect(
+    model: FittedModel, u: Floats, y: Floats, shifts: tuple[int, int] | None = None
+) -> RudderEffect:
+    """Return what the rudder adds to a ``model`` of the record u (samples, n_inputs), y (samples,).
+
+    ``shifts`` are the least and the most samples by which the rudder is shifted for comparison;
+    without them it is not. B = 0 is tested by Wald's F with the covariance of the fit.
+    """
+    config, orders = model.config, model.config.orders
+    b = slice(orders.na, orders.na + orders.nb[0])
+    record = _made_ready(config, u, y)
+    if record is None or not (np.isfinite(model.covariance).all() and model.theta.any()):
+        return RudderEffect(math.nan, math.nan, math.nan)
+    theta = model.theta / _units(config, record.factors)
+    try:
+        effect = float(model.theta[b] @ np.linalg.solve(model.covariance[b, b], model.theta[b]))
+        fits = rudder_fits(record.fit, theta)
+        found = (0, math.nan) if shifts is None else best_shift(record.fit, theta, *shifts)
+    except np.linalg.LinAlgError:  # an unstable A, or channels that tell nothing apart
+        return RudderEffect(math.nan, math.nan, math.nan)
+    chance = chi_square_tail(effect, orders.nb[0])
+    return RudderEffect(chance, *fits, found[0] * config.sample_time_s, found[1])
 
 
 @np.errstate(all="ignore")

@@ -15,13 +15,20 @@ from yawid.blocks import EstimateBlock, Floats, SampleBlock
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import SampleHistory
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.free_run import RudderEffect
 from yawid.estimation.methods import OF_STRUCTURES, of_a_record
-from yawid.estimation.record_fit import FittedModel, fit_methods, held_back_pct
+from yawid.estimation.record_fit import (
+    FittedModel,
+    fit_methods,
+    held_back_pct,
+    rudder_effect,
+)
 from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import conditions, without_airspeed
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
+from yawid.results.judge_rudder import rudder_reasons, rudder_shifts
 from yawid.results.judge_samples import (
     COLLINEAR,
     MOST_REACTION,
@@ -141,6 +148,13 @@ class Fits:
         own = model if first == OF_STRUCTURES else None
         return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own, held_back)
 
+    def rudder_effect(self, wn_rad_s: float, *, shifted: bool) -> RudderEffect:
+        """Return what the rudder adds to the answering fit; it is also ``shifted`` if asked."""
+        model = self.estimators[self.methods[0]]
+        nb = model.config.orders.nb[0]
+        shifts = rudder_shifts(wn_rad_s, self.sample_time_s, nb) if shifted else None
+        return rudder_effect(model, self.u, self.y, shifts)
+
     def simulation_pct(self) -> float:
         """Return the free-running fit in percent of the method that answers."""
         model = self.estimators[self.methods[0]]
@@ -171,6 +185,12 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
     alone = list(short_reasons(fits, history, evidence[first]))
+    wn_rad_s = float(evidence[first].dutch_roll[0])
+    # What held-back samples or a check cannot confirm has to pass one more test.
+    unchecked = math.isnan(pct[first]) or any(
+        math.isnan(each.dutch_roll[0]) for each in evidence.values()
+    )
+    alone += rudder_reasons(fits.rudder_effect(wn_rad_s, shifted=unchecked))
     alone += [] if untrue is None else [untrue.reason]
     verdict = bank_verdict(fits, evidence, setting.rates_hz, alone, first_answers=True)
     config = fits.config

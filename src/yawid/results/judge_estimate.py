@@ -15,6 +15,7 @@ from yawid.estimation.methods import METHODS
 from yawid.physics.modes import modes
 from yawid.results.coherence import Coherence, coherence_at
 from yawid.results.excitation import Movement, around, excitation
+from yawid.results.judge_rudder import stroke_reasons
 from yawid.results.judge_samples import (
     UNCERTAIN_WN,
     UNCERTAIN_ZETA,
@@ -306,6 +307,11 @@ def _checked(
     if METHODS[other].needs_spr and is_doubtful:
         return
     if other in refused:
+        if (
+            answers in refused
+            and not np.isfinite([evidence[each].dutch_roll[0] for each in (answers, other)]).any()
+        ):
+            return  # neither was estimated: there is nothing to compare
         why = next(reason for reason in refused[other] if reason.exit_code)
         text = f"{other.upper()}, which checks the answer, cannot be used ({why})"
         yield Reason("els_rml_disagree", text)
@@ -400,6 +406,7 @@ def bank_verdict(
     reasons = [
         *others,
         *excitation_reasons(judged.moved, config.travel_said),
+        *stroke_reasons(judged.moved, config),
         *input_reasons(config.inputs, history.u, config.stop),
         *flight_reasons(history, config.turn),
         *_by_effect(feedback_reasons(config.inputs, history), evidence[answers]),

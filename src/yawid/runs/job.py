@@ -58,7 +58,7 @@ class RecordedLog(Log):
         """
         config, record = RunConfig(**settings), self.record
         if record is None:
-            for name in ("columns", "units", "rudder_unit"):
+            for name in ("columns", "units", "rudder_unit", "least_stroke_deg"):
                 if getattr(config, name):
                     option = name.replace("_", "-")
                     raise ConfigError(

@@ -27,7 +27,7 @@ SAVE_S = 60.0
 _REMEDY = "remove it or take another file for --state to start again"
 # These settings choose the samples, or what is derived from the model; they do not change it.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "given")
-_OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad")
+_OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad", "least_stroke_deg")
 
 
 class StateFile(Bulkhead):
