@@ -22,8 +22,8 @@ from yawid.runs.stop import SIGNALS
 LIMITS = {
     "README.md": (200, 100),
     "src/README.md": (180, 160),
-    "tests/README.md": (170, 160),
-    "tools/README.md": (170, 160),
+    "tests/README.md": (200, 160),
+    "tools/README.md": (220, 160),
     "replay_logs/README.md": (85, 160),
 }
 """Lines, and characters of one line."""
