@@ -1,1 +1,1 @@
-"""Live taps."""
+"""Live links: taps that receive, and the only parts that transmit."""

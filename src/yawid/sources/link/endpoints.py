@@ -1,4 +1,4 @@
-"""Where to listen: pymavlink's connection strings, without what they leave open."""
+"""Where to listen: pymavlink's connection strings, except those that are ambiguous."""
 
 import re
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _UNSUPPORTED = ("tcpin", "uds", "unix", "ws", "wss")
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A host and a port (0: any free one), or a serial device and its baud rate.
+    """A host and a port (0 is any free one), or a serial device and its baud rate.
 
     A host with a colon is an IPv6 address; it is written in brackets.
     """
@@ -39,7 +39,7 @@ class Endpoint:
 
 
 def written(host: str, port: int) -> str:
-    """Return an address as it is written: IPv6 in brackets."""
+    """Return an address as text, an IPv6 host in brackets."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
@@ -47,8 +47,7 @@ def parse_endpoint(text: str) -> Endpoint:
     """Return the endpoint that a pymavlink connection string names.
 
     Raises:
-        ConfigError: it leaves something open or is not supported; the message gives the right
-        spellings.
+        ConfigError: it is ambiguous or not supported; the message gives the right spellings.
     """
     if match := _MULTICAST.fullmatch(text):
         host, port = match[1] or MULTICAST[0], int(match[2] or MULTICAST[1])
@@ -78,7 +77,7 @@ def _checked(endpoint: Endpoint, text: str) -> Endpoint:
 
 
 def _spellings(text: str) -> str:
-    """Give both right spellings, with the port that was meant if one can be seen."""
+    """Return both right spellings in words, with the port in the text if there is one."""
     match = re.search(r"(?:^|:)(\d+)$", text)
     port = match[1] if match and 0 < int(match[1]) < 65536 else "14560"
     return (

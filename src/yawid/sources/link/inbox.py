@@ -1,4 +1,4 @@
-"""Between the thread that receives and the one that computes: stamps, a queue, and who sends."""
+"""What is between the receiving and the computing thread: stamps, a queue, and the senders."""
 
 import threading
 import time
@@ -9,26 +9,28 @@ from itertools import accumulate, chain, compress, takewhile
 from yawid.sources.link.endpoints import written
 
 Address = tuple[str, int]
-"""Host and port; an IPv6 host that is one only on its link says on which: ``fe80::1%2``."""
+"""Host and port; a link-local IPv6 host has the number of its link: ``fe80::1%2``."""
 Batch = tuple[list[int], list[bytes], list[Address]]
-"""Stamps, datagrams and senders, as many of each."""
+"""Stamps, datagrams and senders, lists of equal length."""
 QUEUE, QUEUE_BYTES = 200_000, 64 << 20
-"""Datagrams, and the bytes in them, that may wait: a minute and more of a busy link."""
+"""The most datagrams, and bytes of them, that may wait: more than a minute of a busy link."""
 LONGEST = 9000
-"""Bytes of a datagram that is taken: a jumbo frame's, thirty of MAVLink's longest frames."""
+"""The longest datagram accepted, in bytes: a jumbo frame, thirty of MAVLink's longest frames."""
 JUMP_S = 1.0
+"""The least jump of the wall clock, in s, that is reported."""
 MOST_AT_ONCE = 32_768
-"""Datagrams of one read: a second of 250 vehicles, and a backlog does not fill the memory."""
+"""The most datagrams of one read: a second of 250 vehicles; a backlog must not fill the memory."""
 MOST_BYTES_AT_ONCE = 1 << 20
-"""Their bytes; what is hostile takes a second to be looked through, and a stop waits no longer."""
+"""The most bytes of one read: hostile ones take a second to search, and a stop must not wait
+longer."""
 SILENT_US = 10_000_000
-"""An address of a system that has been silent for so long gives its place to another."""
+"""The silence of a system's address after which another address replaces it."""
 TOGETHER_US = 5_000_000
-"""Two addresses received within this time of one another are two senders, not one that moved."""
+"""Two addresses received within this time of each other are two senders, not one that moved."""
 
 
 def _steady_ns() -> int:
-    """Read a clock that only goes forward, through a suspend of the machine too where known."""
+    """Return the time of a clock that never steps, and where possible counts suspended time."""
     return time.clock_gettime_ns(_STEADY)
 
 
@@ -36,10 +38,10 @@ _STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class Stamps:
-    """Receive stamps in microseconds of Unix time: the wall clock once, a steady one from then.
+    """Receive stamps in us of Unix time: from the wall clock once, then from a steady clock.
 
-    A clock that is set while we listen must not move the vehicle's time: stamps go on evenly, and
-    :meth:`jump` says by how much the wall clock has left them.
+    If the wall clock is set during a session, the stamps must not jump: they go on evenly, and
+    :meth:`jump` returns by how much the wall clock has moved away from them.
     """
 
     def __init__(
@@ -54,14 +56,14 @@ class Stamps:
         return (self._base_ns + self._steady_ns()) // 1000
 
     def ahead_us(self) -> int:
-        """Return by how much the wall clock is ahead of the stamps just now."""
+        """Return by how many us the wall clock is ahead of the stamps now."""
         return self._ahead_ns() // 1000
 
     def _ahead_ns(self) -> int:
         return self._wall_ns() - self._steady_ns() - self._base_ns
 
     def jump(self) -> float | None:
-        """Return by how many seconds the wall clock has jumped since last asked, if it has."""
+        """Return the wall clock's jump in s since the last one returned, None without one."""
         ahead_ns = self._ahead_ns()
         moved_s = (ahead_ns - self._reported_ns) / 1e9
         if abs(moved_s) < JUMP_S:
@@ -73,9 +75,9 @@ class Stamps:
 class Inbox:
     """A queue of datagrams with their stamps and senders, bounded in datagrams and in bytes.
 
-    ``received`` counts them all, ``dropped`` those for which there was no room, ``too_long`` those
-    of more than ``LONGEST`` bytes and ``skipped`` those that :meth:`skip` left out. One thread
-    puts, another takes; ``last_us`` is the stamp of the newest datagram received, 0 before.
+    ``received`` counts all datagrams, ``dropped`` those for which there was no room, ``too_long``
+    those of more than ``LONGEST`` bytes and ``skipped`` those that :meth:`skip` removed. One thread
+    puts them in, another takes them; ``last_us`` is the stamp of the newest one received, 0 before.
     """
 
     def __init__(self, size: int, most_bytes: int = QUEUE_BYTES) -> None:
@@ -86,22 +88,22 @@ class Inbox:
         self.last_us = 0
         self._size, self._most_bytes = size, most_bytes
         self._taken = 0
-        # Each counted by one thread: what is in the queue is the difference.
+        # Each is counted by one thread only: the queue holds the difference.
         self._bytes_put = self._bytes_taken = 0
         self._queue: deque[Batch] = deque()
         self._arrived = threading.Event()
 
     def __len__(self) -> int:
-        # Another thread counts: for an instant it may have dropped more than it has received.
+        # The other thread is counting: for an instant "dropped" may be ahead of "received".
         return max(self.received - self.dropped - self.too_long - self._taken, 0)
 
     @property
     def oldest_us(self) -> int | None:
-        """The stamp of the oldest datagram that waits, for the thread that takes."""
+        """The stamp of the oldest datagram that waits, None without any; for the taking thread."""
         return self._queue[0][0][0] if self._queue else None
 
     def put(self, stamps: list[int], datagrams: list[bytes], senders: list[Address]) -> None:
-        """Queue datagrams, those that have room; count the others."""
+        """Queue the datagrams for which there is room; count the others."""
         count, self.last_us = len(datagrams), stamps[-1]
         sizes = list(map(len, datagrams))
         if max(sizes) > LONGEST:
@@ -127,7 +129,7 @@ class Inbox:
         return self._bytes_put - self._bytes_taken
 
     def wake(self) -> None:
-        """Let whoever waits look: something other than a datagram has happened."""
+        """End the wait of the other thread, for another cause than a datagram."""
         self._arrived.set()
 
     def wait(self, timeout_s: float) -> bool:
@@ -135,7 +137,7 @@ class Inbox:
         return self._arrived.wait(timeout_s)
 
     def get(self) -> Iterator[tuple[int, bytes, Address]]:
-        """Return what is queued, the oldest first, up to a bound: stamp, datagram and sender."""
+        """Return queued (stamp, datagram, sender), the oldest first, up to a bound."""
         self._arrived.clear()
         taken, count, size = [], 0, 0
         while self._queue and count < MOST_AT_ONCE and size < MOST_BYTES_AT_ONCE:
@@ -149,7 +151,7 @@ class Inbox:
         return chain.from_iterable(zip(*received, strict=True) for received in taken)
 
     def skip(self) -> int:
-        """Leave out all that waits and count it; return its bytes. Nobody puts any more."""
+        """Remove and count all that waits; return its bytes. No thread may put any more."""
         left = self._waiting_bytes
         self.skipped, self._bytes_taken = len(self), self._bytes_put
         self._taken += self.skipped
@@ -158,10 +160,10 @@ class Inbox:
 
 
 class Addresses:
-    """Remembers the addresses of every system id; ``first`` has the one to send to.
+    """The addresses of every system id; ``first`` has the one to send to.
 
-    That is the address first received from, until it has been silent for ``SILENT_US``: whoever
-    claims to be that system later draws nothing to himself.
+    This is the address that was received first, until it has been silent for ``SILENT_US``: a later
+    sender that claims to be the same system gets nothing.
     """
 
     def __init__(self) -> None:
@@ -171,12 +173,11 @@ class Addresses:
         self._reported: set[int] = set()
 
     def observe(self, pairs: Mapping[tuple[int, Address], bool], now_us: int) -> list[str]:
-        """Take the (system id, address) pairs received since the last call, the oldest first.
+        """Take in the (system id, address) pairs since the last call, oldest first; return news.
 
-        Each with whether it may be ``first``. Return new anomalies.
-
-        A system id from two addresses at once is said one time; an address that takes over from a
-        silent one is a restarted sender and not worth a line.
+        The values say whether an address may become ``first``. A system id from two addresses at
+        once is reported one time. An address that replaces a silent one is a restarted sender, and
+        is not reported.
         """
         news = []
         for (sysid, address), is_trusted in pairs.items():

@@ -1,4 +1,4 @@
-"""What is sent: MAVLink 2 frames of one sender, in sequence, signed where there is a key."""
+"""Frames to be sent: MAVLink 2 frames of one sender, in sequence, signed where there is a key."""
 
 import time
 from collections.abc import Callable
@@ -8,15 +8,16 @@ from typing import Any, Final
 from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S, SigningKey
 
 COMPID: Final = 194
-"""MAV_COMP_ID_ONBOARD_COMPUTER4: the last of four, the first of which others take."""
+"""MAV_COMP_ID_ONBOARD_COMPUTER4, the last of four: other programs use the first ones."""
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
 
 
 class Outgoing:
-    """Packs the messages of one sender (sysid, compid) into frames.
+    """The sender (sysid, compid) that packs messages into frames.
 
-    Each frame has the next sequence number. With ``key`` it is signed on link 0, with the time now
-    in 10 us since 2015, and always with a newer one than the frame before, whatever the clock does.
+    Each frame has the next sequence number. With ``key`` it is signed on link 0, with the present
+    time in 10 us since 2015; a time stamp is always newer than the one before, even if the clock is
+    set back.
     """
 
     def __init__(self, sysid: int, compid: int, key: SigningKey | None = None) -> None:
@@ -25,7 +26,7 @@ class Outgoing:
         self.messages: Any = ardupilotmega.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         """pymavlink's encoder: ``messages.heartbeat_encode(...)`` and so on."""
         self._key = key
-        # pymavlink lays out signed frames; the signature in them is not ours.
+        # pymavlink makes room for a signature; ours replaces the one that it writes.
         self.messages.signing.sign_outgoing = key is not None
         self.messages.signing.secret_key = bytes(KEY_SIZE)
 
@@ -36,7 +37,7 @@ class Outgoing:
     def frame(self, message: Any) -> bytes:
         """Return the frame of one message, made by ``messages``."""
         signing = self.messages.signing
-        # Each stamp is newer than the last: packing counts it on by one.
+        # Each stamp is newer than the last, because packing increments it.
         signing.timestamp = max(signing.timestamp, int((time.time() - EPOCH_S) * TICKS_PER_S))
         frame: bytes = bytes(message.pack(self.messages))
         self.messages.seq = (self.messages.seq + 1) % 256
@@ -44,7 +45,7 @@ class Outgoing:
 
 
 def senders(compid: int, key: SigningKey | None) -> Callable[[int], Outgoing]:
-    """Return what gives a system's one sender: two would count and sign past each other."""
+    """Return a function from a system id to its one sender: two would use the same numbers."""
 
     @cache
     def sender(sysid: int) -> Outgoing:

@@ -1,15 +1,19 @@
-"""The running answer on its way back to the ground station: frames, where they go, how many bytes.
+"""The running answer back to the ground station: its frames, their destination, and their limits.
 
 The answer is sent in the vehicle's name (its system id) by a component of its own, in rounds of a
 HEARTBEAT and NAMED_VALUE_FLOATs, with STATUSTEXTs between them.
 
-Who sees it depends on where it comes in. What comes back to an ``--out`` of MAVProxy goes to the
-vehicle, which logs it, and MAVProxy itself shows nothing of it; a router hands it to everybody.
-MAVProxy's graph knows the messages of its first link alone: there the answer must come in by the
-UDP port of that link, beside the vehicle's own frames. By a link of its own it is in ``status`` and
-``watch`` only, and commands of ground stations behind MAVProxy, which go to whichever link the
-newest HEARTBEAT of that system came by, must be kept to the first one by ``set mavfwd_link 1``.
-Texts of a component other than the autopilot MAVProxy shows after ``set target_component 0``.
+Who sees it depends on where it arrives:
+
+- At an ``--out`` of MAVProxy, it goes on to the vehicle, which logs it; MAVProxy itself shows
+  nothing of it. A router passes it to everybody.
+- MAVProxy's graph only knows the messages of its first link: there the answer must arrive at the
+  UDP port of that link, next to the vehicle's own frames.
+- On a link of its own, it is only in MAVProxy's ``status`` and ``watch``. Commands of ground
+  stations behind MAVProxy then go to the link on which the newest HEARTBEAT of that system arrived;
+  ``set mavfwd_link 1`` keeps them on the first one.
+
+MAVProxy shows texts of a component other than the autopilot after ``set target_component 0``.
 """
 
 import errno
@@ -27,15 +31,16 @@ from yawid.sources.mavlink.signing import SigningKey
 
 WINDOW_S = 10.0
 MOST_BYTES, MOST_SIGNED_BYTES = 2500, 3500
-"""Of all that is sent in any ten seconds."""
+"""The most bytes sent in any ten seconds, without and with signatures."""
 TEXT_BYTES, TEXT_SIGNED_BYTES = 600, 660
-"""The part of it that texts may take: rounds, 12 at most in ten seconds, have the rest."""
+"""The part of them that texts may take; rounds, 12 at most in ten seconds, have the rest."""
 MOST_WAITING = 6
+"""The most texts of a system that wait."""
 LONGEST_TEXT = 50
-"""Of a STATUSTEXT that no receiver has to put together."""
+"""The longest STATUSTEXT that is sent in a single message."""
 TAP = "tap"
 NOTICE, INFO = 5, 6
-"""MAV_SEVERITY: what ground stations list, and neither speak nor paint red."""
+"""Levels of MAV_SEVERITY that ground stations list, but neither speak nor show in red."""
 _LARGEST = 3e38  # what fits into a float of four bytes
 _MOST_READ, _LONGEST_DATAGRAM = 64, 1 << 16
 _HERE = frozenset({"127.0.0.1", "localhost", "::1"})
@@ -43,7 +48,7 @@ _ANY = frozenset({"0.0.0.0", "::"})
 
 
 class Limiter:
-    """Admits at most ``most`` bytes in any ``WINDOW_S`` seconds, both ends of them included."""
+    """The limit of ``most`` bytes in any ``WINDOW_S`` seconds, both ends included."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -51,44 +56,44 @@ class Limiter:
         self._bytes = 0
 
     def admits(self, size: int, now_s: float) -> bool:
-        """Return whether so many bytes may go now."""
+        """Return whether so many bytes may be sent now."""
         while self._sent and now_s - self._sent[0][0] > WINDOW_S:
             self._bytes -= self._sent.popleft()[1]
         return self._bytes + size <= self._most
 
     def count(self, size: int, now_s: float) -> None:
-        """Count bytes that go now."""
+        """Count bytes that are sent now."""
         self._sent.append((now_s, size))
         self._bytes += size
 
 
 class Way(Protocol):
-    """Where frames go; sending never waits."""
+    """A destination of frames; sending never waits."""
 
     def send(self, frame: bytes, sysid: int) -> None:
-        """Send a frame in the name of a system; an OSError means that nobody takes it."""
+        """Send a frame in the name of a system; an OSError means that it is not accepted."""
 
     def close(self) -> None:
         """Close what was opened."""
 
 
 class BackOverTap:
-    """Back to where the vehicle's own frames come from, over the tap's own socket or line."""
+    """The way back to the source of the vehicle's own frames, over the tap's socket or line."""
 
     def __init__(self, tap: Tap) -> None:
         self._tap = tap
 
     def send(self, frame: bytes, sysid: int) -> None:
-        """See :class:`Way`."""
+        """Send a frame: see :class:`Way`."""
         if not self._tap.transmit(frame, sysid):
             raise OSError(errno.ENOTCONN, f"{self._tap.endpoint} does not take it")
 
     def close(self) -> None:
-        """See :class:`Way`; the tap is not ours to close."""
+        """Do nothing: the tap is closed by its owner."""
 
 
 class OverUdp:
-    """To who listens (udpout), or to the one who sent here last (udpin), if anybody did.
+    """The way to a listener (udpout), or to the newest sender to this port (udpin), if any.
 
     Raises:
         SourceError: the endpoint cannot be opened.
@@ -101,21 +106,21 @@ class OverUdp:
         self._peer: tuple[str, int] | None = None
 
     def send(self, frame: bytes, sysid: int) -> None:
-        """See :class:`Way`."""
+        """Send a frame: see :class:`Way`."""
         refusal = self._read()
         if not self._answers:
             self._socket.send(frame)
         elif self._peer is not None:
             self._socket.sendto(frame, self._peer)
-        if refusal is not None:  # of an earlier frame; this one went
+        if refusal is not None:  # it is about an earlier frame; this one was sent
             raise refusal
 
     def close(self) -> None:
-        """See :class:`Way`."""
+        """Close the socket."""
         self._socket.close()
 
     def _read(self) -> OSError | None:
-        """Take what a ground station sends: its address is of use, and whether it refuses."""
+        """Read what a ground station sends, for its address; return its refusal, if any."""
         refusal = None
         for _ in range(_MOST_READ):
             try:
@@ -128,9 +133,9 @@ class OverUdp:
 
 
 class Publisher:
-    """Sends rounds and texts over one way, never more bytes than it may.
+    """The sender of rounds and texts over one way, within the limits of bytes.
 
-    ``news`` are lines about it that nobody has reported yet.
+    ``news`` has lines about it that have not been reported yet.
     """
 
     def __init__(self, way: Way, name: str, compid: int, key: SigningKey | None = None) -> None:
@@ -149,10 +154,10 @@ class Publisher:
     def send_round(
         self, sysid: int, boot_ms: int, values: Mapping[str, float], now_s: float
     ) -> bool:
-        """Send a HEARTBEAT and the values by name; return whether there was room for them.
+        """Send a HEARTBEAT and the values by name; return whether the limits allowed it.
 
         Names have ten characters at most. A value that is not finite is left out: it would stop
-        MAVProxy's graph for as long as it is on it.
+        MAVProxy's graph as long as it is shown.
         """
         sender = self.sender_of(sysid)
         make = sender.messages
@@ -164,17 +169,17 @@ class Publisher:
         frames = [sender.frame(message) for message in messages]
         size = sum(map(len, frames))
         if not self._all.admits(size, now_s):
-            make.seq = (make.seq - len(frames)) % 256  # these never were: nobody shall miss them
+            make.seq = (make.seq - len(frames)) % 256  # they must not count as lost
             return False
         self._all.count(size, now_s)
         self._send(frames, sysid)
         return True
 
     def say(self, sysid: int, severity: int, text: str, about: str = "") -> None:
-        """Have a text sent as soon as there is room.
+        """Queue a text, to be sent as soon as the limits allow it.
 
-        It takes the place of one that waits ``about`` the same; of others ``MOST_WAITING`` of a
-        system wait at most, the newest.
+        It replaces a waiting text with the same ``about``. Of the texts without ``about``, the
+        newest ``MOST_WAITING`` of each system wait.
         """
         if not about:
             waiting = [key for key in self._texts if key[0] == sysid and key[1].isdecimal()]
@@ -184,7 +189,7 @@ class Publisher:
         self._texts[sysid, about or str(self._said)] = severity, text[:LONGEST_TEXT]
 
     def send_texts(self, now_s: float) -> None:
-        """Send the texts there is room for, the one that has waited longest first."""
+        """Send the texts that the limits allow, the one that has waited longest first."""
         while self._texts:
             (sysid, about), (severity, text) = next(iter(self._texts.items()))
             sender = self.sender_of(sysid)
@@ -205,7 +210,7 @@ class Publisher:
         self._way.close()
 
     def _send(self, frames: list[bytes], sysid: int) -> None:
-        """Send frames, a datagram each; that nobody takes them is said one time."""
+        """Send frames, each in a datagram of its own; a refusal is reported one time."""
         for frame in frames:
             try:
                 self._way.send(frame, sysid)
@@ -219,7 +224,7 @@ class Publisher:
 
 
 def parse_publish(text: str, tapped: Endpoint) -> Endpoint | None:
-    """Return where to publish; None is back over the tap.
+    """Return where to publish; None means back over the tap.
 
     Raises:
         ConfigError: it is no place to publish to; the message gives the right spellings.
@@ -244,7 +249,7 @@ def parse_publish(text: str, tapped: Endpoint) -> Endpoint | None:
 
 
 def _is_at_tap(endpoint: Endpoint, tapped: Endpoint) -> bool:
-    """Tell whether one of the two would receive what is meant for the other."""
+    """Return whether one of the two would receive what is meant for the other."""
     if tapped.kind in ("tcp", "serial") or endpoint.port != tapped.port:
         return False
     if endpoint.host in {*_HERE, tapped.host}:
@@ -256,7 +261,7 @@ def _is_at_tap(endpoint: Endpoint, tapped: Endpoint) -> bool:
 def open_publisher(
     text: str, tap: Tap, compid: int = COMPID, key: SigningKey | None = None
 ) -> Publisher:
-    """Open what ``--publish`` names, beside this tap.
+    """Return the open publisher that ``--publish`` names, next to this tap.
 
     Raises:
         ConfigError: it is no place to publish to.

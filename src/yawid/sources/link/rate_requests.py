@@ -1,9 +1,10 @@
-"""Asking the vehicle for its messages more often.
+"""Requests to the vehicle to send its messages more often.
 
-MAV_CMD_SET_MESSAGE_INTERVAL (511) per message. ArduPilot takes no less than its loop period / 0.8,
-and whoever else is on the link may set the rate back: what comes in is measured, and asked for
-again where it falls behind. Whoever sends a HEARTBEAT as the ground station (system 255) keeps
-ArduPilot's failsafe from acting when the real one has gone: this speaks as an onboard controller.
+Each message needs a MAV_CMD_SET_MESSAGE_INTERVAL (511). ArduPilot's shortest interval is its loop
+period / 0.8, and other programs on the link may set the rate back: so the rates are measured, and a
+message whose rate falls behind is requested again. A sender of HEARTBEATs as the ground station
+(system 255) would keep ArduPilot's failsafe from acting when the real one is gone; therefore this
+one is an onboard controller.
 """
 
 from collections.abc import Callable
@@ -17,17 +18,18 @@ from yawid.sources.open_log import ReadOptions
 
 ASKED_HZ = 50.0
 AGAIN_S = 10.0
-"""A message is asked for at most this often."""
+"""The least time between two requests of a message, in s."""
 WINDOW_S = 5.0
-"""What comes in is counted over this time."""
+"""The time in s over which messages are counted."""
 ANSWER_S = 1.0
-"""The next question waits this long for the answer to the last: answers do not name the message."""
+"""The time in s that a request waits for the last one's answer: answers do not name the message."""
 GRANTED = 0.9
-"""A rate below this share of the best seen has fallen behind; the one asked for may never come."""
+"""A rate has fallen behind below this share of the rate asked for, or of the best one seen if that
+is lower: the rate asked for may be impossible."""
 MESSAGES = {"ATTITUDE": 30, "SERVO_OUTPUT_RAW": 36}
 _SET_MESSAGE_INTERVAL = 511
 SYSID: Final = 250
-"""Ours until a vehicle is heard: no usual number of a vehicle, nor 255, the ground station's."""
+"""The system id used until a vehicle is known: no vehicle's usual one, nor a ground station's."""
 _RESULTS = {
     0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed",
     5: "in progress",
@@ -36,7 +38,7 @@ _RESULTS = {
 
 @dataclass(slots=True)
 class Wish:
-    """One message: what was asked, answered and achieved; times in seconds of the receive clock."""
+    """One message: its request, the answer and the rate; times are in s of the receive clock."""
 
     message_id: int
     asked_s: float | None = None
@@ -47,14 +49,14 @@ class Wish:
 
 
 class RateRequests:
-    """Asks one vehicle for ``hz`` of each of ``MESSAGES`` and watches what comes.
+    """The requests to one vehicle for ``hz`` of each of ``MESSAGES``, and the check of the rates.
 
-    Feed it the session's records; :meth:`tick` asks, at most every ``AGAIN_S``, and returns what
-    there is to say: an answer, and the rate achieved beside the one asked for where it changes.
-    With a key what is sent is signed, and only signed answers and messages count.
+    Feed it the session's records; :meth:`tick` sends requests, for each message at most every
+    ``AGAIN_S``, and returns lines to report: refusals, and the rates achieved where they change.
+    With a key the requests are signed, and only signed answers and messages count.
 
-    It speaks as a component of the vehicle's own system, before one is heard of ``sysid``;
-    ``sender_of`` returns what packs the frames of that component of a system.
+    It is a component of the vehicle's own system, or of ``sysid`` before that is known;
+    ``sender_of`` returns the packer of frames for that component of a system.
     """
 
     def __init__(
@@ -79,7 +81,7 @@ class RateRequests:
         self._refused: set[int] = set()
 
     def feed(self, records: bytes, vehicle: tuple[int, int] | None) -> None:
-        """Take records in; those of ``vehicle`` (sysid, compid) count."""
+        """Take records in; only those of ``vehicle`` (sysid, compid) count."""
         frames = self._decoder.feed(records)
         if frames is None or vehicle is None:
             return
@@ -91,9 +93,9 @@ class RateRequests:
                 self.wishes[name].count += len(own)
 
     def tick(self, now_s: float, vehicle: tuple[int, int] | None) -> list[str]:
-        """Ask where it is time to; return the lines that are due."""
+        """Send the requests that are due; return the lines to report."""
         if self._tap.endpoint.kind == "udpout" and now_s - self._beat_s >= 1.0:
-            # Who listens there knows of us only by what we send.
+            # The listener there only knows of us by what we send.
             self._beat_s = now_s
             sender = self._sender_of(self._sysid if vehicle is None else vehicle[0])
             self._tap.transmit(sender.frame(sender.heartbeat()), 0)
@@ -106,7 +108,7 @@ class RateRequests:
         return news
 
     def summary(self) -> dict[str, dict[str, float | str]]:
-        """Return what was asked, answered and achieved, by message."""
+        """Return the rate asked for, the answer and the rate achieved, by message."""
         found = {}
         for name, wish in self.wishes.items():
             entry: dict[str, float | str] = {"asked_hz": self.hz}

@@ -1,9 +1,9 @@
-"""Datagrams off a socket: on Linux many in one call of the operating system, elsewhere one by one.
+"""Datagrams from a socket: on Linux many in one system call, elsewhere one by one.
 
 Measured with 100 datagrams waiting: 0.55 us of CPU each, with their times of arrival, against 0.93
-us by ``recvfrom`` without; besides, each call gives the interpreter's lock away and waits for it
-again: with 50 vehicles recvmsg for each costs 15 % more of a core. ``recvmmsg`` is not in Python's
-socket module; what it is given and gives back is laid out as in recvmmsg(2) and cmsg(3).
+us by ``recvfrom`` without them. Besides, each call releases the interpreter's lock and waits for it
+again: with 50 vehicles, one recvmsg for each datagram costs 15 % more of a core. ``recvmmsg`` is
+not in Python's socket module; its arguments and results have the layout of recvmmsg(2) and cmsg(3).
 """
 
 import contextlib
@@ -22,9 +22,9 @@ from yawid.blocks import Ints
 from yawid.sources.link.inbox import Address
 
 MOST = 128
-"""So many are taken at a time: they are to be used while the caches hold them."""
+"""The most datagrams taken at a time: they should be used while the caches hold them."""
 _LONGEST = 65535
-_SO_TIMESTAMP = 29  # Linux: each datagram comes with the time at which the operating system had it
+_SO_TIMESTAMP = 29  # Linux: each datagram has the time at which the operating system received it
 _WAIT_FOR_ONE = 0x10000
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
 _MOST_SENDERS = 4096
@@ -33,7 +33,7 @@ _NO_DATAGRAM = (errno.EAGAIN, errno.EINTR, errno.ECONNREFUSED)
 
 
 class Arrivals(NamedTuple):
-    """Datagrams, when the kernel had each (us of its clock, 0: it does not say), and from whom."""
+    """Datagrams, their senders, and times of arrival in us of the kernel's clock, 0 if none."""
 
     system_us: list[int]
     datagrams: list[bytes]
@@ -44,20 +44,20 @@ NOTHING: Final = Arrivals([], [], [])
 
 
 def make_receiver(udp: socket.socket) -> "Receiver":
-    """Return what takes datagrams off a bound socket with the fewest calls."""
+    """Return the receiver for a bound socket that needs the fewest calls."""
     if sys.platform == "linux":
-        # Without the time a stamp may be late by the gathering.
+        # Without these times a stamp may be late by the time of gathering.
         with contextlib.suppress(OSError):
             udp.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMP, 1)
-        with contextlib.suppress(OSError, AttributeError):  # an old or a guarded system
+        with contextlib.suppress(OSError, AttributeError):  # an old or a restricted system
             return ManyAtOnce(udp)
     return OneByOne(udp)
 
 
 class OneByOne:
-    """A call for each datagram, as every system has it.
+    """The receiver with one call for each datagram, which works on every system.
 
-    ``can_gather``: those there are can be taken without waiting for one.
+    ``can_gather`` says that datagrams can be taken without waiting for one.
     """
 
     def __init__(self, udp: socket.socket) -> None:
@@ -65,15 +65,15 @@ class OneByOne:
         self._socket = udp
 
     def wait(self) -> Arrivals:
-        """Return the next datagram, and others if they are there; none after the time-out."""
-        # Silence, or the other end of udpout is not there yet.
+        """Return the next datagram, and others that are there; none after the time-out."""
+        # An error means silence, or that the other end of udpout is not there yet.
         with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
             data, sender = self._socket.recvfrom(_LONGEST)
             return _without_time([(data, _address(*sender))])
         return NOTHING
 
     def get(self) -> Arrivals:
-        """Return what is there, ``MOST`` at most."""
+        """Return the datagrams that are there, ``MOST`` at most."""
         received: list[tuple[bytes, Address]] = []
         with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
             while len(received) < MOST:
@@ -88,7 +88,7 @@ def _without_time(received: list[tuple[bytes, Address]]) -> Arrivals:
 
 
 def _address(host: str, port: int, _flow: int = 0, scope: int = 0) -> Address:
-    """Return what Python calls a sender of either family as an address."""
+    """Return the address from Python's sender tuple of either family."""
     return (f"{host}%{scope}" if scope and "%" not in host else host), port
 
 
@@ -116,9 +116,10 @@ class _Arrival(ctypes.Structure):  # struct cmsghdr and the struct timeval it he
 
 
 class _Senders(dict[int | bytes, Address]):
-    """The address that a name stands for.
+    """The addresses by name, as the kernel writes it.
 
-    A name is the first eight bytes of a struct sockaddr_in as a number, or those of a sockaddr_in6.
+    A name is the first eight bytes of a struct sockaddr_in as a number, or all bytes of a
+    sockaddr_in6.
     """
 
     def __missing__(self, name: int | bytes) -> Address:
@@ -135,7 +136,7 @@ class _Senders(dict[int | bytes, Address]):
 
 
 class ManyAtOnce:
-    """Linux: one call for up to ``MOST`` datagrams.
+    """The receiver for Linux, with one call for up to ``MOST`` datagrams.
 
     Raises:
         AttributeError: the operating system's library has no recvmmsg.
@@ -149,7 +150,7 @@ class ManyAtOnce:
         self._call.argtypes = [ctypes.c_int, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int,
                                ctypes.c_void_p]  # fmt: skip
         self._file = udp.fileno()
-        # Of memory as NumPy takes it, in huge pages, all would be used at once.
+        # NumPy would take huge pages, all of which are used at once.
         memory = mmap.mmap(-1, MOST * _LONGEST, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         data = np.frombuffer(memory, np.uint8).reshape(MOST, _LONGEST)
         names = np.zeros((MOST, _NAME_SIZE // 8), np.uint64)
@@ -162,8 +163,8 @@ class ManyAtOnce:
         headers["control"] = _places(reported)
         self._at = messages.ctypes.data
         self._kept = pieces, messages  # the operating system has their addresses: they must stay
-        # Views of what it fills in. They are read by Python and not by NumPy: just after waking
-        # up a few dozen rows cost less so.
+        # These are views of what the kernel fills in. Python reads them instead of NumPy, which is
+        # faster for a few dozen rows just after waking up.
         self._view, self._sizes = data.data.cast("B"), messages["size"]
         is_ipv6 = udp.family == socket.AF_INET6
         self._names = names.view(f"V{_NAME_SIZE}")[:, 0] if is_ipv6 else names[:, 0]
@@ -171,14 +172,14 @@ class ManyAtOnce:
         self._control_sizes = headers["control_size"]
         self._starts = [_LONGEST * i for i in range(MOST)]
         self._senders = _Senders()
-        self._ask(0, _DONT_WAIT)  # for none: what has come already stays
+        self._ask(0, _DONT_WAIT)  # a test of the call: it takes no datagram
 
     def wait(self) -> Arrivals:
-        """See :meth:`OneByOne.wait`."""
+        """Return the next datagrams: see :meth:`OneByOne.wait`."""
         return self._receive(_WAIT_FOR_ONE)
 
     def get(self) -> Arrivals:
-        """See :meth:`OneByOne.get`."""
+        """Return the datagrams that are there: see :meth:`OneByOne.get`."""
         return self._receive(_DONT_WAIT)
 
     def _receive(self, flags: int) -> Arrivals:
@@ -194,7 +195,7 @@ class ManyAtOnce:
         )
 
     def _ask(self, most: int, flags: int) -> int:
-        """Let the operating system fill in up to so many datagrams; return how many it had."""
+        """Let the operating system fill in at most so many datagrams; return how many it had."""
         count: int = self._call(self._file, self._at, most, flags, None)
         if count < 0:
             code = ctypes.get_errno()
@@ -207,5 +208,5 @@ Receiver = OneByOne | ManyAtOnce
 
 
 def _places(rows: NDArray[np.generic]) -> Ints:
-    """Return where in memory each row of an array lies."""
+    """Return the memory address of each row of an array (rows,)."""
     return rows.ctypes.data + rows.strides[0] * np.arange(len(rows))

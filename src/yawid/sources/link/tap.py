@@ -1,4 +1,4 @@
-"""What every tap has in common: a thread that receives, a queue, and tlog records to be read."""
+"""What all taps have in common: a thread that receives, a queue, and tlog records to be read."""
 
 import re
 import struct
@@ -16,28 +16,29 @@ from yawid.sources.link.inbox import MOST_AT_ONCE, QUEUE, Address, Addresses, In
 from yawid.sources.mavlink.framing import MAGIC_V1, frame_size
 from yawid.sources.mavlink.signing import SigningKey
 
-BATCH_S = 0.035  # reads are this far apart: a call of the decoder costs as much as 200 frames in it
+BATCH_S = 0.035  # the time between reads: a call of the decoder costs as much as 200 frames in it
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _HEAD = re.compile(rb"\xfe..|\xfd.[\0\1]", re.DOTALL)
-"""What ``frame_size`` takes for the head of a frame; to ask it of every byte takes a second."""
+"""The heads for which ``frame_size`` gives a size; calling it at every byte would take a second."""
 _STAMP = struct.Struct(">Q")
 
 
 class Tap(ABC):
-    """Listens on one endpoint and hands out what it receives as tlog records.
+    """A listener on one endpoint that returns what it receives as tlog records.
 
-    A thread takes datagrams, stamps and queues them; :meth:`read` turns them into records. All
-    frames of a datagram carry its stamp and stamps never decrease. ``inbox`` counts the datagrams
-    received and those for which its ``queue_size`` had no room, ``skipped_bytes`` the bytes that
-    are in no frame. ``senders`` knows who sends and ``news`` are lines about the link that nobody
-    has reported yet. With ``key`` only what is signed with it says where a vehicle is sent to.
+    A thread takes datagrams, stamps and queues them; :meth:`read` makes records from them. All
+    frames of a datagram have its stamp, and stamps never decrease. ``inbox`` counts the datagrams
+    received and those for which its ``queue_size`` had no room, ``skipped_bytes`` the bytes outside
+    frames. ``senders`` has the addresses of the systems; ``news`` has lines about the link that
+    have not been reported yet. With ``key`` only frames signed with it decide to which address
+    frames for a vehicle are sent.
 
     Raises:
         SourceError: the endpoint cannot be opened.
     """
 
     receive_buffer: int | None = None
-    """The socket's buffer in bytes, as the operating system reports it; None where it does not."""
+    """The size of the socket's buffer in bytes by the operating system, None where unknown."""
 
     def __init__(
         self,
@@ -70,23 +71,23 @@ class Tap(ABC):
 
     @abstractmethod
     def _receive(self) -> None:
-        """Put what comes into the inbox until closing; an OSError ends the tap."""
+        """Put received data into the inbox until closing; an OSError ends the tap."""
 
     @abstractmethod
     def _send(self, frame: bytes, address: Address) -> None:
-        """Send a frame; an OSError means that it did not go."""
+        """Send a frame; an OSError means that it was not sent."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Close the socket or device; the thread has ended."""
+        """Close the socket or device; the thread has ended by then."""
 
     @property
     def socket_dropped(self) -> int | None:
-        """How many datagrams the operating system had no room for; None where it does not say."""
+        """The number of datagrams that the operating system dropped, None where unknown."""
         return None
 
     def reached_us(self) -> int:
-        """Return the stamp up to which all that came has been read: now, where nothing waits."""
+        """Return the stamp up to which everything received has been read: now if nothing waits."""
         oldest_us = self.inbox.oldest_us
         return self.stamps.now() if oldest_us is None else oldest_us
 
@@ -94,7 +95,7 @@ class Tap(ABC):
         """Return the records received since the last call; wait for the first up to ``timeout_s``.
 
         Reads are kept ``pause_s`` apart while datagrams keep coming, so that one call takes many;
-        a call that comes much too early returns none. A backlog is taken without a pause.
+        a call that comes much too early returns nothing. A backlog is taken without a pause.
 
         Raises:
             SourceError: the endpoint failed; what was received before has been returned.
@@ -127,13 +128,13 @@ class Tap(ABC):
         return b"".join(parts)
 
     def _note(self, pairs: dict[tuple[int, Address], bool], frame: bytes, address: Address) -> None:
-        """Note who sent a frame, and whether he has the key where there is one."""
+        """Note the sender of a frame, and whether the frame is signed, if there is a key."""
         pair = sysid_of(frame), address
         if not pairs.get(pair):
             pairs[pair] = self._key is None or self._key.has_signed(frame)
 
     def transmit(self, frame: bytes, sysid: int) -> bool:
-        """Send a frame to where ``sysid`` was first received from; return whether it went.
+        """Send a frame to the address of ``sysid`` (see ``senders``); return whether it was sent.
 
         Raises:
             RuntimeError: the tap was not opened to transmit.
@@ -146,7 +147,7 @@ class Tap(ABC):
         try:
             self._send(frame, address)
         except OSError:
-            return False  # as good as a lost datagram: who asked sees no answer and asks again
+            return False  # like a lost datagram: the request has no answer and is repeated
         return True
 
     def _destination(self, sysid: int) -> Address | None:
@@ -173,7 +174,7 @@ class Tap(ABC):
     def _run(self) -> None:
         try:
             self._receive()
-        except Exception as error:  # raised to whoever reads; a thread's own would be a traceback
+        except Exception as error:  # raised by read(); a thread would print a traceback
             self._failure = error
             self.inbox.wake()
 
@@ -192,7 +193,7 @@ def split_datagram(datagram: bytes) -> Iterator[bytes]:
 
 
 def magic_at(data: bytes, start: int) -> int:
-    """Return where a frame may begin at or after ``start``, -1 if nowhere."""
+    """Return the first position from ``start`` on at which a frame may begin, -1 if none."""
     match = _MAGIC.search(data, start)
     return -1 if match is None else match.start()
 

@@ -15,12 +15,12 @@ from yawid.sources.mavlink.framing import frame_size
 
 _READ = 4096
 _IDLE_S = 0.005
-_AGAIN_S = 2.0  # between attempts to get a lost connection back
-_CONNECT_S = 3.0  # longer than one lost packet; a session that is to end waits for it
+_AGAIN_S = 2.0  # the time between attempts to get a lost connection back
+_CONNECT_S = 3.0  # longer than the loss of one packet delays it; a session's end waits so long
 
 
 class StreamTap(Tap):
-    """A tap on ``tcp:HOST:PORT`` or a serial port; a connection that is lost is sought again."""
+    """A tap on ``tcp:HOST:PORT`` or a serial port; a lost connection is opened again."""
 
     def _open(self) -> None:
         try:
@@ -50,7 +50,7 @@ class StreamTap(Tap):
                 tail = tail[whole:]
 
     def _take(self) -> bytes:
-        """Return what has come, b"" if nothing; an OSError means the connection is gone."""
+        """Return the bytes received, b"" if none; an OSError means that the connection is lost."""
         try:
             data: bytes = self._connection.recv(_READ)
         except BlockingIOError:
@@ -68,14 +68,14 @@ class StreamTap(Tap):
                 return
 
     def _send(self, frame: bytes, address: Address) -> None:
-        """Send without waiting: a frame of which a part went is completed before the next."""
+        """Send without waiting; a frame sent in part is completed before the next one."""
         self._unsent = self._unsent[self._write(self._unsent) :]
         if self._unsent:
             raise BlockingIOError(errno.EAGAIN, "the line takes no more")
         self._unsent = frame[self._write(frame) :]
 
     def _write(self, data: bytes) -> int:
-        """Write what the connection takes at once; return how many bytes."""
+        """Write as much as the connection takes without waiting; return how many bytes."""
         if not data:
             return 0
         if self.endpoint.kind == "tcp":
@@ -95,7 +95,7 @@ def connect(endpoint: Endpoint) -> Any:
     """Return a socket connected to the endpoint, or pymavlink's serial connection.
 
     Raises:
-        OSError: it cannot be had.
+        OSError: the connection cannot be opened.
         SourceError: pyserial, which serial ports need, is not installed.
     """
     if endpoint.kind == "tcp":
@@ -103,10 +103,10 @@ def connect(endpoint: Endpoint) -> Any:
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return link
-    # Importing mavutil changes the environment and takes 0.1 s: only those pay who need it.
+    # Importing mavutil changes the environment and takes 0.1 s, so it is done only here.
     from pymavlink import mavutil
 
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints its troubles to stdout
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints problems to stdout
         try:
             return mavutil.mavserial(endpoint.host, baud=endpoint.port)
         except ImportError as error:
@@ -115,7 +115,7 @@ def connect(endpoint: Endpoint) -> Any:
 
 
 def complete_until(data: bytes) -> int:
-    """Return how many bytes from the front hold no frame that is still to be completed."""
+    """Return how many bytes from the front contain no frame that is still incomplete."""
     at = 0
     while (at := magic_at(data, at)) >= 0:
         size = frame_size(data[at : at + 3])

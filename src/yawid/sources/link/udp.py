@@ -14,9 +14,9 @@ from yawid.sources.link.tap import Tap
 
 RECEIVE_BUFFER = 4 << 20
 GATHER_S = 0.04
-"""So long datagrams gather before they are taken: to wake up for each costs more than all else."""
-_MOST_WAITING = 2 * RECEIVE_BUFFER // 832  # datagrams in it, at 832 bytes at least each
-_DENSEST = 832 * 200_000  # bytes a second of the buffer that a flood takes: 832 a datagram
+"""The time in which datagrams gather before they are taken: waking up for each costs the most."""
+_MOST_WAITING = 2 * RECEIVE_BUFFER // 832  # datagrams in the buffer, each of which takes 832 bytes
+_DENSEST = 832 * 200_000  # the buffer's bytes that a flood takes in a second, 832 for a datagram
 # How long closing may take to be noticed; Python's own timeout takes two system calls.
 _POLL = struct.pack("@ll", 0, 100_000) if os.name == "posix" else struct.pack("@I", 100)
 _AT_ONCE = getattr(socket, "MSG_DONTWAIT", 0)
@@ -37,12 +37,12 @@ class UdpTap(Tap):
 
     @property
     def socket_dropped(self) -> int | None:
-        """How many datagrams the operating system had no room for; None where it does not say."""
+        """The number of datagrams that the operating system dropped, None where unknown."""
         return self._dropped_at_close if self._closing.is_set() else dropped_by(self._socket)
 
     def _receive(self) -> None:
-        """Take datagrams until closed: they gather, then all are taken; wait where none come."""
-        # Even a flood must find room while nobody looks.
+        """Take datagrams until closed: let them gather, then take all; wait if there are none."""
+        # The buffer must hold even a flood in the time of gathering.
         longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
         count, receiver = 0, self._receiver
         while not self._closing.is_set():
@@ -54,7 +54,7 @@ class UdpTap(Tap):
         self._take()
 
     def _take(self) -> int:
-        """Queue all that is there, as much as the socket's buffer holds; return how many."""
+        """Queue what is there, at most what the socket's buffer holds; return how many."""
         count = 0
         while self._receiver.can_gather and count < _MOST_WAITING:
             taken = self._put(self._receiver.get())
@@ -66,9 +66,9 @@ class UdpTap(Tap):
     def _put(self, arrived: Arrivals) -> int:
         """Queue datagrams with their stamps; return how many there are.
 
-        A stamp is when the operating system had it, and never decreasing. The operating system's
-        clock may have been set since then, its time is believed only between the stamp before and
-        now.
+        A stamp is the time at which the operating system received the datagram; stamps never
+        decrease. Since the operating system's clock may have been set, its time is only believed
+        between the previous stamp and now.
         """
         last_us, now_us, ahead_us = self.inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
         stamps = []
@@ -97,7 +97,7 @@ class UdpTap(Tap):
 
 
 def dropped_by(tap: socket.socket) -> int | None:
-    """Return how many datagrams the kernel dropped for want of room, None where it does not say."""
+    """Return how many datagrams the kernel dropped for lack of room, None where unknown."""
     try:
         counts = _MEMINFO.unpack(tap.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
     except (OSError, struct.error):
@@ -106,7 +106,7 @@ def dropped_by(tap: socket.socket) -> int | None:
 
 
 def open_socket(endpoint: Endpoint) -> socket.socket:
-    """Return a socket that receives the endpoint.
+    """Return a socket that receives at the endpoint.
 
     Raises:
         SourceError: the address cannot be listened on; the message gives the remedy.
@@ -120,15 +120,15 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
         if endpoint.kind == "udpout":
             tap.connect((endpoint.host, endpoint.port))
         elif endpoint.kind == "mcast":
-            # Every listener of a group receives all of it: here the port is meant to be shared.
+            # Every listener of a group receives everything: here the port is meant to be shared.
             tap.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tap.bind((endpoint.host, endpoint.port))
             group = socket.inet_aton(endpoint.host) + socket.inet_aton("0.0.0.0")
             tap.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
         else:
-            if endpoint.is_ipv6:  # [::] is not 0.0.0.0 too: what is written is what is opened
+            if endpoint.is_ipv6:  # [::] must not open 0.0.0.0 as well
                 tap.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-            # No SO_REUSEADDR: with it the next program could take the port unseen.
+            # There is no SO_REUSEADDR: with it another program could take the port unnoticed.
             tap.bind((endpoint.host, endpoint.port))
     except OSError as error:
         if tap is not None:

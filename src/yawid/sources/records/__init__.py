@@ -1,1 +1,1 @@
-"""Flight-test records that never were MAVLink: CSV and Parquet with a column per channel."""
+"""Flight-test records that never were MAVLink: CSV and Parquet with a column for each channel."""

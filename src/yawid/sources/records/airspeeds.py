@@ -1,4 +1,4 @@
-"""A record's airspeed: the equivalent one, made of what its unit or its name says that it is."""
+"""A record's airspeed: the equivalent one, converted from the kind that its unit or name gives."""
 
 import re
 from collections.abc import Mapping
@@ -25,11 +25,11 @@ from yawid.sources.records.rows import newest, same
 _WORD: Final = re.compile(r"[a-z]+")
 _NAMES: Final = KIND_WORDS | {"true": Kind.TRUE}
 FAST_M_S: Final = 100.0
-"""Below it a calibrated airspeed is the equivalent one to 1 % up to 3000 m, whatever the height."""
+"""Below this, calibrated and equivalent airspeed differ by less than 1 % up to 3000 m."""
 
 
 class Airspeed(NamedTuple):
-    """Of each row, (n,): see :class:`yawid.blocks.RecordBlock`."""
+    """The airspeed columns of each row, (n,): see :class:`yawid.blocks.RecordBlock`."""
 
     airspeed: Floats
     by_ground: Floats
@@ -40,13 +40,13 @@ class Airspeed(NamedTuple):
 def airspeed_of(
     table: Table, found: Mapping[str, Found], have: Mapping[str, Floats], *, told: bool
 ) -> Airspeed:
-    """Return the airspeed, and where it is the ground speed that stands in for it.
+    """Return the airspeed, and where the ground speed is used instead of it.
 
-    It does where the file has no airspeed, or is a run's export, which says so. A column of zeros,
-    of a sensor that is not there, is no airspeed, and says nothing of the ground.
+    The ground speed is used if the file has no airspeed, and in a run's export where that says so.
+    A column of zeros, from a missing sensor, is no airspeed.
 
     Raises:
-        ConfigError: how dense the air was must be known, and is not.
+        ConfigError: the conversion needs the air's density, which is unknown.
         SourceError: a cell is not understood.
     """
     nothing = same(np.nan, table.rows)
@@ -69,7 +69,7 @@ def airspeed_of(
 
 
 def _kind(found: Found) -> Kind:
-    """Return what the unit says that the airspeed is, or the column's name, else equivalent."""
+    """Return the kind of airspeed that the unit gives, else the column's name, else equivalent."""
     if found.unit is not None and found.unit.airspeed is not None:
         return found.unit.airspeed
     said = (_NAMES[word] for word in _WORD.findall(found.header.name.lower()) if word in _NAMES)
@@ -79,7 +79,7 @@ def _kind(found: Found) -> Kind:
 def _equivalent(
     table: Table, found: Found, kind: Kind, air: Floats, have: Mapping[str, Floats]
 ) -> Floats:
-    """Return an airspeed (n,) of some kind as the equivalent one."""
+    """Return an airspeed (n,) of this kind as the equivalent airspeed."""
     nothing = same(np.nan, len(air))
     height = newest(have.get("altitude", nothing))
     if kind is Kind.TRUE:
@@ -107,7 +107,7 @@ def _equivalent(
 def _named(
     table: Table, found: Found
 ) -> tuple[Floats, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
-    """Return the kinds (n,) that a run's export names, and where it is the ground speed."""
+    """Return the kinds (n,) that a run's export names, and where they name the ground speed."""
     texts = table.texts(found.place) or [""] * table.rows
     codes = {str(name_of(kind)): float(kind) for kind in Kind} | {"": np.nan, BY_GROUND: np.nan}
     if strange := set(texts) - codes.keys():

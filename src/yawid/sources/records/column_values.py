@@ -1,4 +1,4 @@
-"""A column's values in the table's unit, or one line that says what must still be said of it."""
+"""A column's values in the table's unit, or an error of one line that asks for what is missing."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -18,34 +18,36 @@ MOST: Final = {
     **dict.fromkeys(("q", "turn_rate"), 3.0),
     **{"r": 30.0, "roll": 3.2, "pitch": 1.6, "yaw": 6.3, "aileron": 2.0},
 }
-"""More is none of the table's own unit where nobody says that it is."""
+"""The largest values of columns without a unit that may be in the table's unit."""
 EITHER: Final = 0.3
-"""A yaw rate that goes up to this and no further is rad/s: in deg/s nobody would have flown. From
-here to its ``MOST`` it could be either."""
+"""A yaw rate without a unit that stays below this is in rad/s: as deg/s it would not be a flight.
+From here up to its ``MOST`` it could be either."""
 IMPOSSIBLE: Final = {
     **dict.fromkeys(("r", "q", "turn_rate"), 1e3),
     **dict.fromkeys(("roll", "pitch", "yaw", "aileron"), 1e3),
     **{"ground_speed": 1e4, "altitude": 1e6, "mode": 2.0**32},
 }
-"""From here on a value is damage, in the table's own units: an orbit is slower and lower. An angle
-may have been unwrapped over many turns."""
+"""Values from this on are damage, in the table's units: an orbit is slower and lower. Angles may
+have been unwrapped over many turns."""
 MOST_RUDDER: Final = {HALF_TRAVEL: 2.0, "rad": 1.6, "deg": 90.0}
 LEAST_STEP_S, MOST_STEP_S = 9e-4, 2.0
-"""Between rows, in the median, if nobody says that t is in seconds."""
+"""The range of the median step between rows if t has no unit: otherwise it is not in seconds."""
 LATEST_S: Final = 9e9
+"""The greatest time in s: no record has a greater one."""
 LEAST_STROKE_RAD: Final = 1e-6
 AILERON_RAD: Final = float(np.deg2rad(1.0))
-"""An aileron that moves by less than this is not stretched any further."""
+"""The least stroke by which an aileron in rad is divided."""
 MOST_BACK_SHARE, MOST_BACK = 0.01, 10
-"""Of steps back: more of them and the rows are in no order."""
+"""With more steps back than this share of the rows, and than this number, the rows are not in
+order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What is known of a record's rudder at last.
+    """What is settled about a record's rudder.
 
-    Its unit as ``--rudder-unit`` names it, its sign, full travel in deg if that is known, else the
-    largest stroke within 5 s in rad.
+    These are its unit by the names of ``--rudder-unit``, its sign, and its full deflection in deg,
+    or, if that is unknown and the unit is an angle, its largest stroke within 5 s in rad.
     """
 
     rudder_unit: str
@@ -55,7 +57,7 @@ class Settled:
 
 
 def place_of(table: Table, found: Found) -> str:
-    """Return file and column as a refusal names them."""
+    """Return file and column in words, for an error."""
     return f"{table.path}, column {found.header.name}"
 
 
@@ -63,7 +65,7 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
     """Return a column in the table's unit.
 
     Raises:
-        ConfigError: nobody says its unit, and it is not the table's by its name or its values.
+        ConfigError: its unit is missing, and its name or its values do not fit the table's unit.
         SourceError: a cell is no number.
     """
     values, header = table.numbers(found.place), found.header
@@ -94,12 +96,12 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
 
 
 def is_assumed(name: str, found: Found) -> bool:
-    """Tell whether a column is taken for an angle in rad, or its rate, though nothing says so."""
+    """Return whether a column without a unit is assumed to be in rad or rad/s."""
     return found.unit is None and CHANNELS[name].unit in ANGLES
 
 
 def possible(name: str, values: Floats) -> Floats:
-    """Return values (n,), unknown where no aircraft has them, as in a row of garbage."""
+    """Return values (n,), NaN where they are impossible, as in a damaged row."""
     most = IMPOSSIBLE.get(name, np.inf)
     return np.where(np.abs(values) < most, values, np.nan) if np.isfinite(most) else values
 
@@ -107,12 +109,12 @@ def possible(name: str, values: Floats) -> Floats:
 def rudder_of(
     table: Table, found: Found, asked: Asked, own: dict[str, str], t_us: Ints
 ) -> tuple[Floats, Settled]:
-    """Return the rudder in half travels or in rad, as signed in the file, and what is known of it.
+    """Return the rudder in half travels or in rad, signed as in the file, and what is settled.
 
-    ``own`` is what a file of yawid's says of itself.
+    ``own`` holds the facts in the metadata of a file that yawid exported.
 
     Raises:
-        ConfigError: unit or sign must be said, or cannot be what is said.
+        ConfigError: unit or sign is missing, or the unit does not fit the values.
         SourceError: a cell is no number.
     """
     where, option = place_of(table, found), asked.rudder_unit
@@ -151,9 +153,9 @@ def rudder_of(
 
 
 def aileron_of(table: Table, found: Found, t_us: Ints) -> Floats:
-    """Return the aileron in half travels, an angle in parts of its largest stroke.
+    """Return the aileron in half travels, or an angle divided by its largest stroke.
 
-    Nobody knows its travel, and no answer is in its unit.
+    Its travel is unknown, and no answer is in its unit.
 
     Raises:
         ConfigError, SourceError: as :func:`in_its_unit`.
@@ -165,7 +167,7 @@ def aileron_of(table: Table, found: Found, t_us: Ints) -> Floats:
 
 
 def held_of(table: Table, found: Found) -> Ints:
-    """Return the bits of Held (n,) that a column of texts says.
+    """Return the bits of Held (n,) from a column with their names.
 
     Raises:
         SourceError: a word is no reason.
@@ -195,7 +197,7 @@ def dates_of(table: Table, found: Found) -> Ints | None:
     """Return a column of dates in ns of Unix time (n,), None where it holds none.
 
     Raises:
-        SourceError: it holds texts that are no dates.
+        SourceError: it has texts that are no dates.
     """
     dates, texts = table.dates_ns(found.place), table.texts(found.place)
     if dates is not None or texts is None:
@@ -211,8 +213,8 @@ def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
     """Return t in us (n,) since the record's beginning, and Unix time in ns, None if unknown.
 
     Raises:
-        ConfigError: t can hardly be in s, and nobody says so.
-        SourceError: a row has no time, or time does not go on.
+        ConfigError: t has no unit and is hardly in s, or is greater than any record's.
+        SourceError: a row has no time, or the times do not advance.
     """
     t = found["t"]
     where, unix_ns = place_of(table, t), dates_of(table, t)

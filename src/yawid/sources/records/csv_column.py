@@ -1,4 +1,4 @@
-"""A column of a CSV file, a piece after the other: numbers, dates, or few texts many times."""
+"""A column of a CSV file, read in pieces: numbers, dates, or a few texts that are repeated."""
 
 import re
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ NUMBER: Final = re.compile(
 )
 MISSING: Final = frozenset({"", "nan", "na", "n/a", "null", "none", "-nan", "#n/a"})
 MOST_TEXTS: Final = 10_000
-"""Different ones in a column: flight modes and reasons are some dozens."""
+"""The most different texts in a column; flight modes and reasons are a few dozen."""
 
 
 class NotUnderstoodError(ValueError):
-    """A cell that cannot be read; ``row`` is its own, ``{}`` in the text the place of ``other``."""
+    """A cell that cannot be read, in ``row``; ``{}`` in the text is for the place of ``other``."""
 
     def __init__(self, text: str, row: int, other: int | None = None) -> None:
         super().__init__(text)
@@ -26,9 +26,9 @@ class NotUnderstoodError(ValueError):
 
 
 class CsvColumn:
-    """What the cells of one column are; ``add`` takes them in order.
+    """The cells of one column, which ``add`` takes in order.
 
-    ``wrong`` is the first cell that is no number, with its row, None where all are.
+    ``wrong`` is the row and the text of the first cell that is no number, None where all are.
     """
 
     def __init__(self, separator: str) -> None:
@@ -42,10 +42,10 @@ class CsvColumn:
         self._texts: dict[str, int] = {}
 
     def add(self, cells: Sequence[str]) -> None:
-        """Take the next cells.
+        """Take in the next cells.
 
         Raises:
-            NotUnderstoodError: they are neither numbers nor dates nor few texts.
+            NotUnderstoodError: they are neither numbers nor dates nor a few texts.
         """
         found = None if self._dates or self._codes else self._as_numbers(cells)
         if found is not None:
@@ -72,7 +72,7 @@ class CsvColumn:
         return numbers
 
     def _with_points(self, cells: Sequence[str]) -> Sequence[str]:
-        """Return cells with a decimal point in place of a comma, where all are numbers."""
+        """Return the cells with a decimal point in place of a comma, if all are numbers."""
         together = "".join(cells)
         if "," not in together and "," not in self._signs:
             if "." in together and "." not in self._signs:
@@ -110,7 +110,7 @@ class CsvColumn:
                     self._dates[:0], self._numbers = missing, []
                     return
                 self._dates.clear()
-            for piece in self._numbers:  # these were texts, too
+            for piece in self._numbers:  # the earlier cells count as texts too
                 self._code(["" if np.isnan(each) else f"{each:.9g}" for each in piece.tolist()])
             self._numbers.clear()
         self._code(texts)
@@ -135,7 +135,7 @@ class CsvColumn:
         return self._dates[0] if self._dates else None
 
     def texts(self) -> list[str] | None:
-        """Return the texts (n,), missing ones empty; None where there is none."""
+        """Return the texts (n,), missing ones empty; None where the column has no texts."""
         known = list(self._texts)
         return [known[code] for piece in self._codes for code in piece.tolist()] or None
 
@@ -146,7 +146,7 @@ def _known(cell: str) -> str:
 
 
 def _joined(pieces: list[Any], kind: type) -> Any:
-    """Return pieces as one array, each given up once it is copied."""
+    """Return the pieces as one array; each piece's memory is freed once it is copied."""
     whole: Any = np.empty(sum(map(len, pieces)), kind)
     at = 0
     pieces.reverse()

@@ -1,8 +1,8 @@
-"""A CSV file as a table of texts: its separator, header, units and decimal sign found out.
+"""A CSV file as a table of texts; its separator, header, units and decimal sign are detected.
 
-Known by its first lines: names that a separator parts, then as many numbers. Comments (``#``,
-``%``), a line of its title, a second line of the header with units, any line end, a byte order
-mark, quotes, a decimal comma beside another separator are understood.
+It is recognised by its first lines: names with a separator between them, then as many numbers.
+Also understood are comments (``#``, ``%``, ``//``), a title line, a second line of the header with
+units, any line end, a byte order mark, quotes, and a decimal comma with another separator.
 """
 
 import codecs
@@ -23,7 +23,7 @@ from yawid.sources.records.headers import NOTHING, header_of, is_column
 COMMENTS: Final = ("#", "%", "//")
 MOST_HEADER_LINES: Final = 200
 PIECE: Final = 8192
-"""Rows that are texts at a time: a cell as text takes eight times its number's memory."""
+"""The rows that are kept as texts at a time: a text takes eight times the memory of its number."""
 BYTES, MOST_LINE = 1 << 20, 1 << 22
 _BOMS: Final = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -36,7 +36,7 @@ Row = Sequence[str]
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Tell by its first bytes whether a file is a table of texts: names, then numbers."""
+    """Return whether a file with these first bytes is a table of texts: names, then numbers."""
     try:
         text = _decoded(head, partial=True)
     except UnicodeError:
@@ -59,10 +59,10 @@ def looks_like_csv(head: bytes) -> bool:
 
 
 class CsvTable:
-    """The columns of a CSV file, read in pieces; ``load`` reads those that are asked for later.
+    """The columns of a CSV file, read in pieces; ``load`` reads those that will be asked for.
 
-    ``names`` and ``units`` are those of its header, '' where there is none; ``facts`` is empty: a
-    CSV says nothing of itself. ``rows`` counts its lines until it is loaded, then its rows.
+    ``names`` and ``units`` are those of its header, units '' where there are none. ``facts`` is
+    empty, because a CSV has no metadata. ``rows`` counts its lines, and once loaded its rows.
 
     Raises:
         SourceError: its header or one of its lines is not understood.
@@ -76,7 +76,7 @@ class CsvTable:
         self._columns: dict[int, CsvColumn] = {}
 
     def _lines(self) -> Iterator[tuple[int, str]]:
-        """Yield every line and its number from 0."""
+        """Yield every line with its number from 0."""
         with self.path.open(encoding=self._encoding) as file:
             for i, line in enumerate(file):
                 said = _EXCEL.fullmatch(line) if i == 0 else None
@@ -86,7 +86,7 @@ class CsvTable:
         return ((i, line) for i, line in self._lines() if line.strip() and not _is_comment(line))
 
     def _read_header(self) -> None:
-        """Find names and units, and which of the used lines is the first with data."""
+        """Find names and units, and which line (of those used) is the first with data."""
         used = list(islice(self._used(), MOST_HEADER_LINES))
         self._separator = _separator([line for _, line in used])
         rows = [_split(line, self._separator) for _, line in used]
@@ -114,10 +114,10 @@ class CsvTable:
         self.units = [*below, *[""] * len(self.names)][: len(self.names)]
 
     def load(self, columns: Iterable[int]) -> None:
-        """Read columns by their places, numbers, dates or texts; what was read before is dropped.
+        """Read columns by their places as numbers, dates or texts; drop what was read before.
 
         Raises:
-            SourceError: a line has not as many cells as the header, or a column is neither.
+            SourceError: a line has not as many cells as the header, or a column is not understood.
         """
         places = sorted(set(columns))
         self._columns = {place: CsvColumn(self._separator) for place in places}
@@ -136,7 +136,7 @@ class CsvTable:
                 self.rows += len(rows)
 
     def _pieces(self) -> Iterator[list[Row]]:
-        """Yield the cells of every line with data, as many each as there are names."""
+        """Yield the cells of all lines with data in pieces; each line has a cell for each name."""
         width, rows = len(self.names), list[Row]()
         at = [0]
         for cells in _reader(self._data(at), self._separator):
@@ -154,25 +154,25 @@ class CsvTable:
         yield rows
 
     def _data(self, at: list[int]) -> Iterator[str]:
-        """Yield the lines with data; ``at`` holds the number of the newest."""
+        """Yield the lines with data, and write the number of the newest into ``at``."""
         for at[0], line in islice(self._used(), self._first, None):
             yield line
 
     def texts(self, column: int) -> list[str] | None:
-        """Return the texts of a column, missing ones empty; None where all are numbers or dates."""
+        """Return a column's texts, missing ones empty; None where all are numbers or dates."""
         return self._loaded(column).texts()
 
     def numbers(self, column: int) -> Floats:
-        """Return the numbers of a column, NaN where a cell is empty.
+        """Return the numbers of a column (n,), NaN where a cell is empty.
 
         Raises:
-            SourceError: a cell is no number; the text says which.
+            SourceError: a cell is no number; the error names it.
         """
         found = self._loaded(column)
         if found.wrong is not None:
             row, cell = found.wrong
             raise SourceError(f"{self._place(column, row)}: {cell!r} is no number")
-        del self._columns[column]  # they are handed over
+        del self._columns[column]  # the table need not keep them
         return found.numbers()
 
     def dates_ns(self, column: int) -> Ints | None:
@@ -185,7 +185,7 @@ class CsvTable:
         return self._columns[column]
 
     def line(self, row: int) -> str:
-        """Return the line at which a row of the data stands."""
+        """Return in words the line of a row of the data."""
         at, _ = next(islice(self._used(), self._first + row, None))
         return f"line {at + 1}"
 
@@ -205,7 +205,7 @@ class CsvTable:
 
 
 def _surveyed(path: Path) -> tuple[str, int]:
-    """Return how a file's text is encoded, and how many lines it has at most.
+    """Return the encoding of a file's text, and how many lines it has at most.
 
     Raises:
         SourceError: a line is longer than any table's.
@@ -251,7 +251,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """Return what parts the cells: a tab, a semicolon, a comma, a bar, else spaces."""
+    """Return the separator of cells: a tab, a semicolon, a comma, a bar, else spaces."""
     for separator in "\t;,|":
         if sum(separator in line for line in lines) * 2 > len(lines):
             return separator
@@ -277,7 +277,10 @@ def _trimmed(row: Row, least: int = 0) -> Row:
 
 
 def _layout(rows: Sequence[Row]) -> tuple[int, int] | None:
-    """Return which row has the names and which the first values; the same where none has names."""
+    """Return the row with names and the first row with values, the same row if there are no names.
+
+    None where no row has values.
+    """
     names = next((i for i, row in enumerate(rows) if _names_time(row)), None)
     if names is not None:
         time = next(i for i, c in enumerate(rows[names]) if is_column(header_of(c).name) == "t")
@@ -303,7 +306,7 @@ def _are_units(row: Row) -> bool:
 
 
 def _is_data(row: Row) -> bool:
-    """Tell whether a line holds values: most of what it says are numbers."""
+    """Return whether a line has values: most of its cells that are not empty are numbers."""
     said = [cell.strip() for cell in row if cell.strip().lower() not in MISSING]
     numbers = sum(bool(NUMBER.fullmatch(c) or _DATE.fullmatch(c)) for c in said)
     return len(row) >= 2 and 2 * numbers > len(said)

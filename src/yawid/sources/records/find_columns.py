@@ -1,4 +1,4 @@
-"""Which of a file's columns is which of the table's, and in what unit it is, if anybody says so."""
+"""The search for the table's columns in a file, and for their units where these are given."""
 
 import re
 from collections.abc import Iterable
@@ -29,17 +29,17 @@ LIKELY: Final = {
     "yaw": "psi heading hdg",
     "q": "pitchrate",
 }
-"""How others' names for the columns begin: said in a refusal, never taken for granted."""
+"""The beginnings of other names for the columns: they are only suggested in errors, never used."""
 WITHOUT_UNIT: Final = TEXTS | {
     name for name, row in CHANNELS.items() if row.unit == "1" or not (row.kind or row.kept)
 }
-"""Columns of which no unit matters: p may well be a pressure."""
+"""The columns whose units do not matter: p may be a pressure."""
 _WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What options say of a record, None where they do not; ``needs`` are further columns."""
+    """The options about a record, None where not given; ``needs`` has further columns needed."""
 
     columns: tuple[str, ...] = ()
     units: str | None = None
@@ -50,9 +50,9 @@ class Asked:
 
 
 class Table(Protocol):
-    """A file's columns; ``facts`` are the file's own.
+    """A file's columns; ``facts`` holds the file's metadata.
 
-    ``rows`` counts what each column holds, before ``load`` perhaps too much.
+    ``rows`` is the number of rows; before ``load`` it may be too large.
     """
 
     path: Path
@@ -62,24 +62,24 @@ class Table(Protocol):
     rows: int
 
     def load(self, columns: Iterable[int]) -> None:
-        """Read columns by their places, for what follows."""
+        """Read columns by their places, so that they can be returned."""
 
     def texts(self, column: int) -> list[str] | None:
-        """Return a column's texts, those missing empty; None where it holds none."""
+        """Return a column's texts (n,), missing ones empty; None where it has no texts."""
 
     def numbers(self, column: int) -> Floats:
         """Return a column's numbers (n,), NaN where one is missing."""
 
     def dates_ns(self, column: int) -> Ints | None:
-        """Return a column's dates in ns of Unix time (n,), None where it has no type for them."""
+        """Return a column's dates in ns of Unix time (n,), None where it has no dates."""
 
     def line(self, row: int) -> str:
-        """Say where a row stands."""
+        """Return the place of a row in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One of a file's columns as one of the table's, and its unit; None where nobody says it."""
+    """A file's column that is one of the table's, and its unit, None where it is not given."""
 
     place: int
     header: Header
@@ -88,17 +88,17 @@ class Found:
 
     @property
     def label(self) -> str:
-        """The column as a person would name it, with its unit."""
+        """The column's name in words, with its unit."""
         return f"{self.header.name} [{self.spelt}]" if self.spelt else self.header.name
 
 
 def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
-    """Return a file's columns by the table's names: as options say, else by their own names.
+    """Return a file's columns by the table's names: those of options, else by their own names.
 
     Raises:
-        ConfigError: an option names what is not there, or no unit.
-        ChannelError: there is no time, rudder or yaw rate, or not what is needed beside them.
-        SourceError: two columns have one name, or one a unit that it cannot have.
+        ConfigError: an option names a column that is missing, or an unknown unit.
+        ChannelError: time, rudder, yaw rate, or another column that is needed, is missing.
+        SourceError: two columns have one name, or a column has a unit that does not fit.
     """
     pairs = zip(table.names, table.units, strict=True)
     headers = [header_of(*each) for each in pairs]
@@ -130,7 +130,7 @@ def _has_dates(table: Table, place: int) -> bool:
 
 
 def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, str | None]:
-    """Return column, place and unit of an option's ``NAME=COLUMN``, ``NAME=COLUMN[unit]``."""
+    """Return name, place and unit from an option ``NAME=COLUMN`` or ``NAME=COLUMN[unit]``."""
     name, _, wanted = (part.strip() for part in said.partition("="))
     if name not in CHANNELS or not wanted:
         names = ", ".join(CHANNELS)
@@ -158,7 +158,7 @@ def _called(table: Table, headers: list[Header], name: str) -> list[int]:
 def _with_unit(
     table: Table, name: str, place: int, header: Header, spelt: str | None, units: str | None
 ) -> Found:
-    """Return a column with its unit: an option's, the header's, its name's, or that of --units."""
+    """Return a column with its unit: that of an option, the header, its name, or ``--units``."""
     if name in WITHOUT_UNIT:
         return Found(place, header)
     own = CHANNELS[name].unit
@@ -179,7 +179,7 @@ def _with_unit(
 
 
 def _missing(table: Table, names: list[str], headers: list[Header], taken: set[int]) -> str:
-    """Say which columns are missing, and what may be them under other names."""
+    """Return in words which columns are missing, and which others may be meant."""
     plain = {
         place: re.sub(r"[^a-z0-9]", "", header.name.lower())
         for place, header in enumerate(headers)

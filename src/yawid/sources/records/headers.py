@@ -1,4 +1,4 @@
-"""What the header of a record's column says: its name, its unit, where positive turns the nose."""
+"""The header of a record's column: its name, its unit, and how a positive value turns the nose."""
 
 import re
 from typing import Final, NamedTuple
@@ -7,17 +7,18 @@ from yawid.quantities.table import CHANNELS, TEXTS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
 
 NOTHING: Final = frozenset({"", "-", "--", "1", "[-]", "none", "n/a", "bool", "text", "utc"})
-"""What says of a column that it has no unit, or none that matters."""
+"""Texts in place of a unit for a column without a unit, or whose unit does not matter."""
 _BRACKETS: Final = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\})\s*")
 ANGLES: Final = frozenset({"rad", "rad/s"})
-"""What --units says."""
+"""The units of the table that ``--units`` is for."""
 SIGNS: Final = ("nose-right", "nose-left")
 
 
 class Header(NamedTuple):
-    """A column's header: its name, the name without a suffix that may be a unit, and its unit.
+    """A column's header: its name without the unit in brackets, and its unit.
 
-    ``unit`` is None where nothing is said; ``sign`` is where positive turns the nose, if it says.
+    ``unit`` is None where none is given. ``sign``, one of ``SIGNS``, is the way a positive value
+    turns the nose, None where it is not given.
     """
 
     name: str
@@ -26,12 +27,12 @@ class Header(NamedTuple):
 
 
 def header_of(cell: str, unit_row: str = "") -> Header:
-    """Return what a header's cell and the unit beside it say, ``r [deg/s]`` for one."""
+    """Return the header from a cell such as ``r [deg/s]``, and the unit below it, if any."""
     name, unit = cell.strip(), unit_row.strip()
     found = _BRACKETS.fullmatch(name)
     if found is not None and found.group(1):
         inside = next(group for group in found.groups()[1:] if group is not None).strip()
-        # f(x) is a name too: what is in brackets must be a unit, or say that there is none.
+        # f(x) is a name too: brackets must contain a unit, or a text for no unit.
         if unit_of(inside) is not None or inside.lower() in NOTHING or not unit:
             name, unit = found.group(1), unit or inside
     sign = next((each for each in SIGNS if unit.lower().replace(" ", "-").endswith(each)), None)
@@ -41,7 +42,7 @@ def header_of(cell: str, unit_row: str = "") -> Header:
 
 
 def by_suffix(name: str, column: str) -> str | None:
-    """Return the unit that a name's end says of ``column``, if one that fits it: ``r_deg_s``."""
+    """Return the unit at a name's end, such as ``r_deg_s``, if it fits ``column``, else None."""
     parts = name.split("_")
     for count in (3, 2, 1):
         suffix = "_".join(parts[-count:]).lower()
@@ -51,7 +52,7 @@ def by_suffix(name: str, column: str) -> str | None:
 
 
 def fits(unit: Unit, column: str) -> bool:
-    """Tell whether a column may be in a unit; a surface may be in angles too."""
+    """Return whether a column may be in a unit; a surface may also be in angles."""
     wanted = CHANNELS[column].unit
     if unit.airspeed is not None and column != "airspeed":
         return False
@@ -59,9 +60,9 @@ def fits(unit: Unit, column: str) -> bool:
 
 
 def is_column(name: str) -> str | None:
-    """Return which of the table's columns a header names, with a unit's suffix or without."""
+    """Return the table's column that a header names, with or without a unit's suffix, else None."""
     for candidate in (name, name.lower()):
-        # Of one letter the case is told apart: T is a temperature.
+        # In names of one letter the case counts: T is a temperature.
         if candidate in CHANNELS and (len(candidate) > 1 or candidate == name):
             return candidate
     for column in CHANNELS.keys() - TEXTS:

@@ -1,4 +1,4 @@
-"""Flight modes by name: which autopilot's they are, and the number each has there."""
+"""Flight modes by name: which autopilot they belong to, and their numbers there."""
 
 import re
 from collections.abc import Sequence
@@ -18,15 +18,15 @@ from yawid.quantities.vehicles import (
 
 _NUMBER: Final = re.compile("[0-9]{1,10}")
 FIRST_OF_NOBODY: Final = 1000
-"""Modes of names that no autopilot here has count from this: the name is lost, a change is not."""
+"""The first number for modes with unknown names: the name is lost, but changes of mode are not."""
 _NUMBERS: Final = {ARDUPILOT: range(64), PX4: sorted({*px4_custom_modes(np.arange(64)).tolist()})}
 
 
 def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple[int, int]]:
-    """Return modes (n,) as HEARTBEAT.custom_mode, NaN where a text is empty, and whose they are.
+    """Return modes (n,) as HEARTBEAT.custom_mode, NaN where a text is empty, and their vehicle.
 
-    That is autopilot and vehicle type, (0, 0) where it is nobody's: the ``autopilot`` named, else
-    the one that has most of the names.
+    That is autopilot and vehicle type: the ``autopilot`` named, else the one that has most of the
+    names; (0, 0) where no autopilot has any.
     """
     names = list(dict.fromkeys(text for text in texts if text and not _NUMBER.fullmatch(text)))
     known = {who: _numbers(who) for who in _NUMBERS} if names or autopilot else {}
@@ -43,6 +43,6 @@ def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple
 
 
 def _numbers(autopilot: int) -> dict[str, int]:
-    """Return the number of each mode's name."""
+    """Return the numbers of an autopilot's modes by name."""
     named = ((mode_name(autopilot, FIXED_WING, n), n) for n in _NUMBERS[autopilot])
     return {name: number for name, number in named if not name.startswith("mode ")}

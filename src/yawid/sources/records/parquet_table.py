@@ -1,6 +1,6 @@
-"""A Parquet file as a table; its fields' metadata say the units, under ``unit`` or ``units``.
+"""A Parquet file as a table; the units are in its fields' metadata, as ``unit`` or ``units``.
 
-pyarrow is loaded where such a file is read: it takes a fifth of a second.
+pyarrow is loaded only when such a file is read, because that takes a fifth of a second.
 """
 
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ AFTER_LAST_YEAR_S: Final = int(datetime(LAST_YEAR + 1, 1, 1, tzinfo=UTC).timesta
 
 
 class ParquetTable:
-    """The columns of a Parquet file; ``facts`` are the file's metadata, as far as it is text.
+    """The columns of a Parquet file; ``facts`` holds the file's metadata as texts.
 
     Raises:
         SourceError: it cannot be read.
@@ -47,7 +47,7 @@ class ParquetTable:
         """Do nothing: a column is read when it is asked for."""
 
     def texts(self, column: int) -> list[str] | None:
-        """Return the texts of a column, missing ones empty; None where it does not hold texts."""
+        """Return a column's texts, missing ones empty; None where it has no texts."""
         values = self._read(column)
         kind = values.type
         if self._arrow.types.is_dictionary(kind):
@@ -58,10 +58,10 @@ class ParquetTable:
         return [each or "" for each in values.to_pylist()]
 
     def numbers(self, column: int) -> Floats:
-        """Return the numbers of a column, NaN where it is null.
+        """Return the numbers of a column (n,), NaN where it is null, durations in s.
 
         Raises:
-            SourceError: it holds something else.
+            SourceError: it has no numbers.
         """
         values, types = self._read(column), self._arrow.types
         try:
@@ -75,15 +75,15 @@ class ParquetTable:
             ) from error
 
     def dates_ns(self, column: int) -> Ints | None:
-        """Return the Unix time in ns (n,), int64's least where it is null; None of other types.
+        """Return the Unix time in ns (n,), ``NO_DATE`` where it is null; None for other types.
 
         Raises:
-            SourceError: a date is none of a flight's.
+            SourceError: a date is impossible for a flight.
         """
         values = self._read(column)
         if not self._arrow.types.is_timestamp(values.type):
             return None
-        # Not by a cast to ns, which fails for the year 1500.
+        # A cast to ns would fail for the year 1500.
         whole = values.cast(self._arrow.int64()).fill_null(int(NO_DATE))
         found: Ints = whole.to_numpy(zero_copy_only=False)
         scale = 10**9 // PER_S[values.type.unit]

@@ -1,7 +1,7 @@
-"""A record opened for reading: rows of the channels, once it is settled what its columns mean.
+"""A record opened for reading: rows of the channels, after the meaning of its columns is settled.
 
-Nothing is guessed: what neither the file nor an option says is asked for in one line, unless a
-column bears the table's own name and its values fit the table's own unit.
+Nothing is guessed: if neither the file nor an option gives a unit, an error of one line asks for
+it, unless a column has a name of the table and its values fit the unit of the table.
 """
 
 import tomllib
@@ -37,17 +37,17 @@ from yawid.sources.records.rows import Rows, same
 from yawid.sources.records.times import offsets_us
 
 SHORTEST: Final = 3
-"""Rows; and columns: t, rudder, r."""
+"""The least number of rows, and of columns: t, rudder, r."""
 MOST_NUMBERS: Final = 10**8
-"""A day of 20 columns at 57 rows a second; what is made of them stays within 4 GB."""
+"""The most numbers read: a day of 20 columns at 57 rows a second, which needs up to 4 GB."""
 MEASURED: Final = frozenset(
     name for name, row in CHANNELS.items() if row.kind in ("linear", "held") and row.unit
 )
-"""Columns that are numbers in units, and used as they are."""
+"""The columns that are numbers with a unit and need no conversion but that of the unit."""
 
 
 class Record:
-    """A record: ``settle`` says what its columns mean, then ``read`` yields its rows.
+    """A record: ``settle`` finds out what its columns mean, then ``read`` yields its rows.
 
     Raises:
         SourceError: it cannot be read, or is not understood.
@@ -67,17 +67,17 @@ class Record:
 
     @property
     def link(self) -> LinkStats:
-        """There was no link: the times of the first and last row alone."""
+        """The times of the first and the last row; a record has no other counts of a link."""
         if self._rows is None:
             return LinkStats()
         return self._link
 
     def settle(self, asked: Asked) -> Settled:
-        """Say what the columns mean, by the file and by what was asked.
+        """Find the columns and their units by the file and the options; return what is settled.
 
         Raises:
-            ConfigError: an option is missing, or says something else than the file.
-            ChannelError: there is no time, rudder or yaw rate, or not what is needed beside them.
+            ConfigError: an option is missing, or contradicts the file.
+            ChannelError: time, rudder, yaw rate, or another column that is needed, is missing.
             SourceError: a cell is not understood.
         """
         table = self._table
@@ -96,7 +96,7 @@ class Record:
                 | {"rudder": f"{found['rudder'].header.name} [{settled.rudder_unit}]"},
                 modes_of=whose,
                 assumed=_assumed(found),
-                order=same(0, table.rows),  # laid out, each has its own
+                order=same(0, table.rows),  # each row gets its own order in Rows.piece
                 received_us=t_us if unix_ns is None else t_us + offsets_us(t_us, unix_ns),
                 t_us=t_us,
                 has_yaw=same(True, table.rows),
@@ -111,7 +111,7 @@ class Record:
                 **{name: have.get(name, nothing) for name in measured},
             )
         )
-        table.load(())  # what it held is ours now
+        table.load(())  # the table need not keep its columns any longer
         rows = self._rows.block
         for name, has in (("rudder", rows.has_surfaces), ("r", rows.has_yaw)):
             if not has.any():
@@ -122,7 +122,7 @@ class Record:
         return settled
 
     def _find_columns(self, asked: Asked) -> dict[str, Found]:
-        """Return the columns, read."""
+        """Return the columns found, after they were read."""
         self._check_size(SHORTEST)
         found = find_columns(self._table, asked)
         self._check_size(len(found))
@@ -141,7 +141,7 @@ class Record:
             )
 
     def read(self, digest: Digest) -> Iterator[tuple[int, RecordBlock | None]]:
-        """Yield (bytes, rows) from the start, continuing ``digest`` by the file's bytes."""
+        """Yield (bytes, rows) from the start, and update ``digest`` with the file's bytes."""
         assert self._rows is not None, "a record is settled before it is read"
         pieces = max(self.path.stat().st_size // CHUNK + 1, 1)
         edges = [len(self._rows) * i // pieces for i in range(pieces + 1)]
@@ -153,7 +153,7 @@ class Record:
 
 
 def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
-    """Return which of the columns that are used are taken for rad or rad/s, by their names."""
+    """Return the names of the used columns that are assumed to be in rad or rad/s."""
     used = (name for name in CHANNELS if name in MEASURED & found.keys())
     return tuple(found[name].header.name for name in used if is_assumed(name, found[name]))
 
@@ -161,7 +161,7 @@ def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
 def _modes(
     table: Table, found: dict[str, Found], autopilot: str | None
 ) -> tuple[Floats, tuple[int, int]]:
-    """Return the flight modes (n,) as numbers, and autopilot and vehicle type whose they are."""
+    """Return the flight modes (n,) as numbers, and the autopilot and vehicle type of the modes."""
     if "mode" not in found:
         return same(np.nan, table.rows), (0, 0)
     texts = table.texts(found["mode"].place)
@@ -171,7 +171,7 @@ def _modes(
 
 
 def _own_facts(facts: dict[str, str]) -> dict[str, str]:
-    """Return what yawid's own export says in a file's metadata of sign, travel and autopilot."""
+    """Return sign, travel and autopilot from the metadata of a file that yawid exported."""
     try:
         settings = tomllib.loads(facts["configuration"])
     except (KeyError, tomllib.TOMLDecodeError):

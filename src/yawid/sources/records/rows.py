@@ -1,4 +1,4 @@
-"""A record's columns made rows of the channels: which row has what, and how long it holds."""
+"""From a record's columns to rows of the channels: what each row has, and how long it holds."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,17 +11,19 @@ from yawid.blocks import Bools, Floats, Held, Ints, RecordBlock
 from yawid.quantities.table import CHANNELS
 
 GONE_S: Final = 2.0
-"""Over a longer silence nothing is interpolated."""
+"""The longest silence over which values are interpolated."""
 BACK_US: Final = 1_000_000
-"""A time that falls back by as much begins anew, as a clock does at boot."""
+"""A time that falls back by so much starts again, as a clock does at boot."""
 BRIDGED, JITTER_US = 3.0, 5_000
-"""A row holds to the next one, unless that is later than two lost rows explain."""
+"""A row holds until the next one, unless more than two rows are lost between them."""
 MARKS: Final = int(Held.GAP | Held.REBOOT)
-"""Reasons that a run's export gives for what is missing beside the row: no sample stood there."""
+"""The reasons in a run's export for rows that only mark a break: they were no samples."""
 PIECE: Final = 1 << 16
-"""Rows that are laid out at a time."""
+"""The number of rows that are made at a time."""
 STRETCH_S: Final = 1.0
+"""The length of the stretches by which the largest stroke is found."""
 WINDOW_S: Final = 5.0
+"""The time within which a stroke counts."""
 
 
 def same(value: float, count: int) -> Any:
@@ -30,18 +32,18 @@ def same(value: float, count: int) -> Any:
 
 
 class Rows:
-    """The rows that the channels see, laid out a piece at a time from those (n,) of the file.
+    """The rows that the channels get, made a piece at a time from those (n,) of the file.
 
-    Where the file does not say what is ``held``, each channel has rows of its own: the yaw's are
-    those with a rate, the surfaces' those with a rudder; beside them angles are interpolated, and
-    all else is as it was last. A run's own export says it, and its rows are complete.
+    If the file has no ``held``, each channel has rows of its own: the yaw's rows are those with a
+    yaw rate, the surfaces' rows those with a rudder. At these rows angles are interpolated, and all
+    other values are the last known ones. A run's export has ``held``, and its rows are complete.
     """
 
     def __init__(self, block: RecordBlock) -> None:
         block = block if (block.held >= 0).any() else _filled(block)
         changed = (block.held > 0) & (block.held & int(Held.RUDDER_CHANGED) != 0)
         marks = (block.held > 0) & (block.held & MARKS != 0)
-        # What is missing later on shows by its time.
+        # A later break shows by the times.
         changed[0] |= marks[0]
         marks[0] = False
         is_held = (block.held > 0) & ~marks & ~changed
@@ -53,11 +55,11 @@ class Rows:
         self._ended, self._interval_us = _ended(self.block)
 
     def __len__(self) -> int:
-        """Count those of the file; where a row's rudder ends another one follows."""
+        """Return the number of the file's rows that are kept, without the rows that are added."""
         return len(self.block)
 
     def piece(self, low: int, high: int) -> RecordBlock:
-        """Return the rows from ``low`` on, up to ``high``, and those that end one of them."""
+        """Return the rows from ``low`` up to ``high``, and the rows added to end a surface's."""
         first = max(low - 1, 0)
         block = _dated(self.block.select(slice(first, high))).select(slice(low - first, None))
         before, after = np.searchsorted(self._ended, [low, high])
@@ -75,15 +77,15 @@ class Rows:
         )
 
     def pieces(self) -> Iterator[RecordBlock]:
-        """Yield all of them."""
+        """Yield all rows in pieces."""
         for low in range(0, len(self), PIECE):
             yield self.piece(low, min(low + PIECE, len(self)))
 
 
 def _dated(block: RecordBlock) -> RecordBlock:
-    """Return the rows, each received as the one before it was, by Unix minus boot time.
+    """Return the rows, each with Unix minus boot time of the row before it.
 
-    A sample is complete with the next row's rudder, and must not know that row's date yet.
+    The next row's rudder completes a sample, which must not depend on that row's date.
     """
     offset_us, steps = block.received_us - block.t_us, np.diff(block.t_us)
     goes_on = np.concatenate([[False], (steps > 0) & (steps <= 1e6 * GONE_S)])
@@ -92,9 +94,9 @@ def _dated(block: RecordBlock) -> RecordBlock:
 
 
 def _ended(block: RecordBlock) -> tuple[Ints, int]:
-    """Return after which rows one of the surfaces is to be added, so many us later.
+    """Return after which rows a row of the surfaces is to be added, and how many us later.
 
-    A row's rudder is known to hold until the next; before a gap, and at the end, for an interval.
+    A row's rudder holds until the next row; before a gap, and at the end, it holds one interval.
     """
     rows = np.flatnonzero(block.has_surfaces | ~block.has_yaw)
     t_us, ends = block.t_us[rows], ~block.has_surfaces[rows]
@@ -105,14 +107,14 @@ def _ended(block: RecordBlock) -> tuple[Ints, int]:
 
 
 def usual_interval_us(t_us: Ints) -> int:
-    """Return the median of the steps forward of times (n,), 0 where there is none."""
+    """Return the median of the forward steps of times (n,) in us, 0 where there is none."""
     steps = np.diff(t_us)
     steps = steps[steps > 0]
     return int(np.median(steps, overwrite_input=True)) if len(steps) else 0
 
 
 def _filled(block: RecordBlock) -> RecordBlock:
-    """Return the rows with what other channels say at the time of each."""
+    """Return the rows with the values of other channels at the time of each row."""
     columns: dict[str, Any] = {}
     edges = [0, *(np.flatnonzero(np.diff(block.t_us) <= -BACK_US) + 1).tolist(), len(block)]
     kinds = {name: CHANNELS[name].kind for name in RecordBlock.__slots__ if name in CHANNELS}
@@ -129,7 +131,7 @@ def _filled(block: RecordBlock) -> RecordBlock:
 
 
 def newest(values: Floats) -> Floats:
-    """Return values (n,), each that is NaN being the last one known before."""
+    """Return values (n,) with each NaN replaced by the last known value before it."""
     known = np.isfinite(values)
     if known.all() or not known.any():
         return values
@@ -138,7 +140,7 @@ def newest(values: Floats) -> Floats:
 
 
 def _between(t_us: Ints, values: Floats, *, is_angle: bool) -> Floats:
-    """Return values (n,) with those that are missing on the line between their neighbours."""
+    """Return values (n,) with missing ones interpolated between their neighbours."""
     known = np.flatnonzero(np.isfinite(values))
     if len(known) < 2:
         return values
@@ -160,14 +162,14 @@ def forward(t_us: Ints) -> Bools:
 
 
 def largest_stroke(t_us: Ints, values: Floats) -> float:
-    """Return how far values (n,) moved within 5 s at most, 0 where they never did."""
+    """Return how far values (n,) moved at most within 5 s, 0 where they never moved."""
     if not len(found := list(_seconds(t_us, values))):
         return 0.0
     second, high, low = (np.concatenate(each) for each in zip(*found, strict=True))
     starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
     high, low = np.maximum.reduceat(high, starts), np.minimum.reduceat(low, starts)
     when, most = second[starts], 0.0
-    for count in range(min(round(WINDOW_S / STRETCH_S), len(starts))):  # so many stretches on
+    for count in range(min(round(WINDOW_S / STRETCH_S), len(starts))):  # so many stretches later
         n = len(starts) - count
         near = (when[count:] - when[:n] >= 0) & (when[count:] - when[:n] < WINDOW_S / STRETCH_S)
         reach = np.maximum(high[count:] - low[:n], high[:n] - low[count:])[near]
@@ -176,7 +178,7 @@ def largest_stroke(t_us: Ints, values: Floats) -> float:
 
 
 def _seconds(t_us: Ints, values: Floats) -> Iterator[tuple[Ints, Floats, Floats]]:
-    """Yield stretches of a second, and highest and lowest of the values known in each."""
+    """Yield stretches of a second with the highest and the lowest of the known values in each."""
     for at in range(0, len(values), PIECE):
         part = values[at : at + PIECE]
         known = np.isfinite(part)
@@ -188,6 +190,6 @@ def _seconds(t_us: Ints, values: Floats) -> Iterator[tuple[Ints, Floats, Floats]
 
 
 def largest(values: Floats) -> float:
-    """Return the largest amount of those (n,) that are finite, 0 where none is."""
+    """Return the largest absolute value of the finite ones (n,), 0 where there is none."""
     parts = (values[at : at + PIECE] for at in range(0, len(values), PIECE))
     return max((float(np.abs(p[np.isfinite(p)]).max(initial=0.0)) for p in parts), default=0.0)

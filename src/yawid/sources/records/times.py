@@ -1,4 +1,4 @@
-"""When a record's rows were: seconds, Unix time or dates to microseconds since its start."""
+"""The times of a record's rows: seconds, Unix time or dates as microseconds since its start."""
 
 import re
 from collections.abc import Sequence
@@ -10,13 +10,14 @@ import numpy as np
 from yawid.blocks import Floats, Ints
 
 UNIX_S: Final = 1e9
-"""Seconds since 1970 in the year 2001: no boot lasts as long, no record is older."""
+"""The least number of seconds that counts as Unix time (2001): no boot lasts as long."""
 LATEST_S: Final = 4.2e9
-"""... and in 2103."""
+"""The greatest number of seconds that counts as Unix time (2103)."""
 NO_DATE: Final = np.iinfo(np.int64).min
+"""The Unix time in ns that stands for an unknown date."""
 FIRST_YEAR, LAST_YEAR = 1970, 2199
 NO_TIME: Final = "is no time: seconds, Unix time or ISO 8601 with a date is needed"
-"""What is said of a text that is none."""
+"""The end of the error about a text that is no time."""
 _ISO_UTC: Final = re.compile(
     r"((?:19[789]|20\d|21\d)\d-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)"
     r"(?:[Zz]|\+00:?00| UTC)?",
@@ -30,7 +31,7 @@ def dates_ns_of(texts: Sequence[str]) -> Ints:
     A time without a zone is UTC.
 
     Raises:
-        ValueError: a text is no such date; it is the error's text.
+        ValueError: a text is no such date; the error's text is this text.
     """
     plain = [_ISO_UTC.fullmatch(text) if text else None for text in texts]
     try:
@@ -57,15 +58,15 @@ def _one_ns(text: str) -> int:
 
 
 def is_unix(t_s: Floats) -> bool:
-    """Tell whether times in s (n,), at least one being known, count from 1970."""
+    """Return whether times in s (n,), of which at least one is known, count from 1970."""
     known = t_s[np.isfinite(t_s)]
     return bool(known.min() >= UNIX_S and known.max() < LATEST_S)
 
 
 def offsets_us(t_us: Ints, unix_ns: Ints) -> Ints:
-    """Return Unix minus boot time in us (n,) where dates (n,) are known, held to the next one.
+    """Return Unix minus boot time in us (n,) from known dates (n,), each held to the next one.
 
-    0 where none is known at all: then nobody knows the date.
+    It is 0 if all dates are unknown.
     """
     known = np.flatnonzero(unix_ns != NO_DATE)
     if not len(known):
