@@ -34,6 +34,7 @@ SRC = ROOT / "src"
 LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
 DATA = {"yawid/py.typed", "yawid/report/report.css", "yawid/cli/json_keys.toml"}
 DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
+DATA |= {f"yawid/manual/{path.name}" for path in (SRC / "yawid" / "manual").iterdir()}
 BESIDE = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 TESTS = (
     "tests/test_pipeline.py",

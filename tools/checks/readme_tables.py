@@ -1,9 +1,18 @@
+<<<<<<< HEAD
 """Writes the tables of the READMEs that programs make, each below a marker.
 
     python -m checks.readme_tables         # the tables made from the tree: cases and mutations
     python tools/bench.py NAME --readme    # a bench's table, in tools/README.md
 
 tests/test_readme.py checks that the tables of cases and mutations are up to date.
+=======
+"""Tables of the READMEs and the manual that a program writes: from a marker to a blank line.
+
+    python -m checks.readme_tables         # the tables that the tree itself gives
+    python tools/bench.py NAME --readme    # a bench's table, in tools/README.md
+
+tests/test_readme.py holds the first to what this gives.
+>>>>>>> b550d09 (A manual, and yawid explain, which prints the part of it on a word)
 """
 
 from __future__ import annotations
@@ -14,11 +23,16 @@ from pathlib import Path
 
 from checks.defects import DEFECTS
 
+from yawid.errors import EXIT_CODES
+from yawid.results.reasons import KINDS
+
 ROOT = Path(__file__).resolve().parents[2]
 HOMES = {
     "cases": "replay_logs/README.md",
     "mutations": "tests/README.md",
-    "truth_short": "README.md",
+    "truth_short": "src/yawid/manual/accuracy.md",
+    "reasons": "src/yawid/manual/reasons.md",
+    "exit_codes": "src/yawid/manual/reasons.md",
 }
 """The files of some tables; all others are in tools/README.md."""
 
@@ -72,7 +86,19 @@ def cases() -> str:
     return "\n".join(["| case | its log | options |", "|---|---|---|", *rows])
 
 
-TABLES = {"cases": cases, "mutations": mutations}
+def reasons() -> str:
+    """Return every reason with its exit code, 0 of a warning, and what to do about it."""
+    rows = [f"| `{kind.id}` | {kind.exit_code} | {kind.now} |" for kind in KINDS.values()]
+    return "\n".join(["| reason | exit code (0: a warning) | what to do |", "|---|---|---|", *rows])
+
+
+def exit_codes() -> str:
+    """Return what each exit code says."""
+    rows = [f"| {code} | {says} |" for code, says in EXIT_CODES.items()]
+    return "\n".join(["| exit code | what it says |", "|---|---|", *rows])
+
+
+TABLES = {"cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes}
 
 
 if __name__ == "__main__":

@@ -26,7 +26,9 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
     arguments, unknown = parser.parse_known_args(argv)
     command: argparse.ArgumentParser = arguments.own_parser
     file: Path | None = getattr(arguments, "config", None)
-    if unknown:
+    if unknown and hasattr(arguments, "word"):  # yawid explain --band: it has options for words
+        arguments.word += unknown
+    elif unknown:
         command.error(f"unrecognized arguments: {' '.join(unknown)}")
     if file is None:
         return arguments

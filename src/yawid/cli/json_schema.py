@@ -5,6 +5,7 @@ mean more in one type, have theirs in ``json_keys.toml``.
 """
 
 import tomllib
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib.resources import files
 from typing import Any, Final
@@ -15,21 +16,18 @@ from yawid.answers.inspection import Inspection
 from yawid.answers.reports import OrdersReport, RegressReport, StepReport
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
-from yawid.dataset.schema import json_schema
 from yawid.errors import EXIT_CODES
 from yawid.estimation.methods import METHODS
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, RUDDER, YAW_CHANNEL, quantity
 from yawid.results.reasons import KINDS
-from yawid.trend.diff import Diff
-from yawid.trend.trend import Trend
 
 Schema = dict[str, Any]
-PRINTED: Final = {
+_PRINTED: Final = {
     "replay": RunSummary, "live": RunSummary, "inspect": Inspection, "orders": OrdersReport,
-    "step": StepReport, "regress": RegressReport, "trend": Trend, "diff": Diff,
+    "step": StepReport, "regress": RegressReport,
 }  # fmt: skip
-"""The type that each command prints."""
+"""The type that each command prints; those of trend and diff take long to import."""
 _ENDS: Final = {
     "_rad_s": "rad/s", "_m_s": "m/s", "_rad_m": "rad/m", "_hz": "Hz", "_us": "us", "_ms": "ms",
     "_pct": "%", "_s": "s", "_m": "m", "_deg": "deg",
@@ -123,14 +121,18 @@ def document() -> Schema:
     Raises:
         KeyError: a key has no words.
     """
-    keys = _Keys()
-    _, defs = msgspec.json.schema_components(PRINTED.values())
+    from yawid.dataset.schema import json_schema
+    from yawid.trend.diff import Diff
+    from yawid.trend.trend import Trend
+
+    keys, printed = _Keys(), {**_PRINTED, "trend": Trend, "diff": Diff}
+    _, defs = msgspec.json.schema_components(printed.values())
     found = {name: _object(name, schema, keys) for name, schema in defs.items()}
     tables = {f"{name}_row": table for name, table in json_schema()["$defs"].items()}
     says = keys.all["commands"]
     commands: Schema = {
         name: {"description": says[name], "$ref": f"#/$defs/{kind.__name__}"}
-        for name, kind in PRINTED.items()
+        for name, kind in printed.items()
     }
     rows = [{"$ref": f"#/$defs/{name}"} for name in tables]
     commands["fleet"] = {"description": says["fleet"], "anyOf": rows}
@@ -146,6 +148,29 @@ def document() -> Schema:
         "anyOf": [{"$ref": f"#/$defs/{name}"} for name in commands],
         "$defs": commands | found | tables,
     }
+
+
+def key_words() -> Iterator[tuple[str, list[str]]]:
+    """Yield each quantity and each key of ``--json``, and in lines what it says in which type."""
+    keys = _Keys()
+    lines = {
+        row.name: [
+            _said(row.words, row.unit_for()),
+            *([f"Symbol: {row.symbol}."] * bool(row.symbol)),
+        ]
+        for row in QUANTITIES.values()
+    }
+    for said in keys.all["says"]:
+        owner, _, key = said.rpartition(".")
+        where = f"in {owner or '--json'}: " if owner or key in QUANTITIES else ""
+        text = _said(where + keys.says(owner, key), keys.unit(owner, key))
+        lines.setdefault(key, []).append(text)
+    yield from lines.items()
+
+
+def _said(words: str, unit: str | None) -> str:
+    unit = "none, a ratio" if unit == "1" else unit
+    return words[0].upper() + words[1:] + (f"; unit: {unit}." if unit else ".")
 
 
 def _object(name: str, schema: Schema, keys: _Keys) -> Schema:

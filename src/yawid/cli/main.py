@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from yawid.cli.config_file import parsed
+from yawid.cli.explain import add_explain
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
@@ -55,7 +56,7 @@ OVERVIEW = {
     "a finished run": ("view", "report", "export", "recover"),
     "many flights": ("fleet", "trend", "diff", "regress"),
     "the paper's plants and step responses": ("simulate", "step"),
-    "the program itself": ("schema", "warm", "completion"),
+    "the program itself": ("explain", "schema", "warm", "completion"),
 }
 """The commands by what the user has, as ``yawid --help`` lists them."""
 TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
@@ -112,6 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     add_regress(commands)
     add_fleet(commands)
     add_trend(commands)
+    add_explain(commands, parser)
     add_schema(commands)
     add_warm(commands)
     add_completion(commands, parser)

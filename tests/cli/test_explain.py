@@ -1,0 +1,128 @@
+"""``yawid explain``: every reason, exit code, command, option and quantity has its part."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from string import ascii_uppercase
+
+import pytest
+
+from yawid.cli import main as command_line
+from yawid.cli.explain import explained, listed, parts_of
+from yawid.config.run import KEPT_ONLY, RunConfig
+from yawid.errors import EXIT_CODES
+from yawid.quantities.table import QUANTITIES
+from yawid.results.reasons import KINDS
+
+PARTS = parts_of(command_line._parser())
+
+
+def words_of(kind: str) -> set[str]:
+    return {word for of, word in PARTS if of == kind}
+
+
+def test_every_reason_says_what_it_means_and_what_to_do():
+    assert words_of("reasons") == KINDS.keys()
+    for kind in KINDS.values():
+        weight, meaning, *_ = PARTS["reasons", kind.id].split("\n\n")
+        text = " ".join(PARTS["reasons", kind.id].split())
+        assert kind.weight in weight
+        assert len(meaning) > 80, kind.id
+        assert "src/yawid/" in text
+        assert f"What to do: - {kind.now}" in text
+        for line in (kind.record, *kind.record_on.values()):
+            assert line in text, kind.id
+
+
+def test_every_exit_code_has_its_part():
+    assert words_of("exit codes") == {f"exit code {code}" for code in EXIT_CODES}
+    for code, says in EXIT_CODES.items():
+        text = " ".join(PARTS["exit codes", f"exit code {code}"].split())
+        assert says[1:] in text
+        assert len(text) > len(says) + 20
+        assert all(k.id in text for k in KINDS.values() if code and k.exit_code == code)
+
+
+def test_every_command_has_its_part_with_an_example():
+    (commands,) = [a.choices for a in command_line._parser()._actions if a.dest == "==SUPPRESS=="]
+
+    assert words_of("commands") == {f"yawid {name}" for name in commands}
+    for word in words_of("commands"):
+        (block,) = re.findall(r"```sh\n(.*?)```", PARTS["commands", word], re.DOTALL)
+        assert word in block
+
+
+def test_every_option_has_its_part_and_those_of_a_run_their_default():
+    (commands,) = [a.choices for a in command_line._parser()._actions if a.dest == "==SUPPRESS=="]
+    options = {o for each in commands.values() for o in each._option_string_actions}
+
+    assert words_of("options") == {option for option in options if option.startswith("--")}
+    for field in fields(RunConfig):
+        if field.name not in KEPT_ONLY:
+            name = field.name.removesuffix("_s").replace("_", "-")
+            text = PARTS["options", f"--{name}"]
+            assert f"In a settings file: {name} = " in text
+            _, comment, _ = text.split("\n\n")
+            assert comment[0] in f'"{ascii_uppercase}', name
+            assert comment.endswith("."), name
+
+
+def test_every_quantity_has_its_part_with_its_unit():
+    assert words_of("quantities") >= QUANTITIES.keys()
+    for row in QUANTITIES.values():
+        text = " ".join(PARTS["quantities", row.name].split())
+        assert row.words[1:] in text
+        assert "{" not in text
+        if row.unit not in ("", "1") and "{" not in row.unit:
+            assert f"unit: {row.unit.replace('^2', '²')}." in text
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ("not_excited", "10 % of half its travel"),
+        ("--band", "vibration"),
+        ("band", "vibration"),
+        ("Dutch roll", "yaws and rolls"),
+        ("dutch_roll", "yaws and rolls"),
+        ("5", "not_excited"),
+        ("exit code 5", "not_excited"),
+        ("replay", "yawid replay flight.tlog"),
+        ("yawid replay", "yawid replay flight.tlog"),
+        ("whiteness_p", "Ljung-Box"),
+        ("a_z_beta", "1 / T"),
+        ("settings.md", "```toml"),
+    ],
+)
+def test_a_word_is_found_however_it_is_written(asked: str, told: str, capsys):
+    assert command_line.main(["explain", *asked.split()]) == 0
+    assert told in capsys.readouterr().out
+
+
+def test_a_word_of_several_kinds_has_all_its_parts():
+    text = explained(PARTS, "orders")
+
+    assert [kind for kind in ("commands", "options", "quantities", "terms") if kind in text] == [
+        "commands", "options", "quantities", "terms",
+    ]  # fmt: skip
+
+
+def test_an_unknown_word_is_answered_by_the_nearest_ones(capsys):
+    assert command_line.main(["explain", "not_exited"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "not_excited" in said
+
+    assert command_line.main(["explain", "xyzzy"]) == 2
+    assert "no word is similar" in capsys.readouterr().err
+
+
+def test_without_a_word_all_words_are_listed(capsys):
+    assert command_line.main(["explain"]) == 0
+    told = capsys.readouterr().out
+
+    assert told == listed(PARTS)
+    assert max(map(len, told.splitlines())) <= 80
+    joined = " ".join(told.split())
+    assert all(word in joined for _, word in PARTS)

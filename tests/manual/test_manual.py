@@ -1,0 +1,211 @@
+"""The manual: its commands run, its examples and settings hold, its limits are the code's."""
+
+from __future__ import annotations
+
+import doctest
+import re
+import shlex
+import shutil
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from places import ROOT, SRC
+
+from yawid.blocks import AIRSPEED_SHARE
+from yawid.channels import command, surface_reader
+from yawid.cli import main as command_line
+from yawid.cli.config_file import parsed
+from yawid.config.run import DEFAULT_MEMORY_S, KEPT_ONLY, RunConfig, check_settings
+from yawid.manoeuvres import airspeed_check, answer, candidate, find, flight
+from yawid.results import coherence, excitation, judge_estimate, judge_samples
+
+MANUAL = SRC / "manual"
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(MANUAL.glob("*.md"))}
+RUN = (
+    "yawid replay flight.tlog --config settings.toml", "yawid simulate yaw --input 3211",
+    "yawid replay own.csv", "yawid inspect flight.tlog --card", "yawid export", "yawid schema",
+    "yawid explain",
+)  # fmt: skip
+"""Beginnings of lines that run here: the others need a link, a cluster, a viewer, or seconds."""
+
+
+def command_lines() -> list[str]:
+    """Return every line of a shell block, with comments and all."""
+    blocks = [b for page in PAGES.values() for b in re.findall(r"```sh\n(.*?)```", page, re.DOTALL)]
+    return [line for block in blocks for line in block.splitlines()]
+
+
+def commands_of(line: str) -> list[list[str]]:
+    """Return the arguments of each command of yawid in a line."""
+    words = shlex.split(line, comments=True)
+    found: list[list[str]] = []
+    for word in ["|", *words]:
+        if word == "|":
+            found.append([])
+        else:
+            found[-1].append(word)
+    return found
+
+
+def test_every_command_line_is_one_of_yawids():
+    lines = command_lines()
+    settings = [f"{found[0]} {found[1]}" for line in lines for found in commands_of(line)]
+
+    assert len(lines) > 40
+    names = {name for _, name in map(str.split, settings)}
+    parser = command_line._parser()
+    for line in lines:
+        for program, *arguments in commands_of(line):
+            assert program == "yawid", line
+            if "--config" not in arguments:  # the file is looked at below
+                assert parsed(parser, arguments).run
+    assert names >= {"replay", "live", "inspect", "fleet", "trend", "diff", "regress", "report"}
+
+
+def test_command_lines_run_as_they_stand(tmp_path: Path, monkeypatch, capsys):
+    """One after the other in one folder, as a reader would."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "replay_logs" / "c172p_gcs_rates" / "log.tlog", "flight.tlog")
+    (toml,) = re.findall(r"```toml\n(.*?)```", PAGES["settings.md"], re.DOTALL)
+    Path("settings.toml").write_text(toml, encoding="utf-8")
+    every = command_lines()
+    lines = {line: begin for begin in RUN for line in every if line.startswith(begin)}
+
+    assert set(lines.values()) == set(RUN)
+    for line in lines:
+        if "own.csv" in line:
+            own_record(Path("record.csv"), Path("own.csv"))
+        ((_, *arguments),) = commands_of(line)
+        assert command_line.main(arguments) == 0, (line, capsys.readouterr().err)
+    assert Path("yawid-out", "own.mcap").exists()
+    head = Path("record.csv").read_text(encoding="utf-8").splitlines()[:2]
+    assert shown("own_records.md", "record") == head
+
+
+def own_record(record: Path, own: Path) -> None:
+    """Write a record under other names for its columns."""
+    names, rest = record.read_text(encoding="utf-8").split("\n", 1)
+    own.write_text(f"{names.replace(',rudder,r,', ',delta_r,Rate,')}\n{rest}", encoding="utf-8")
+
+
+def shown(page: str, name: str) -> list[str]:
+    """Return the lines of the block below a marker."""
+    (block,) = re.findall(rf"<!-- {name} -->\n```\n(.*?)```", PAGES[page], re.DOTALL)
+    return block.splitlines()
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if ">>>" in PAGES[name]])
+def test_examples_in_python_do_what_they_show(name: str):
+    example = doctest.DocTestParser().get_doctest(PAGES[name], {}, name, name, 0)
+
+    found = doctest.DocTestRunner().run(example)
+
+    assert found.attempted >= 10
+    assert found.failed == 0
+
+
+def test_the_settings_file_has_every_option_with_its_default():
+    (text,) = re.findall(r"```toml\n(.*?)```", PAGES["settings.md"], re.DOTALL)
+    of_run = {field.name.removesuffix("_s"): field.default for field in fields(RunConfig)}
+    parser = command_line._parser()
+    of_commands = {}
+    for line in ("replay x", "live x", "inspect x", "fleet x --out yawid-out"):
+        of_commands |= vars(parsed(parser, line.split()))
+    actions = {name for name in of_commands if name not in of_run} - {
+        *("own_parser", "run", "settings", "config", "logs", "log", "paths", "endpoint"),
+    }
+    live = tomllib.loads(text)
+    example = tomllib.loads(re.sub(r"^# ([a-z-]+ = )", r"\1", text, flags=re.MULTILINE))
+
+    told = {name.replace("-", "_") for name in example}
+    assert told == {*of_run, *actions} - KEPT_ONLY - {"rudder_stroke_rad"}
+    mine = {name: value for name, value in live.items() if name.replace("-", "_") in of_run}
+    assert RunConfig(**check_settings(mine, "the manual") | {"given": ()}) == RunConfig()
+    open_ones = {name for name, value in of_run.items() if value in (None, ())} - KEPT_ONLY
+    assert {name.replace("-", "_") for name in example.keys() - live.keys()} >= open_ones
+    check_settings({n: example[n] for n in example if n.replace("-", "_") in of_run}, "the manual")
+    for name in actions:
+        default = of_commands[name]
+        value = live.get(name.replace("_", "-"))
+        assert value == (str(default) if isinstance(default, Path) else default), name
+    assert of_run["memory"] is None
+    assert f"It is {DEFAULT_MEMORY_S:g} unless" in " ".join(text.replace("#", "").split())
+
+
+LIMITS = {
+    "rate_too_low": (judge_samples.LEAST_RATE_HZ, judge_samples.REFUSED_RATIO),
+    "rate_low": (judge_samples.LOW_RATE_HZ, judge_samples.LOW_RATIO),
+    "rate_changed": (judge_samples.RATE_CHANGED,),
+    "not_in_command": (
+        100 * command.MOVED, command.LEAST_ROWS, 100 * judge_samples.LEAST_RESPONSE,
+    ),
+    "not_excited": (100 * excitation.LEAST_STROKE,),
+    "mixed_rudder": (100 * excitation.LEAST_STROKE, excitation.REACH_S),
+    "collinear_inputs": (judge_samples.COLLINEAR, judge_samples.LAGS_COMPARED),
+    "mode_not_driven": (
+        100 * (1 - coherence.LEVEL), coherence.SEGMENTS, 100 * judge_samples.CLOSED_LOOP,
+    ),
+    "not_converged": (
+        100 * judge_samples.UNCERTAIN_WN, judge_samples.UNCERTAIN_ZETA,
+        judge_estimate.DISAGREE_SIGMAS, 100 * judge_estimate.MOVING_SHARE, answer.LEAST_PERIODS,
+        candidate.OTHER_SPEED,
+    ),
+    "poor_fit": (
+        judge_estimate.LEAST_SIMULATION_PCT, judge_estimate.LEAST_HELD_BACK_PCT,
+        answer.LEAST_ALONE_PCT, judge_estimate.IN_GUSTS_PCT, 100 * judge_estimate.IN_GUSTS_WN,
+        100 * judge_estimate.REACTS, 100 * (judge_estimate.ALIKE - 1),
+    ),
+    "turn_dominated": (judge_samples.TURN_DOMINATED,),
+    "manoeuvres_disagree": (100 * flight.DISAGREE_WN, judge_estimate.DISAGREE_SIGMAS),
+    "rudder_assumed": (100 * surface_reader.TOLERANCE, 100 * surface_reader.LEAST_SHARE),
+    "els_rml_disagree": (judge_estimate.DISAGREE_SIGMAS, 100 * judge_estimate.DISAGREE_SHARE),
+    "coloured_residuals": (judge_estimate.LEAST_COLOUR, 100 * judge_estimate.WHITE_P),
+    "saturated": (100 * judge_samples.SATURATED_SHARE,),
+    "airspeed_changed": (100 * AIRSPEED_SHARE,),
+    "airspeed_implausible": (
+        airspeed_check.FACTOR, airspeed_check.TURN_FACTOR, airspeed_check.TAIL_WIND,
+    ),
+    "closed_loop": (100 * judge_samples.CLOSED_LOOP,),
+}  # fmt: skip
+"""The numbers that each reason is judged by."""
+
+
+@pytest.mark.parametrize("reason", LIMITS)
+def test_the_limits_of_a_reason_are_those_of_the_code(reason: str):
+    (part,) = re.findall(rf"### `{reason}`\n(.*?)\n##", PAGES["reasons.md"], re.DOTALL)
+
+    numbers = {float(number) for number in re.findall(r"\d+(?:\.\d+)?", part)}
+    assert {round(limit, 6) for limit in LIMITS[reason]} <= numbers
+
+
+def test_a_manoeuvre_begins_and_ends_as_the_code_has_it():
+    (part,) = re.findall(r"## What a manoeuvre is\n(.*?)\n##", PAGES["first_flight.md"], re.DOTALL)
+    numbers = {float(number) for number in re.findall(r"\d+(?:\.\d+)?", part)}
+
+    assert {
+        *(100 * candidate.MOVES, 100 * excitation.LEAST_STROKE, candidate.LONGEST_S),
+        *(find.LONGEST_GAP_S, find.LONGEST_STATED_S, 100 * AIRSPEED_SHARE),
+    } <= numbers
+    assert find.LEAD_S == 1.0
+    assert "begins one second before" in " ".join(part.split())
+
+
+def test_what_the_manual_names_exists():
+    for name, page in PAGES.items():
+        for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page):
+            assert (MANUAL / link).exists(), (name, link)
+        for path in re.findall(r"`((?:src|tools|replay_logs)/[\w./]+)`", page):
+            assert (ROOT / path).exists(), (name, path)
+        for function, path in re.findall(r"`(\w+)`\s+in\s+`(src/[\w./]+\.py)`", page):
+            code = (ROOT / path).read_text(encoding="utf-8")
+            assert f"def {function}(" in code, (name, function, path)
+
+
+def test_a_line_of_the_manual_fits_a_terminal():
+    for name, page in PAGES.items():
+        text = re.sub(r"```.*?```|^(\||    ).*$", "", page, flags=re.DOTALL | re.MULTILINE)
+        assert max(map(len, text.splitlines())) <= 80, name
+    index = PAGES["README.md"]
+    assert set(re.findall(r"\]\((\w+\.md)\)", index)) == PAGES.keys() - {"README.md"}
