@@ -80,20 +80,15 @@ def test_command_lines_run_as_they_stand(tmp_path: Path, monkeypatch, capsys):
         ((_, *arguments),) = commands_of(line)
         assert command_line.main(arguments) == 0, (line, capsys.readouterr().err)
     assert Path("yawid-out", "own.mcap").exists()
+    (block,) = re.findall(r"<!-- record -->\n```\n(.*?)```", PAGES["own_records.md"], re.DOTALL)
     head = Path("record.csv").read_text(encoding="utf-8").splitlines()[:2]
-    assert shown("own_records.md", "record") == head
+    assert block.splitlines() == head
 
 
 def own_record(record: Path, own: Path) -> None:
     """Write a record under other names for its columns."""
     names, rest = record.read_text(encoding="utf-8").split("\n", 1)
     own.write_text(f"{names.replace(',rudder,r,', ',delta_r,Rate,')}\n{rest}", encoding="utf-8")
-
-
-def shown(page: str, name: str) -> list[str]:
-    """Return the lines of the block below a marker."""
-    (block,) = re.findall(rf"<!-- {name} -->\n```\n(.*?)```", PAGES[page], re.DOTALL)
-    return block.splitlines()
 
 
 @pytest.mark.parametrize("name", [name for name in PAGES if ">>>" in PAGES[name]])
@@ -205,7 +200,7 @@ def test_what_the_manual_names_exists():
 
 def test_a_line_of_the_manual_fits_a_terminal():
     for name, page in PAGES.items():
-        text = re.sub(r"```.*?```|^(\||    ).*$", "", page, flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(r"(?s:```.*?```)|(?m:^(?:\||    ).*$)", "", page)
         assert max(map(len, text.splitlines())) <= 80, name
     index = PAGES["README.md"]
     assert set(re.findall(r"\]\((\w+\.md)\)", index)) == PAGES.keys() - {"README.md"}

@@ -1,28 +1,25 @@
-<<<<<<< HEAD
-"""Writes the tables of the READMEs that programs make, each below a marker.
+"""Writes what programs make of the READMEs and the manual: tables and outputs, below markers.
 
-    python -m checks.readme_tables         # the tables made from the tree: cases and mutations
+    python -m checks.readme_tables         # what is made from the tree itself
     python tools/bench.py NAME --readme    # a bench's table, in tools/README.md
 
-tests/test_readme.py checks that the tables of cases and mutations are up to date.
-=======
-"""Tables of the READMEs and the manual that a program writes: from a marker to a blank line.
-
-    python -m checks.readme_tables         # the tables that the tree itself gives
-    python tools/bench.py NAME --readme    # a bench's table, in tools/README.md
-
-tests/test_readme.py holds the first to what this gives.
->>>>>>> b550d09 (A manual, and yawid explain, which prints the part of it on a word)
+tests/test_readme.py checks that what is made from the tree is up to date.
 """
 
 from __future__ import annotations
 
+import io
 import re
 import tomllib
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from functools import cache, partial
+from itertools import takewhile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from checks.defects import DEFECTS
-
+from yawid.cli.main import main
 from yawid.errors import EXIT_CODES
 from yawid.results.reasons import KINDS
 
@@ -33,8 +30,11 @@ HOMES = {
     "truth_short": "src/yawid/manual/accuracy.md",
     "reasons": "src/yawid/manual/reasons.md",
     "exit_codes": "src/yawid/manual/reasons.md",
+    "good": "src/yawid/manual/first_flight.md",
 }
 """The files of some tables; all others are in tools/README.md."""
+_BELOW = r"(?:```\n(?s:.*?)```\n|(?:\|[^\n]*\n)*)"
+"""What a marker is followed by: a table, or an output in a block of its own."""
 
 
 def put(name: str, table: str) -> None:
@@ -46,7 +46,7 @@ def put(name: str, table: str) -> None:
     path = ROOT / HOMES.get(name, "tools/README.md")
     marker = f"<!-- {name} -->\n"
     text, count = re.subn(
-        rf"{marker}(?:\|[^\n]*\n)*",
+        marker + _BELOW,
         lambda _: marker + table.strip() + "\n",
         path.read_text(encoding="utf-8"),
     )
@@ -58,7 +58,7 @@ def put(name: str, table: str) -> None:
 def written(name: str) -> str:
     """Return the table that the file has now; "" without one."""
     text = (ROOT / HOMES.get(name, "tools/README.md")).read_text(encoding="utf-8")
-    found = re.search(rf"<!-- {name} -->\n((?:\|[^\n]*\n)*)", text)
+    found = re.search(rf"<!-- {name} -->\n({_BELOW})", text)
     return found[1].strip() if found else ""
 
 
@@ -98,7 +98,25 @@ def exit_codes() -> str:
     return "\n".join(["| exit code | what it says |", "|---|---|", *rows])
 
 
-TABLES = {"cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes}
+@cache
+def _printed(case: str) -> list[str]:
+    """Return the lines that a replay of a case's log prints for people, after the log's path."""
+    log = ROOT / "replay_logs" / case / "log.tlog"
+    with TemporaryDirectory() as folder, redirect_stdout(io.StringIO()) as said:
+        main(["replay", str(log), "--out", folder])
+    return [line.rstrip() for line in said.getvalue().splitlines()[1:]]
+
+
+def _output(case: str, until: str) -> str:
+    """Return the beginning of what is printed, up to a line that begins so."""
+    lines = takewhile(lambda line: not line.startswith(until), _printed(case))
+    return "\n".join(["```", *lines, "```"])
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes,
+    "good": partial(_output, "c172p_3211", "the stream"),
+}  # fmt: skip
 
 
 if __name__ == "__main__":
