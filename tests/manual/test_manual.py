@@ -17,9 +17,15 @@ from yawid.blocks import AIRSPEED_SHARE
 from yawid.channels import command, surface_reader
 from yawid.cli import main as command_line
 from yawid.cli.config_file import parsed
-from yawid.config.run import DEFAULT_MEMORY_S, KEPT_ONLY, RunConfig, check_settings
+from yawid.config.run import (
+    DEFAULT_MEMORY_S,
+    KEPT_ONLY,
+    LEAST_STROKE_DEG,
+    RunConfig,
+    check_settings,
+)
 from yawid.manoeuvres import airspeed_check, answer, candidate, find, flight
-from yawid.results import coherence, excitation, judge_estimate, judge_samples
+from yawid.results import coherence, excitation, judge_estimate, judge_rudder, judge_samples
 
 MANUAL = SRC / "manual"
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(MANUAL.glob("*.md"))}
@@ -136,11 +142,12 @@ LIMITS = {
     "not_in_command": (
         100 * command.MOVED, command.LEAST_ROWS, 100 * judge_samples.LEAST_RESPONSE,
     ),
-    "not_excited": (100 * excitation.LEAST_STROKE,),
+    "not_excited": (100 * excitation.LEAST_STROKE, LEAST_STROKE_DEG),
     "mixed_rudder": (100 * excitation.LEAST_STROKE, excitation.REACH_S),
     "collinear_inputs": (judge_samples.COLLINEAR, judge_samples.LAGS_COMPARED),
     "mode_not_driven": (
         100 * (1 - coherence.LEVEL), coherence.SEGMENTS, 100 * judge_samples.CLOSED_LOOP,
+        100 * judge_rudder.BY_CHANCE, judge_rudder.LEAST_POINTS, judge_rudder.LEAST_RATIO,
     ),
     "not_converged": (
         100 * judge_samples.UNCERTAIN_WN, judge_samples.UNCERTAIN_ZETA,
