@@ -30,30 +30,38 @@ S1, S2         sum of the weights of all updates; sum of their squares   1
 
 A sample's way, with the function of each step in ``kernel/recursion.py``:
 
-1. Scaling (``gather``, ``_scale``). The newest samples, ``scale_window`` or ``start_buffer`` of
-   them, wait until the standard deviation of y and of each input is at least ``scale_minimum``.
-   Each signal is then multiplied by the power of two that brings its standard deviation to 0.71
-   to 1.41, and the samples that waited go through the steps below. All of these work on scaled
-   signals; results get their units back when they are read. With ``start_buffer`` theta and P
-   come from one Gauss-Newton fit of those samples (``start_fit.py``), else from 0 and P0.
-2. Held samples. One with a NaN changes neither theta nor P; after it the registers of past samples
-   are emptied (``_open``). No update until they hold all lags of y and u and nc residuals.
+1. Scaling (``gather``, ``_scale``). The first samples are kept in a window, of the length
+   ``scale_window`` or ``start_buffer``, whichever is larger. It moves on until y and each input
+   have a standard deviation of at least ``scale_minimum`` in it. Each signal is then multiplied by
+   the power of two that brings its standard deviation to 0.71 to 1.41, and the samples in the
+   window go through the steps below, all of which work on scaled signals; results get their units
+   back when they are read. theta starts from 0 and P from P0 on its diagonal or, with
+   ``start_buffer``, both from one Gauss-Newton fit of the window (``start_fit.py``).
+2. Held samples. A sample with a NaN changes neither theta nor P. After it the registers of past
+   samples are emptied (``_open``), and there is no update until they hold all lags of y and u and
+   nc residuals again.
 3. Prediction (``expect``): y_hat(k) = phi' theta (30), and e = y - y_hat.
 4. Regressor (``_filter``, ``_learn``). ELS: psi = phi. RML: psi = phi filtered by 1/C(q), after
    150 updates with psi = phi; while lambda is below its end, the zeros of that C are multiplied
    by 1 - (lambda_end - lambda).
 5. Update (``_learn``)::
 
-       alpha = lambda + psi' P psi
-       P     = (P - P psi psi' P / alpha) / lambda     bierman; D stays below 1e6 (or P0)
-       theta = theta + mu P psi e / alpha              mu = 1; RML halves it until C(q) is stable
+       gain  = P psi                            P = U D U' by Bierman (1977): ``bierman``
+       alpha = lambda + psi' gain
+       P     = (P - gain gain' / alpha) / lambda       no entry of D exceeds 1e6 (or P0)
+       theta = theta + mu gain e / alpha               mu = 1; RML halves it until C(q) is stable
        eps   = y - phi' theta                          (33), with the new theta: it enters phi
 
    The test of stability is Jury's (``stable``); after 12 trials mu = 0. Where a result is not
    finite, theta and P start again (``entry_points.restart``).
-6. Covariance. With ``residual_lags`` each e updates cov, and its correlation with earlier ones
-   over about so many samples is counted (``follow_covariance``). Without them
-   cov = sigma^2 P S2 / S1 (``covariance_entry``).
+6. Covariance (``follow_covariance``). The correlation of e over about ``residual_lags`` samples is
+   included, through what earlier e have left in theta (``echo``)::
+
+       F    = I - K psi',  K = gain / alpha,  h = m echo
+       cov  = F cov F' + K e e K' + F h e K' + K e h' F'
+       echo = F h + K e                    m rises, at most to 1 - 1 / residual_lags
+
+   With ``residual_lags`` = 0, cov = sigma^2 P S2 / S1 instead (``covariance_entry``).
 7. Information floor (``_keep_information``), for one parameter at each update in turn: where
    forgetting has let P[i, i] grow beyond 1 + 0.03 / ``information_floor`` times its usual least, a
    pseudo-measurement of theta[i] equal to its estimate brings it back. theta does not change.
@@ -61,12 +69,13 @@ A sample's way, with the function of each step in ``kernel/recursion.py``:
    ``forgetting_start``, or from lambda_end after a start fit.
 9. Sums (``_account``, ``noise_variance``): S1 = lambda S1 + 1, S2 = lambda^2 S2 + 1,
    loss = lambda loss + lambda e^2 / alpha, sigma^2 = loss / (S1 - n S2 / S1), that divisor at
-   least 1; and the products of residuals for their whiteness. The status is DIVERGED from where
-   the mean of e^2 over about 100 updates exceeds four times that of y^2, to where twice holds.
+   least 1; and the products of residuals, for the test of whiteness. The status is WARMING_UP
+   during the first 10 n updates. It becomes DIVERGED where the mean of e^2 over about 100 updates
+   exceeds four times that of y^2, and recovers where it falls below twice.
 
 Elsewhere: settings and defaults in ``config/estimator.py``, names of the packed state in
 ``kernel/state.py``, whole records in ``record_fit.py``. ``machine/`` compiles the kernel;
-``reference/`` is the same recursion on filterpy, to which the tests hold this one.
+``reference/`` is the same recursion on filterpy, with which the tests compare this one.
 """
 
 import json

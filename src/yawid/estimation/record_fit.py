@@ -152,7 +152,7 @@ def rudder_effect(
     """Return what the rudder adds to a ``model`` of the record u (samples, n_inputs), y (samples,).
 
     ``shifts`` are the least and the most samples by which the rudder is shifted for comparison;
-    without them it is not. B = 0 is tested by Wald's F with the covariance of the fit.
+    without them it is not. B = 0 is tested by Wald's chi-square, with the covariance of the fit.
     """
     config, orders = model.config, model.config.orders
     b = slice(orders.na, orders.na + orders.nb[0])
@@ -164,7 +164,7 @@ def rudder_effect(
         effect = float(model.theta[b] @ np.linalg.solve(model.covariance[b, b], model.theta[b]))
         fits = rudder_fits(record.fit, theta)
         found = (0, math.nan) if shifts is None else best_shift(record.fit, theta, *shifts)
-    except np.linalg.LinAlgError:  # an unstable A, or channels that tell nothing apart
+    except np.linalg.LinAlgError:  # an unstable A, or signals that are linearly dependent
         return RudderEffect(math.nan, math.nan, math.nan)
     chance = chi_square_tail(effect, orders.nb[0])
     return RudderEffect(chance, *fits, found[0] * config.sample_time_s, found[1])

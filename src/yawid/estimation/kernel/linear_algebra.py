@@ -1,7 +1,7 @@
 """The arithmetic of the recursion: updates of P = U D U' and of theta's covariance, Jury's test.
 
 It is plain Python, which numba compiles without fastmath, so that both give the same bits. The
-page at the top of ``armax.py`` says where each function stands in an update.
+page at the top of ``armax.py`` shows the place of each function in an update.
 """
 
 # numba infers the types: float64 arrays and floats.

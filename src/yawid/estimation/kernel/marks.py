@@ -1,4 +1,4 @@
-"""Marks that tell the compiler how to compile a function; plain Python ignores them."""
+"""Marks for the compiler: how to compile a function of the kernel; plain Python ignores them."""
 
 from typing import Any
 

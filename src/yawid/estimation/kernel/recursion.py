@@ -279,7 +279,7 @@ def _account(s, at, y, e, eps, lam, share):
 
 @merged
 def take(s, at):
-    """Take the sample that stands in ``s.y`` and ``at.inputs`` through the recursion.
+    """Take the sample in ``s.y`` and ``at.inputs`` through the recursion.
 
     Where the phase is FROZEN theta and P stay as they are.
     """

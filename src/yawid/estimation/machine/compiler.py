@@ -42,8 +42,8 @@ define ptr @yawid_run(ptr %self, ptr %arguments, i64 %count) {
   %k = call i64 @PyLong_AsLongLong(ptr %first)
   %status = call i32 @RUN_AT(ptr %result, ptr %error, i64 %packed, i64 %u, i64 %y, i64 %out, i64 %k)
   %done = load i64, ptr %result
-  %told = call ptr @PyLong_FromLongLong(i64 %done)
-  ret ptr %told
+  %taken = call ptr @PyLong_FromLongLong(i64 %done)
+  ret ptr %taken
 }
 """
 _LOOP = """

@@ -26,9 +26,9 @@ from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, loaded
 PATIENCE_S = 6.0
 """A process compiles after this much time in plain Python: compiling takes about as long."""
 LOOK_S = 1.0
-"""Time between two looks for code that another process has compiled."""
+"""Time between two searches for code that another process has compiled."""
 PIECE = 1000
-"""Samples taken in plain Python before the next look is considered."""
+"""Samples taken in plain Python before the next search, if one is due."""
 MOST_OF_A_REASON = 200
 """Characters of another library's message that are quoted in a line of output."""
 TIMES_SLOWER = 50
@@ -200,7 +200,7 @@ RUNNER = Runner()
 def compile_behind() -> None:
     """Compile, in a process of its own, unless another does or did, or code cannot be kept.
 
-    Where that fails, one line on stdout tells the process that started this one why.
+    Where that fails, one line on stdout gives the reason to the process that started this one.
     """
     os.nice(19)
     with kept.alone(RUN) as is_alone:
