@@ -1,4 +1,4 @@
-"""Long logs made fast: MAVLink 1 frames of ATTITUDE and SERVO_OUTPUT_RAW packed in NumPy."""
+"""Makes long logs quickly: NumPy packs MAVLink 1 frames of ATTITUDE and SERVO_OUTPUT_RAW."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _KINDS: dict[str, tuple[Any, list[Any]]] = {
 
 
 def _crc_table() -> NDArray[np.uint16]:
-    """Return CRC-16/MCRF4XX of each byte value, bit by bit."""
+    """Return CRC-16/MCRF4XX of each byte value (256,), computed bit by bit."""
     table = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         table = np.where(table & 1, table >> 1 ^ 0x8408, table >> 1).astype(np.uint16)
@@ -28,7 +28,7 @@ def _crc_table() -> NDArray[np.uint16]:
 
 
 def _records(name: str, t_us: NDArray[np.int64], seq: NDArray[np.int64]) -> NDArray[Any]:
-    """Return records of one message, all but its payload and CRC."""
+    """Return the records of one message (n,), without payload and CRC."""
     message, payload = _KINDS[name]
     kind = np.dtype([("stamp", ">u8"), *_HEADER, *payload, ("crc", "<u2")])
     found = np.zeros(len(t_us), kind)
@@ -50,7 +50,7 @@ def _sealed(name: str, found: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def long_log(rate: Floats, rudder_us: Floats, hz: float, start_s: float = 10.0) -> bytes:
-    """Return a log of a plane: yaw rate (n,) in rad/s at each instant, rudder (n,) from it on."""
+    """Return a plane's log: yaw rate (n,) in rad/s at each instant, rudder (n,) in us from it on."""
     t_us = np.round(1e6 * (start_s + np.arange(len(rate)) / hz)).astype(np.int64)
     attitude = _records("ATTITUDE", t_us, 2 * np.arange(len(rate)))
     attitude["boot_ms"], attitude["rates"][:, 2] = t_us // 1000, rate

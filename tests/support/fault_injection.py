@@ -1,7 +1,7 @@
-"""A good log and how faults are put into it: JSBSim's C172P of replay_logs/c172p_3211.
+"""A good log and the faults that are put into it: JSBSim's C172P of replay_logs/c172p_3211.
 
-``same`` means the very numbers of the clean run, ``near`` that wn and zeta of ELS and RML lie
-within three sigma of them.
+``same`` means that the numbers equal those of the clean run, ``near`` that wn and zeta of ELS and
+RML are within three sigma of them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def clean() -> Summary:
 
 
 def dutch_roll(summary: Summary, method: str) -> np.ndarray:
-    """Return wn, zeta and their sigmas of noise: a fault may not hide behind what is left out."""
+    """Return wn, zeta and their sigmas of noise, which are smaller than the total sigmas."""
     found = summary["estimates"][method]["dutch_roll"]
     names = ("wn_rad_s", "zeta", "wn_std_noise", "zeta_std_noise")
     return np.array([found[name] for name in names])
@@ -71,7 +71,7 @@ def assert_refused(log: bytes, reason: str, code_order: int = 0, **settings: Any
 
 
 def changed(change: Callable[[Any], Any], *, start_s: float = 0.0) -> bytes:
-    """Return the good log with ``change`` done to the vehicle's messages from a time on."""
+    """Return the good log, with ``change`` applied to the vehicle's messages from a time on."""
     boot_s = [0.0]
 
     def one(message: Any) -> list[Any]:
@@ -85,7 +85,7 @@ def changed(change: Callable[[Any], Any], *, start_s: float = 0.0) -> bytes:
 
 
 def shifted(seconds: float, start_s: float = 0.0) -> bytes:
-    """Return the good log with the vehicle's clock moved from a time on, servo time in 32 bits."""
+    """Return the good log with the vehicle's clock shifted from a time on; servo time wraps."""
 
     def shift(message: Any) -> None:
         if hasattr(message, "time_boot_ms"):
@@ -97,7 +97,10 @@ def shifted(seconds: float, start_s: float = 0.0) -> bytes:
 
 
 def with_others(messages: Iterable[tuple[int, Any, tuple[int, int]]]) -> bytes:
-    """Return the good log with (every so many records, message, sender ids) among its records."""
+    """Return the good log with further messages between its records.
+
+    ``messages`` are (one in how many records, message, sender ids).
+    """
     encoder, records = Encoder(), []
     for i, record in enumerate(good()):
         for every, message, ids in messages:

@@ -1,4 +1,4 @@
-"""Finished runs for the tests of what looks at them, made by the command line from real logs."""
+"""Makes finished runs from real logs by the command line, for tests of what reads them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Dask cluster on 127.0.0.1, its scheduler and workers processes of their own; bad logs."""
+"""A Dask cluster on 127.0.0.1, whose scheduler and workers are separate processes; bad logs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from yawid.fleet.run_fleet import with_keys
 from yawid.fleet.spec import Spec
 
 CLUSTER_S = 600.0
-"""A cluster serves a whole file of tests."""
+"""Time limit of a cluster in s, which serves a whole file of tests."""
 MONTH_US = 31 * 86_400 * 10**6
 HOOK = """
 import os, signal, sys, time
@@ -39,7 +39,7 @@ def bad(event, arguments):
 if "yawid.fleet.child" in sys.orig_argv:
     sys.addaudithook(bad)
 """
-"""A log that kills or stops who opens it: none is known, but others will come."""
+"""Makes a log kill or block the child that opens it. No log is known to do so, but one may come."""
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Cluster:
 
 
 def make_logs(folder: Path, count: int) -> None:
-    """Write logs of some seconds, in five months."""
+    """Write logs of 14 to 20 s, with dates in five months."""
     folder.mkdir(parents=True)
     for i in range(count):
         start_us = START_US + (i % 5) * MONTH_US + i * 10**9
@@ -61,7 +61,7 @@ def make_logs(folder: Path, count: int) -> None:
 
 
 def one_process(paths: Sequence[str], out: Path) -> None:
-    """Make a data set of logs in this process, without workers."""
+    """Make a data set of logs in this process, without workers, as the expected result."""
     spec = Spec()
     own = {"config_hash": spec.config_hash, "analysis_version": ANALYSIS_VERSION}
     logs = find_logs(paths)
@@ -69,12 +69,12 @@ def one_process(paths: Sequence[str], out: Path) -> None:
 
 
 def tables(folder: Path) -> dict[str, list[dict[str, object]]]:
-    """Return all rows of a data set."""
+    """Return all rows of a data set by table."""
     return {name: read_table(folder, name).to_pylist() for name in TABLES}
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return the environment of processes in which bad logs are bad."""
+    """Return the environment of processes in which bad logs take effect."""
     folder.mkdir(exist_ok=True)
     (folder / "sitecustomize.py").write_text(HOOK)
     paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -84,7 +84,7 @@ def environment(folder: Path) -> dict[str, str]:
 def yawid_fleet(
     env: dict[str, str], *arguments: str | Path
 ) -> AbstractContextManager[subprocess.Popen[str]]:
-    """Start ``yawid fleet`` as a process that heads its own group."""
+    """Start ``yawid fleet`` as a process with a process group of its own."""
     command = [sys.executable, "-m", "yawid", "fleet", *map(str, arguments)]
     pipe = subprocess.PIPE
     return child(command, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
@@ -92,7 +92,7 @@ def yawid_fleet(
 
 @contextmanager
 def cluster(env: dict[str, str], folder: Path, workers: int = 2) -> Iterator[Cluster]:
-    """Start a scheduler and workers in ``folder``; end them."""
+    """Start a scheduler and workers in ``folder``, and end them with the context."""
     folder.mkdir()
     told = folder / "scheduler.json"
     options = ["--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", str(told)]

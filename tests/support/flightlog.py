@@ -1,4 +1,4 @@
-"""Real MAVLink frames in a tlog, for tests: what the vehicle did in, the bytes of its log out."""
+"""Makes tlogs of real MAVLink frames from what a vehicle did, and replays them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ START_US = 1_700_000_000_000_000
 
 @dataclass
 class FlightLog:
-    """Appends frames of one sender with their receive stamps; ``data`` is the tlog."""
+    """A log to which frames are appended with their receive stamps; ``data`` is the tlog."""
 
     sysid: int = 1
     compid: int = 1
@@ -38,7 +38,7 @@ class FlightLog:
     _sequence: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def add(self, t_s: float, message: Any, sender: tuple[int, int] | None = None) -> None:
-        """Append a message sent at ``t_s`` of the vehicle's clock, heard a little later."""
+        """Append a message sent at ``t_s`` of the vehicle's clock and received a little later."""
         sysid, compid = sender or (self.sysid, self.compid)
         link = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         link.seq = self._sequence.get((sysid, compid), 0)
@@ -78,7 +78,7 @@ def fly(
     servo_s: float = 0.02,
     skip: Callable[[float], bool] = lambda t: False,
 ) -> FlightLog:
-    """Log a flight: yaw rate and rudder (servo 4) as functions of time since ``start_s``."""
+    """Return the log of a flight: yaw rate and rudder (servo 4) by the time since ``start_s``."""
     log = FlightLog()
     log.heartbeat(start_s)
     attitude = [(start_s + attitude_s * i, 0) for i in range(round(seconds / attitude_s))]
@@ -94,7 +94,7 @@ def fly(
 
 
 def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int] = ()) -> Samples:
-    """Run a log through decoder and channels, cut into blocks at the bytes named."""
+    """Run a log through decoder and channels, cut into pieces at the bytes ``cuts``."""
     decoder, channels = Decoder(WANTED), Channels(config or RunConfig())
     blocks: list[SampleBlock] = []
     edges = [0, *sorted(cuts), len(data)]
@@ -110,7 +110,7 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
 
 
 def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
-    """Replay a log as a whole; return what ``--json`` prints of it."""
+    """Replay a log in one piece; return the object that ``--json`` prints."""
     return finished(data, config)[0].to_json()
 
 
@@ -122,7 +122,7 @@ def finished(
     options: ReadOptions | None = None,
     sinks: Sequence[Sink] = (),
 ) -> tuple[RunSummary, Verdict]:
-    """Replay a log in pieces of ``size`` bytes (0: one); return its summary and verdict."""
+    """Replay a log in pieces of ``size`` bytes (0: in one piece); return summary and verdict."""
     pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
     source, pipeline = TlogBytes(pieces, WANTED, options), Pipeline(config or RunConfig(), sinks)
     feed_all(source, pipeline)
@@ -143,13 +143,13 @@ def summarised(path: Path, config: RunConfig) -> tuple[RunSummary, Verdict]:
 
 
 def reason_ids(summary: dict[str, Any]) -> set[str]:
-    """Return the reasons of a summary's verdict."""
+    """Return the ids of the reasons in a summary's verdict."""
     return {reason["id"] for reason in summary["verdict"]["reasons"]}
 
 
 @dataclass
 class Samples:
-    """The stage after a run and all samples it made, each column joined over the blocks."""
+    """The channels after a run, and all its samples, each column joined over the blocks."""
 
     channels: Channels
     blocks: list[SampleBlock]

@@ -1,4 +1,4 @@
-"""A run's file made over: its own records with something in them that no run would write."""
+"""Forges a run's file: copies its records with changes that no run would write."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def forge(
     keeps: Callable[[str], bool] = lambda topic: True,
     log_time: Callable[[str, int], int] = lambda topic, time: time,
 ) -> Path:
-    """Copy an MCAP, each of its parts through a function; ``keeps`` chooses topics."""
+    """Copy an MCAP, applying a function to each kind of part; ``keeps`` chooses topics."""
     with source.open("rb") as stream, out.open("wb") as target:
         reader, writer = make_reader(stream), Writer(target, compression=CompressionType.ZSTD)
         writer.start(profile="", library="forged")

@@ -1,4 +1,4 @@
-"""Summaries of whole flights, built by hand after the recorded one (sitl_fbwa_50hz)."""
+"""Summaries of whole flights, written by hand like that of a recorded one (sitl_fbwa_50hz)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def verdict(*reasons: str, weight: str = "fatal") -> VerdictSummary:
 
 
 def plain_summary(**more: Any) -> RunSummary:
-    """Return a summary that says as little as one may."""
+    """Return a summary with as few fields as possible."""
     given = {"log": "a.tlog", "duration_s": 1.0, "link": LinkCounts(), "channels": {}}
     return RunSummary(**(given | {"verdict": VerdictSummary(usable=True, reasons=[])} | more))
 
@@ -87,7 +87,10 @@ def manoeuvre(
     reason: ReasonSummary | None = None,
     **more: Any,
 ) -> Manoeuvre:
-    """Return a manoeuvre of half a minute, a minute after the one before; refused by a reason."""
+    """Return manoeuvre ``n``, half a minute long, a minute after the last one.
+
+    With a ``reason`` it is not usable.
+    """
     from_s = 60.0 * n - 25.0
     minutes, seconds = divmod(2 + round(from_s), 60)
     roll = None if wn is None else roll_of(wn, zeta)
@@ -153,7 +156,7 @@ def summary(
 
 
 def four() -> list[Manoeuvre]:
-    """Four manoeuvres: two that are used, one that disagrees, one that was refused."""
+    """Return four manoeuvres: two that are used, one that disagrees, one that is not usable."""
     return [
         manoeuvre(1, 10.27, 0.624),
         manoeuvre(2, 10.07, 0.617, speed=21.6),

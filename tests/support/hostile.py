@@ -1,4 +1,4 @@
-"""What an attacker would hand over: logs, names, forged runs; and what must hold of the answer."""
+"""Inputs of an attacker (logs, names, forged runs), and checks of the outputs."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ FLIGHT = flight().data
 def run_limited(
     code: str, megabytes: int, *arguments: object, within_s: float = 120.0
 ) -> subprocess.CompletedProcess[str]:
-    """Run Python code in a process that may take so much memory at its peak.
+    """Run Python code in a process whose peak memory must be less than ``megabytes``.
 
-    Linux counts into ru_maxrss what the parent took before the process began; VmHWM is its own.
+    VmHWM is the peak of the process itself; Linux includes memory of its parent in ru_maxrss.
     """
     limited = (
         "import resource, sys\n"
@@ -90,7 +90,7 @@ def parameter(name: bytes) -> bytes:
 
 
 class Tags(HTMLParser):
-    """Collects what a browser would act on."""
+    """The tags and attributes of a page, which a browser would act on."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class Tags(HTMLParser):
 
 
 def assert_harmless(page: str) -> None:
-    """No script, no event handler, nothing loaded or followed outside the page."""
+    """Assert that a page has no script or event handler, and loads and links nothing outside."""
     tags = Tags(page)
     active = {"script", "iframe", "object", "embed", "img", "base", "form"}
     assert tags.names & active == set()
@@ -119,7 +119,7 @@ INJECTION = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>"
 
 
 def poisoned(value: Any) -> Any:
-    """Return the value with every text in it, keys too, turned into an attack."""
+    """Return the value with an attack appended to every text in it, but not to keys."""
     if isinstance(value, dict):
         return {key: poisoned(entry) for key, entry in value.items()}
     if isinstance(value, list):
@@ -128,7 +128,7 @@ def poisoned(value: Any) -> Any:
 
 
 def rewritten(source: Path, out: Path, poison_metadata: bool) -> Path:
-    """Copy an MCAP with its summary, its parameters and perhaps its metadata poisoned."""
+    """Copy an MCAP with an attack in its summary, its parameters and, if asked, its metadata."""
     with source.open("rb") as stream, out.open("wb") as target:
         reader, writer = make_reader(stream), Writer(target, compression=CompressionType.ZSTD)
         writer.start(profile="", library="yawid")
@@ -158,7 +158,7 @@ def rewritten(source: Path, out: Path, poison_metadata: bool) -> Path:
 
 
 def bomb(megabytes: int) -> bytes:
-    """Return an MCAP whose one chunk is small and claims, truly, to hold so many megabytes."""
+    """Return an MCAP whose only chunk is small and unpacks to so many megabytes."""
     out = io.BytesIO()
     writer = Writer(out, compression=CompressionType.NONE)
     writer.start(profile="", library="bomb")
@@ -178,7 +178,7 @@ def bomb_chunk(megabytes: int) -> bytes:
 
 
 def with_bomb(good: bytes, megabytes: int) -> bytes:
-    """Return a run's file with one chunk more, of which the index says that it holds log lines."""
+    """Return a run's file with such a chunk, which has log lines according to the index."""
     summary = make_reader(io.BytesIO(good)).get_summary()
     assert summary is not None
     line = next(n for n, channel in summary.channels.items() if channel.topic == "/yawid/log")

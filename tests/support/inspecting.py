@@ -1,4 +1,4 @@
-"""Runs ``yawid inspect`` on a log or on the bytes of one."""
+"""Runs ``yawid inspect`` on a log, given as a file or as bytes."""
 
 from __future__ import annotations
 

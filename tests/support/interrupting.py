@@ -1,4 +1,4 @@
-"""A yawid of its own that gets a real signal while it reads: after so many blocks of a log."""
+"""Runs yawid in a process that gets a real signal after so many blocks of samples."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ sys.exit(cli.main(sys.argv[3:]))
 
 
 def yawid_with(signal: str, at: int, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run a command that gets the signal as its ``at``-th block of samples is estimated."""
+    """Run a command that gets the signal before its ``at``-th block of samples is estimated."""
     command = [sys.executable, "-W", "error", "-c", SCRIPT, signal, str(at)]
     return subprocess.run(
         [*command, *map(str, arguments)],
@@ -38,7 +38,10 @@ def yawid_with(signal: str, at: int, *arguments: object) -> subprocess.Completed
 
 
 def repeated(log: Path, out: Path, megabytes: int) -> Path:
-    """Write a log again and again, each time another boot: a log is read a megabyte at a time."""
+    """Write a log many times into one file, each time as another boot, until it is so large.
+
+    A log is read a megabyte at a time, so that it has several blocks then.
+    """
     data = log.read_bytes()
     out.write_bytes(data * (megabytes * 1_000_000 // len(data) + 1))
     return out

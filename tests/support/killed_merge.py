@@ -1,4 +1,4 @@
-"""Merges of a data set, each ended by kill -9 as it is about to do its n-th step on disk."""
+"""Merges of a data set, each of which is ended by kill -9 before its n-th step on disk."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ STEPS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
 
 
 def killed_at_every_step(start: Path, entries: Sequence[Any], into: Path) -> list[Path]:
-    """Merge entries into copies of ``start``: the n-th is killed before its n-th step.
+    """Merge entries into copies of ``start``; the n-th merge is killed before its n-th step.
 
-    The last one was not killed: it has no such step. One process forks for all of them.
+    Return the folders of the copies. The last merge was not killed, as it has no such step. One
+    process forks for all of them.
     """
     command = [sys.executable, __file__, str(start), str(into)]
     done = subprocess.run(
@@ -32,7 +33,7 @@ def _main(start: Path, into: Path) -> None:
     from yawid.dataset.files import merge
 
     entries, step, is_killed = json.load(sys.stdin), 0, True
-    merge(into / "warm", entries)  # what it imports late is imported once
+    merge(into / "warm", entries)  # so that late imports are done before the forks
     while is_killed:
         step += 1
         folder = into / f"{step}"

@@ -1,4 +1,4 @@
-"""A vehicle's link made up of real frames, and a live session that listens to it."""
+"""A vehicle's link with real frames, and a live session that listens to it."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ A, B = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01)
 def frames(
     seconds: float, sysid: int = 1, hz: int = 50, first_s: float = 100.0, doublet_s: float = 0.0
 ) -> list[bytes]:
-    """What a vehicle sends in so many seconds of its own time: a yaw that answers its rudder.
+    """Return the frames of a vehicle in so many seconds; its yaw rate responds to the rudder.
 
-    The rudder never rests, or makes one doublet so many seconds after the first.
+    The rudder never rests, or, with ``doublet_s``, makes one doublet at that time.
     """
     rng = np.random.default_rng(sysid)
     count = int(seconds * hz)
@@ -74,7 +74,7 @@ def free_port() -> int:
 
 
 class Screen(io.StringIO):
-    """What a session says, and a way to wait for it."""
+    """The text that a session prints; a test can wait for a part of it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -115,7 +115,7 @@ def listening(
     read_options: ReadOptions | None = None,
     **options: object,
 ) -> Iterator[Session]:
-    """Run ``live`` until the block ends; ``ended`` has its sessions afterwards."""
+    """Run ``live`` until the context ends; ``ended`` has its sessions afterwards."""
     port = free_port()
     stop, screen, ended = StopFlag(), Screen(), []
     asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
@@ -143,7 +143,7 @@ def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None
 
 
 def wait_for_size(path: Path, size: int) -> None:
-    """Wait until a file has grown to a size, which it does as fast as the tap reads."""
+    """Wait until a file has grown to a size; it grows as fast as the tap reads."""
     never = threading.Event()
     for _ in range(600):
         if path.exists() and path.stat().st_size >= size:
@@ -156,12 +156,12 @@ SENT = frames(10.0)
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt in the main thread, wherever it is."""
+    """Send SIGINT to the main thread, whatever it is doing."""
     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def attend(folder: Path, then: object, ended: threading.Event | None = None) -> Screen:
-    """Attend a link on which the flight is sent, after which ``then(stop, screen)`` is called.
+    """Run a session to which SENT is sent; call ``then(stop, screen)`` when it is recorded.
 
     ``ended`` is set when the session is over.
     """

@@ -1,4 +1,4 @@
-"""What a command prints with ``--json``, held to the schema that ``yawid schema`` prints of it."""
+"""Reads the output of ``--json``, and checks it by the schema that ``yawid schema`` prints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def validator(command: str) -> Any:
 
 
 def why_invalid(command: str, told: Any) -> str:
-    """Return where and why an object is not of the schema, nothing where it is."""
+    """Return where and why an object violates the schema of a command; "" if it does not."""
     return "; ".join(
         f"{e.json_path}: {e.message[:200]}" for e in validator(command).iter_errors(told)
     )
@@ -30,7 +30,7 @@ def _refused(constant: str) -> float:
 
 
 def printed(command: str, out: str) -> Any:
-    """Return the object in a line that a command printed, which is of its schema."""
+    """Return the object in a line that a command printed; assert that it is valid."""
     told = json.loads(out, parse_constant=_refused)
     assert why_invalid(command, told) == ""
     return told

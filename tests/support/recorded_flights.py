@@ -1,7 +1,7 @@
-"""Recorded flights: whole where the shared folder is at hand, and what the project has of them.
+"""Recorded flights: whole ones if the shared folder is there, and the parts in the project.
 
-The simulated flights (``sitl_*``) were recorded for the project and stand trimmed in it; the others
-belong to their owners, and tests of them skip where the folder is absent.
+The simulated flights (``sitl_*``) were recorded for the project, which has parts of them; the
+others belong to their owners. Without the folder, the tests of whole flights are skipped.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ OF_THE_PROJECT = {
     "sitl_fbwa_gcs_4hz": ROOT / "tests" / "flights" / "sitl_fbwa_gcs_4hz.tlog",
     "sitl_auto_mavproxy_4hz": ROOT / "tests" / "flights" / "sitl_auto_mavproxy_4hz.tlog",
 }
-"""Stretches of these flights with the essential messages, cut by tools/trim_tlog.py."""
+"""Parts of these flights with the essential messages, cut by tools/trim_tlog.py."""
 
 
 def recorded(*names: str, trimmed: bool = True) -> pytest.MarkDecorator:
-    """Return the mark that runs a test with ``log`` being each copy of these flights.
+    """Return the mark that runs a test with ``log`` set to each of these flights.
 
-    With ``trimmed`` the property holds in a stretch too, and the project's own copies are read.
+    With ``trimmed``, the test also runs with the project's parts of them.
     """
     needs_shared = pytest.mark.skipif(
         not SHARED_FLIGHTS.is_dir(), reason="the recorded flights are not here"

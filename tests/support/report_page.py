@@ -1,4 +1,4 @@
-"""Reads a report's page: its text, its tags, and the addresses it names."""
+"""Reads the page of a report: its text, its tags, and the addresses in it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 
 class Page(HTMLParser):
-    """The text of a page, its tags, and the addresses it names."""
+    """The text of a page, its tags and ids, and the addresses in it."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
