@@ -50,7 +50,7 @@ def _sealed(name: str, found: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def long_log(rate: Floats, rudder_us: Floats, hz: float, start_s: float = 10.0) -> bytes:
-    """Return a plane's log: yaw rate (n,) in rad/s at each instant, rudder (n,) in us from it on."""
+    """Return a plane's log: yaw rate (n,) in rad/s at each instant, rudder (n,) in us after it."""
     t_us = np.round(1e6 * (start_s + np.arange(len(rate)) / hz)).astype(np.int64)
     attitude = _records("ATTITUDE", t_us, 2 * np.arange(len(rate)))
     attitude["boot_ms"], attitude["rates"][:, 2] = t_us // 1000, rate
