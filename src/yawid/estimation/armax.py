@@ -238,6 +238,7 @@ class RecursiveArmax:
         return EstimateBlock(rows, n)
 
     def _take(self, u: Floats, y: Floats, rows: Floats) -> None:
+        """Take a block of samples, with the work between two of them that only Python can do."""
         flat = u.reshape(-1)
         done = RUNNER.run(self._state, flat, y, rows, 0)
         if done < 0:
@@ -249,6 +250,7 @@ class RecursiveArmax:
             done = RUNNER.run(self._state, flat, y, rows, done + 1)
 
     def _after_stop(self) -> None:
+        """Do that work: restart, or release the window."""
         if self._header.phase == slots.RESTARTING:
             restart(self._state)
         else:

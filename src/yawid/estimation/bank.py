@@ -100,9 +100,10 @@ class Bank:
         self.sample_time_s = sample_time_s
         self.methods = config.bank_methods()
         self._epoch: int | None = None
-        self._start_anew()
+        self._start_again()
 
-    def _start_anew(self) -> None:
+    def _start_again(self) -> None:
+        """Make new estimators, and empty the record of samples and models."""
         self.estimators = {
             method: make_estimator(
                 self.config.estimator(method, self.sample_time_s),
@@ -120,7 +121,7 @@ class Bank:
         """Return each method's estimates of a block of samples of one epoch, a row per sample."""
         epoch = int(samples.epoch[0])
         if self._epoch is not None and epoch != self._epoch:
-            self._start_anew()
+            self._start_again()
         self._epoch = epoch
         self.last = {
             method: estimator.run(samples.u, samples.y, covariance=True)

@@ -54,6 +54,7 @@ def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Float
 def _simulate_stretch(
     theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats
 ) -> Floats:
+    """Return the simulation (n,) of one stretch without held samples, as :func:`simulate`."""
     lags = lag_depth(orders)
     drive = np.full(len(y), theta[-1] if bias else 0.0)
     first = orders.na

@@ -101,6 +101,7 @@ def recommended(found: list[Tried]) -> Tried:
 
 
 def _try(u: Floats, y: Floats, split: int, sample_time_s: float, orders: ArmaxOrders) -> Tried:
+    """Return one candidate, estimated from the samples before ``split`` and scored on the rest."""
     config = EstimatorConfig(orders=orders, sample_time_s=sample_time_s, method=OF_STRUCTURES)
     armax = RecursiveArmax(config)
     start = time.perf_counter()

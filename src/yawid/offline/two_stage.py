@@ -25,6 +25,7 @@ from yawid.estimation.fit import fit_percent
 from yawid.estimation.polynomials import c_of, known_regressors, reflected, spr_margin
 
 MOST_ROUNDS = 500
+"""The most rounds of steps 2 and 3."""
 STILL = 1e-7
 """theta has converged where a round would move it by at most this share of its sigma."""
 SMALLEST_SHARE = 0.1

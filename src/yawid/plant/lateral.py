@@ -22,6 +22,7 @@ from yawid.plant.linear import LinearPlant
 
 INPUTS = ("-delta_b", "-delta_h", "beta_b")
 OUTPUTS = ("psi", "psi_rate", "gamma", "beta")
+"""The outputs of eq. 21 in rad, psi_rate in rad/s; the inputs are in rad too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,11 @@ NUMBERS = (
     "lam_start", "lam_end", "lam_rate", "floor",
     # The sample: y as given (the inputs are a part of their own), and its results, scaled.
     "y", "y_hat", "innovation", "residual", "status",
-    # What changes with the samples; the page at the top of armax.py explains the sums.
+    # What changes with the samples. count: samples in the window; head: place of its oldest one;
+    # broken: 1 if the next sample follows a break; filled: samples since the registers were
+    # emptied; since: updates since the start or a restart; next: the parameter whose turn it is at
+    # the information floor; lam: lambda; s1, s2, loss as on the page in armax.py; e2, eps2, y2: the
+    # same sums of squares; fast_e2, fast_y2: means of squares over about 100 updates.
     "phase", "count", "head", "broken", "filled", "updates", "held", "since", "next",
     "lam", "s1", "s2", "loss", "e2", "eps2", "y2", "fast_e2", "fast_y2",
     "diverged", "halved", "restarts",

@@ -111,6 +111,7 @@ class ReferenceArmax:
         self._begin()
 
     def _begin(self) -> None:
+        """Set theta, P and the statistics to their start values."""
         from filterpy.kalman import KalmanFilter  # takes most of a second, for this engine only
 
         config, n = self.config, self.config.n_theta
@@ -125,6 +126,7 @@ class ReferenceArmax:
         self._open()
 
     def _open(self) -> None:
+        """Empty the registers, as the first sample after a break does."""
         orders = self.config.orders
         reach = [nb + nk for nb, nk in zip(orders.nb, orders.nk, strict=True)]
         self._raw = np.zeros((orders.n_inputs + 3, max([1, orders.na, orders.nc, *reach])))
@@ -175,6 +177,7 @@ class ReferenceArmax:
             self._collect(self._window, np.array([float(self._broken or not self._window), y, *u]))
 
     def _collect(self, window: list[Floats], row: Floats) -> None:
+        """Put the sample into the window; once it is full and its signals move, release it."""
         window.append(row)
         if len(window) > self._size:
             del window[0]
@@ -194,12 +197,14 @@ class ReferenceArmax:
         self._last = (math.nan, math.nan, self._last[2])
 
     def _units_of(self, factors: Floats) -> Floats:
+        """Return the factors (n,) that convert theta to the user's units."""
         orders, scale = self.config.orders, 1.0 / factors[0]
         units = [np.ones(orders.na)]
         units += [np.full(nb, f * scale) for nb, f in zip(orders.nb, factors[1:], strict=True)]
         return np.concatenate([*units, np.ones(orders.nc), np.full(int(self.config.bias), scale)])
 
     def _release(self, rows: Floats) -> None:
+        """Take the samples of the window, after a start fit if there is one."""
         self._window, start = None, None
         if self.config.start_buffer:
             start = fit_start(self.config, rows * [1.0, *self._factors])
@@ -226,6 +231,7 @@ class ReferenceArmax:
         self._fill += 1
 
     def _regressor(self, registers: Floats) -> Floats:
+        """Return phi, or psi from the filtered registers, (n,) (eq. 32)."""
         orders = self.config.orders
         parts = [registers[0, : orders.na]]
         for row, nb, nk in zip(registers[1:], orders.nb, orders.nk, strict=False):
@@ -235,6 +241,7 @@ class ReferenceArmax:
         )
 
     def _take(self, u: Floats, y: float, frozen: bool = False) -> None:
+        """Take one sample through the recursion; ``frozen`` leaves theta and P as they are."""
         self._shift(u)
         y, y_hat, depth = y * self._factors[0], math.nan, lag_depth(self.config.orders)
         if self._fill > depth:
@@ -260,6 +267,7 @@ class ReferenceArmax:
             self.status = Status.TRACKING if learning else Status.HELD
 
     def _learn(self, y: float, e: float) -> tuple[float, bool]:
+        """Update theta and P; return the residual, and False after a restart."""
         kalman, lam, phi = self._filter, self.forgetting_factor, self._regressor(self._raw)
         filters = METHODS[self.config.method].filters
         psi = self._regressor(self._filtered) if filters and self._since >= steps.PSI_FROM else phi
@@ -284,6 +292,7 @@ class ReferenceArmax:
         return eps, True
 
     def _stable_step(self, theta: Floats, step: Floats) -> Floats:
+        """Return the step, halved until C(q) is stable after it (RML)."""
         if not (METHODS[self.config.method].filters and self.config.orders.nc):
             return step
         whole = step
@@ -297,6 +306,7 @@ class ReferenceArmax:
         return step
 
     def _keep_information(self) -> None:
+        """Apply the information floor to one parameter, as ``recursion._keep_information``."""
         config, kalman, k = self.config, self._filter, self._next
         if not config.information_floor:
             return
@@ -316,6 +326,7 @@ class ReferenceArmax:
             kalman.update(here @ kalman.x[:, 0], R=1.0 / (1.0 / limit - 1.0 / p), H=here)
 
     def _account(self, y: float, e: float, eps: float, lam: float, share: float) -> None:
+        """Update the sums, and test for divergence."""
         sums = self._sums
         sums.add(y, e, eps, lam, share)
         self.updates += 1
