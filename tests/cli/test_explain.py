@@ -8,12 +8,14 @@ from string import ascii_uppercase
 
 import pytest
 
+from yawid.answers.run_summary import ReasonSummary, VerdictSummary
 from yawid.cli import main as command_line
 from yawid.cli.explain import explained, listed, parts_of
 from yawid.config.run import KEPT_ONLY, RunConfig
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
 from yawid.results.reasons import KINDS
+from yawid.sinks.words import next_step
 
 PARTS = parts_of(command_line._parser())
 
@@ -126,3 +128,11 @@ def test_without_a_word_all_words_are_listed(capsys):
     assert max(map(len, told.splitlines())) <= 80
     joined = " ".join(told.split())
     assert all(word in joined for _, word in PARTS)
+
+
+def test_what_to_do_next_names_the_command_that_explains_why():
+    against = ReasonSummary("not_excited", "fatal", "the rudder rested")
+    verdict = VerdictSummary(usable=False, reasons=[against], next="Fly doublets.")
+
+    assert next_step(verdict) == "Fly doublets. (yawid explain not_excited)"
+    assert next_step(VerdictSummary(usable=True, reasons=[])) is None

@@ -25,7 +25,7 @@ from yawid.results.advice import to_do
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole
-from yawid.sinks.words import sigma_means, utc
+from yawid.sinks.words import next_step, sigma_means, utc
 
 
 def write_report(
@@ -91,7 +91,7 @@ class Report:
         sentence = headline(summary, stretch)
         yield first_screen(
             name, _origin(run), sentence, cards(summary), _told(summary), _sigma(summary),
-            summary.deciding.next,
+            next_step(summary.deciding),
         )  # fmt: skip
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
         yield from flight_section(summary, unit)

@@ -15,6 +15,7 @@ from yawid.answers.run_summary import (
     RunSummary,
     Value,
     VehicleSeen,
+    VerdictSummary,
 )
 from yawid.estimation.fit import WORST_PCT
 from yawid.quantities.airspeed import GROUND_SPEED
@@ -56,6 +57,11 @@ class Row(NamedTuple):
     name: str
     text: str
     style: str = ""
+
+
+def next_step(verdict: VerdictSummary) -> str | None:
+    """Return what to do next and where the manual explains why; None when usable."""
+    return verdict.next and f"{verdict.next} (yawid explain {verdict.why})"
 
 
 def percent(value: float, spec: str = ".1f") -> str:

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from yawid.answers.run_summary import RunSummary
-from yawid.sinks.words import NEXT, dutch_roll, flight_rows
+from yawid.sinks.words import NEXT, dutch_roll, flight_rows, next_step
 from yawid.tables.table import Table
 
 
@@ -45,7 +45,8 @@ def reasons(summary: RunSummary) -> list[str]:
     """Return the reasons of the deciding verdict, fatal ones and warnings, and what to do next."""
     verdict = summary.deciding
     lines = [str(reason) for reason in verdict.reasons]
-    return lines if verdict.next is None else [*lines, f"{NEXT} {verdict.next}"]
+    step = next_step(verdict)
+    return lines if step is None else [*lines, f"{NEXT} {step}"]
 
 
 def answer(summary: RunSummary) -> list[str]:

@@ -22,6 +22,7 @@ from yawid.sinks.words import (
     conditions,
     dutch_roll,
     loop_of,
+    next_step,
     numbers,
     of_noise,
     plus_minus,
@@ -44,8 +45,8 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
         said = _answer(summary.dutch_roll, usable=verdict.usable)
         lines.append(f"The stream, {summary.answering.upper()}: {said}.")
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
-    if verdict.next is not None:
-        lines += ["", f"**{NEXT}** {verdict.next}"]
+    if (step := next_step(verdict)) is not None:
+        lines += ["", f"**{NEXT}** {step}"]
     if summary.estimates and not verdict.usable:
         lines += ["", _UNUSABLE]
     lines += _methods(summary.estimates or {})

@@ -20,7 +20,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
-from yawid.sinks.words import NEXT, Row, flight_rows, noise_spreads, numbers, percent
+from yawid.sinks.words import NEXT, Row, flight_rows, next_step, noise_spreads, numbers, percent
 
 NAME_WIDTH = 9
 """The width of the column of names."""
@@ -61,8 +61,8 @@ def print_verdict(console: Console, verdict: VerdictSummary) -> None:
         style = "red" if reason.weight == "fatal" else "yellow"
         line = Text(f"{reason.id}: ", style) + Text(reason.text, "default")
         console.print(Padding(line, (0, 0, 0, 2), expand=False))
-    if verdict.next is not None:
-        line = Text(f"{NEXT} ", "bold") + Text(verdict.next, "default")
+    if (step := next_step(verdict)) is not None:
+        line = Text(f"{NEXT} ", "bold") + Text(step, "default")
         console.print(Padding(line, (0, 0, 0, 2), expand=False))
 
 
@@ -175,6 +175,6 @@ def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
     console.print(Text("none is recommended: no replay of this log can be used", style="bold red"))
     for reason in report.verdict.fatal:
         console.print(Text(f"  {reason}"))
-    if report.verdict.next is not None:
-        console.print(Text(f"  {NEXT} {report.verdict.next}"))
+    if (step := next_step(report.verdict)) is not None:
+        console.print(Text(f"  {NEXT} {step}"))
     console.print(Text("yawid inspect says what to record next time"))
