@@ -26,6 +26,7 @@ from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
 from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
+from yawid.sinks.rerun.file_pipe import FilePipe
 from yawid.sinks.rerun.series import (
     Style,
     group_rows,
@@ -52,7 +53,7 @@ class RerunView(Sink):
     """A recording that goes to ``target``: a file (Path), ``spawn``, or the address of a viewer."""
 
     def __init__(self, target: str | Path, name: str) -> None:
-        self._is_file = isinstance(target, Path)
+        self._file: FilePipe | None = None
         self._batch: list[Batch] = []
         self._waiting = 0
         self._bound = 0.0
@@ -67,7 +68,11 @@ class RerunView(Sink):
         if not rr.is_enabled(self._recording):
             raise RuntimeError("rerun is switched off by the environment variable RERUN")
         if isinstance(target, Path):
-            self._recording.save(target, default_blueprint=first)
+            self._file = FilePipe(target)
+            try:
+                self._recording.save(self._file.name, default_blueprint=first)
+            finally:
+                self._file.release()
         else:
             address = _spawn_viewer(self._recording) if target == "spawn" else target
             _check_listening(address)
@@ -143,7 +148,7 @@ class RerunView(Sink):
         Raises:
             RuntimeError: the viewer is gone.
         """
-        if not self._is_file:
+        if self._file is None:
             self._send()
             self._recording.flush(timeout_sec=REACH_S)
 
@@ -161,8 +166,10 @@ class RerunView(Sink):
     def abort(self) -> None:
         """Send waiting rows and close."""
         self._send()
-        self._recording.flush(timeout_sec=FINISH_S if self._is_file else REACH_S)
+        self._recording.flush(timeout_sec=FINISH_S if self._file else REACH_S)
         self._recording.disconnect()
+        if self._file is not None:
+            self._file.finish(FINISH_S)
 
     def _style(self, entity: str, style: Style) -> None:
         """Set the names, colours and widths of lines, which show all values within a pixel.
@@ -257,9 +264,10 @@ class RerunView(Sink):
         for entity in blocks[0]:
             values = np.concatenate([block[entity] for block in blocks])
             self._recording.send_columns(entity, times, rr.Scalars.columns(scalars=values))
-        if self._is_file:
+        if self._file is not None:
             # Rerun writes in its own thread; without this, waiting rows would fill the memory.
             self._recording.flush(timeout_sec=FINISH_S)
+            self._file.check()
 
 
 def _times(samples: SampleBlock, rows: Ints) -> list[rr.TimeColumn]:
