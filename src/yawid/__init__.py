@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from yawid.version import __version__ as __version__
 
-if TYPE_CHECKING:  # orders and configuration take more than the types of their fields say
+if TYPE_CHECKING:  # without ArmaxOrders and EstimatorConfig, which accept more than their types
     from yawid.blocks import EstimateBlock as EstimateBlock
     from yawid.blocks import Status as Status
     from yawid.config.estimator import forgetting_factor as forgetting_factor
@@ -41,7 +41,7 @@ __all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for: ``import yawid`` itself stays light."""
+    """Import a public name at its first use, so that ``import yawid`` itself stays fast."""
     if name not in _HOMES:
         raise AttributeError(f"module 'yawid' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)

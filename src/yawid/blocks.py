@@ -1,7 +1,7 @@
-"""The values that travel: frozen structs of arrays, one row per message or sample.
+"""The blocks that the stages exchange: frozen structs of arrays, one row per message or sample.
 
-A block may have any length >= 1. A replay block holds thousands of rows, a live block often one,
-and no result depends on how the stream was cut into blocks.
+A block may have any length >= 1. A block of a replay has thousands of rows, a live one often a
+single row, and no result depends on where the stream was cut into blocks.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,10 +18,10 @@ Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 Array = NDArray[Any]
-"""An array of whatever type, rows with named columns too."""
+"""An array of any type, also of rows with named columns."""
 
 FIRST_DATE_US = 10**15
-"""Unix time of September 2001: what is earlier is a time since boot, as no flight is as early."""
+"""The Unix time of September 2001 in us: an earlier time counts from boot."""
 FIRST_DATE_NS = 1000 * FIRST_DATE_US
 
 
@@ -32,7 +32,7 @@ def runs_of(good: Bools) -> Ints:
 
 
 def shifted(x: Floats, count: int) -> Floats:
-    """Return x (n,) ``count`` samples later, earlier where negative; NaN beyond the ends."""
+    """Return x (n,) shifted by ``count`` samples, later if positive; NaN beyond the ends."""
     found = np.full(len(x), np.nan)
     if 0 <= count < len(x):
         found[count:] = x[: len(x) - count]
@@ -50,15 +50,15 @@ def euler(w: Floats, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats, F
 
 
 def window_of(sample_time_s: float) -> int:
-    """Return the samples in a window of excitation."""
+    """Return the number of samples in 5 s, the window of excitation; 2 at least."""
     return max(2, round(WINDOW_S / sample_time_s))
 
 
 def strokes(u: Floats, window: int, before: Floats | None = None) -> Floats:
     """Return how far ``u`` (n,) moved within the last ``window`` samples, at each of them (n,).
 
-    ``before`` (m,) are the values that came before; where there are fewer than a window, the first
-    is taken to have lasted.
+    ``before`` (m,) has the values before them. If these are fewer than a window, the first known
+    value counts for the time before it.
     """
     carried = u[:0] if before is None else before[-(window - 1) :]
     known = np.concatenate([carried, u])
@@ -67,7 +67,10 @@ def strokes(u: Floats, window: int, before: Floats | None = None) -> Floats:
 
 
 def extremes(of_two: np.ufunc, x: Floats, window: int) -> Floats:
-    """Return the extreme of each ``window`` values of x (n,), (n - window + 1,), by doubling."""
+    """Return the extreme of each ``window`` values of x (n,), (n - window + 1,).
+
+    ``of_two`` is ``np.maximum`` or ``np.minimum``; the width is doubled until it is reached.
+    """
     width = 1
     while 2 * width <= window:
         x, width = of_two(x[:-width], x[width:]), 2 * width
@@ -77,7 +80,7 @@ def extremes(of_two: np.ufunc, x: Floats, window: int) -> Floats:
 
 
 class Columns:
-    """A struct of arrays, a row each; what is no array is common to all rows."""
+    """A struct of arrays with equal rows; a field that is no array is common to all rows."""
 
     __slots__: tuple[str, ...] = ()
 
@@ -91,7 +94,7 @@ class Columns:
             and rows.dtype == bool
             and np.count_nonzero(rows) == len(rows)
         ):
-            return self  # the usual case of a live block, which is too short to pay for copies
+            return self  # a live block is usually taken as a whole: copies would cost too much
         values = [getattr(self, name) for name in self.__slots__]
         return type(self)(
             *[v[rows] if isinstance(v, np.ndarray) else _select(v, rows) for v in values]
@@ -99,7 +102,7 @@ class Columns:
 
     @classmethod
     def joined(cls, blocks: Sequence[Self]) -> Self:
-        """Return the rows of several blocks (at least one), one after the other."""
+        """Return the rows of several blocks (at least one) as one block, in their order."""
         first = blocks[0]
         if len(blocks) == 1:
             return first
@@ -112,7 +115,7 @@ def _select(value: Any, rows: Array | slice) -> Any:
 
 
 class Status(IntEnum):
-    """What an estimator says of its own estimate."""
+    """The state that an estimator reports of its estimate."""
 
     WARMING_UP = 0
     TRACKING = 1
@@ -121,7 +124,7 @@ class Status(IntEnum):
 
 
 class Held(IntFlag):
-    """Why a sample must not update the estimators; several may hold at once."""
+    """Why a sample must not update the estimators; several reasons may apply at once."""
 
     NONE = 0
     GAP = 1
@@ -137,7 +140,7 @@ class Held(IntFlag):
 
 
 class Noted(IntFlag):
-    """What is worth knowing of a sample that updates the estimators all the same."""
+    """Notes on a sample that updates the estimators all the same."""
 
     NONE = 0
     SATURATED = 1
@@ -148,25 +151,25 @@ class Noted(IntFlag):
 
 
 AIRSPEED_SHARE: Final = 0.1
-"""An airspeed that differs by more than this from its mean is another one."""
+"""An airspeed has changed if it differs by more than this part from its mean."""
 LEAST_TRAVEL: Final = 0.02
-"""A rudder that stays within this part of half its travel has not been moved."""
+"""A rudder that stays within this part of half its travel for ``WINDOW_S`` has not moved."""
 WINDOW_S: Final = 5.0
-"""... in this time."""
+"""The window in s within which the rudder's movement counts."""
 
 
 def words(member: IntEnum | IntFlag) -> str:
-    """Return the name of a status or of one flag as a person reads it: ``on ground``."""
+    """Return the name of a status or of one flag in words: ``on ground``."""
     return str(member.name).lower().replace("_", " ")
 
 
 def flag_names(flags: IntFlag) -> str:
-    """Return the names of the flags that are set, by spaces: ``on_ground steep``."""
+    """Return the names of the flags that are set, separated by spaces: ``on_ground steep``."""
     return " ".join(str(flag.name).lower() for flag in flags)
 
 
 def finite(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries that are finite, as floats: in JSON absent means not applicable."""
+    """Return the entries that are finite as floats: in JSON a missing entry does not apply."""
     return {name: float(value) for name, value in values.items() if np.isfinite(value)}
 
 
@@ -174,10 +177,10 @@ def finite(values: dict[str, Any]) -> dict[str, Any]:
 class MessageBlock(Columns):
     """Messages of one type, in the order received.
 
-    ``order`` (n,) is the byte at which the record starts in the stream: it sorts messages of all
-    types. ``received_us`` (n,) is the receive stamp in microseconds of Unix time, ``sysid`` and
-    ``compid`` (n,) the sender, ``fields`` (n,) a structured array with one column per MAVLink field
-    under its own name.
+    ``order`` (n,), the place, is the byte at which the record starts in the stream; messages of all
+    types are sorted by it. ``received_us`` (n,) is the receive stamp in us of Unix time, ``sysid``
+    and ``compid`` (n,) are the sender, and ``fields`` (n,) is a structured array with a column for
+    each MAVLink field, under its own name.
     """
 
     name: str
@@ -192,7 +195,7 @@ class MessageBlock(Columns):
 class FrameBlock:
     """The wanted messages of one stretch of the stream.
 
-    ``messages`` has a block of (n,) rows, n >= 1, by message name; a name that is absent had none.
+    ``messages`` has a block of (n,) rows, n >= 1, by message name; a missing name had no messages.
     """
 
     messages: Mapping[str, MessageBlock]
@@ -202,17 +205,21 @@ class FrameBlock:
 class RecordBlock(Columns):
     """Rows of a record that never was MAVLink, in order: see ``quantities/table.py``.
 
-    Of each row, (n,), unknown values being NaN: ``order``, its place; ``t_us`` since the record's
-    beginning and ``received_us`` of Unix time, the same where no date is known; whether it
-    ``has_yaw`` and ``has_surfaces``. A row without either says that something begins anew after it:
-    its ``held`` says why. ``rudder`` is in half travels or in rad, signed as in the file,
-    ``aileron`` in half travels; rates in rad/s, angles in rad, the yaw not unwrapped; airspeed in
-    m/s, ``by_ground`` 1 where it is the ground speed, ``airspeed_kind`` and ``ground_speed`` as in
-    :class:`SampleBlock`. ``held`` has the bits of :class:`Held`, all
-    of them, or is -1 where the record does not say.
+    Each row has, (n,), with NaN for unknown values:
 
-    Common to all rows: what each channel is called there, and by whom its flight modes are named
-    (autopilot and vehicle type), and of which columns the unit was ``assumed``.
+    - ``order``: its place; ``t_us``: time since the record's beginning in us; ``received_us``: Unix
+      time in us, the same as ``t_us`` where no date is known;
+    - ``has_yaw`` and ``has_surfaces``. A row with neither marks a new beginning after it, and its
+      ``held`` says why;
+    - ``rudder`` in half travels or in rad, signed as in the file; ``aileron`` in half travels;
+    - rates in rad/s and angles in rad, the yaw not unwrapped;
+    - ``airspeed`` in m/s; ``by_ground``: 1 where it is the ground speed; ``airspeed_kind`` and
+      ``ground_speed`` as in :class:`SampleBlock`;
+    - ``held``: all bits of :class:`Held` that apply, or -1 where the record does not have them.
+
+    Common to all rows: ``called`` has the record's names of the channels, ``modes_of`` the
+    autopilot and vehicle type that name the flight modes, ``assumed`` the columns with an assumed
+    unit.
     """
 
     called: Mapping[str, str]
@@ -245,22 +252,22 @@ class RecordBlock(Columns):
 class SampleBlock(Columns):
     """Samples on the uniform grid ``t_k = k * sample_time_s`` of vehicle time.
 
-    Of each row, (n,) unless another shape is given; unknown values are NaN:
+    Each row has, (n,) unless another shape is given, with NaN for unknown values:
 
     - ``sample_time_s``, one number: the grid's Ts in s;
-    - ``k``: the instant's number on the grid; ``boot_us``: the same as us since boot; ``unix_ns``:
-      mapped to ns of Unix time, never decreasing;
+    - ``k``: the instant's number on the grid; ``boot_us``: the instant in us since boot;
+      ``unix_ns``: the instant in ns of Unix time, never decreasing;
     - ``received_us``: receive stamp (us of Unix time) of the message that completed the sample;
     - ``u`` (n, n_inputs): mean deflection over ``[t_k, t_k+1)`` in units of half the travel, the
       rudder's in rad with ``--rudder-max-deg``; NaN where held;
     - ``y``: the output at ``t_k``, yaw rate or heading rate in rad/s; NaN where held;
     - ``yaw`` (unwrapped) and ``roll`` in rad at ``t_k``;
-    - ``turn_rate``: that in rad/s which bank and airspeed imply; ``airspeed`` in m/s;
-    - ``noted``, ``held``: bits of :class:`Noted` and of :class:`Held`, which is 0 for what updates;
-    - ``epoch``: how often the meaning of ``u`` has changed; with each the estimators start again;
+    - ``turn_rate``: the turn rate in rad/s implied by bank and airspeed; ``airspeed`` in m/s;
+    - ``noted``, ``held``: bits of :class:`Noted` and :class:`Held`; ``held`` is 0 if it updates;
+    - ``epoch``: how often the meaning of ``u`` has changed; the estimators start again each time;
     - ``aileron``: mean deflection in units of half its travel, whether it is an input or not;
     - ``mode``: HEARTBEAT.custom_mode; ``on_ground``: 1 or 0; ``altitude`` in m above the sea;
-    - ``ground_speed`` in m/s; ``airspeed_kind``: number of :class:`yawid.quantities.airspeed.Kind`.
+    - ``ground_speed`` in m/s; ``airspeed_kind``: a :class:`yawid.quantities.airspeed.Kind`.
     """
 
     sample_time_s: float
@@ -285,26 +292,26 @@ class SampleBlock(Columns):
     airspeed_kind: Floats
 
     def epochs(self) -> "Iterator[SampleBlock]":
-        """Yield the stretches of one epoch each, none where there is no row."""
+        """Yield the stretches with one epoch each; nothing where there is no row."""
         edges = [0, *(np.flatnonzero(np.diff(self.epoch)) + 1).tolist(), len(self)]
         return (self.select(slice(a, b)) for a, b in pairwise(edges) if b > a)
 
 
 Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS = range(6)
-"""Where the scalars stand in a row of an :class:`EstimateBlock` after theta and theta_std."""
+"""The places of the scalars in a row of an :class:`EstimateBlock`, after theta and theta_std."""
 
 
 def estimate_width(p: int, covariance: bool) -> int:
-    """Return the columns of such a row for p parameters."""
+    """Return the number of columns of such a row for p parameters."""
     return 2 * p + SCALARS + (p * p if covariance else 0)
 
 
 @dataclass(frozen=True, slots=True)
 class EstimateBlock:
-    """What one estimator made of a block of samples, a row each.
+    """The estimates of one estimator for a block of samples, a row each.
 
     The fields are columns of ``rows`` (n, 2 p + 5), or (n, 2 p + 5 + p p) with the covariance, as
-    the recursion writes them: a live block is too short to pay for cutting what nobody reads. ``p``
+    the recursion writes them: cutting them apart would cost too much for a short live block. ``p``
     is the number of parameters. Units are those of u and y: see :class:`SampleBlock`.
     """
 
@@ -323,7 +330,7 @@ class EstimateBlock:
         noise_std: Floats,
         status: Array,
     ) -> "EstimateBlock":
-        """Return the block of these fields: (n, p), (n, p), (n, p, p) or None, and five of (n,)."""
+        """Return the block with these fields: (n, p), (n, p), (n, p, p) or None, then (n,) each."""
         n, p = theta.shape
         last = () if covariance is None else (covariance.reshape(n, p * p),)
         columns = (theta, theta_std, y_hat, innovation, residual, noise_std, status, *last)
@@ -331,43 +338,43 @@ class EstimateBlock:
 
     @property
     def theta(self) -> Floats:
-        """Parameters (n, p) in the user's units."""
+        """The parameters (n, p) in the user's units."""
         return self.rows[:, : self.p]
 
     @property
     def theta_std(self) -> Floats:
-        """Their standard deviations (n, p)."""
+        """The standard deviations (n, p) of theta."""
         return self.rows[:, self.p : 2 * self.p]
 
     @property
     def covariance(self) -> Floats | None:
-        """The covariance (n, p, p) of theta, or None where it was not asked for."""
+        """The covariance (n, p, p) of theta, None where it was not asked for."""
         rest = self.rows[:, 2 * self.p + SCALARS :]
         return rest.reshape(-1, self.p, self.p) if rest.size else None
 
     @property
     def y_hat(self) -> Floats:
-        """One-step prediction (n,) of y."""
+        """The one-step prediction (n,) of y."""
         return self.rows[:, 2 * self.p + Y_HAT]
 
     @property
     def innovation(self) -> Floats:
-        """The error (n,) a priori, y - y_hat."""
+        """The a priori error (n,), y - y_hat."""
         return self.rows[:, 2 * self.p + INNOVATION]
 
     @property
     def residual(self) -> Floats:
-        """The error (n,) a posteriori."""
+        """The a posteriori error (n,)."""
         return self.rows[:, 2 * self.p + RESIDUAL]
 
     @property
     def noise_std(self) -> Floats:
-        """Standard deviation (n,) of the innovation."""
+        """The standard deviation (n,) of the innovation."""
         return self.rows[:, 2 * self.p + NOISE_STD]
 
     @property
     def status(self) -> Bytes:
-        """See :class:`Status` (n,)."""
+        """The numbers (n,) of :class:`Status`."""
         return self.rows[:, 2 * self.p + STATUS].astype(np.uint8)
 
     @property
@@ -383,11 +390,11 @@ class EstimateBlock:
 class ModesBlock(Columns):
     """The continuous poles of each estimate and the Dutch roll among them; NaN where there is none.
 
-    ``poles`` (n, na) in rad/s (complex), ``wn``, ``wn_std`` (n, na) in rad/s and ``zeta``,
-    ``zeta_std`` (n, na) without unit of each pole; ``dutch_roll`` (n, 4) holds wn and wn_std in
-    rad/s, zeta and zeta_std of the Dutch roll. ``yaw`` and ``yaw_std`` (n, 9) are the numbers of
-    paper eq. 22-23 and the servo's lag, in the order and units of
-    :data:`yawid.physics.derivatives.NAMES`; both empty (n, 0) where nobody worked them out.
+    ``poles`` (n, na) are complex, in rad/s. By pole there are ``wn``, ``wn_std`` (n, na) in rad/s
+    and ``zeta``, ``zeta_std`` (n, na) without unit. ``dutch_roll`` (n, 4) has wn and wn_std in
+    rad/s, zeta and zeta_std. ``yaw`` and ``yaw_std`` (n, 9) are the numbers of paper eq. 22-23 and
+    the servo's lag, in the order and units of :data:`yawid.physics.derivatives.NAMES`; both are
+    empty, (n, 0), where they were not computed.
     """
 
     poles: NDArray[np.complex128]

@@ -1,4 +1,4 @@
-"""Every exception yawid raises on purpose and its exit code; ``cli/`` alone makes lines of them."""
+"""The exceptions that yawid raises on purpose, with exit codes; only ``cli/`` prints them."""
 
 from typing import Final
 
@@ -17,11 +17,11 @@ EXIT_CODES: Final = {
     130: "interrupted by SIGINT",
     143: "interrupted by SIGTERM",
 }
-"""What the process exits with; of several logs the highest."""
+"""The exit codes in words; with several logs, the highest code counts."""
 
 
 class YawidError(Exception):
-    """The root: anything that yawid itself has to say about its input, output or use."""
+    """The base of all errors that yawid raises about its input, its output or its use."""
 
     exit_code = 6
 
@@ -37,7 +37,7 @@ class SourceError(YawidError):
 
 
 class ChannelError(YawidError):
-    """A channel that cannot be made from the messages there are."""
+    """A channel that cannot be made from the messages or columns there are."""
 
     exit_code = 3
 
@@ -51,6 +51,6 @@ class CompilerError(YawidError):
 
 
 class NotIdentifiable(YawidError):  # noqa: N818 it names a finding, not a fault
-    """A record that cannot answer: not of the form asked for, or showing too little of it."""
+    """A record without an answer: it has not the form asked for, or shows too little of it."""
 
     exit_code = 5

@@ -1,9 +1,10 @@
-r"""The whole way through, to be read from top to bottom.
+r"""The whole way through yawid, to be read from top to bottom.
 
     source -> messages -> channels -> samples on one grid -> estimates -> physics -> sinks
                                                          \-> manoeuvres, an answer each -/
 
-The only module that knows all stages; where messages come from, a file or a socket, it does not.
+This is the only module that knows all stages. It does not know where messages come from: a file or
+a socket.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,25 +30,25 @@ from yawid.results.reasons import Reason, Verdict
 from yawid.sinks.base import Grid, Sink, rudder_unit
 
 BLOCK = 4096
-"""Samples estimated and written at once: the covariance of each row makes blocks heavy."""
+"""The samples estimated and written at once: each row has a covariance, so blocks are large."""
 
 
 class Pipeline:
-    """Feed it messages, or samples that a run's file holds, then ``finish``; the sinks get rows.
+    """The whole run: feed it messages, or samples from a run's file, then ``finish``.
 
-    ``sinks`` may grow until the first sample. ``make_bank`` makes the estimators once the sample
-    time is known. Where no messages pass through, ``modes_of`` names autopilot and vehicle type, by
-    which flight modes have their names, and ``rates_hz`` are the rates of yaw and rudder messages.
-    With ``worker``, an executor of one thread, manoeuvres are answered there, and ``collect`` hands
-    out what is ready.
+    ``sinks`` get the rows; sinks may be added until the first sample. ``make_bank`` makes the
+    estimators once the sample time is known. For samples without messages, ``modes_of`` has the
+    autopilot and the vehicle type, which name the flight modes, and ``rates_hz`` the rates of yaw
+    and rudder messages. With ``worker``, an executor of one thread, manoeuvres are answered there,
+    and ``collect`` returns those that are ready.
 
     Raises:
-        ConfigError: what was asked for does not fit the log (its rate).
+        ConfigError: the rate asked for does not fit the log.
         SinkError: a sink cannot write.
     """
 
     reads: Final = WANTED
-    """The messages that it needs, by name."""
+    """The names of the messages that it needs."""
 
     def __init__(
         self,
@@ -72,20 +73,20 @@ class Pipeline:
         self._manoeuvres: Manoeuvres | None = None
 
     def report(self) -> ChannelReport:
-        """Return what the channels have to say as they stand."""
+        """Return the report of the channels in their present state."""
         return report_of(self.channels)
 
     @property
     def manoeuvres(self) -> list[Manoeuvre] | None:
-        """The manoeuvres answered so far; None where nobody looks for them."""
+        """The manoeuvres answered so far; None where none are searched for."""
         if self.config.manoeuvres == "off":
             return None
         return [] if self._manoeuvres is None else [a.found for a in self._manoeuvres.answered]
 
     def progress(self, *, closely: bool) -> tuple[UnderWay, int]:
-        """Return how the manoeuvre on its way stands, and how many wait for their answer.
+        """Return the progress of the current manoeuvre, and how many wait for their answers.
 
-        ``closely`` with how far the rudder moved, which takes a while to find.
+        With ``closely`` it includes how far the rudder moved, which takes a while to compute.
         """
         stage = self._manoeuvres
         if stage is None:
@@ -93,11 +94,11 @@ class Pipeline:
         return stage.progress(closely=closely), stage.unanswered
 
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
-        """Return what the manoeuvres say together and its verdict, None where there is none."""
+        """Return the flight's answer and its verdict, None where there is no manoeuvre."""
         return None if self._manoeuvres is None else self._manoeuvres.flight(of_the_log)
 
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | None) -> None:
-        """Take messages, a record's rows or samples in; all samples they complete are estimated."""
+        """Take messages, a record's rows or samples in; estimate all samples they complete."""
         if isinstance(block, SampleBlock):
             for samples in self._asked_for(block).epochs():
                 self.estimate(samples)
@@ -109,16 +110,16 @@ class Pipeline:
                 self.estimate(samples)
 
     def _asked_for(self, block: SampleBlock) -> SampleBlock:
-        """Return of a file's samples those inputs and that stretch which are asked for."""
+        """Return a file's samples with the inputs and in the stretch that are asked for."""
         low, high = self.config.window_us
         rows = (block.boot_us >= low) & (block.boot_us <= high)
         samples = replace(block, u=np.ascontiguousarray(block.u[:, : len(self.config.inputs)]))
         return samples if rows.all() else samples.select(rows)
 
     def finish(self) -> list[Manoeuvre]:
-        """Estimate what was held back for want of more; the sinks stay open for the summary.
+        """Estimate the samples kept back until now; the sinks stay open for the summary.
 
-        Return the manoeuvres answered meanwhile, all being answered now.
+        Return the manoeuvres answered since the last call; all are answered now.
         """
         for samples in self.channels.finish():
             self.estimate(samples)
@@ -127,7 +128,7 @@ class Pipeline:
         return self.collect(wait=True)
 
     def collect(self, *, wait: bool = False) -> list[Manoeuvre]:
-        """Hand the manoeuvres answered meanwhile to the sinks; return them."""
+        """Pass the manoeuvres answered since the last call to the sinks; return them."""
         ready = [] if self._manoeuvres is None else list(self._manoeuvres.ready(wait=wait))
         for each in ready:
             for sink in self.sinks:
@@ -135,7 +136,7 @@ class Pipeline:
         return [each.found for each in ready]
 
     def estimate(self, samples: SampleBlock) -> None:
-        """Estimate samples of one epoch and write them."""
+        """Estimate samples of one epoch, and write them."""
         for first in range(0, len(samples), BLOCK):
             self._estimate(samples.select(slice(first, first + BLOCK)))
 

@@ -1,1 +1,1 @@
-"""What yawid answers: the structs that are printed with --json, kept in an MCAP, and shown."""
+"""yawid's answers: the structs that ``--json`` prints, an MCAP keeps, and every page shows."""

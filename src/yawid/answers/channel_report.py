@@ -1,6 +1,6 @@
-"""What a run's channels have to say to its summary.
+"""The report of a run's channels, for its summary.
 
-Reasons are pairs of id and text: what an id means is said in ``results/reasons.py``.
+Reasons are pairs of id and text; ``results/reasons.py`` explains the ids.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -15,16 +15,16 @@ Said = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class ChannelReport:
-    """What the channels have to say.
+    """The state of the channels, as far as the summary and the verdict need it.
 
-    ``vehicles`` are all on the link, ``breaks`` those that the clock and the messages made.
-    ``missing`` says which of rudder and yaw there is not, where a vehicle was found;
-    ``why_no_vehicle`` why none was. ``reasons`` are what is assumed of the channels; ``commands``
-    gives those of a rudder that commanded nothing, where it is told why it is believed all the
-    same. ``rates_hz`` are those of yaw and rudder in the first seconds, None without samples,
-    ``later_hz`` those of the whole run. ``used`` samples update the estimators, ``held`` is why
-    others do not. ``rudder_message`` is the one that a rudder was found in, and ``has_functions``
-    says whether any servo has one.
+    ``vehicles`` are all vehicles on the link; ``breaks`` counts the breaks of clock and messages.
+    ``missing`` has the reasons for a missing rudder or yaw rate, if a vehicle was found;
+    ``why_no_vehicle`` says why none was. ``reasons`` are about what is assumed of the channels.
+    ``commands`` yields the reasons of a rudder without command; its argument returns why the rudder
+    is believed all the same. ``rates_hz`` are the rates of yaw and rudder in the first seconds,
+    None without samples; ``later_hz`` those of the whole run. ``used`` counts the samples that
+    update the estimators; ``held`` says why others do not. ``rudder_message`` is the message with
+    the rudder, and ``has_functions`` says whether any servo has a function.
     """
 
     is_record: bool

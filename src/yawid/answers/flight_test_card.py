@@ -1,13 +1,13 @@
-"""What to fly next for this aircraft: the test card, one type for each object.
+"""The flight test card, which says what to fly next with this aircraft; a type for each object.
 
-What the log does not know is None: the card leaves a blank for it, to be filled in by hand.
+What the log does not give is None: the card leaves a blank for it, to be filled in by hand.
 """
 
 from yawid.answers.run_summary import DutchRoll, Number, Part, Positive
 
 
 class ParameterToSet(Part, frozen=True, kw_only=True):
-    """A parameter to set for the flight; ``now`` is its value in the log, by its full name."""
+    """A parameter to set for the flight; ``now`` holds its values in the log by full names."""
 
     name: str
     to: Number
@@ -16,7 +16,10 @@ class ParameterToSet(Part, frozen=True, kw_only=True):
 
 
 class ModeToFly(Part, frozen=True, kw_only=True):
-    """A flight mode, and whose answer it gives."""
+    """A flight mode, and the loop whose answer it gives.
+
+    ``answered`` has the numbers of the manoeuvres of the log with that loop.
+    """
 
     mode: str
     loop: str
@@ -24,7 +27,7 @@ class ModeToFly(Part, frozen=True, kw_only=True):
 
 
 class Expected(Part, frozen=True, kw_only=True):
-    """The sigmas to expect after so many more manoeuvres like those of the log."""
+    """The sigmas to expect after ``more`` manoeuvres like those of the log."""
 
     more: int
     wn_std: Number
@@ -32,7 +35,7 @@ class Expected(Part, frozen=True, kw_only=True):
 
 
 class RudderMove(Part, frozen=True, kw_only=True):
-    """How far to move the rudder: of half its travel, as pulses to either side, as an angle."""
+    """How far to move the rudder: in percent of half its travel, as pulses, and as an angle."""
 
     percent: Number
     low_us: Number | None = None
@@ -41,7 +44,11 @@ class RudderMove(Part, frozen=True, kw_only=True):
 
 
 class ConditionsToFly(Part, frozen=True, kw_only=True):
-    """At which airspeeds, how high, in which modes: what was flown, and what to fly."""
+    """Airspeeds, altitudes and modes: those that were flown, and those to fly.
+
+    ``airspeed_least_m_s`` and ``airspeed_most_m_s`` are the limits in the parameters;
+    ``airspeeds_m_s`` are the airspeeds to fly.
+    """
 
     airspeed_source: str | None = None
     airspeed_low_m_s: Number | None = None
@@ -56,9 +63,11 @@ class ConditionsToFly(Part, frozen=True, kw_only=True):
 
 
 class ManoeuvreToFly(Part, frozen=True, kw_only=True):
-    """A doublet is ``side_s`` one way and ``side_s`` the other; a 3-2-1-1 counts in ``unit_s``.
+    """The manoeuvre to fly, with its times in s.
 
-    A manoeuvre is ``doublets`` with ``pause_s`` of neutral rudder after each; ``rest_s`` ends it.
+    A doublet is ``side_s`` to one side and ``side_s`` to the other; ``unit_s`` is the unit of a
+    3-2-1-1. A manoeuvre has so many ``doublets`` with ``pause_s`` of neutral rudder after each, and
+    ends with ``rest_s``.
     """
 
     wn_rad_s: Positive
@@ -76,9 +85,10 @@ class ManoeuvreToFly(Part, frozen=True, kw_only=True):
 
 
 class FlightTestCard(Part, frozen=True, kw_only=True):
-    """What to fly next: message rates, parameters, airspeeds, modes, manoeuvre, what it will give.
+    """The card: message rates, parameters, airspeeds, modes, the manoeuvre, and expected sigmas.
 
-    ``answer`` is what the log says already, ``answered`` by which manoeuvres.
+    ``answer`` is the log's own answer, ``answered`` the numbers of its manoeuvres; ``lacks`` says
+    what the log cannot answer yet, and ``live`` is the command for a live session.
     """
 
     vehicle: str

@@ -1,4 +1,4 @@
-"""What ``yawid inspect`` finds, as ``--json`` prints it: one type for each object."""
+"""The result of ``yawid inspect``, as ``--json`` prints it; a type for each object."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from yawid.answers.run_summary import Flight, Manoeuvre, Origin, Part, VerdictSu
 
 
 class MessageRate(Part, frozen=True):
-    """How many messages came, how often, and the percentiles of their intervals."""
+    """The number of messages, their rate, and the percentiles of their intervals."""
 
     messages: int
     rate_hz: float
@@ -19,14 +19,14 @@ class MessageRate(Part, frozen=True):
 
 
 class Answerable(Part, frozen=True):
-    """The fastest Dutch roll that the rates can answer at all, and well."""
+    """The fastest Dutch roll that the message rates allow at all, and the fastest allowed well."""
 
     wn_max_rad_s: float
     wn_well_rad_s: float
 
 
 class Span(Part, frozen=True):
-    """A stretch of a boot, in seconds since it."""
+    """A stretch of a boot, in s since that boot."""
 
     boot: int | None
     from_s: float = field(name="from")
@@ -34,18 +34,19 @@ class Span(Part, frozen=True):
 
 
 class FlightPhase(Span, frozen=True):
-    """A stretch in one flight mode, airborne, slow or on the ground."""
+    """A stretch in one flight mode and one state, such as airborne or on the ground."""
 
     mode: str | None = None
     state: str | None = None
 
 
 class Inspection(Origin, frozen=True, kw_only=True):
-    """What a log can answer; frames of each sender (``sysid/compid``), and what came of them.
+    """What a log can answer, and its frames by sender (``sysid/compid``).
 
-    ``unchecked`` says that frames are signed and nobody checks them, ``excited`` where the rudder
-    moved on its own, ``manoeuvres`` and ``flight`` what a replay as asked for says, ``recommend``
-    the options of a replay and what to ``record`` next time, ``card`` what to fly, if asked for.
+    ``unchecked`` is a note on signed frames that were not checked. ``excited`` has the stretches in
+    which the rudder moved on its own. ``manoeuvres`` and ``flight`` are the results of a replay
+    with the options asked for. ``recommend`` has the options for a replay, and what to ``record``
+    next time; ``card`` says what to fly, if asked for.
     """
 
     senders: dict[str, int]

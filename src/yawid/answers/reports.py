@@ -1,4 +1,4 @@
-"""What the commands print with ``--json`` that sum up no flight: ``orders``, ``step``, ``regress``.
+"""The answers of commands without a summary, as ``--json`` prints them: orders, step, regress.
 
 As in a summary, what does not apply is None and has no key.
 """
@@ -7,7 +7,7 @@ from yawid.answers.run_summary import Count, DutchRoll, Number, Orders, Part, Ve
 
 
 class OrdersTried(Orders, frozen=True, kw_only=True):
-    """One structure, and how it did: learnt from two thirds of the record, run free over the rest.
+    """One structure and its scores: fitted to two thirds of the record, run free over the rest.
 
     The sigmas of its Dutch roll are of noise alone.
     """
@@ -22,9 +22,9 @@ class OrdersTried(Orders, frozen=True, kw_only=True):
 
 
 class OrdersReport(Part, frozen=True, kw_only=True):
-    """What ``yawid orders`` says of a log: every structure, the best first, and the one to use.
+    """The result of ``yawid orders``: every structure, the best first, and the recommended one.
 
-    None is recommended where a replay with the best one cannot be used; the verdict says why.
+    ``recommended`` is None where a replay with the best one is not usable; the verdict says why.
     """
 
     log: str
@@ -41,7 +41,7 @@ class Told(Part, frozen=True, kw_only=True):
 
 
 class StepReport(Part, frozen=True, kw_only=True):
-    """What ``yawid step`` says of a step response: its form, parameters, and when it settles."""
+    """The result of ``yawid step``: the form of the step response, its parameters and times."""
 
     model: str
     parameters: dict[str, Told]
@@ -51,7 +51,7 @@ class StepReport(Part, frozen=True, kw_only=True):
 
 
 class CaseReport(Part, frozen=True, kw_only=True):
-    """What came of one case; ``wrong`` says what differs, worst first."""
+    """The result of one case; ``wrong`` has the differences in words, the worst first."""
 
     name: str
     folder: str
@@ -62,7 +62,7 @@ class CaseReport(Part, frozen=True, kw_only=True):
 
 
 class RegressReport(Part, frozen=True, kw_only=True):
-    """What came of all cases; the exit code is the highest of theirs."""
+    """The results of all cases; the exit code is the highest of theirs."""
 
     exit_code: Count
     cases: list[CaseReport]

@@ -1,7 +1,7 @@
-"""What a run came to, as ``--json`` prints it and its MCAP holds it: one type for each object.
+"""The summary of a run, as ``--json`` prints it and its MCAP holds it; a type for each object.
 
 What does not apply is None and has no key in JSON; no number there is NaN or infinite. The fields
-stand in the order of the keys.
+have the order of the keys.
 """
 
 import json
@@ -17,24 +17,24 @@ from yawid.quantities.flying_qualities import dutch_roll_level
 from yawid.quantities.vehicles import autopilot_name, type_name
 
 LARGEST: Final = 1e300
-"""Of a number in a summary: an estimate that diverged is still shown, infinity is not."""
+"""The largest number in a summary: an estimate that diverged is still shown, infinity is not."""
 Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 
 class Part(Struct, frozen=True, omit_defaults=True):
-    """An object in JSON."""
+    """A part of a summary: an object in JSON."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return it for ``json.dumps``: dicts, lists, texts and numbers."""
-        # A scalar of numpy is a number too.
+        """Return it for ``json.dumps``, as dicts, lists, texts and numbers."""
+        # NumPy's scalars become numbers.
         found: dict[str, Any] = msgspec.to_builtins(self, enc_hook=methodcaller("item"))
         return found
 
 
 class VehicleSeen(Part, frozen=True):
-    """A vehicle by its address, and what HEARTBEAT calls it."""
+    """A vehicle: its address, and its type and autopilot as HEARTBEAT reports them."""
 
     sysid: Count
     compid: Count
@@ -43,27 +43,27 @@ class VehicleSeen(Part, frozen=True):
 
     @property
     def address(self) -> tuple[int, int]:
-        """Its system and component."""
+        """The system and component id."""
         return self.sysid, self.compid
 
     @property
     def type_name(self) -> str:
-        """Its type in words."""
+        """The type in words."""
         return type_name(self.type)
 
     @property
     def autopilot_name(self) -> str:
-        """Its autopilot in words."""
+        """The autopilot in words."""
         return autopilot_name(self.autopilot)
 
     @property
     def kind(self) -> str:
-        """What it is, and which autopilot flies it."""
+        """The type and the autopilot in words."""
         return f"{self.type_name} on {self.autopilot_name}"
 
 
 class BootSpan(Part, frozen=True):
-    """What a boot of the vehicle covers, seconds since it."""
+    """The times that one boot of the vehicle covers, in s since that boot."""
 
     boot: Count
     from_s: Number = field(name="from")
@@ -71,7 +71,7 @@ class BootSpan(Part, frozen=True):
 
 
 class LinkCounts(Part, frozen=True):
-    """What came over the link; empty for a recovered run, of which nobody knows."""
+    """The counts of the link; empty for a recovered run, for which they are unknown."""
 
     frames: Count | None = None
     skipped_bytes: Count | None = None
@@ -87,10 +87,10 @@ class LinkCounts(Part, frozen=True):
 
 
 class ChannelFound(Part, frozen=True):
-    """Where a channel comes from, how it was found, its travel, and how often it comes.
+    """The source of a channel, how it was found, its travel, and its message rate.
 
-    ``rate_hz`` is of the first seconds, which chose the grid, unless ``first_rate_hz`` stands
-    beside it: then it is the whole run's.
+    ``rate_hz`` is the rate of the first seconds, which chose the grid. If ``first_rate_hz`` is
+    given, then that is the rate of the first seconds, and ``rate_hz`` that of the whole run.
     """
 
     source: str
@@ -104,7 +104,7 @@ class ChannelFound(Part, frozen=True):
 
 
 class Orders(Part, frozen=True):
-    """Orders of the ARMAX model; nb and nk are those of every input."""
+    """The orders of the ARMAX model; nb and nk are those of every input."""
 
     na: Count
     nb: Count
@@ -117,7 +117,7 @@ class Orders(Part, frozen=True):
 
 
 class Mode(Part, frozen=True, kw_only=True):
-    """One mode of the model, a pair of poles once: frequency in rad/s, times in s.
+    """One mode of the model, a real pole or a pair: frequency in rad/s, times in s.
 
     The sigmas are of noise alone.
     """
@@ -132,11 +132,11 @@ class Mode(Part, frozen=True, kw_only=True):
 
 
 class DutchRoll(Part, frozen=True, kw_only=True):
-    """The answer: natural frequency in rad/s, damping ratio, a sigma each, MIL-F-8785C's level.
+    """The answer: natural frequency in rad/s, damping ratio, their sigmas, MIL-F-8785C's level.
 
-    ``*_std`` is the total sigma; ``*_std_noise`` beside it is the part that noise alone explains.
-    Where that is None, as in files of older versions, ``*_std`` is of noise; a flight's then also
-    has the scatter between manoeuvres.
+    ``*_std`` is the total sigma; ``*_std_noise`` is the part that noise alone explains. Where that
+    is None, as in files of older versions, ``*_std`` is the sigma of noise; that of a flight then
+    also includes the scatter between manoeuvres.
     """
 
     wn_rad_s: Positive
@@ -151,9 +151,9 @@ class DutchRoll(Part, frozen=True, kw_only=True):
     def of(
         row: Sequence[float], noise: Sequence[float] = (math.nan,) * 2, *, has_level: bool = False
     ) -> "DutchRoll | None":
-        """Return it of wn, its sigma, zeta and its sigma, None where wn or zeta is unknown: NaN.
+        """Return it from a row of wn, its sigma, zeta and its sigma, None if wn or zeta is NaN.
 
-        ``noise`` are the two sigmas that noise explains.
+        ``noise`` has the two sigmas that noise explains.
         """
         numbers = (float(x) if math.isfinite(x) else None for x in (*row, *noise))
         wn, wn_std, zeta, zeta_std, wn_noise, zeta_noise = numbers
@@ -178,7 +178,7 @@ class Value(Part, frozen=True):
 
 
 class Fit(Part, frozen=True):
-    """How well the model tells what was measured, in percent; and what its residuals say."""
+    """How much of the measurements the model explains, in percent, and its residuals."""
 
     one_step_pct: Number | None = None
     simulation_pct: Number | None = None
@@ -190,7 +190,7 @@ class Fit(Part, frozen=True):
 
 
 class MethodSummary(Part, frozen=True, kw_only=True):
-    """What one estimator found; theta and its sigmas, of noise, by the names of the parameters."""
+    """The results of one method; theta and its sigmas (of noise) are by parameter names."""
 
     method: str
     orders: Orders
@@ -206,7 +206,7 @@ class MethodSummary(Part, frozen=True, kw_only=True):
     fit: Fit
 
     def without_level(self) -> Self:
-        """Return it without a level of flying qualities: that is the bare airframe's alone."""
+        """Return it without a level of flying qualities, which only the bare airframe has."""
         if self.dutch_roll is None:
             return self
         bare = msgspec.structs.replace(self.dutch_roll, level=None)
@@ -214,24 +214,24 @@ class MethodSummary(Part, frozen=True, kw_only=True):
 
 
 class ReasonSummary(Part, frozen=True):
-    """A reason of the verdict: its id, ``fatal`` or ``warning``, and in words."""
+    """A reason of the verdict: its id, its weight (``fatal`` or ``warning``), and its text."""
 
     id: str
     weight: str
     text: str
 
     def __str__(self) -> str:
-        """Return it in one line."""
+        """Return the id and the text in one line."""
         return f"{self.id}: {self.text}"
 
     @property
     def name(self) -> str:
-        """Its id in words."""
+        """The id in words."""
         return self.id.replace("_", " ")
 
 
 class VerdictSummary(Part, frozen=True, kw_only=True):
-    """Whether the answer may be used, why not, what to do next, and the estimator that gives it."""
+    """Whether the answer is usable, why not, what to do next, and the method that gives it."""
 
     method: str | None = None
     usable: bool
@@ -240,28 +240,27 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
 
     @property
     def fatal(self) -> list[ReasonSummary]:
-        """The reasons for which it may not be used; the first decides."""
+        """The reasons that make it unusable; the first one decides the exit code."""
         return [reason for reason in self.reasons if reason.weight == "fatal"]
 
     @property
     def why(self) -> str | None:
-        """The id of the reason that decides, None where there is none."""
+        """The id of the first fatal reason, None where there is none."""
         return self.fatal[0].id if self.fatal else None
 
     @property
     def word(self) -> str:
-        """Whether the answer may be used."""
+        """Whether the answer is usable, in words."""
         return "usable" if self.usable else "not usable"
 
 
 class Manoeuvre(Part, frozen=True, kw_only=True):
-    """One manoeuvre, in seconds since boot, the conditions it was flown in, and its answer.
+    """One manoeuvre, in s since boot, the conditions in which it was flown, and its answer.
 
     ``date`` is the UTC time of its first sample (ISO 8601), None where no date is known. ``loop``
-    says whose number it is: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
-    ``unknown`` without a mode.
-    ``airspeed_source`` is ``airspeed`` or ``ground speed``, which is all that some logs know;
-    ``airspeed_kind`` says which airspeed the source gives.
+    says what the answer is of: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
+    or ``unknown`` without a known mode. ``airspeed_source`` is ``airspeed`` or, in a log without
+    any, ``ground speed``; ``airspeed_kind`` is the kind of airspeed that the source gives.
     """
 
     n: Count
@@ -294,22 +293,22 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
 
 
 class BetweenStd(Part, frozen=True, kw_only=True):
-    """By how much manoeuvres scatter beyond their own sigmas: the random effects' tau."""
+    """The scatter of manoeuvres beyond their own sigmas: the tau of the random effects."""
 
     wn_rad_s: Number | None = None
     zeta: Number | None = None
 
 
 TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
-"""Of wn, and of zeta: the floors of the scatter that fewer than four manoeuvres do not show."""
+"""The floors of that scatter, relative for wn, for zeta absolute: few manoeuvres do not show it."""
 
 
 class Flight(Part, frozen=True, kw_only=True):
-    """What all manoeuvres of a flight say together; ``used`` and ``disagree`` are their numbers.
+    """The answer from all manoeuvres of a flight; ``used`` and ``disagree`` have their numbers.
 
-    The Dutch roll is that at ``airspeed_m_s``, the median of those used; its sigmas are predictive.
-    ``kappa_rad_m`` is wn / V and ``K_per_V`` K / V, V the equivalent airspeed. Without a usable
-    manoeuvre there is the verdict alone, with the reasons of the best one.
+    The Dutch roll is that at ``airspeed_m_s``, the median of those used; its sigmas are those of a
+    next manoeuvre. ``kappa_rad_m`` is wn / V and ``K_per_V`` is K / V, with V the equivalent
+    airspeed. Without a usable manoeuvre there is only the verdict, with the best one's reasons.
     """
 
     method: str | None = None
@@ -338,9 +337,9 @@ class Source(Part, frozen=True):
 
 
 class LiveFacts(Part, frozen=True, kw_only=True):
-    """What a live session adds: the tap's counts, what was said, what failed, how long it took.
+    """The facts of a live session: the tap's counts, its events, failures and latency.
 
-    ``rates`` are the messages asked for: the rate asked, the answer, the rate achieved.
+    ``rates`` holds, by message, the rate asked for, the answer, and the rate achieved.
     """
 
     datagrams: Count | None = None
@@ -355,14 +354,14 @@ class LiveFacts(Part, frozen=True, kw_only=True):
 
 
 class Recovered(Part, frozen=True):
-    """What a file recovered from a torn one holds, and what it does not."""
+    """The samples of a file recovered from a torn one, and what was left out, in words."""
 
     samples: Count
     left_out: str
 
 
 class Origin(Part, frozen=True, kw_only=True):
-    """Which log, which vehicle, over which link, by which channels.
+    """The origin of an answer: the log, the vehicle, the link and the channels.
 
     A log that was not read to its end has ``bytes_read`` instead of a hash.
     """
@@ -380,15 +379,15 @@ class Origin(Part, frozen=True, kw_only=True):
 
     @property
     def own_source(self) -> Source:
-        """The log, and its hash or how far it was read."""
+        """The log with its hash, or with the number of bytes read."""
         return Source(self.log, self.sha256, self.bytes_read)
 
 
 class RunSummary(Origin, frozen=True, kw_only=True):
     """The summary of a run; ``estimates`` by method, None where there was no bank.
 
-    ``estimates`` and ``verdict`` are of the stream at its end. ``manoeuvres`` is None where nobody
-    looked for them, ``flight`` where there was none.
+    ``estimates`` and ``verdict`` are those of the stream at its end. ``manoeuvres`` is None where
+    none were searched for, ``flight`` where there was none.
     """
 
     estimates: dict[str, MethodSummary] | None = None
@@ -401,13 +400,13 @@ class RunSummary(Origin, frozen=True, kw_only=True):
 
     @classmethod
     def from_json(cls, data: bytes) -> Self:
-        """Return the summary that a file holds as JSON; keys of newer versions are left out.
+        """Return the summary in a file's JSON; keys of newer versions are left out.
 
         Raises:
-            ValueError: it is no JSON, or not as yawid writes it: the text names the field.
+            ValueError: it is no JSON, or not as yawid writes it; the text names the field.
         """
         try:
-            # Half a surrogate pair can stand in JSON and in no file: it becomes a question mark.
+            # JSON may contain half a surrogate pair, a file may not: it becomes a question mark.
             text = json.dumps(json.loads(data), ensure_ascii=False).encode("utf-8", "replace")
             return msgspec.convert(json.loads(text), cls)
         except RecursionError as error:
@@ -425,7 +424,7 @@ class RunSummary(Origin, frozen=True, kw_only=True):
     def answering(self) -> str | None:
         """The method whose estimate is the answer, None where nothing was estimated.
 
-        The verdict says which; in runs of older versions it is the first.
+        The verdict has its name; in runs of older versions it is the first method.
         """
         estimates, method = self.estimates or {}, self.verdict.method
         return method if method in estimates else next(iter(estimates), None)

@@ -1,1 +1,1 @@
-"""What a run is asked to do."""
+"""The configuration: what a run is asked to do."""

@@ -1,6 +1,6 @@
-"""Configuration: frozen, complete and validated when built.
+"""The configuration of an estimator: frozen, complete, and validated when it is made.
 
-A change is ``dataclasses.replace`` and a new estimator; nothing is ever reset.
+To change it, make a copy by ``dataclasses.replace`` and a new estimator; nothing is ever reset.
 """
 
 import math
@@ -19,10 +19,10 @@ Order = Annotated[int, Meta(ge=0, le=50, description="be an int from 0 to 50")]
 
 @dataclass(frozen=True, slots=True)
 class ArmaxOrders:
-    """Orders of ``A(q) y(k) = B(q) u(k) + C(q) e(k)``, paper eq. 28-29.
+    """The orders of ``A(q) y(k) = B(q) u(k) + C(q) e(k)``, paper eq. 28-29.
 
-    ``nb`` and ``nk`` have one entry per input; an int means one input. ``nk`` counts as MATLAB
-    does: with nk = 1 the newest input used is u(k-1).
+    ``nb`` and ``nk`` have one entry for each input; an int means one input. ``nk`` counts as in
+    MATLAB: with nk = 1 the newest input used is u(k-1).
 
     Raises:
         ConfigError: an order is negative or no int, nb and nk differ in length, or theta would be
@@ -48,17 +48,17 @@ class ArmaxOrders:
 
     @property
     def n_inputs(self) -> int:
-        """Number of inputs."""
+        """The number of inputs."""
         return len(self.nb)
 
     @property
     def n_theta(self) -> int:
-        """Number of polynomial coefficients in theta, without the bias."""
+        """The number of polynomial coefficients in theta, without the bias."""
         return self.na + sum(self.nb) + self.nc
 
 
 def forgetting_factor(memory_s: float, sample_time_s: float) -> float:
-    """Return lambda = exp(-Ts / memory): a sample as old as the memory weighs 1/e.
+    """Return lambda = exp(-Ts / memory): a sample as old as the memory has the weight 1/e.
 
     Raises:
         ConfigError: either is not > 0, or the sample time is not finite.
@@ -76,13 +76,13 @@ class EstimatorConfig:
 
     ``forgetting_factor`` is lambda after start-up; ``forgetting_start`` and ``forgetting_rate``
     give the schedule ``lambda(t) = rate * lambda(t-1) + (1 - rate) * lambda_inf``. ``P0`` is the
-    starting variance of each parameter on scaled signals. ``information_floor`` bounds what
-    forgetting may take: P[i, i] stays below 1 + 0.03 / floor times its usual least (0: no bound;
-    None: 0.1 where lambda < 1, else 0). ``scale_window`` counts the samples that set the scale (0:
-    none), ``start_buffer`` those given to one Gauss-Newton fit (0: none); both wait until each
-    channel's standard deviation over them exceeds ``scale_minimum``, in the channel's unit.
-    ``residual_lags`` counts the lags of the residual's autocorrelation for whiteness and sigma;
-    0 leaves both out.
+    initial variance of each parameter on scaled signals. ``information_floor`` limits what
+    forgetting may remove: P[i, i] stays below 1 + 0.03 / floor times its usual least (0: no limit;
+    None: 0.1 where lambda < 1, else 0). ``scale_window`` is the number of samples that set the
+    scale (0: none), ``start_buffer`` that of the samples for one Gauss-Newton fit (0: none); both
+    wait until each channel's standard deviation over them exceeds ``scale_minimum``, in the
+    channel's unit. ``residual_lags`` is the number of lags of the residual's autocorrelation for
+    whiteness and sigma; 0 leaves both out.
 
     Raises:
         ConfigError: a value outside its limits.
@@ -110,5 +110,5 @@ class EstimatorConfig:
 
     @property
     def n_theta(self) -> int:
-        """Number of parameters, the bias included."""
+        """The number of parameters, the bias included."""
         return self.orders.n_theta + int(self.bias)

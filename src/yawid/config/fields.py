@@ -1,6 +1,6 @@
-"""What a field of a configuration may be: its annotation says it, in bounds and in words.
+"""The check of a configuration's fields by their annotations, which have bounds and words.
 
-msgspec judges by the annotation; the words of an error are the bounds' ``description``.
+msgspec checks the bounds; their ``description`` gives the words of an error.
 """
 
 import sys
@@ -21,15 +21,15 @@ Count = Annotated[int, Meta(ge=0, description="be an int >= 0")]
 
 
 def one_of(*names: str) -> Meta:
-    """Return the bound of a text that is one of those names."""
+    """Return the bounds of a text that must be one of these names."""
     return Meta(pattern=rf"\A({'|'.join(names)})\Z", description=f"be one of {', '.join(names)}")
 
 
 def check_fields(config: Any, called: Callable[[str], str] = str) -> None:
-    """Find out whether each field is what its annotation says; ``called`` names it to the user.
+    """Check each field by its annotation; ``called`` returns a field's name for the user.
 
     Raises:
-        ConfigError: the first that is not.
+        ConfigError: a field does not fit; the error names the first.
     """
     made: Any = type(config)
     for name, kind in _kinds(made).items():
@@ -39,11 +39,11 @@ def check_fields(config: Any, called: Callable[[str], str] = str) -> None:
 
 
 def fits(value: Any, kind: Any) -> bool:
-    """Tell whether a value is of a kind: a class, or an annotation with bounds."""
+    """Return whether a value fits ``kind``: a class, or an annotation with bounds."""
     if type(value) is kind:
         return True
     try:
-        # NumPy's own float is one to Python, not to msgspec.
+        # NumPy's float64 is a float for Python, but not for msgspec.
         convert(float(value) if isinstance(value, float) else value, kind)
     except ValidationError:
         return False
@@ -56,7 +56,7 @@ def _kinds(config: Hashable) -> dict[str, Any]:
 
 
 def _words(kind: Any) -> str:
-    for each in (kind, *get_args(kind)):  # of what may be None, what else it may be
+    for each in (kind, *get_args(kind)):  # the parts of a union with None
         if get_origin(each) is Annotated and (said := each.__metadata__[0].description):
             return str(said)
         if get_origin(each) is Literal:

@@ -1,8 +1,8 @@
-"""Names of the methods, for those who need no more of them: help is to be light."""
+"""The names of the methods, for files that need nothing else of them, such as the help texts."""
 
 from typing import Final
 
 ELS: Final = "els"
 RML: Final = "rml"
 RECURSIVE: Final = (ELS, RML)
-"""The methods that recurse. What else there is to say of them: ``estimation/methods.py``."""
+"""The methods that recurse; ``estimation/methods.py`` has their other properties."""

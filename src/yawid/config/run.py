@@ -32,11 +32,11 @@ DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 LEAST_STROKE_DEG = 1.0
 RATE_SLACK = 0.98
-"""Measured message rates jitter: 4.95 Hz counts as 5."""
+"""The part of a rate limit that is enough: message rates jitter, so that 4.95 Hz counts as 5."""
 BINDING = ("orders", "inputs", "turn")
-"""What is chosen for each manoeuvre unless the user gave it."""
+"""Settings that are chosen for each manoeuvre unless the user gave them."""
 GIVEN = (*BINDING, "rudder_sign")
-"""What it matters of whether the user gave it, even where it is what it would be anyway."""
+"""Settings for which "given by the user" is recorded, even when equal to the default."""
 _SOME = Meta(min_length=1)
 _LISTS: dict[str, tuple[Any, str]] = {
     "orders": (
@@ -48,10 +48,10 @@ _LISTS: dict[str, tuple[Any, str]] = {
     "columns": (tuple[str, ...], "NAME=COLUMN,..."),
     "band": (Annotated[tuple[float, ...], _SOME], "LO,HI in Hz"),
 }
-"""Settings that are lists, or a text with commas."""
+"""The settings that are lists, or a text with commas: their kind, and what errors ask for."""
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
 KEPT_ONLY = frozenset({"given", "rudder_stroke_rad"})
-"""Settings that a run's file holds and no option is."""
+"""Settings that are in a run's file only: there is no option for them."""
 FORGETTING = frozenset({"memory", "forgetting"})
 
 
@@ -59,20 +59,22 @@ FORGETTING = frozenset({"memory", "forgetting"})
 class RunConfig:
     """One run of the pipeline; each field is the command-line option of the same name.
 
-    ``orders`` are na, nb, nc, nk, or ``auto`` until they have been chosen by the log.
-    ``memory`` in seconds or ``forgetting`` as a factor (not both; neither means a memory of 60 s),
-    ``rate`` in Hz (None: 20, or the rate of the slower channel), ``band`` in Hz (None: no filter),
-    ``from_s`` and ``to_s`` in seconds since boot, ``rudder_max_deg`` the deflection at full travel
-    (None: one unit is half the travel), ``servo_tau`` the servo's lag in seconds (None: unknown),
-    ``boot`` the only boot of the vehicle whose samples count, from 1 (None: all of them).
-    ``manoeuvres`` says whether they are looked for. Orders, inputs and turn bind every manoeuvre
-    where they differ from their defaults, or are named in ``given``.
+    - ``orders``: na, nb, nc, nk, or ``auto`` until the log has chosen them;
+    - ``memory`` in s or ``forgetting`` as a factor, not both; without either, a memory of 60 s;
+    - ``rate`` in Hz; None is 20 Hz, or the rate of the slower channel if that is lower;
+    - ``band`` in Hz; None is no filter;
+    - ``from_s`` and ``to_s`` in s since boot; ``boot``: the only boot of the vehicle whose samples
+      count, from 1; None is all of them;
+    - ``rudder_max_deg``: the full deflection; None makes one unit half the travel;
+    - ``servo_tau``: the servo's lag in s; None is unknown;
+    - ``manoeuvres``: whether they are searched for. Orders, inputs and turn apply to every
+      manoeuvre if they differ from their defaults or are named in ``given``.
 
-    Of a record that never was MAVLink ``columns`` are the names of its columns (NAME=COLUMN),
-    ``units`` those of its angles and ``rudder_unit`` the rudder's where it does not say them itself
-    (None). ``rudder_stroke_rad`` is its largest stroke within 5 s, which stands in for half of a
-    travel that is not known; there ``least_stroke_deg`` is the least stroke in deg from which
-    anything is estimated (None: 1).
+    For a record that never was MAVLink, ``columns`` has the names of its columns (NAME=COLUMN);
+    ``units`` is the unit of its angles and ``rudder_unit`` that of its rudder, None where the
+    record has them itself. ``rudder_stroke_rad`` is the rudder's largest stroke within 5 s, which
+    replaces half of an unknown travel; there ``least_stroke_deg`` is the least stroke in deg for an
+    estimate (None: 1).
 
     Raises:
         ConfigError: a value outside its limits.
@@ -109,13 +111,13 @@ class RunConfig:
     given: tuple[str, ...] = ()
 
     def binds(self, name: str) -> bool:
-        """Whether the user gave this setting, which then holds for every manoeuvre."""
+        """Return whether the user gave this setting, which then applies to every manoeuvre."""
         default = next(field.default for field in fields(self) if field.name == name)
         return name in self.given or getattr(self, name) != default
 
     @property
     def window_us(self) -> tuple[float, float]:
-        """``from_s`` and ``to_s`` in microseconds since boot, infinite where they are not given."""
+        """The times ``from_s`` and ``to_s`` in us since boot, infinite where they are not given."""
         low = -math.inf if self.from_s is None else 1e6 * self.from_s
         high = math.inf if self.to_s is None else 1e6 * self.to_s
         return low, high
@@ -157,9 +159,9 @@ class RunConfig:
 
     @property
     def half_travel(self) -> float:
-        """What half the rudder's travel measures in the unit of u: 1, or its deflection in rad.
+        """Half the rudder's travel in the unit of u: 1, or its full deflection in rad.
 
-        Where nobody knows it the largest stroke stands in: what is judged by it is then relative.
+        Where that is unknown it is the largest stroke, and what is judged by it is only relative.
         """
         if self.rudder_max_deg is not None:
             return math.radians(self.rudder_max_deg)
@@ -167,12 +169,12 @@ class RunConfig:
 
     @property
     def stop(self) -> float:
-        """The rudder's full deflection in the unit of u, infinite where nobody knows it."""
+        """The rudder's full deflection in the unit of u, infinite where it is unknown."""
         return self.half_travel if self.travel_is_known else math.inf
 
     @property
     def travel_said(self) -> str:
-        """What ``half_travel`` is, in words."""
+        """The meaning of ``half_travel`` in words."""
         if self.travel_is_known:
             return "half its travel"
         stroke_deg = math.degrees(self.half_travel)
@@ -180,12 +182,12 @@ class RunConfig:
 
     @property
     def travel_is_known(self) -> bool:
-        """Whether it is known how far the rudder moves, in the unit of u."""
+        """Whether the rudder's full deflection is known in the unit of u."""
         return self.rudder_max_deg is not None or self.rudder_stroke_rad is None
 
     @property
     def stroke_floor_deg(self) -> float:
-        """The least stroke in deg of a rudder whose travel is unknown, 0 of any other."""
+        """The least stroke in deg of a rudder whose travel is unknown, 0 for any other rudder."""
         if self.travel_is_known:
             return 0.0
         return LEAST_STROKE_DEG if self.least_stroke_deg is None else self.least_stroke_deg
@@ -197,10 +199,10 @@ class RunConfig:
 
     @property
     def four_orders(self) -> tuple[int, int, int, int]:
-        """na, nb, nc, nk.
+        """The orders na, nb, nc, nk.
 
         Raises:
-            ConfigError: they are to be chosen by a log.
+            ConfigError: the orders are ``auto``, which only a log can replace.
         """
         if self.orders == "auto":
             raise ConfigError(
@@ -211,8 +213,8 @@ class RunConfig:
     def armax_orders(self) -> ArmaxOrders:
         """Return the orders with nb and nk for every input.
 
-        With the yaw angle as output nb is one more: its difference quotient is the mean of the rate
-        over the interval before, which answers to one input more than the rate at an instant.
+        With the yaw angle as output nb is larger by one: its difference quotient is the mean rate
+        over the interval before, which depends on one more input than the rate at an instant.
         """
         na, nb, nc, nk = self.four_orders
         nb += self.output == "yaw"
@@ -220,10 +222,10 @@ class RunConfig:
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
 
     def forgetting_factor(self, sample_time_s: float) -> float:
-        """Return lambda = exp(-Ts / memory), or what was asked for.
+        """Return lambda = exp(-Ts / memory), or the factor asked for.
 
         Raises:
-            ConfigError: the memory is so short that nothing of it is left.
+            ConfigError: the memory is so short that lambda is 0.
         """
         if self.forgetting is not None:
             return self.forgetting
@@ -248,7 +250,7 @@ class RunConfig:
         return (self.method, *also)
 
     def to_toml(self) -> str:
-        """Return the configuration as TOML; ``from_toml`` of it is equal."""
+        """Return the configuration as TOML, from which the same configuration can be read."""
         return "".join(
             f"{name} = {_toml(value)}\n"
             for name, value in asdict(self).items()
@@ -257,7 +259,7 @@ class RunConfig:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return what a TOML file holds.
+    """Return the contents of a TOML file.
 
     Raises:
         ConfigError: the file cannot be read or is no TOML.
@@ -269,17 +271,17 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings with others in their place; both have been checked."""
-    if by.keys() & FORGETTING:  # two names of one thing: the one given overrules both
+    """Return settings overruled ``by`` others; both have been checked."""
+    if by.keys() & FORGETTING:  # both say the same thing: the one given overrules both
         settings = {name: value for name, value in settings.items() if name not in FORGETTING}
     given = {*settings.get("given", ()), *by.get("given", ())}
     return {**settings, **by, "given": tuple(sorted(given))}
 
 
 def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return settings under their field names, after checking that each is known.
+    """Return settings by field names, after a check that each is known.
 
-    ``given`` is added: those of orders, inputs and turn that are there, unless it is there itself.
+    ``given`` is added if it is missing: the settings of ``GIVEN`` that are there and not ``auto``.
 
     Raises:
         ConfigError: a setting is unknown or of the wrong type.

@@ -1,1 +1,1 @@
-"""What every number is called, its unit and what it says: one table that all outputs read."""
+"""The quantities: name, unit and words of every number, in one table that all outputs read."""

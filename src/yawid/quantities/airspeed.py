@@ -1,8 +1,9 @@
-"""What an airspeed may be, and how one kind becomes another.
+"""The kinds of airspeed, and the conversions between them.
 
-wn goes with the equivalent airspeed: kappa is wn over it. A calibrated or an indicated airspeed
-differs from it by less than 1 % below 100 m/s and 3000 m, and is taken for it there; a true one
-differs by the square root of the air's density, 18 % at 4000 m, and never is.
+wn is proportional to the equivalent airspeed, and kappa is their ratio. A calibrated or an
+indicated airspeed differs from the equivalent one by less than 1 % below 100 m/s and 3000 m, and
+counts as equivalent there. A true airspeed differs by the square root of the air's density ratio,
+18 % at 4000 m, and is always converted.
 """
 
 from enum import IntEnum
@@ -13,18 +14,18 @@ import numpy as np
 from yawid.blocks import Bools, Floats
 
 LEAST_M_S: Final = 0.1
-"""Nothing with a rudder flies slower; autopilots without a sensor send 0 for what they miss. A
-blocked pitot gives some tenths: that it cannot be true is for the plausibility check to say."""
+"""The least airspeed that counts as known. Autopilots without a sensor send 0. A blocked pitot tube
+gives some tenths of m/s, which the plausibility check finds."""
 MOST_M_S: Final = 1000.0
-"""Three times the speed of sound: what is faster is a damaged number."""
+"""The greatest airspeed that counts as known, three times the speed of sound."""
 GROUND_SPEED: Final = "ground speed"
-"""The source of an airspeed where a log knows nothing better."""
+"""The source of an airspeed in a log that has only the ground speed."""
 GRAVITY: Final = 9.80665
-"""In m/s^2: a bank at an airspeed V turns by g / V times its sine."""
+"""The acceleration of gravity in m/s^2."""
 
 
 class Kind(IntEnum):
-    """What a source gives for the airspeed; of a ``TRUE`` one results have the equivalent."""
+    """The kind of airspeed that a source gives; results have a ``TRUE`` one converted."""
 
     EQUIVALENT = 1
     CALIBRATED = 2
@@ -33,22 +34,22 @@ class Kind(IntEnum):
 
 
 def name_of(kind: float) -> str | None:
-    """Return a kind as results call it, None where it is not known (NaN)."""
+    """Return the name of a kind in results, None where the kind is unknown (NaN)."""
     return None if not np.isfinite(kind) else Kind(int(kind)).name.lower()
 
 
 def source_of(by_ground: Bools) -> str:
-    """Return what airspeeds (n,) are that are the ground speed in places: what most of them are."""
+    """Return the source of most of the airspeeds (n,); ``by_ground`` (n,) marks ground speeds."""
     return GROUND_SPEED if 2 * np.count_nonzero(by_ground) > len(by_ground) else "airspeed"
 
 
 def known(airspeed: Floats) -> Floats:
-    """Return airspeeds (n,) in m/s, NaN where the number is none: 0, negative, absurd."""
+    """Return airspeeds (n,) in m/s, NaN where the number is 0, negative or absurd."""
     return np.where((airspeed >= LEAST_M_S) & (airspeed <= MOST_M_S), airspeed, np.nan)
 
 
 def over_ground(speed: Floats) -> Floats:
-    """Return ground speeds (n,) in m/s, NaN where the number is none; 0 is one."""
+    """Return ground speeds (n,) in m/s, NaN where the number is negative or absurd."""
     return np.where((speed >= 0.0) & (speed <= MOST_M_S), speed, np.nan)
 
 
@@ -58,14 +59,14 @@ _DENSITY_EXPONENT, _PRESSURE_EXPONENT, _STRATOSPHERE_M = 4.2559, 5.2559, 6341.6
 _SOUND_M_S = 340.294
 _LOWEST_M, _HIGHEST_M = -500.0, 20_000.0
 _LEAST_RHO, _MOST_RHO = 0.05, 1.6
-"""Of air from the ground in Siberia's winter up to 20 km; anything else is no density."""
+"""The range of the air's density in kg/m^3, from Siberia's ground in winter up to 20 km."""
 
 
 def density_ratio(altitude_m: Floats, rho: Floats | None = None) -> Floats:
-    """Return the air's density over that at sea level (n,), NaN where it is not known.
+    """Return the air's density over that at sea level (n,), NaN where it is unknown.
 
-    As measured where ``rho`` (n,) in kg/m^3 says it, else of the standard atmosphere (ICAO) at the
-    altitude above the sea.
+    It is the measured ``rho`` (n,) in kg/m^3 where that is possible, else that of the standard
+    atmosphere (ICAO) at the altitude (n,) above the sea in m.
     """
     ratio = _standard(altitude_m, _DENSITY_EXPONENT)
     if rho is not None:
@@ -74,7 +75,10 @@ def density_ratio(altitude_m: Floats, rho: Floats | None = None) -> Floats:
 
 
 def _standard(altitude_m: Floats, exponent: float) -> Floats:
-    """Return the standard atmosphere's temperature ratio (n,) to a power, and what is above."""
+    """Return the standard atmosphere's temperature ratio (n,) to a power.
+
+    Above the tropopause the result falls exponentially instead.
+    """
     is_sound = (altitude_m >= _LOWEST_M) & (altitude_m <= _HIGHEST_M)
     height = np.where(is_sound, altitude_m, np.nan)
     below = np.minimum(height, _TROPOPAUSE_M)
@@ -83,10 +87,10 @@ def _standard(altitude_m: Floats, exponent: float) -> Floats:
 
 
 def equivalent_of_calibrated(calibrated_m_s: Floats, altitude_m: Floats) -> Floats:
-    """Return the equivalent airspeed (n,) of a calibrated one by the pressure at an altitude (n,).
+    """Return the equivalent airspeed (n,) of a calibrated one, by the pressure at altitudes (n,).
 
-    Both are the speed that gives the same dynamic pressure; an airspeed indicator is calibrated
-    with the compression at sea level, which is less than that at the same reading higher up.
+    Both are measures of the dynamic pressure. An airspeed indicator is calibrated with the air's
+    compression at sea level, which is less than the compression at the same reading higher up.
     """
     delta = _standard(altitude_m, _PRESSURE_EXPONENT)
     impact = (1.0 + 0.2 * (calibrated_m_s / _SOUND_M_S) ** 2) ** 3.5 - 1.0
@@ -95,5 +99,5 @@ def equivalent_of_calibrated(calibrated_m_s: Floats, altitude_m: Floats) -> Floa
 
 
 def equivalent_of_true(true_m_s: Floats, ratio: Floats) -> Floats:
-    """Return the equivalent airspeed (n,) of a true one at a density ratio (n,)."""
+    """Return the equivalent airspeed (n,) of a true one by density ratios (n,)."""
     return np.asarray(true_m_s * np.sqrt(ratio))

@@ -1,10 +1,10 @@
-"""Dutch-roll level of MIL-F-8785C 3.3.1.1: indicative, no standard binds an unmanned aircraft.
+"""The Dutch-roll level of MIL-F-8785C 3.3.1.1, an indication only: it is for manned aircraft.
 
-Each level asks for a least zeta, a least zeta*wn (rad/s) and a least wn (rad/s), all three at once.
+Each level needs a least zeta, a least zeta*wn (rad/s) and a least wn (rad/s), all three at once.
 """
 
 LEVELS = ((0.08, 0.15, 0.4), (0.02, 0.05, 0.4), (0.0, 0.0, 0.4))
-"""Levels 1 to 3 of category B (gradual manoeuvres), alike for every class of aircraft."""
+"""The limits of levels 1 to 3 for category B (gradual manoeuvres), the same for all classes."""
 
 
 def dutch_roll_level(wn_rad_s: float, zeta: float) -> int | None:

@@ -1,15 +1,15 @@
-"""What a link carried: the counts of all of it, and of each sender."""
+"""The counts of what a link carried, in all and by sender."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
 Sender = tuple[int, int]
-"""System and component id."""
+"""The system and component id of a sender."""
 
 
 class Check(IntEnum):
-    """What came of checking one frame."""
+    """The result of the signature check of one frame."""
 
     ACCEPTED = 0
     UNSIGNED = 1
@@ -19,12 +19,12 @@ class Check(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class SenderStats:
-    """Counts of one sender.
+    """The counts of one sender.
 
-    ``frames`` are all that are intact, ``duplicates`` and ``rejected`` (by signing) those of them
-    that count no further, ``lost`` what is missing by sequence number: 0 for ground stations, whose
-    frames a log holds only in part. ``bad_crc`` and ``unknown`` are frames passed over whole whose
-    headers, which nothing protects, name the sender.
+    ``frames`` counts all intact frames, ``duplicates`` and ``rejected`` (by signing) those of them
+    that are not used, ``lost`` the frames missing by sequence number: 0 for ground stations, whose
+    frames a log holds only in part. ``bad_crc`` and ``unknown`` count frames passed over as a whole
+    with this sender in their headers, which no checksum protects.
     """
 
     frames: int = 0
@@ -37,19 +37,19 @@ class SenderStats:
 
 @dataclass(frozen=True, slots=True)
 class LinkStats:
-    """What has been read so far.
+    """The counts of what has been read so far.
 
-    ``frames`` counts the records whose stamp and frame are intact, of all senders, ``signed`` those
-    of them that carry a signature (which was checked only with a key) and ``senders`` splits them
-    by (sysid, compid). ``bad_crc`` and ``unknown`` count records passed over whole because the CRC
-    was wrong or the message id unknown; ``skipped_bytes`` are the bytes in no record of these three
-    kinds. ``lost`` counts the frames missing by sequence number, ground stations left out.
-    ``first_us`` and ``last_us`` are the receive stamps of the first and last record, None before
-    there is one.
+    ``frames`` counts the records of all senders whose stamp and frame are intact, ``signed`` those
+    of them with a signature (which is checked only with a key); ``senders`` has ``frames`` by
+    (sysid, compid). ``bad_crc`` and ``unknown`` count records passed over as a whole because the
+    CRC was wrong or the message id unknown; ``skipped_bytes`` counts the bytes in no record of
+    these three kinds. ``lost`` counts the frames missing by sequence number, without those of
+    ground stations. ``first_us`` and ``last_us`` are the receive stamps of the first and the last
+    record, None before the first.
 
-    Two kinds of ``frames`` count no further: ``duplicates`` are those a second link carried too,
-    ``rejected`` by kind those without a right signature (none without a key). ``by_sender`` has it
-    all for each sender.
+    Two kinds of ``frames`` are not used: ``duplicates``, which a second link carried too, and
+    ``rejected``, by kind, those without a right signature (none without a key). ``by_sender`` has
+    all counts for each sender.
     """
 
     frames: int = 0
@@ -67,5 +67,5 @@ class LinkStats:
 
     @property
     def unsigned_rejected(self) -> int:
-        """Frames refused by signing: unsigned, wrongly signed and replayed ones."""
+        """The number of frames rejected by signing: unsigned, wrongly signed and replayed ones."""
         return sum(self.rejected.values())

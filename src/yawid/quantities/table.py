@@ -1,9 +1,8 @@
-"""THE table of quantities: what every number of a run is called, its unit and what it says.
+"""THE table of quantities: the name, the unit and the words of every number of a run.
 
-MCAP, Parquet, tables in Python, records, JSON Schema and the pages take name, unit and words from
-it. A sigma needs no row: ``X_std`` is the total sigma of X, ``X_std_noise`` the part of it that
-noise explains (:func:`quantity`). What is no number in a unit stands here where several outputs
-have it.
+MCAP, Parquet, tables in Python, records, JSON Schema and the pages take them from here. A sigma
+needs no row: ``X_std`` is the total sigma of X, ``X_std_noise`` the part of it that noise explains
+(:func:`quantity`). A field that is no number with a unit has a row if several outputs have it.
 """
 
 from typing import Final, Literal, NamedTuple
@@ -11,18 +10,19 @@ from typing import Final, Literal, NamedTuple
 from yawid.quantities.units import HALF_TRAVEL
 
 RUDDER: Final = "{rudder}"
-"""In a unit: that of the rudder, which a run has in half travels or in rad."""
+"""The place in a unit for the unit of the rudder, which is half-travel or rad in a run."""
 BY_GROUND: Final = "ground"
-"""A record's ``airspeed_kind`` where its airspeed is the ground speed."""
+"""The ``airspeed_kind`` in a record where its airspeed is the ground speed."""
 
 
 class Quantity(NamedTuple):
-    """One row.
+    """One row of the table.
 
-    ``unit`` is SI's, ``1`` of a ratio, empty of what has none. Of a channel: ``kind`` is what it is
-    between two messages (``held`` from the first, ``linear``, or the ``mean`` over a sample; empty
-    of what is not measured, or not used), and ``kept`` whether a run's samples have it. ``symbol``
-    is the usual one, after = the paper's.
+    ``unit`` is an SI unit, ``1`` for a ratio, empty without a unit. For a channel, ``kind`` says
+    what it is between two messages: ``held`` (the value of the first), ``linear`` (interpolated),
+    or ``mean`` (the mean over a sample); it is empty for what is not measured or not used. ``kept``
+    says whether a run's samples have the channel. ``symbol`` is the usual symbol; after = comes
+    that of the paper.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Quantity(NamedTuple):
     symbol: str = ""
 
     def unit_for(self, rudder: str = "unit of rudder") -> str:
-        """Return the unit as people read it: none of a ratio, the rudder's filled in."""
+        """Return the unit in words: empty for a ratio, with the rudder's unit filled in."""
         return "" if self.unit == "1" else self.unit.replace(RUDDER, rudder).replace("^2", "²")
 
 
@@ -77,10 +77,10 @@ _CHANNELS: Final = (
     Quantity("ay", "m/s^2", "lateral acceleration; not used"),
 )  # fmt: skip
 CHANNELS: Final = {row.name: row for row in _CHANNELS}
-"""What is measured, by the names that a record's columns have. A file of yawid's that has all that
-is kept, on the run's grid, gives the same samples when it is replayed."""
+"""The channels by the names of a record's columns. A file that yawid exported with all kept
+channels, on the run's grid, gives the same samples when it is replayed."""
 TEXTS: Final = frozenset({"mode", "held", "time", "airspeed_kind"})
-"""Columns of a record that may hold texts; ``t`` may hold dates too."""
+"""The columns of a record that may hold texts; ``t`` may hold dates too."""
 
 
 def of_kind(kind: str) -> tuple[str, ...]:
@@ -104,16 +104,16 @@ YAW_CHANNEL: Final = {
         Quantity("servo_tau_s", "s", "lag of the servo", symbol="τ"),
     )
 }
-"""Eq. 22-23's numbers and the servo's lag, in the order in which they travel; unknown where those
-do not hold, or no real pole is the servo's.
+"""The numbers of eq. 22-23 and the servo's lag, in the order of all blocks. They are unknown where
+the equations do not hold, or where no real pole is the servo's.
 
-The paper's beta is psi - theta_Gamma, nose right of the path positive: the opposite of sideslip as
-usually counted, wind from the right. With that sideslip, r the yaw rate and d the rudder, nose
-right, r' = N_beta beta + N_r r + N_dr d, beta' = Y_beta/V beta - r: N_beta and N_dr are the paper's
-numbers, N_r and Y_beta/V their negatives.
+The paper's beta is psi - theta_Gamma, positive with the nose right of the path: the negative of the
+usual sideslip, which is positive with wind from the right. With that usual sideslip, r the yaw rate
+and d the rudder (positive nose right), r' = N_beta beta + N_r r + N_dr d and beta' = Y_beta/V beta
+- r: the paper's numbers are N_beta and N_dr, and the negatives of N_r and Y_beta/V.
 """
 REDUCTION_ERROR: Final = "reduction_error"
-"""A further number of the summary: how badly eq. 23 fits a model of more poles."""
+"""A further number of the summary: the misfit of eq. 23 to a model with more poles."""
 _OTHERS: Final = (
     # Of an answer.
     Quantity("wn_rad_s", "rad/s", "natural frequency", symbol="ωn"),
@@ -195,12 +195,12 @@ _OTHERS: Final = (
 )  # fmt: skip
 QUANTITIES: Final = {row.name: row for row in (*_CHANNELS, *YAW_CHANNEL.values(), *_OTHERS)}
 _STEMS: Final = {"wn": "wn_rad_s", "kappa": "kappa_rad_m"}
-"""What stands before _std of a name that ends with its unit."""
+"""The full names, which end with a unit, by what is before ``_std`` in their sigmas' names."""
 OF_NOISE: Final = "sigma, of noise alone"
 
 
 def quantity(name: str) -> Quantity:
-    """Return the row of a name; of ``X_std`` and ``X_std_noise`` one made of X's.
+    """Return the row of a name; for ``X_std`` and ``X_std_noise`` it is made from the row of X.
 
     Raises:
         KeyError: the table has no such name.

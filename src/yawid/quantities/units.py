@@ -1,4 +1,4 @@
-"""THE table of units: their spellings, and how many SI units each is."""
+"""THE table of units: their spellings, and their size in SI units."""
 
 from typing import Final, NamedTuple
 
@@ -7,13 +7,13 @@ import numpy as np
 from yawid.quantities.airspeed import Kind
 
 HALF_TRAVEL: Final = "half-travel"
-"""The unit of a surface of which nobody says how far it moves: half its travel is 1."""
+"""The unit of a surface whose full deflection is unknown: half its travel is 1."""
 
 
 class Unit(NamedTuple):
-    """So many (``factor``) of the unit ``symbol``, which is SI's: 1 deg is 0.01745 rad.
+    """A unit of the size ``factor`` in the SI unit ``symbol``: 1 deg is 0.01745 rad.
 
-    ``airspeed`` is which airspeed it is, where a unit says so: ktas are knots of a true one.
+    ``airspeed`` is the kind of airspeed if the unit names it: ktas are knots of true airspeed.
     """
 
     symbol: str
@@ -60,10 +60,10 @@ UNITS: Final = _PLAIN | {
     for word, kind in KIND_WORDS.items()
     if unit.symbol == "m/s"
 }
-"""By every spelling that is understood."""
+"""The units by every spelling that is understood."""
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit that a text spells, None where it spells none that is known."""
+    """Return the unit that a text spells, None where it spells no known unit."""
     plain = text.strip().strip("[](){}").strip().replace("µ", "u").replace("μ", "u")
     return UNITS.get(plain.lower().replace(" ", "")) or UNITS.get(plain.lower().replace(" ", "-"))
