@@ -21,7 +21,7 @@ from yawid.runs.stop import SIGNALS
 
 LIMITS = {
     "README.md": (200, 100),
-    "src/README.md": (340, 160),
+    "src/README.md": (360, 160),
     "tests/README.md": (200, 175),
     "tools/README.md": (220, 160),
     "replay_logs/README.md": (85, 160),
