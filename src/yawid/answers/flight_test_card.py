@@ -66,8 +66,8 @@ class ManoeuvreToFly(Part, frozen=True, kw_only=True):
     """The manoeuvre to fly, with its times in s.
 
     A doublet is ``side_s`` to one side and ``side_s`` to the other; ``unit_s`` is the unit of a
-    3-2-1-1. A manoeuvre has so many ``doublets`` with ``pause_s`` of neutral rudder after each, and
-    ends with ``rest_s``.
+    3-2-1-1. ``doublets`` is the number of doublets in a manoeuvre; after each one the rudder is
+    neutral for ``pause_s``, and ``rest_s`` ends the manoeuvre.
     """
 
     wn_rad_s: Positive

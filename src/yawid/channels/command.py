@@ -29,7 +29,7 @@ _OFF = 65535.0
 
 @dataclass(slots=True)
 class Output:
-    """The range of the raw values of one output (numbered from 1) in so many rows of a message."""
+    """The range of the raw values of one output (numbered from 1) in ``rows`` of a message."""
 
     rows: int = 0
     low: float = math.inf

@@ -31,7 +31,7 @@ from yawid.config.run import DEFAULT_MEMORY_S, RATE_SLACK, RunConfig
 from yawid.errors import ConfigError
 
 FULL_TRAVEL = 0.99
-"""The part of the full deflection from which on the rudder counts as saturated."""
+"""A rudder counts as saturated if its deflection reaches this part of the full one."""
 BAND_ORDER = 2
 """The order of the Butterworth filter at either end of the band."""
 

@@ -17,7 +17,7 @@ from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
 APART_US = 10_000_000
-"""The drift between two clocks from which on their offset is determined again."""
+"""The drift between two clocks above which their offset is determined again."""
 TOLERANCE = 0.05
 """Twins differ in a message if they are more than this part of half the travel apart: rounding to
 1 us and trims set by hand make much less."""

@@ -17,7 +17,7 @@ OTHER_SPEED = 1.3
 """The largest factor between first and last airspeed. Beyond it, as in a take-off or a landing, wn
 changes with the airspeed, and the answer holds for neither of the two."""
 SPEED_S = 2.0
-"""The first and the last airspeed are means over so many seconds, since a gust is shorter."""
+"""The first and the last airspeed are means over this many seconds, since a gust is shorter."""
 
 
 class UnderWay(NamedTuple):

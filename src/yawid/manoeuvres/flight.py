@@ -32,8 +32,8 @@ from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 
 FEW = 4
-"""Up to so many manoeuvres do not show how much they scatter: there tau has a floor. With more of
-them the floor sinks, as the uncertainty of a scatter does."""
+"""Up to this number, manoeuvres do not show how much they scatter: there tau has a floor. With more
+of them the floor sinks, as the uncertainty of a scatter does."""
 DISAGREE_WN = 0.1
 """The part of wn by which a manoeuvre must differ to disagree with the others."""
 LEAST_STD = 1e-9

@@ -43,7 +43,8 @@ WORTH_A_WORD = 0.01
 """The part of wn, and the change of zeta, above which a shift is worth a warning."""
 DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
-"""Methods that disagree differ by more than so many sigmas and more than this part of the value."""
+"""Two methods disagree if they differ by more than this many sigmas, and more than this part of the
+value."""
 RATE_OF_BAND = 5.0
 """The sample rate for a band, in multiples of its upper corner: on a finer grid, neighbouring
 samples differ too little."""

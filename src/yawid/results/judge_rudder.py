@@ -1,8 +1,8 @@
-"""Whether the rudder explains the yaw rate: a free decay alone can carry a good fit.
+"""The check whether the rudder explains the yaw rate: a free decay alone can give a good fit.
 
-A yaw rate that decays freely has the right frequency whatever the rudder did. With a rudder that
-is not the one that moved the aircraft, of another flight or of another clock, such a fit looks
-right, and its gain and zeros are wrong.
+A yaw rate that decays freely has the right frequency, whatever the rudder did. If the rudder is not
+the one that moved the aircraft, but one of another flight or on another clock, such a fit looks
+right although its gain and zeros are wrong.
 """
 
 import math
@@ -28,8 +28,8 @@ PERIODS = (0.125, 1.5)
 def stroke_reasons(found: Movement, config: RunConfig) -> Iterator[Reason]:
     """Judge the rudder's strokes in deg where its travel is unknown.
 
-    Parts of the record's own largest stroke say nothing there: a rudder that hardly moves at all
-    has one too.
+    There a part of the record's own largest stroke is no measure: a rudder that hardly moves has a
+    largest stroke too.
     """
     own_deg = math.degrees(found.most_own * config.half_travel)
     if own_deg < config.stroke_floor_deg:

@@ -46,7 +46,7 @@ along."""
 ROUNDING = 1e-9
 """The relative variation up to which a signal only varies by rounding."""
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
-"""The relative sigma of wn, and the sigma of zeta, from which on a Dutch roll is of no use."""
+"""The relative sigma of wn, and the sigma of zeta, at which a Dutch roll is no longer of use."""
 SATURATED_SHARE = 0.05
 """The part of the time at the stops above which there is a warning."""
 LAGS_COMPARED = 3

@@ -301,7 +301,7 @@ def _airspeeds(flown: Sequence[float | None], limits: Sequence[float | None]) ->
 
 
 def _move(percent: float, rudder: ChannelFound | None, max_deg: float | None) -> RudderMove:
-    """Return a movement of so many percent; a rudder of two servos has no single pulse width."""
+    """Return a movement of ``percent``; a rudder of two servos has no single pulse width."""
     low = high = None
     if rudder is not None and not rudder.source.count("servo") > 1:
         ends = rudder.min_us, rudder.trim_us, rudder.max_us

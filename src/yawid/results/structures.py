@@ -36,7 +36,7 @@ COARSE_PER_PERIOD = 12
 ALIKE = 2.0
 """A structure whose wn differs by more than this factor found another mode."""
 WEIGHT_PCT = 3.0
-"""A held-back fit that is lower by so many points reduces a structure's weight to 1/e."""
+"""A held-back fit that is lower by this many points reduces a structure's weight to 1/e."""
 EQUAL = {"omega_beta": "wn_rad_s", "xi_beta": "zeta"}
 """Names of eq. 23 for the Dutch roll's own numbers, which have the same sigmas. They are not taken
 from eq. 23 because not every structure's model is a yaw channel."""

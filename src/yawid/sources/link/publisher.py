@@ -56,7 +56,7 @@ class Limiter:
         self._bytes = 0
 
     def admits(self, size: int, now_s: float) -> bool:
-        """Return whether so many bytes may be sent now."""
+        """Return whether ``size`` bytes may be sent now."""
         while self._sent and now_s - self._sent[0][0] > WINDOW_S:
             self._bytes -= self._sent.popleft()[1]
         return self._bytes + size <= self._most

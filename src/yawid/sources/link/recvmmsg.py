@@ -25,7 +25,7 @@ MOST = 128
 """The most datagrams taken at a time: they should be used while the caches hold them."""
 _LONGEST = 65535
 _SO_TIMESTAMP = 29  # Linux: each datagram has the time at which the operating system received it
-_WAIT_FOR_ONE = 0x10000
+_WAIT_FOR_ONE = 0x10000  # MSG_WAITFORONE: wait for the first datagram only
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
 _MOST_SENDERS = 4096
 _NAME_SIZE = 32  # bytes for a struct sockaddr_in6, which has 28
@@ -195,7 +195,7 @@ class ManyAtOnce:
         )
 
     def _ask(self, most: int, flags: int) -> int:
-        """Let the operating system fill in at most so many datagrams; return how many it had."""
+        """Let the operating system fill in at most ``most`` datagrams; return how many it had."""
         count: int = self._call(self._file, self._at, most, flags, None)
         if count < 0:
             code = ctypes.get_errno()

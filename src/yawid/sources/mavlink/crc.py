@@ -33,7 +33,7 @@ def crc_of_frames(data: Bytes, first: Ints, end: Ints, extra: Bytes) -> NDArray[
     size = end - first
     count = (size + (_WORD - 1)) >> 3
     longest_first = np.argsort(count.astype(np.uint8), kind="stable")[::-1]
-    at_least = np.bincount(count)[::-1].cumsum()[::-1]  # messages of so many words or more
+    at_least = np.bincount(count)[::-1].cumsum()[::-1]  # by n, the messages of n words or more
     words = int(np.count_nonzero(at_least[1:] >= _FEW))
     few = int(at_least[words + 1]) if words + 1 < len(at_least) else 0
     crc = np.empty(len(first), np.uint16)

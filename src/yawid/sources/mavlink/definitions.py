@@ -27,7 +27,7 @@ class Definitions:
 
     ``row_of`` (65536,) is the row of a message id or ``UNKNOWN``, ``names`` the row of a name. By
     row there are ``crc_extra`` (n,), the payload's full ``size`` (n,) in bytes, and ``fits_v1``
-    (n, 256), whether a payload of MAVLink 1 may have so many bytes.
+    (n, 256), whether a payload of MAVLink 1 may have this number of bytes.
     """
 
     row_of: NDArray[np.int16]

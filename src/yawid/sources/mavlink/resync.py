@@ -39,7 +39,7 @@ NO_STAMP = -1
 LATEST_US = 1 << 53  # the year 2255
 _NOT_YET = -1
 _MANY = 8  # with more gaps than this, plain lists are quicker than arrays
-_MOST_PENDING = 8
+_MOST_PENDING = 8  # the most records that wait for another with a stamp like theirs
 
 
 class Stretch:

@@ -10,7 +10,7 @@ from yawid.sources.mavlink.framing import Frames
 _CYCLE = 256
 _LONGEST = 128  # a larger step of the sequence is a restart, not a loss
 _LATE = 32  # a step back by up to this much is a frame that came late, by more a restart
-_TWICE_WITHIN_US = 2_000_000
+_TWICE_WITHIN_US = 2_000_000  # the longest time between a frame and its duplicate
 _WORD = 8
 
 

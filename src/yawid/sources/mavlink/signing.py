@@ -21,7 +21,7 @@ KEY_SIZE = 32
 EPOCH_S = 1_420_070_400  # 2015, in Unix time
 TICKS_PER_S = 100_000
 _HASH_SIZE = 6
-_NEW_STREAM_MAY_LAG = 60 * TICKS_PER_S
+_NEW_STREAM_MAY_LAG = 60 * TICKS_PER_S  # how much older than the newest the first stamp may be
 _LARGEST_FILE = 4096
 _HEX = re.compile(rb"[0-9a-fA-F]{64}")
 

@@ -27,9 +27,10 @@ IMPOSSIBLE: Final = {
     **dict.fromkeys(("roll", "pitch", "yaw", "aileron"), 1e3),
     **{"ground_speed": 1e4, "altitude": 1e6, "mode": 2.0**32},
 }
-"""Values from this on are damage, in the table's units: an orbit is slower and lower. Angles may
+"""Values of this size are damage, in the table's units: an orbit is slower and lower. Angles may
 have been unwrapped over many turns."""
 MOST_RUDDER: Final = {HALF_TRAVEL: 2.0, "rad": 1.6, "deg": 90.0}
+"""The largest rudder deflection that is possible, by unit."""
 LEAST_STEP_S, MOST_STEP_S = 9e-4, 2.0
 """The range of the median step between rows if t has no unit: otherwise it is not in seconds."""
 LATEST_S: Final = 9e9
