@@ -1,4 +1,4 @@
-"""A data set as others read it: README's own queries, and a glob after kill -9 at every step."""
+"""A data set as others read it: the manual's queries, and a glob after kill -9 at every step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from killed_merge import killed_at_every_step
-from places import ROOT
+from places import SRC
 
 from yawid.dataset.files import completed, merge, read_table
 
@@ -38,21 +38,21 @@ def by_glob(folder: Path, pattern: str, *columns: str) -> list[tuple[Any, ...]]:
 def test_the_manuals_own_queries_read_a_data_set_with_undated_flights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = (SRC / "manual" / "fleet.md").read_text(encoding="utf-8")
     dated, undated = entry("/a", "A", MAY, JUNE, zeta=0.25), entry("/b", "B", None, zeta=0.5)
     bad = entry("/c", "C", None, usable=False)
     merge(tmp_path / "DATA", [dated, undated, bad])
     monkeypatch.chdir(tmp_path)
 
-    query = re.search(r"`(pandas\.read_parquet\(.*?\))`", readme)
+    query = re.search(r"`(pandas\.read_parquet\(.*?\))`", page)
     assert query is not None
-    usable = eval(query[1], {"pandas": pd})  # the line that README tells to write
+    usable = eval(query[1], {"pandas": pd})  # the line that the manual says to write
     assert sorted(zip(usable["month"], usable["zeta"], strict=True)) == [
         ("2026-05", 0.25),
         ("2026-06", 0.25),
         ("unknown", 0.5),
     ]
-    select = re.search(r"`duckdb -c \"select (.*?) from '(.*?)'\"`", readme)
+    select = re.search(r"`duckdb -c \"select (.*?) from '(.*?)'\"`", page)
     assert select is not None
     found = by_glob(Path(), select[2], *select[1].split(", "))
     assert Counter((vehicle, zeta) for vehicle, _, zeta in found) == {

@@ -70,14 +70,5 @@ def test_the_first_fatal_reason_of_the_table_decides_the_code():
     assert not verdict.usable
 
 
-def test_the_readme_has_the_table_row_by_row():
-    readme = (SRC.parents[1] / "README.md").read_text(encoding="utf-8")
-
-    rows = [line for line in readme.splitlines() if line.startswith("| `")]
-    expected = [f"| `{kind.id}` | {kind.exit_code} | {kind.now} |" for kind in KINDS.values()]
-    first = rows.index(expected[0])
-    assert rows[first : first + len(expected)] == expected
-
-
 def test_no_advice_names_the_estimator_to_take_for_the_verdict_does():
     assert not [kind.id for kind in KINDS.values() if "RML" in kind.now or "ELS" in kind.now]

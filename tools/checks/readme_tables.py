@@ -30,6 +30,8 @@ HOMES = {
     "truth_short": "src/yawid/manual/accuracy.md",
     "reasons": "src/yawid/manual/reasons.md",
     "exit_codes": "src/yawid/manual/reasons.md",
+    "answer": "README.md",
+    "refusal": "README.md",
     "good": "src/yawid/manual/first_flight.md",
 }
 """The files of some tables; all others are in tools/README.md."""
@@ -115,7 +117,9 @@ def _output(case: str, until: str) -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes,
+    "answer": partial(_output, "c172p_3211", "n from-to"),
     "good": partial(_output, "c172p_3211", "the stream"),
+    "refusal": partial(_output, "sitl_auto", "± is one sigma"),
 }  # fmt: skip
 
 
