@@ -79,7 +79,7 @@ def test_a_run_with_forged_metadata_is_refused_and_nothing_is_written(
     mcap = next((hostile_run / "out").iterdir())
     forged = rewritten(mcap, tmp_path / "forged.mcap", poison_metadata=True)
 
-    with pytest.raises(YawidError, match="not as yawid writes it"):
+    with pytest.raises(YawidError, match="not a file as yawid writes it"):
         write_report(forged, tmp_path / "r.html")
     assert list(tmp_path.iterdir()) == [forged]
 

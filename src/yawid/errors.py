@@ -4,7 +4,7 @@ from typing import Final
 
 UNFORESEEN: Final = 70
 EXIT_CODES: Final = {
-    0: "good: the answer may be used, warnings may stand beside it",
+    0: "good: the answer may be used; there may be warnings",
     1: "regress: a case differs from its references",
     2: "usage or configuration: nothing was run",
     3: "no vehicle, no rudder or no yaw rate in the log",

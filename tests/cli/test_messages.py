@@ -186,7 +186,7 @@ def test_orders_recommends_nothing_for_a_log_that_cannot_answer(capsys):
     assert told["candidates"]
     page = io.StringIO()
     print_orders(msgspec.convert(told, OrdersReport), page)
-    assert "none is recommended" in page.getvalue()
+    assert "no orders are recommended" in page.getvalue()
     assert told["verdict"]["reasons"][0]["id"] in page.getvalue()
 
 

@@ -184,7 +184,7 @@ def test_junit_overwrites_an_earlier_result_and_no_other_file(
 
     assert main([*command, str(notes)]) == 6
     assert capsys.readouterr().err == (
-        f"yawid: {notes} exists and holds no test results: choose another --junit\n"
+        f"yawid: {notes} exists and does not hold test results: choose another --junit\n"
     )
     assert notes.read_text() == "<mine/>"
     assert main([*command, str(tmp_path / "j.xml")]) == 0

@@ -102,7 +102,7 @@ def test_nothing_is_loaded_from_a_folder_that_another_can_write_to(
     assert kept.find(NAME) == CODE
     for folder in (tmp_path / "users", tmp_path / "users" / "yawid"):
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert (kept.passed_by() or "").startswith("NUMBA_CACHE_DIR is passed by: ")
+    assert (kept.passed_by() or "").startswith("NUMBA_CACHE_DIR is not used: ")
 
 
 def test_a_folder_in_one_for_all_whose_files_stay_their_owners_counts(
@@ -189,7 +189,7 @@ def test_warm_says_which_folder_it_passed_by(
     told = capsys.readouterr().out
     assert str(tmp_path / "users" / "yawid") in told
     reason = f"{tmp_path / 'named'} can be written to by others"
-    assert told.splitlines()[-1] == f"NUMBA_CACHE_DIR is passed by: {reason}"
+    assert told.splitlines()[-1] == f"NUMBA_CACHE_DIR is not used: {reason}"
 
 
 def test_each_processor_and_each_of_its_features_has_code_of_its_own(

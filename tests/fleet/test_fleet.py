@@ -98,7 +98,7 @@ def test_a_log_that_kills_its_process_or_hangs_has_one_row_and_its_neighbours_ha
     assert good in ("ok", "unusable")
     assert rows["killer"]["reasons"] == ["crashed"]
     assert rows["killer"]["text"] == "its process was killed by SIGSEGV, 3 times"
-    assert rows["hangs"]["text"] == "no answer within 3 s: --timeout allows more"
+    assert rows["hangs"]["text"] == "it did not finish within 3 s: allow more with --timeout"
     capsys.readouterr()
     assert main([*command, "--dry-run"]) == main([*command, "--dry-run", "--retry"]) == 0
     told = capsys.readouterr().out.splitlines()
@@ -167,7 +167,7 @@ def test_ctrl_c_keeps_what_is_finished(place: Path, logs: Path, env: dict[str, s
     assert run.returncode == 130, said
     kept = len(read_table(out, "logs"))
     assert 3 <= kept < COUNT + 4
-    told = f"SIGINT: {kept} logs are kept, {COUNT + 4 - kept} were not reached"
+    told = f"SIGINT: {kept} logs are finished and saved, {COUNT + 4 - kept} were not reached"
     assert said[1].splitlines()[-1] == f"yawid: {told}"
     assert "Traceback" not in said[1]
 
@@ -185,7 +185,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
         said = run.communicate(timeout=60)
 
     assert run.returncode == 6, said
-    assert said[1].splitlines()[-1].startswith(f"yawid: the scheduler at {found.address} is lost")
+    assert said[1].splitlines()[-1].startswith(f"yawid: Lost the scheduler at {found.address}.")
     assert "Traceback" not in said[1]
     counts = Counter(read_table(out, "logs")["path"].to_pylist())
     assert counts
@@ -219,9 +219,7 @@ def test_a_log_that_failed_for_a_reason_that_may_pass_is_told_and_tried_again_by
 
     assert main(command) == 6
     told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith(
-        "yawid: 1 logs failed for a reason that may pass, the same command tries"
-    )
+    assert told.startswith("yawid: 1 logs failed for a reason that may pass: repeat the command")
     assert f"{some}/broken.tlog: broken.tlog cannot be read (Input/output error)" in told
     rows = {Path(str(row["path"])).stem: row for row in tables(out)["logs"]}
     assert (rows["broken"]["outcome"], rows["broken"]["reasons"]) == ("failed", ["failed"])
@@ -242,7 +240,7 @@ def test_a_log_that_failed_for_a_reason_that_may_pass_is_told_and_tried_again_by
     ("arguments", "code", "text"),
     [
         (["nowhere"], 6, "nowhere: no such file or folder"),
-        (["."], 6, ".: no log there; logs end in .tlog, .bin, .ulg, .mcap"),
+        (["."], 6, ".: no log was found there; the names of logs end in .tlog, .bin, .ulg, .mcap"),
         (["a.tlog", "--workers", "0"], 2, "--workers must be at least 1, got 0"),
         (["a.tlog", "--scheduler", "tcp://127.0.0.1:9"], 6, "no Dask scheduler answers at"),
     ],
@@ -286,10 +284,10 @@ def test_another_folder_or_another_fleet_is_not_written_to(
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "notes.txt").write_text("mine")
     assert main([*command, str(tmp_path / "theirs")]) == 6
-    assert "is not empty and not a data set" in capsys.readouterr().err
+    assert "is not empty and is not a data set" in capsys.readouterr().err
     journal = Journal(tmp_path / "data")
     assert main([*command, str(tmp_path / "data")]) == 6
-    assert "another yawid fleet writes to" in capsys.readouterr().err
+    assert "another yawid fleet is writing to" in capsys.readouterr().err
     journal.close()
 
 

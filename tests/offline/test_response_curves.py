@@ -93,7 +93,7 @@ def test_noise_alone_has_no_coherence():
 
 def test_what_says_nothing_is_refused():
     u = prbs(60.0)
-    with pytest.raises(NotIdentifiable, match="excites 1 of the 21"):
+    with pytest.raises(NotIdentifiable, match="excites only 1 of the 21"):
         curves_from_data(np.ones(500), answer(np.ones(500)), TS, 20)
     with pytest.raises(NotIdentifiable, match="does not move"):
         frequency_response(np.ones(500), answer(np.ones(500)), TS, 2.0)

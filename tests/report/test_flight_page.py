@@ -83,9 +83,9 @@ def test_the_first_screen_is_the_flights(drawn: Drawn) -> None:
     text = first_screen(drawn(four_of_a_flight()))
 
     assert "2026-03-05 12:14:37 UTC · RML, orders na,nb,nc,nk = 3,3,2,1" in text
-    assert "It is that of the aircraft with its roll loop, at 22.0 m/s (airspeed)" in text
+    assert "It holds for the aircraft with its roll loop, at 22.0 m/s (airspeed)" in text
     assert "Natural frequency ωn 10.21 rad/s ± 0.16 " in text
-    assert "Can I use it? Yes nothing speaks against it" in text
+    assert "Can I use it? Yes there is no reason against it" in text
 
 
 def test_a_refused_flight_is_refused_though_the_stream_is_usable(paged: Paged) -> None:
@@ -139,7 +139,7 @@ def test_the_section_says_what_sigma_is_of() -> None:
     )
     both, older = (Page("".join(section)).text for section in sections)
 
-    total = "± is one sigma: noise, scatter over the record, structure; of noise alone in brackets."
+    total = "± is one sigma: noise, scatter over the record, structure; in brackets of noise alone."
     assert total in both
     assert "± is one sigma of noise alone." in older
     assert "11.92 ± 0.11 0.410 ± 0.012 0.3080" in older
@@ -157,7 +157,7 @@ def test_what_was_flown_otherwise_is_said_row_by_row(drawn: Drawn) -> None:
 def test_what_is_the_streams_is_called_so(drawn: Drawn) -> None:
     text = Page(drawn(four_of_a_flight())).text
 
-    assert "not of the flight's answer above. By themselves they would be usable (" in text
+    assert "not about the flight's answer above. By themselves they are usable (" in text
     assert "answers" not in text.partition("Parameters, ± σ")[2].partition("a1")[0]
     alone = Page(drawn(summary(None, None))).text
     assert "The stream, sample by sample" not in alone
@@ -167,7 +167,7 @@ def test_what_is_the_streams_is_called_so(drawn: Drawn) -> None:
 def test_a_run_in_which_none_was_found_says_so_on_the_page(drawn: Drawn) -> None:
     html = drawn(summary([], None))
 
-    assert section(html, "Manoeuvres").startswith("no manoeuvre found: the rudder never moved")
+    assert section(html, "Manoeuvres").startswith("no manoeuvre was found: the rudder never moved")
     assert "hatched" not in Page(html).text
 
 

@@ -66,7 +66,7 @@ def test_the_first_screen_answers_the_four_questions(good: Path, html: str) -> N
     assert f"Damping ratio ζ {mode.zeta:.4f} ± {mode.zeta_std:.4f}" in text
     wn_pct, zeta_pct = (100 * getattr(mode, s) / getattr(mode, v) for v, s in PAIRS)
     assert f"How sure? Well ωn to ±{wn_pct:.2g} %, ζ to ±{zeta_pct:.2g} %" in text
-    assert "Can I use it? Yes nothing speaks against it" in text
+    assert "Can I use it? Yes there is no reason against it" in text
 
 
 def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(still: Path) -> None:

@@ -133,8 +133,6 @@ def test_what_has_no_rudder_gets_one_line_and_the_code_of_its_verdict(tmp_path, 
     path.write_bytes(log.data)
 
     assert main(["inspect", str(path), "--card"]) == 3
-    assert capsys.readouterr().out == (
-        f"no card: a quadrotor has no rudder to be moved on its own: {path}\n"
-    )
+    assert capsys.readouterr().out == (f"no card: a quadrotor has no rudder to move: {path}\n")
     assert main(["inspect", str(path), "--card", "--json"]) == 3
     assert "card" not in json.loads(capsys.readouterr().out)

@@ -128,7 +128,7 @@ def test_a_command_that_makes_one_answer_ends_without_it(
 
     assert done.returncode == CODES[name], done.stderr
     assert done.stdout == ""
-    assert done.stderr == "yawid: interrupted: there is nothing of it to keep\n"
+    assert done.stderr == "yawid: interrupted: there was nothing to save\n"
     assert not [path for path in tmp_path.iterdir() if path.suffix in (".html", ".part")]
 
 

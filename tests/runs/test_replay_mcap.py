@@ -100,7 +100,7 @@ def test_a_run_is_not_overwritten_by_its_own_replay(
 ) -> None:
     before = first.read_bytes()
     assert main(["replay", str(first), "--out", str(first.parent), "--force"]) == 6
-    assert "choose --out" in capsys.readouterr().err
+    assert "choose another --out" in capsys.readouterr().err
     assert first.read_bytes() == before
 
 

@@ -210,7 +210,7 @@ def test_a_unit_that_nothing_says_is_rad_and_a_warning_that_stays(
         assert main(["replay", str(tmp_path / log), "--out", str(out), "--json"]) in (0, 5)
         reasons = json.loads(capsys.readouterr().out)["verdict"]["reasons"]
         texts = [each["text"] for each in reasons if each["id"] == "unit_assumed"]
-        expected = f"nothing says the unit of {assumed}: rad and rad/s are assumed"
+        expected = f"the unit of {assumed} is not given: rad and rad/s are assumed"
         assert texts == ([expected] if assumed else [])
 
 

@@ -93,7 +93,7 @@ def test_a_manoeuvre_with_a_date_that_is_none_is_one_line(
     assert main(["view", str(bad), "--save", str(tmp_path / "view.rrd")]) == 6
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "is not as yawid writes it: the times of manoeuvre 1" in error
+    assert "is not a file as yawid writes it: the times of manoeuvre 1" in error
     assert [path.name for path in tmp_path.iterdir()] == ["bad.mcap"]
 
 

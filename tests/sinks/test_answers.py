@@ -63,8 +63,8 @@ def test_the_report_answers_with_the_method_of_the_verdict(by_rml: McapRun) -> N
     text = first_screen(html)
     assert f"Dutch roll of {rml.wn_rad_s:.3g} rad/s" in text
     assert f"ωn {rml.wn_rad_s:.3f} rad/s ± {rml.wn_std:.3f}" in text
-    assert "ELS beside it" in text
-    assert "RML beside it" not in text
+    assert "ELS next to it" in text
+    assert "RML next to it" not in text
     assert " RML, orders" in text
     assert "RML answers" in Page(html).text
 
@@ -131,8 +131,8 @@ def test_what_is_known_roughly_is_used_with_care_and_what_is_known_well_is_not()
     words = [(sure.answer, can.answer, can.spread) for *_, sure, can in
              (cards(with_sigma_of(wn_std)) for wn_std in (0.02, 0.1, 0.3))]  # fmt: skip
     assert words == [
-        ("Well", "Yes", "nothing speaks against it"),
-        ("Fairly", "Yes", "nothing speaks against it"),
+        ("Well", "Yes", "there is no reason against it"),
+        ("Fairly", "Yes", "there is no reason against it"),
         ("Roughly", "Yes, with care", "its σ is wide"),
     ]
 
@@ -171,7 +171,7 @@ def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(by_rml: Mcap
     far = replace(track, dutch_roll=track.dutch_roll + 1e9 * (rows[: len(track.t), None] % 50 == 9))
     fit = fit_picture(replace(data, judged=judged), None, Fit(simulation_pct=-1000.0), grid)
     over_time = modes_picture(replace(data, tracks=data.tracks | {"els": far}))
-    assert "tells < -1000 % of the yaw rate" in fit.look
+    assert "explains < -1000 % of the yaw rate" in fit.look
     for picture in (fit, over_time):
         assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
 
@@ -195,7 +195,7 @@ def test_what_was_held_is_said_once(tmp_path: Path) -> None:
     text = Page(report(run)).text
     counts = [run.summary.estimates[method].held for method in ("els", "rml")]
     assert min(counts) > 0
-    assert f"others: held, or too few before them {counts[0]} {counts[1]}" in text
+    assert f"not used: held, or too few before them {counts[0]} {counts[1]}" in text
     assert "samples held, by reason any no sample" in text
     assert "none held" not in text
 
@@ -214,13 +214,14 @@ def test_the_cards_are_those_of_the_flight_where_there_is_one() -> None:
     assert sure.notes == (
         "from 2 of 4 manoeuvres",
         "left out, as they disagree: 3",
-        "the models alone tell 91 % of the yaw rate",
-        "learnt from 65 s of flight",
-        "of it noise: ωn ±0.29 %, ζ ±0.64 %; the rest is scatter over the record and structure",
+        "the models alone explain 91 % of the yaw rate",
+        "estimated from 65 s of flight",
+        "noise alone gives ωn ±0.29 %, ζ ±0.64 %; the rest is scatter over the record and "
+        "structure",
     )
     assert sure.spread == "ωn to ±1.6 %, ζ to ±3.4 %"
     assert can_use.answer == "Yes"  # the stream of this run is not usable
-    assert "beside it" not in str([frequency, damping])
+    assert "next to it" not in str([frequency, damping])
 
 
 def test_the_headline_says_whose_number_it_is_and_where() -> None:
@@ -228,7 +229,7 @@ def test_the_headline_says_whose_number_it_is_and_where() -> None:
 
     assert said.startswith("The yaw answers the rudder with a Dutch roll of 10.2 rad/s (1.6 Hz)")
     assert said.endswith(
-        "It is that of the aircraft with its roll loop, at 22.0 m/s (airspeed) and 102 m altitude, "
+        "It holds for the aircraft with its roll loop, at 22.0 m/s (airspeed) and 102 m altitude, "
         "from 2 of 4 manoeuvres."
     )
     assert headline(mixed_loops()).endswith("from 1 of 3 manoeuvres.")

@@ -54,14 +54,14 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
 
     assert lines[1] == "verdict  usable"
     assert lines[2] == "  flight  wn 10.21 ± 0.16 rad/s, zeta 0.624 ± 0.021"
-    assert lines[3].strip() == "of it noise: wn ± 0.03, zeta ± 0.004"
+    assert lines[3].strip() == "noise alone: wn ± 0.03, zeta ± 0.004"
     assert lines[4].strip() == ("at 22.0 m/s (airspeed) and 102 m altitude, from 2 of 4 manoeuvres")
     assert lines[5].strip() == "this is the aircraft with its roll loop"
-    assert lines[6].strip() == "wn = 0.4634 ± 0.0077 · V, V the equivalent airspeed"
+    assert lines[6].strip() == "wn = 0.4634 ± 0.0077 · V, where V is the equivalent airspeed"
     assert lines[7].startswith("   flown  2026-03-05 12:14:37 UTC, in FBWA, vehicle 1/1, fixed")
     stream = lines.index("the stream at its end (not the flight): not usable, not_converged")
     assert any("13.500 ± 0.090" in line for line in lines[stream:])
-    noise = ["of", "it", "noise,", "wn;", "zeta", *["±", "0.03;", "±", "0.004"] * 2]
+    noise = ["of", "noise", "alone:", "wn;", "zeta", *["±", "0.03;", "±", "0.004"] * 2]
     assert noise in [line.split() for line in lines[stream:]]
     assert not any("13.5" in line or "answers" in line for line in lines[:stream])
 
@@ -72,7 +72,7 @@ def test_sigma_is_the_total_and_of_noise_alone_in_a_run_of_an_older_version() ->
     assert "± is one sigma: noise, scatter over the record, structure; V is" in both
     assert "± is one sigma of noise alone; V is" in older
     assert "± is one sigma of noise ELS RML" in older
-    assert "of it noise" not in older
+    assert "noise alone: wn" not in older
     assert rows_of(of_older_version()) == rows_of(four_of_a_flight())
 
 
@@ -125,7 +125,7 @@ def test_of_many_the_first_and_the_last_stand_there() -> None:
     numbers = [row[0] for row in rows_of(forty())]
 
     assert numbers == [*map(str, range(1, 11)), "..", *map(str, range(31, 41))]
-    assert "20 more stand in --json" in text_of(forty())
+    assert "20 more are in --json" in text_of(forty())
 
 
 def test_each_row_says_which_aircraft_it_is_of_and_whose_speed() -> None:
@@ -160,18 +160,18 @@ def test_the_date_of_every_row_follows_from_the_boots() -> None:
 
 
 def test_a_run_in_which_none_was_found_says_why_that_may_be() -> None:
-    stream = "no manoeuvre found: the rudder never moved on its own for long enough"
+    stream = "no manoeuvre was found: the rudder never moved by itself for long enough"
 
     assert stream in text_of(summary([], None))
     assert "the stream at its end" not in text_of(summary([], None))
     nothing = replace(summary([], None), estimates=None)
-    assert "rudder and yaw rate were never there together" in text_of(nothing)
+    assert "no stretch has both rudder and yaw rate" in text_of(nothing)
 
 
 def test_a_run_in_which_nobody_looked_says_nothing_of_manoeuvres() -> None:
     text = text_of(summary(None, None))
 
-    assert "manoeuvre found" not in text
+    assert "manoeuvre was found" not in text
     assert "flight" not in text.replace("flights/", "")
 
 

@@ -84,14 +84,17 @@ def test_a_dead_link_stands_in_red_with_how_long() -> None:
     ("change", "words"),
     [
         ({"rudder": ""}, "wait: no rudder yet"),
-        ({"state": ""}, "wait: the first five seconds tell the message rates"),
+        ({"state": ""}, "wait: the message rates are measured for five seconds"),
         ({"held": "on ground"}, "wait: no sample is used now: on ground"),
-        ({"from_s": None}, "wait: being estimated; or fly the next one"),
+        ({"from_s": None}, "wait: a manoeuvre is being estimated; or fly the next one"),
         ({"from_s": None, "unanswered": 0}, "move the rudder: a doublet of more than 10 % of"),
-        ({"from_s": None, "unanswered": 0, "stroke": None}, "move the rudder; how it follows"),
+        (
+            {"from_s": None, "unanswered": 0, "stroke": None},
+            "move the rudder; it takes some seconds",
+        ),
         ({}, "move the rudder more"),
-        ({"is_excited": True}, "enough: back to neutral, now let go: 5 s of rest end it"),
-        ({"is_excited": True, "rests_s": 1.8}, "let go: 3 s more of rest end the manoeuvre"),
+        ({"is_excited": True}, "enough: rudder to neutral, then let go: 5 s of rest end it"),
+        ({"is_excited": True, "rests_s": 1.8}, "let go: the manoeuvre ends after 3 s more of rest"),
     ],
 )
 def test_the_pilot_is_told_what_to_do(change: dict[str, object], words: str) -> None:

@@ -125,7 +125,7 @@ def test_what_was_torn_is_refused_as_by_replay(mcap: Path, tmp_path: Path) -> No
     for path in (torn, flipped):
         with pytest.raises(SourceError, match="yawid recover"):
             yawid.load(path)
-    with pytest.raises(SourceError, match="no MCAP file"):
+    with pytest.raises(SourceError, match="not an MCAP file"):
         yawid.load(C172P)
     with pytest.raises(YawidError, match="cannot read"):
         yawid.load(tmp_path / "absent.mcap")

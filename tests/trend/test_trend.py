@@ -285,7 +285,7 @@ def test_what_a_season_may_do_is_no_alarm_before_two_years_are_there(
     assert zeta["may_be_season"]["p"] < 0.01
     assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
     for words in (capsys.readouterr().out, (tmp_path / "r.html").read_text()):
-        assert "a season may do as much: two years of" in " ".join(words.split())
+        assert "a season may do the same: two years of" in " ".join(words.split())
 
 
 def test_a_fall_larger_than_a_season_is_an_alarm_and_a_quick_one_needs_not_be(

@@ -33,7 +33,7 @@ def add_finished_run(commands: Commands) -> None:
     )  # fmt: skip
     report.add_argument(
         "-o", "--out", type=Path, metavar="R.html",
-        help="(default: beside the MCAP, under its name)",
+        help="(default: next to the MCAP, with its name)",
     )  # fmt: skip
     report.add_argument(
         "--png", type=Path, metavar="DIR", help="also write its pictures, a PNG each, into DIR"
@@ -45,7 +45,7 @@ def add_finished_run(commands: Commands) -> None:
     )  # fmt: skip
     export.add_argument(
         "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz",
-        help="(default: Parquet beside the MCAP, under its name)",
+        help="(default: Parquet next to the MCAP, with its name)",
     )  # fmt: skip
     _add_force(export, _export, "a file that exists")
     recover = add_command(
@@ -82,11 +82,13 @@ def _view(arguments: argparse.Namespace) -> int:
 
     if arguments.viewer != "rerun":
         if arguments.save is not None or arguments.to is not None or arguments.force:
-            raise ConfigError(f"--save, --to and --force are of Rerun, not {arguments.viewer}")
+            raise ConfigError(
+                f"--save, --to and --force work with Rerun only, not with {arguments.viewer}"
+            )
         tell(str(VIEWERS[arguments.viewer](arguments.mcap)))
         return 0
     if arguments.save is not None and arguments.to is not None:
-        raise ConfigError("--save and --to: choose one")
+        raise ConfigError("give --save or --to, not both")
     if arguments.to is not None and not arguments.to.startswith("rerun+http"):
         raise ConfigError(f"--to must be rerun+http://HOST:PORT/proxy, got {arguments.to!r}")
     view(arguments.mcap, arguments.save, arguments.to or "spawn", force=arguments.force)
@@ -119,6 +121,6 @@ def _recover(arguments: argparse.Namespace) -> int:
     found = recover(arguments.broken, arguments.out, force=arguments.force)
     topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
     if found.left_out:
-        say(f"not to be trusted and left out: {found.left_out}")
+        say(f"left out, as it is damaged or unknown: {found.left_out}")
     tell(f"{arguments.out}: {topics}")
     return 0

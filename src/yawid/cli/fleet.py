@@ -41,10 +41,16 @@ def add_fleet(commands: Commands) -> None:
     where.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler: tcp://HOST:8786")
     fleet.add_argument("--retry", action="store_true", help="run crashed and timed-out logs again")
-    fleet.add_argument("--verify", action="store_true", help="know logs by their bytes, not times")
+    fleet.add_argument(
+        "--verify", action="store_true", help="recognise logs by content, not by time"
+    )
     fleet.add_argument("--dry-run", action="store_true", help="only count what would be done")
     fleet.add_argument(
-        "--timeout", type=float, default=600.0, metavar="S", help="most s for a log (default: 600)"
+        "--timeout",
+        type=float,
+        default=600.0,
+        metavar="S",
+        help="most seconds for a log (default: 600)",
     )
     fleet.add_argument("--modes", action="store_true", help="also keep the modes of every second")
     add_format(fleet)
@@ -80,14 +86,16 @@ def _fleet(arguments: argparse.Namespace) -> int:
             console.close()
     if stop.is_set:
         left = progress.logs - progress.done
-        console.say(f"{stop.name}: {progress.done} logs are kept, {left} were not reached")
+        console.say(
+            f"{stop.name}: {progress.done} logs are finished and saved, {left} were not reached"
+        )
     rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
     tell(f"{run.out.absolute()}: {rows}")
     tell(f"outcomes: {outcomes}")
     if progress.failed:
         console.say(
-            f"{progress.failed} logs failed for a reason that may pass, the same command tries "
+            f"{progress.failed} logs failed for a reason that may pass: repeat the command to try "
             f"them again; {progress.why_failed}"
         )
     if stop.is_set:

@@ -34,21 +34,21 @@ def add_live(commands: Commands) -> None:
     live = add_command(commands, "live", "ENDPOINT", what, _EXAMPLES)
     live.add_argument("endpoint", metavar="ENDPOINT", help=_ENDPOINT)
     live.add_argument(
-        "--seconds", type=float, metavar="N", help="stop after so many s (default: at Ctrl-C)"
+        "--seconds", type=float, metavar="N", help="stop after N seconds (default: at Ctrl-C)"
     )
     live.add_argument("--no-record", action="store_true", help="write no tlog")
     live.add_argument(
         "--most-vehicles", type=int, default=MOST_VEHICLES, metavar="N",
-        help="with --sysid all: sessions that are opened at most, 1 to 255 "
+        help="with --sysid all: the largest number of sessions, 1 to 255 "
         f"(default: {MOST_VEHICLES})",
     )  # fmt: skip
     live.add_argument(
         "--record-others", action="store_true",
-        help="with --sysid all: each vehicle's tlog also has the frames of ground stations and "
-        "others who are no vehicle",
+        help="with --sysid all: each vehicle's tlog also has the frames of ground stations and of "
+        "other senders that are not a vehicle",
     )  # fmt: skip
     live.add_argument(
-        "--state", type=Path, metavar="FILE", help="resume from it, save to it every minute"
+        "--state", type=Path, metavar="FILE", help="resume from FILE, and save to it every minute"
     )
     live.add_argument(
         "--request-rates", type=float, nargs="?", const=ASKED_HZ, metavar="HZ",
@@ -57,14 +57,15 @@ def add_live(commands: Commands) -> None:
     )  # fmt: skip
     live.add_argument(
         "--request-sysid", type=int, default=REQUEST_SYSID, metavar="N",
-        help="system by which --request-rates speaks until a vehicle is heard, 1 to 255, then by "
-        f"the vehicle's own (default: {REQUEST_SYSID})",
+        help="system id with which --request-rates sends until a vehicle is heard, 1 to 255; then "
+        f"it is the vehicle's (default: {REQUEST_SYSID})",
     )  # fmt: skip
     live.add_argument(
         "--publish", metavar="ENDPOINT",
         help="transmit: the answer once a second as MAVLink, NAMED_VALUE_FLOAT and STATUSTEXT, to "
-        "udpout:HOST:PORT (a ground station listens there), to who sends to udpin:HOST:PORT, or "
-        "tap: back over the tap's own link, to the vehicle too (default: transmit nothing)",
+        "udpout:HOST:PORT (a ground station listens there), to whoever sends to udpin:HOST:PORT, "
+        "or to tap: back over the tap's own link, so to the vehicle as well (default: transmit "
+        "nothing)",
     )  # fmt: skip
     live.add_argument(
         "--publish-compid", type=int, default=COMPID, metavar="N",
@@ -88,8 +89,8 @@ def _live(arguments: argparse.Namespace) -> int:
     settings = settings_of(arguments)
     if settings.get("orders") == "auto":
         raise ConfigError(
-            "--orders auto: a live session cannot look at its whole flight beforehand: "
-            "run yawid orders on a log of this aircraft and give what it recommends"
+            "--orders auto needs the whole flight, which a live session does not have: run yawid "
+            "orders on a log of this aircraft and give the orders it recommends"
         )
     config, outputs = RunConfig(**settings), outputs_of(arguments, session_name())
     options = LiveOptions(

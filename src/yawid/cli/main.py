@@ -136,7 +136,7 @@ yawid replay day/*.BIN --out answers --json > answers.jsonl"""
 def _add_looks(commands: Commands) -> None:
     """Add the commands that read a log and write no run: inspect and orders."""
     inspect = add_command(
-        commands, "inspect", "LOG", "say what a log can answer, and how to ask",
+        commands, "inspect", "LOG", "say what a log can answer, and by which command",
         "yawid inspect flight.tlog\nyawid inspect flight.tlog --card | lp\n"
         "yawid inspect flight.BIN --json --from 300 --to 420",
     )  # fmt: skip
@@ -195,7 +195,7 @@ def _compile_behind() -> None:
     from yawid.estimation.machine.runner import RUNNER
 
     if sys.stderr.isatty() and RUNNER.compile_behind():
-        say("the first run: the estimators are being compiled beside it, once per installation")
+        say("first run: the estimators are being compiled in the background, once per installation")
 
 
 def _orders(arguments: argparse.Namespace) -> int:
@@ -266,7 +266,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except YawidError as error:
         return _explained(error)
     except Interrupted as stopped:
-        say("interrupted: there is nothing of it to keep")
+        say("interrupted: there was nothing to save")
         return stopped.exit_code
     except KeyboardInterrupt:
         return 130

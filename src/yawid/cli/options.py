@@ -56,7 +56,7 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Write the line to stderr and exit with 2."""
-        self.exit(2, f"yawid: {plain(message)}; {self.prog} --help lists what there is\n")
+        self.exit(2, f"yawid: {plain(message)}; {self.prog} --help lists the options\n")
 
 
 def _sysid(text: str) -> int | str:
@@ -81,7 +81,7 @@ CHANNELS: tuple[Option, ...] = (
     ("--rudder-sign", str, "nose-right|nose-left",
      "where positive rudder turns the nose (default: nose-right)"),
     ("--rudder-max-deg", float, "DEG",
-     "rudder at full travel in deg, to have gains per rad (default: per half of the travel)"),
+     "rudder at full travel in deg, for gains per rad (default: per half of the travel)"),
     ("--sysid", _sysid, "N",
      "system id of the vehicle, 1 to 255; live: or all (default: the first fixed wing)"),
 )  # fmt: skip
@@ -89,25 +89,26 @@ MODEL: tuple[Option, ...] = (
     ("--orders", str, "NA,NB,NC,NK",
      "orders, nb and nk for every input; replay, inspect: or auto (default: 3,3,2,1)"),
     ("--method", str, "|".join(RECURSIVE), f"the stream's estimator (default: {ELS})"),
-    ("--also", str, "METHOD|none", f"a second one beside it (default: {RML})"),
+    ("--also", str, "METHOD|none", f"a second one next to it (default: {RML})"),
     ("--engine", str, "numba|filterpy", "what computes the recursion (default: numba)"),
-    ("--memory", float, "SECONDS", "forgetting by a memory of so many s (default: 60)"),
+    ("--memory", float, "SECONDS", "forget with a memory of so many seconds (default: 60)"),
     ("--forgetting", float, "LAMBDA",
-     "forgetting factor in place of a memory; 1 keeps all (default: by it)"),
+     "forgetting factor instead of a memory; 1 forgets nothing (default: from it)"),
     ("--servo-tau", float, "SECONDS", "the servo's lag in s (default: the fastest real pole)"),
     ("--manoeuvres", str, "auto|off", "find manoeuvres, answer each of them (default: auto)"),
     ("--inputs", str, "rudder[,aileron]", "inputs of the model (default: rudder)"),
     ("--output", str, "yaw-rate|heading-rate|yaw", "the model's output (default: yaw-rate)"),
     ("--rate", float, "HZ",
-     "the grid's rate (default: 20, or the slower channel's where that is lower)"),
+     "rate of the grid (default: 20, or the slower channel's if that is lower)"),
     ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"),
-    ("--turn", str, "keep|remove", "take off the turn rate that the bank implies (default: keep)"),
+    ("--turn", str, "keep|remove", "subtract the turn rate that the bank implies (default: keep)"),
 )  # fmt: skip
 RECORD: tuple[Option, ...] = (
     ("--columns", str, "NAME=COLUMN,...",
      "names of columns: rudder=delta_r,r=Rate[deg/s] (default: t, rudder, r, ...)"),
-    ("--units", str, "rad|deg", "of angles and rates that say none (default: none)"),
-    ("--rudder-unit", str, "half-travel|rad|deg", "of a rudder that says none (default: none)"),
+    ("--units", str, "rad|deg", "unit of angles and rates that give none (default: none)"),
+    ("--rudder-unit", str, "half-travel|rad|deg",
+     "unit of a rudder that gives none (default: none)"),
     ("--least-stroke-deg", float, "DEG",
      "rudder stroke needed, in deg, where its travel is unknown (default: 1)"),
 )  # fmt: skip
@@ -164,7 +165,7 @@ def add_format(parser: argparse.ArgumentParser) -> None:
         "--format",
         default="auto",
         metavar="auto|tlog|raw",
-        help="raw: MAVLink frames without stamps (default: auto)",
+        help="raw: MAVLink frames without time stamps (default: auto)",
     )
 
 

@@ -13,7 +13,7 @@ NUMBERS = (
     ("--seconds", 120.0, "N", "length (default: 120)"),
     ("--rate", 50.0, "HZ", "samples (default: 50)"),
     ("--noise", 0.0, "RAD/S", "of the yaw rate, white (default: 0)"),
-    ("--seed", 0, "N", "of what is drawn (default: 0)"),
+    ("--seed", 0, "N", "seed of the random signals (default: 0)"),
 )
 """The numbers of a simulation: option, default, unit and help."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")

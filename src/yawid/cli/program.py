@@ -28,7 +28,7 @@ def add_schema(commands: Commands) -> None:
         metavar="COMMAND",
         nargs="?",
         choices=PRINTING,
-        help=f"of one alone: {', '.join(PRINTING)} (all)",
+        help=f"only of one command: {', '.join(PRINTING)} (default: all)",
     )
     schema.set_defaults(run=_schema)
 
@@ -68,8 +68,8 @@ def _warm(_: argparse.Namespace) -> int:
     if folder is None:
         tried = ", ".join(map(str, folders())) or "none"
         raise SinkError(
-            f"compiled code cannot be kept: {why + '; ' if why else ''}no folder can be written to "
-            f"(tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
+            f"compiled code cannot be saved: {why + '; ' if why else ''}no folder can be written "
+            f"to (tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
         )
     tell(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
     if why:
@@ -84,7 +84,7 @@ def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
         'eval "$(yawid completion bash)"      in ~/.bashrc\n'
         "yawid completion zsh > _yawid        in a folder of $fpath",
     )  # fmt: skip
-    completion.add_argument("shell", choices=SHELLS, help="the shell that is to complete")
+    completion.add_argument("shell", choices=SHELLS, help="the shell in which to complete")
     completion.set_defaults(run=partial(_completion, whole))
 
 

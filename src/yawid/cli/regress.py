@@ -23,15 +23,17 @@ def add_regress(commands: Commands) -> None:
         'yawid regress --junit result.xml\nyawid regress --update --why "new gyro" c172p_3211\n'
         "yawid regress --new flight.tlog --name mine --rate 10   (the case's own options)",
     )  # fmt: skip
-    regress.add_argument("cases", nargs="*", metavar="CASE", help="folder or name (default: all)")
+    regress.add_argument(
+        "cases", nargs="*", metavar="CASE", help="folder or name of a case (default: all)"
+    )
     regress.add_argument("--folder", type=Path, default=Path("replay_logs"), metavar="DIR",
-                         help="of the cases (default: replay_logs)")  # fmt: skip
+                         help="folder of the cases (default: replay_logs)")  # fmt: skip
     regress.add_argument(
         "--workers", type=int, metavar="N", help="processes (default: 1; large logs: one a core)"
     )
     regress.add_argument("--json", action="store_true", help="print one JSON object")
     regress.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML too")
-    regress.add_argument("--update", action="store_true", help="write the references anew")
+    regress.add_argument("--update", action="store_true", help="write the references again")
     regress.add_argument("--why", metavar="TEXT", help="the reason, recorded with the update")
     regress.add_argument("--new", type=Path, metavar="LOG", help="make a case from a log")
     regress.add_argument("--name", metavar="CASE", help="the new case's name")
@@ -58,18 +60,24 @@ def _regress(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> None:
     if arguments.update != (arguments.why is not None):
-        raise ConfigError("--update and --why belong together: a new reference has a reason")
+        raise ConfigError("--update and --why belong together: a new reference needs a reason")
     if (arguments.new is None) != (arguments.name is None):
-        raise ConfigError("--new and --name belong together: a log and what the case is called")
+        raise ConfigError("--new and --name belong together: a log and the name of its case")
     if arguments.new is not None and (arguments.update or arguments.cases):
-        raise ConfigError("--new makes one case: its references come by --update --why afterwards")
+        raise ConfigError(
+            "--new only makes a case: write its references afterwards by --update --why"
+        )
     if arguments.new is None and settings:
         given = ", ".join(f"--{name}" for name in settings)
-        raise ConfigError(f"{given}: a case has its own options, in its case.toml")
+        raise ConfigError(
+            f"{given}: a case has options of its own, in its case.toml; give them only with --new"
+        )
     if arguments.workers is not None and arguments.workers < 1:
         raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
     if (arguments.new is not None or arguments.update) and (arguments.json or arguments.junit):
-        raise ConfigError("--json and --junit tell of a comparison, not of --new or --update")
+        raise ConfigError(
+            "--json and --junit report a comparison: leave them out with --new and --update"
+        )
 
 
 def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
@@ -77,7 +85,7 @@ def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
 
     case = new_case(arguments.new, arguments.name, arguments.folder, settings)
     tell(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
-    tell("say in its case.toml whose log it is; then")
+    tell("write into its case.toml whose log it is; then")
     tell(f'yawid regress --update --why "first reference" {case.folder}')
     return 0
 
@@ -119,7 +127,7 @@ def _tell(outcome: "Outcome") -> None:
     for line in outcome.wrong[:MOST_LINES]:
         tell(f"        {line}")
     if len(outcome.wrong) > MOST_LINES:
-        tell(f"        and {len(outcome.wrong) - MOST_LINES} more: --json tells them all")
+        tell(f"        and {len(outcome.wrong) - MOST_LINES} more: --json lists them all")
     for what, path in outcome.files.items():
         tell(f"        {what}: {path}")
     if outcome.code == 1:

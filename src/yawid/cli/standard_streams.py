@@ -26,7 +26,9 @@ def make_ready() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=REPLACED)
     if sys.stdout is None:
-        raise SinkError("stdout is closed, so nobody would get the answer; > /dev/null drops it")
+        raise SinkError(
+            "stdout is closed, so the answer would be lost: send it to a file, or to /dev/null"
+        )
 
 
 def hush(library: str) -> None:

@@ -15,10 +15,10 @@ def add_trend(commands: Commands) -> None:
     """Add both commands to the parser."""
     trend = add_command(
         commands, "trend", "DATASET", "what changed over a fleet's flights",
-        "yawid trend data\nyawid trend data --vehicle sn:4711 -o trend.html",
+        "yawid trend data\nyawid trend data --vehicle serial:4711 -o trend.html",
     )  # fmt: skip
     trend.add_argument("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
-    trend.add_argument("--vehicle", metavar="ID", help="only this one, judged among all")
+    trend.add_argument("--vehicle", metavar="ID", help="only this vehicle, judged among all")
     trend.add_argument("--json", action="store_true", help="print one JSON object")
     trend.add_argument("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
     trend.add_argument("--force", action="store_true", help="overwrite a page that exists")

@@ -129,7 +129,7 @@ class RunConfig:
         self._check_lists()
         check_fields(self, lambda name: f"--{name.removesuffix('_s').replace('_', '-')}")
         if self.memory is not None and self.forgetting is not None:
-            raise ConfigError("--memory and --forgetting say the same thing: give one of them")
+            raise ConfigError("--memory and --forgetting mean the same: give only one of them")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
 
@@ -206,7 +206,7 @@ class RunConfig:
         """
         if self.orders == "auto":
             raise ConfigError(
-                "--orders auto: only replay, inspect and fleet choose them by the log"
+                "--orders auto: only replay, inspect and fleet choose the orders from the log"
             )
         return self.orders
 
@@ -231,7 +231,9 @@ class RunConfig:
             return self.forgetting
         factor = forgetting_factor(self.memory or DEFAULT_MEMORY_S, sample_time_s)
         if factor == 0.0:
-            text = f"is far below one sample of {sample_time_s:g} s: give some periods of the mode"
+            text = (
+                f"is far below one sample of {sample_time_s:g} s: give several periods of the mode"
+            )
             raise ConfigError(f"--memory {self.memory!r} {text}")
         return factor
 

@@ -45,18 +45,18 @@ def _columns(kind: Any, *names: str) -> tuple[Column, ...]:
 
 _MADE_BY: Final[tuple[Column, ...]] = (
     ("yawid_version", ID, "version of yawid that made the row"),
-    ("analysis_version", ID, "raised where the same log gives other numbers"),
-    ("config_hash", ID, "of the options, and of a key's content: equal where they were equal"),
+    ("analysis_version", ID, "raised whenever the same log would give other numbers"),
+    ("config_hash", ID, "of the options, and of a key's content: equal where these were equal"),
 )
 _KEYS: Final[tuple[Column, ...]] = (("log_sha256", ID, "of the log's bytes: see logs"), *_MADE_BY)
 _WHOSE: Final[tuple[Column, ...]] = (
-    ("vehicle", ID, "uuid:… or serial:… where the log tells one, else sysid:N"),
+    ("vehicle", ID, "uuid:… or serial:… where the log has one, else sysid:N"),
     *_columns(COUNT, "sysid", "boot"),
 )
 _JUDGED: Final[tuple[Column, ...]] = (
     *_columns(FLAG, "usable"),
-    ("reasons", IDS, "ids of what forbids it, the first decides"),
-    ("warnings", IDS, "ids of what it is warned of"),
+    ("reasons", IDS, "ids of the fatal reasons; the first decides"),
+    ("warnings", IDS, "ids of its warnings"),
     ("text", TEXT, "reasons and warnings in words"),
 )
 ORDERS: Final = _columns(COUNT, "na", "nb", "nc", "nk")
@@ -87,7 +87,7 @@ OF_MANOEUVRE: Final = (
 _MODEL: Final = (
     *_columns(NUMBER, "sample_time_s", "forgetting_factor"),
     *_columns(COUNT, "updates"),
-    ("held", COUNT, "samples that did not"),
+    ("held", COUNT, "samples that did not move theta"),
     ("theta_names", IDS, "names of theta's entries"),
     ("theta", NUMBERS, "the ARMAX model's parameters, in the order of theta_names"),
     *_columns(NUMBERS, "theta_std"),
@@ -129,21 +129,25 @@ class Table:
 
 LOGS: Final = Table(
     "logs",
-    "a path: what came of it",
+    "a path: its outcome",
     (
         ("path", TEXT, "absolute path or URL"),
         ("size_bytes", COUNT, "size of the file"),
         ("modified", TEXT, "ETag where the store has one, else the file's time in ns since 1970"),
-        ("log_sha256", ID, "of the log; NULL where nobody read it to its end"),
-        ("file_sha256", TEXT, "of the file: another only of an MCAP, which was made from the log"),
+        ("log_sha256", ID, "of the log; NULL where it was not read to its end"),
+        (
+            "file_sha256",
+            TEXT,
+            "of the file; it differs only for an MCAP, which was made from the log",
+        ),
         *_MADE_BY,
         ("outcome", ID, " | ".join(OUTCOMES)),
-        ("reasons", IDS, "ids of what forbids an answer, or the outcome where that is none"),
-        ("warnings", IDS, "ids of what the answers are warned of"),
+        ("reasons", IDS, "ids of the fatal reasons, or the outcome where there are none"),
+        ("warnings", IDS, "ids of the answers' warnings"),
         ("text", TEXT, "both in words, or the error"),
         ("kind", ID, "tlog, bin, ulg, csv, parquet or mcap"),
-        ("date", TIME, "first record; NULL where the log does not know"),
-        ("duration_s", NUMBER, "last record less first"),
+        ("date", TIME, "first record; NULL where the log has no date"),
+        ("duration_s", NUMBER, "last record minus first"),
         *_LINK,
         ("flights", COUNT, "rows of it in flights"),
         ("manoeuvres", COUNT, "rows of it in manoeuvres"),
@@ -191,7 +195,7 @@ RUNS: Final = Table(
         ("date", TIME, "of the flight"),
         *_columns(ID, "method"),
         *ORDERS,
-        ("is_answer", FLAG, "whether the stream's verdict is of this method"),
+        ("is_answer", FLAG, "whether the stream's answer is of this method"),
         *DUTCH_ROLL,
         *_MODEL,
         *_JUDGED,
@@ -261,7 +265,7 @@ def schema_page() -> str:
     for table in TABLES.values():
         sorted_by = f"unique: {', '.join(table.keys)}; sorted by {', '.join(table.order)}"
         lines = [f"## {table.name}", f"One row is {table.row}; {sorted_by}.", ""]
-        lines += ["| column | type | what it says |", "|---|---|---|"]
+        lines += ["| column | type | what it holds |", "|---|---|---|"]
         lines += [
             f"| {name} | {_type_name(kind)} | {says.replace('|', 'or')} |"
             for name, kind, says in table.columns

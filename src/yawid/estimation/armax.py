@@ -319,7 +319,7 @@ class RecursiveArmax:
             record: dict[str, Any] = json.loads(head)
             version, values = record["version"], record["config"]
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError("these bytes are no saved estimator") from error
+            raise ConfigError("these bytes are not a saved estimator") from error
         if version != VERSION:
             raise ConfigError(f"saved as {version!r}, this is {VERSION!r}: it cannot be resumed")
         values["orders"] = ArmaxOrders(**values["orders"])

@@ -80,7 +80,7 @@ class Workers:
                 if tries < MOST_TRIES:
                     again.append((task, tries))
                     continue
-                rows = "its workers died, again and again"
+                rows = "its workers died several times"
             except (TimeoutError, CancelledError, UnboundLocalError, CommClosedError):
                 # The result was lost with its worker, or the scheduler is lost, which _check sees
                 # from the client's status. Dask raises any of these errors then.
@@ -119,8 +119,8 @@ class Workers:
 
     def _lost(self) -> SinkError:
         return SinkError(
-            f"the scheduler at {self.address} is lost: what is finished is kept; "
-            "start it and say the same again"
+            f"Lost the scheduler at {self.address}. Finished logs are saved: start it again and "
+            "repeat the command."
         )
 
 

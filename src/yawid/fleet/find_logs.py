@@ -39,7 +39,9 @@ def find_logs(paths: Iterable[str]) -> list[FoundLog]:
     for path in paths:
         below = {each.path: each for each in (_below_url(path) if "://" in path else _below(path))}
         if not below:
-            raise SourceError(f"{path}: no log there; logs end in {', '.join(IN_FOLDERS)}")
+            raise SourceError(
+                f"{path}: no log was found there; the names of logs end in {', '.join(IN_FOLDERS)}"
+            )
         found |= below
     return sorted(found.values(), key=lambda log: (-log.size, log.path))
 
@@ -54,7 +56,7 @@ def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> N
     for folder in {os.path.dirname(_local_path(log.path)) for log in found}:
         if folder and Path(os.path.realpath(folder)).is_relative_to(place):
             raise ConfigError(
-                f"--out {out} holds the logs in {folder}: a data set needs a folder of its own, "
+                f"--out {out} holds the logs in {folder}: a data set needs a folder of its own: "
                 "choose one that holds no logs"
             )
     for path in paths:

@@ -132,7 +132,7 @@ def check_ours(folder: Path) -> None:
     if MANIFEST in names:
         read_manifest(folder)
     elif names - _BEFORE_MANIFEST:
-        raise SinkError(f"{folder} is not empty and not a data set: choose another --out")
+        raise SinkError(f"{folder} is not empty and is not a data set: choose another --out")
     for _ in _lines(folder / FINISHED):
         break
 
@@ -167,7 +167,9 @@ def _locked(folder: Path) -> BinaryIO:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         lock.close()
-        raise SinkError(f"another yawid fleet writes to {folder}: wait for its end") from error
+        raise SinkError(
+            f"another yawid fleet is writing to {folder}: wait until it has ended"
+        ) from error
     return lock
 
 

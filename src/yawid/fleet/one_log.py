@@ -77,7 +77,7 @@ def read_options_of(spec: Spec) -> ReadOptions:
         raise _OtherKeyError(str(error)) from error
     if options.key is not None and options.key.mark != spec.key_mark:
         raise _OtherKeyError(
-            f"signing key file {path}: another key than when the fleet was started"
+            f"signing key file {path}: it holds another key than when the fleet was started"
         )
     return options
 

@@ -80,7 +80,7 @@ class Child:
             if self._is_over:
                 break
             if is_late.is_set():
-                text = f"no answer within {task.timeout_s:g} s: --timeout allows more"
+                text = f"it did not finish within {task.timeout_s:g} s: allow more with --timeout"
                 return failed(TIMEOUT, text)
         return failed(CRASHED, f"its process {_how(code)}, {MOST_DEATHS} times")
 

@@ -76,7 +76,9 @@ def compare_orders(
     """
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     if good.sum() < LEAST_SAMPLES:
-        raise NotIdentifiable(f"{good.sum()} samples: {LEAST_SAMPLES} are needed to compare orders")
+        raise NotIdentifiable(
+            f"{good.sum()} samples: at least {LEAST_SAMPLES} are needed to compare orders"
+        )
     # Two thirds of the usable samples, not of the time: a flight may begin on the ground.
     split = int(np.flatnonzero(good)[int(TRAINING * good.sum())])
     found = []

@@ -91,7 +91,7 @@ def curves_from_data(u: ArrayLike, y: ArrayLike, sample_time_s: float, length: i
     phi = np.column_stack([*pasts, np.ones(rows)])
     theta, _, rank, _ = np.linalg.lstsq(phi, y[length:], rcond=1e-10)
     if rank < length + 1:
-        raise NotIdentifiable(f"the input excites {rank} of the {length + 1} values asked for")
+        raise NotIdentifiable(f"the input excites only {rank} of the {length + 1} values asked for")
     residual = y[length:] - phi @ theta
     covariance = np.linalg.inv(phi.T @ phi) * (residual @ residual / (rows - length - 1))
     pulse, spread = theta[:-1], covariance[:-1, :-1]
@@ -150,7 +150,9 @@ def frequency_response(
     u, y = checked_record(u, y)
     length = round(segment_s / sample_time_s)
     if not 8 <= length <= len(y) // 2:
-        raise ConfigError(f"a segment of {segment_s} s is not 8 samples to half the record")
+        raise ConfigError(
+            f"a segment must hold at least 8 samples and at most half the record, got {segment_s} s"
+        )
     if not np.ptp(u) > 0.0:
         raise NotIdentifiable("the input does not move")
     options = {"fs": 1.0 / sample_time_s, "window": "hann", "nperseg": length}

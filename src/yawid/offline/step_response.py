@@ -143,7 +143,9 @@ class StepRecord:
         t, y = t[np.isfinite(y)] - step_time_s, y[np.isfinite(y)]
         after = int(np.sum(t >= 0.0))
         if after < FEWEST_SAMPLES:
-            raise ConfigError(f"{after} samples after the step, at least {FEWEST_SAMPLES} needed")
+            raise ConfigError(
+                f"{after} samples after the step, at least {FEWEST_SAMPLES} are needed"
+            )
         before, tail = max(len(y) - after, 1), max(1, round(TAIL * after))
         low, scale = float(y[:before].mean()), float(y[-tail:].mean() - y[:before].mean())
         noise = float(np.median(np.abs(np.diff(y)))) / 0.954  # of |x1 - x2|, both N(0, 1)
@@ -435,11 +437,11 @@ def _check_form(record: StepRecord, fit: _Fit, left: float, settling_s: float) -
         )
     if not left <= SETTLED:
         raise NotIdentifiable(
-            f"no steady state reached: the record ends {record.t[-1]:.3g} s after the step, "
-            f"the response needs {settling_s:.3g} s"
+            f"the record does not reach a steady state: it ends {record.t[-1]:.3g} s after the "
+            f"step, the response needs {settling_s:.3g} s"
         )
     if not (fit.std[1] < step / CLEAR and fit.std[-1] < 1.0 / CLEAR):
-        raise NotIdentifiable("the record shows too little of the transient to tell gain and time")
+        raise NotIdentifiable("the record shows too little of the transient to find gain and time")
 
 
 def _chance(record: StepRecord, count: int) -> float:

@@ -102,7 +102,8 @@ def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
     theta, _, rank, _ = np.linalg.lstsq(phi, y, rcond=RCOND)
     if rank < phi.shape[1]:
         raise NotIdentifiable(
-            f"the record excites {rank} of {phi.shape[1]} parameters: lower orders or more input"
+            f"the record excites only {rank} of {phi.shape[1]} parameters: lower the orders or "
+            "move the input more"
         )
     eps = y - phi @ theta
     variance = np.diag(np.linalg.inv(phi.T @ phi)) * (eps @ eps) / (len(y) - len(theta))

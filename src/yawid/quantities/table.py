@@ -52,21 +52,21 @@ _CHANNELS: Final = (
     Quantity("on_ground", "1", "1 on the ground, 0 in the air", "held", True),
     Quantity("mode", "", "flight mode: its name, or HEARTBEAT.custom_mode", "held", True),
     Quantity(
-        "held", "", "why not to learn from the row: names of Held, by spaces; or empty", "", True
+        "held", "", "why the row is not used: names of Held with spaces between; or empty", "", True
     ),
     Quantity(
-        "turn_rate", "rad/s", "what bank and airspeed imply; made of them without it",
-        "linear", True,
+        "turn_rate", "rad/s",
+        "turn rate that bank and airspeed imply; computed from them where missing", "linear", True,
     ),
     Quantity(
         "ground_speed", "m/s",
-        "what the airspeed is held against; stands in for none (airspeed_kind: ground)",
+        "compared with the airspeed; used instead where there is none (airspeed_kind: ground)",
         "held", True,
     ),
     Quantity(
         "airspeed_kind", "",
-        "which airspeed the source gives; the equivalent one made of it stands here, or the number "
-        "itself if it is indicated or calibrated",
+        "which airspeed the source gives; this column holds the equivalent airspeed computed from "
+        "it, or the number itself if it is indicated or calibrated",
         "held", True,
     ),
     Quantity("time", "UTC", "date and time, ISO 8601", "", True),
@@ -190,7 +190,7 @@ _OTHERS: Final = (
     Quantity("unknown", "", "frames of messages that are not known"),
     Quantity("lost", "", "frames missing by sequence number"),
     Quantity("reboots", "", "reboots of the vehicle"),
-    Quantity("clock_steps", "", "steps of the vehicle's clock that are no reboot"),
+    Quantity("clock_steps", "", "steps of the vehicle's clock that are not a reboot"),
     Quantity("gaps", "", "breaks in the samples because messages are missing"),
 )  # fmt: skip
 QUANTITIES: Final = {row.name: row for row in (*_CHANNELS, *YAW_CHANNEL.values(), *_OTHERS)}

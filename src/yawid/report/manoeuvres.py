@@ -40,16 +40,16 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         return
     heading = (
         "n", "from–to, s", "mode", "airspeed, m/s", "altitude, m", "inputs", "ωn, rad/s", "ζ",
-        f"K, rad/s per {rudder_unit}", "fit, %", "what came of it",
+        f"K, rad/s per {rudder_unit}", "fit, %", "result",
     )  # fmt: skip
     rows = [(_row(each, flight), not each.verdict.usable) for each in manoeuvres]
     yield sheet("Manoeuvres", heading, rows)
     means = sigma_means(each.dutch_roll for each in manoeuvres)
-    in_brackets = "; of noise alone in brackets" if means.startswith(":") else ""
+    in_brackets = "; in brackets of noise alone" if means.startswith(":") else ""
     yield note(
         "",
         f"± is one sigma{means}{in_brackets}. Seconds are those since boot, as on the pictures' "
-        "axes. Fit: one step ahead / simulated / simulated on what was held back.",
+        "axes. Fit: one step ahead / simulated / simulated on held-back data.",
     )
     reasons = {
         f"{each.n}: {reason.name}": reason.text

@@ -132,7 +132,7 @@ def bode_picture(model: Model, judged: Judged, mode: DutchRoll | None, grid: Gri
     if spectral is None or not (spectral.coherence >= COHERENT).any():
         look = "Dashed: ωn. Band: 2 sigma of noise."
     if len(grid.inputs) > 1:
-        look += " The points leave the aileron out of account."
+        look += " The points ignore the aileron."
     return Picture("bode", "Frequency response, rudder to yaw rate", look, draw, (5.6, 4.4))
 
 
@@ -224,8 +224,9 @@ def residuals_picture(judged: Judged, p: float | None) -> Picture:
         lower.set_xlabel("lag [samples]")
 
     look = (
-        "Red bars leave the 2 sigma bounds. With itself: the noise is not modelled (raise nc). "
-        "With the rudder at lags above 0: its effect is not (raise na, nb or nk)."
+        "Red bars leave the 2 sigma bounds. With itself: the noise is not fully modelled (raise "
+        "nc). With the rudder at lags above 0: its effect is not fully modelled (raise na, nb or "
+        "nk)."
     )
     if p is not None:
         look += f" Whiteness (Ljung-Box): p = {p:.2g}."

@@ -37,7 +37,7 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
     )  # fmt: skip
     rows = [(text, *(_fit(e.fit, key) for e in estimates.values())) for text, key in fits]
     # Samples whose lags are unknown also count as held: the first ones, and those after a break.
-    names = {"updates": "samples learnt from", "held": "others: held, or too few before them"}
+    names = {"updates": "samples used", "held": "not used: held, or too few before them"}
     counts = [
         (text, *(str(getattr(e, key)) for e in estimates.values())) for key, text in names.items()
     ]

@@ -120,14 +120,17 @@ def _fit(
         f"{percent(value, '.0f')} % {name}"
         for name, value in (
             ("of the yaw rate", fit.simulation_pct),
-            ("on what was held back", fit.simulation_held_back_pct),
+            ("on held-back data", fit.simulation_held_back_pct),
             ("one step ahead, which flatters", fit.one_step_pct),
         )
         if value is not None
     ]
-    look = f"Run free, the model tells {', '.join(numbers) or 'an unknown share'}."
+    look = f"Run free, the model explains {', '.join(numbers) or 'an unknown share'}."
     if not whole:
-        look += " The stretch boxed above is where the model swings most; the fit is of all of it."
+        look += (
+            " The box above marks the stretch where the model swings most; the fit is of the whole "
+            "record."
+        )
     return Picture(key, title, look, draw, (5.6, 4.4 if whole else 4.9))
 
 
@@ -271,9 +274,9 @@ def modes_picture(data: ReportData) -> Picture:
         _methods_legend(figure, data)
 
     look = (
-        "Has each line settled before the end, and do both agree? Bands: 2 sigma of noise alone; "
-        "a line that leaves its earlier band is moved by more. What wanders far is cut off."
-        + manoeuvres_note(data.events)
+        "Has each line settled before the end, and do both agree? Bands: 2 sigma of noise alone; a "
+        "line that leaves its earlier band is moved by more than noise. What lies far outside is "
+        "cut off." + manoeuvres_note(data.events)
     )
     return Picture("modes", "Dutch roll over time", look, draw, (5.6, 4.4))
 

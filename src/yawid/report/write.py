@@ -95,15 +95,15 @@ class Report:
         )  # fmt: skip
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
         yield from flight_section(summary, unit)
-        yield pictures("Measured, and what the model says", self._of_flight())
+        yield pictures("Measurement and model", self._of_flight())
         against = [] if summary.deciding.usable else summary.deciding.fatal
         of = f" of manoeuvre {self._first.found.n}" if self._first is not None else ""
-        yield pictures(f"What the model{of} says of the aircraft", self._of_model(), against)
+        yield pictures(f"What the model{of} says about the aircraft", self._of_model(), against)
         if summary.flight is not None:
             shown = flight_numbers(summary, self._drawn, unit)
             yield numbers("Numbers of the answer", shown, against)
             yield _stream(summary)
-        yield pictures("What was learnt, and when", self._of_stream())
+        yield pictures("What was estimated, and when", self._of_stream())
         if run.grid is not None and summary.answer is not None and self._data is not None:
             against = [] if summary.verdict.usable else summary.verdict.fatal
             title = "Numbers of the stream, at its end" if summary.flight else "Numbers"
@@ -197,7 +197,7 @@ def _stream(summary: RunSummary) -> str:
     ids = ", ".join(reason.name for reason in summary.verdict.reasons)
     return note(
         "The stream, sample by sample",
-        "From here on everything is of the estimates as they ran through the log, and of where "
-        "they stood at its end: not of the flight's answer above. By themselves they would be "
+        "From here on everything is about the estimates sample by sample and at the end of the "
+        "log, not about the flight's answer above. By themselves they are "
         f"{summary.verdict.word}{f' ({ids})' if ids else ''}.",
     )

@@ -150,8 +150,8 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[R
             yield Reason(
                 "collinear_inputs",
                 f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
-                f"number of their lags {condition_number(close):.3g}): their effects cannot "
-                "be told apart",
+                f"number of their lags {condition_number(close):.3g}): their effects cannot be "
+                "separated",
             )
 
 

@@ -119,7 +119,7 @@ def why_no_card(vehicle: VehicleSeen | None, verdict: VerdictSummary) -> str | N
         unheard = any(reason.id == "no_vehicle" for reason in verdict.reasons)
         return "no card: the log holds no vehicle" if unheard else None
     if vehicle.type in WITHOUT_RUDDER:
-        return f"no card: a {vehicle.type_name} has no rudder to be moved on its own"
+        return f"no card: a {vehicle.type_name} has no rudder to move"
     return None
 
 
@@ -359,6 +359,6 @@ def _lacks(summary: RunSummary, used: Sequence[Manoeuvre]) -> Iterator[str]:
     elif used and "airframe" not in loops:
         yield "the bare airframe: no manoeuvre was flown without a roll loop"
     if used and _spread(used) < APART:
-        yield "how wn goes with the airspeed: all manoeuvres are at one"
+        yield "how wn varies with the airspeed: all manoeuvres are at one"
     if used and len(used) < MANOEUVRES:
         yield f"how manoeuvres scatter: {len(used)} of {MANOEUVRES} needed"

@@ -76,7 +76,7 @@ class FinishedRun:
         config = changed(self._run, settings)
         if config.manoeuvres == "off" or self._run.has_flight_state:
             return config
-        self._said = [f"{self.path} is of an older version; manoeuvres: replay the log"]
+        self._said = [f"{self.path} is of an older version: for manoeuvres, replay the log itself"]
         return replace(config, manoeuvres="off")
 
     def read(self) -> Iterator[tuple[int, SampleBlock]]:
@@ -109,7 +109,7 @@ class FinishedRun:
             raise _nothing(run, pipeline.config)
         said = before.verdict.reasons
         if unknown := sorted({r.id for r in said} - KINDS.keys()):
-            text = f"{run.path} gives reasons unknown to this version: {', '.join(unknown)}"
+            text = f"{run.path} holds reasons that this version does not know: {', '.join(unknown)}"
             raise SourceError(text)
         reasons = [Reason(r.id, r.text) for r in said]
         of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]

@@ -68,8 +68,8 @@ class RecordedLog(Log):
         for name in BOTH:
             if getattr(config, name) != "auto":
                 raise ConfigError(
-                    f"--{name} {getattr(config, name)}: {self.path} has columns, no channels; name "
-                    f"one by --columns {name}=COLUMN"
+                    f"--{name} {getattr(config, name)}: {self.path} has columns instead of "
+                    f"channels: name one by --columns {name}=COLUMN"
                 )
         needs = [*config.inputs[1:]]
         needs += ["yaw"] if config.output == "yaw" else []

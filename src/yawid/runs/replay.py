@@ -52,7 +52,7 @@ def replay(
     with closing(source):
         written = [Path(path) for path in outputs.files().values()]
         if any(path.exists() and path.samefile(log) for path in written):
-            raise SinkError(f"{log} would be overwritten by what is read from it: choose --out")
+            raise SinkError(f"{log} would be overwritten by its own results: choose another --out")
         with stop.raising():
             config = with_orders(source, source.settled(settings))
         return to_files(source, config, outputs, stop)
@@ -92,6 +92,6 @@ def _cut_short(
     ``read_bytes`` holds the bytes read and the size of the log, whose hash is not known.
     """
     read, total = read_bytes
-    text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: what follows was not read"
+    text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: the rest was not read"
     part = replace(summary, sha256=None, bytes_read=read)
     return refused(part, verdict, Reason("interrupted", text))

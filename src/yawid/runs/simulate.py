@@ -115,7 +115,9 @@ def _parquet(simulation: Simulation) -> bytes:
 def _tlog(simulation: Simulation) -> bytes:
     share = simulation.u / FULL_RUDDER_RAD
     if np.abs(share).max() > 1.0:
-        raise ConfigError("the rudder exceeds 25 degrees, full travel in a tlog: less --amplitude")
+        raise ConfigError(
+            "the rudder exceeds 25 degrees, its full travel in a tlog: choose a smaller --amplitude"
+        )
     y, yaw, roll = simulation.y, simulation.yaw, simulation.roll
     return tlog_of(SimulatedFlight(simulation.t, share, y, yaw, roll, SPEED_M_S))
 

@@ -55,7 +55,7 @@ def step_report(
     if model == "yaw" or (model is None and not found):
         fit("yaw", fit_yaw)  # it contains both others as special cases: used where neither fits
     if not found:
-        hint = "; of an aircraft that also rolls, replay a 3-2-1-1: yawid replay"
+        hint = "; for an aircraft that also rolls use a 3-2-1-1 and yawid replay"
         raise NotIdentifiable("; ".join(refusals) + hint)
     best = min(found, key=lambda name: found[name].noise_std)
 

@@ -70,8 +70,9 @@ def view_in_plotjuggler(mcap: Path) -> str:
     program = shutil.which("plotjuggler")
     if program is None:
         raise SinkError(
-            "PlotJuggler is not here (no plotjuggler on PATH): get it from https://plotjuggler.io; "
-            f"by hand: load {mcap} without /yawid/log, then the layout {PLOTJUGGLER}"
+            "PlotJuggler was not found (no plotjuggler on PATH): get it from "
+            f"https://plotjuggler.io; by hand: load {mcap} without /yawid/log, then the layout "
+            f"{PLOTJUGGLER}"
         )
     with tempfile.NamedTemporaryFile("wb", suffix=".xml", prefix="yawid-", delete=False) as file:
         file.write(plotjuggler_layout(run))
@@ -90,12 +91,12 @@ def view_in_foxglove(mcap: Path) -> str:
     program = shutil.which("foxglove-studio") or shutil.which("lichtblick")
     if program is None:
         raise SinkError(
-            "Foxglove is not here (no foxglove-studio or lichtblick on PATH): get it from "
+            "Foxglove was not found (no foxglove-studio or lichtblick on PATH): get it from "
             f"https://foxglove.dev/download, or drop {mcap} on https://app.foxglove.dev in a "
             f"browser; the layout to import there: {FOXGLOVE}"
         )
     _start(program, str(mcap.absolute()))
-    told = f"Foxglove shows {mcap}; it takes a layout by its menu alone, Import from file"
+    told = f"Foxglove shows {mcap}; load the layout by its menu, Import from file"
     return f"{told}: {FOXGLOVE}{_unusable(run)}"
 
 
@@ -185,7 +186,7 @@ def _show(run: McapRun, sink: RerunSink) -> None:
             sink.manoeuvre(found, _span_ns(found, *times))
         except (ValueError, OverflowError) as error:
             what = f"the times of manoeuvre {found.n}: {error}"
-            raise SourceError(f"{run.path} is not as yawid writes it: {what}") from error
+            raise SourceError(f"{run.path} is not a file as yawid writes it: {what}") from error
     for line in run.log:
         sink.log(line.unix_ns, line.level, line.text)
     sink.finish(run.summary, {})

@@ -75,7 +75,7 @@ def use(summary: RunSummary) -> Card:
         return Card("Can I use it?", "No", spread, _names(summary.deciding.fatal))
     wide = _sureness(summary, _dutch_roll(summary)) == ROUGHLY
     if not reasons and not wide:
-        return Card("Can I use it?", "Yes", "nothing speaks against it", ())
+        return Card("Can I use it?", "Yes", "there is no reason against it", ())
     said = ["its σ is wide"] if wide else []
     if reasons:
         said.append(f"{len(reasons)} warning{'s' if len(reasons) > 1 else ''}, see below")
@@ -87,7 +87,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
     mode, flight = _dutch_roll(summary), summary.flight
     if not summary.deciding.usable:
         # The first fatal reason decides.
-        why = next((reason.text for reason in summary.deciding.fatal), "the reasons stand below")
+        why = next((reason.text for reason in summary.deciding.fatal), "the reasons are below")
         what = _stretch(stretch) or ("This flight" if flight is not None else "This log")
         said = f"{what} cannot say how the yaw answers the rudder: {_sentences(why)}"
         return " ".join(filter(None, (said, _elsewhere(summary))))
@@ -105,7 +105,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
         conditions(flight),
         counted(flight, summary.manoeuvres or ()),
     )
-    return f"{said} It is that of {', '.join(fact for fact in facts if fact)}."
+    return f"{said} It holds for {', '.join(fact for fact in facts if fact)}."
 
 
 def _stretch(stretch: Stretch) -> str:
@@ -128,10 +128,10 @@ def _elsewhere(summary: RunSummary) -> str:
     ]
     if alone:
         some = f"manoeuvre{'s' if len(alone) > 1 else ''} {', '.join(alone)}"
-        return f"By itself this can be used: {some}: see the table."
+        return f"By itself this can be used: {some}; see the table."
     if summary.verdict.usable and summary.dutch_roll is not None:
         said = dutch_roll(summary.dutch_roll, GREEK)
-        return f"The stream as it stood at the log's end can be used: {said}."
+        return f"The stream's estimate at the end of the log can be used: {said}."
     return ""
 
 
@@ -149,7 +149,7 @@ def _of_number(
 ) -> Card:
     """Return the card of wn (``i`` 0) or zeta (1), with the values of the other methods."""
     said = [
-        f"{m.upper()} beside it: {' '.join(_known(e.dutch_roll)[i])}" for m, e in others.items()
+        f"{m.upper()} next to it: {' '.join(_known(e.dutch_roll)[i])}" for m, e in others.items()
     ]
     value, spread = _known(mode)[i]
     if mode is None:
@@ -175,8 +175,8 @@ def _sure(summary: RunSummary) -> Card:
     if answer is not None:
         if answer.fit.simulation_pct is not None:
             explained_pct = max(answer.fit.simulation_pct, 0.0)
-            notes.append(f"the model alone tells {explained_pct:.0f} % of the yaw rate")
-        notes.append(f"learnt from {duration(answer.updates * answer.sample_time_s)} of flight")
+            notes.append(f"the model alone explains {explained_pct:.0f} % of the yaw rate")
+        notes.append(f"estimated from {duration(answer.updates * answer.sample_time_s)} of flight")
     if mode is not None and mode.wn_std is not None and mode.wn_std_noise is None:
         notes.append("σ is of noise alone")
     return _how_sure(summary, mode, notes)
@@ -191,9 +191,9 @@ def _sure_of_flight(summary: RunSummary, flight: Flight) -> Card:
     fits = [each.answer.fit.simulation_pct for each in used if each.answer is not None]
     known = [max(fit, 0.0) for fit in fits if fit is not None]
     if known:
-        notes.append(f"the models alone tell {_range(known)} % of the yaw rate")
+        notes.append(f"the models alone explain {_range(known)} % of the yaw rate")
     if used:
-        notes.append(f"learnt from {duration(sum(each.duration_s for each in used))} of flight")
+        notes.append(f"estimated from {duration(sum(each.duration_s for each in used))} of flight")
     return _how_sure(summary, flight.dutch_roll, notes)
 
 
@@ -204,7 +204,7 @@ def _range(values: Sequence[float]) -> str:
 
 def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> Card:
     if not summary.deciding.usable:
-        return Card("How sure?", "Not enough", "whatever the σ says", tuple(notes))
+        return Card("How sure?", "Not enough", "whatever σ says", tuple(notes))
     if mode is None or mode.wn_std is None or mode.zeta_std is None:
         return Card("How sure?", "Not known", "no sigma was found", tuple(notes))
     wn_pct, zeta_pct = _sigma_pct(mode, mode.wn_std, mode.zeta_std)
@@ -212,8 +212,8 @@ def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> 
     if mode.wn_std_noise is not None and mode.zeta_std_noise is not None:
         of_noise = _sigma_pct(mode, mode.wn_std_noise, mode.zeta_std_noise)
         notes.append(
-            f"of it noise: ωn ±{of_noise[0]:.2g} %, ζ ±{of_noise[1]:.2g} %; the rest is scatter "
-            "over the record and structure"
+            f"noise alone gives ωn ±{of_noise[0]:.2g} %, ζ ±{of_noise[1]:.2g} %; the rest is "
+            "scatter over the record and structure"
         )
     if any(reason.id == "coloured_residuals" for reason in summary.deciding.reasons):
         notes.append("σ may be too small: the residuals are not white")

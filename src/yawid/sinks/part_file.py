@@ -31,7 +31,8 @@ def open_part(path: Path, *, force: bool, suffix: str = ".part") -> tuple[Path, 
             return part, part.open("wb" if force else "xb")
         except FileExistsError as error:
             raise SinkError(
-                f"{part} exists: a run still writes it or was cut off; move it away or use --force"
+                f"{part} exists, as a run is still writing it or was cut off: move it away or use "
+                "--force"
             ) from error
 
 

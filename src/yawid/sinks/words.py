@@ -121,7 +121,7 @@ def noise_spreads(mode: DutchRoll | None) -> tuple[str, str] | None:
 def of_noise(mode: DutchRoll | None, names: tuple[str, str] = LATIN) -> str:
     """Return the sigmas of noise alone as a phrase, "" where they are unknown."""
     noise = noise_spreads(mode)
-    return f"of it noise: {names[0]} {noise[0]}, {names[1]} {noise[1]}" if noise else ""
+    return f"noise alone: {names[0]} {noise[0]}, {names[1]} {noise[1]}" if noise else ""
 
 
 def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
@@ -157,7 +157,7 @@ def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:
 
 def flown(found: Manoeuvre) -> str:
     """Return when and how a manoeuvre was flown."""
-    said = [f"{found.from_s:.0f} to {found.to_s:.0f} s", found.mode or "in no known mode"]
+    said = [f"{found.from_s:.0f} to {found.to_s:.0f} s", found.mode or "in an unknown mode"]
     if found.airspeed_m_s is not None:
         over_ground = " over ground" if found.airspeed_source == GROUND_SPEED else ""
         said.append(f"{found.airspeed_m_s:.1f} m/s{over_ground}")
@@ -209,10 +209,10 @@ def utc(date: str | None) -> str:
 def no_manoeuvre(summary: RunSummary) -> str:
     """Return a text that no manoeuvre was found, with the likely cause."""
     if summary.estimates is None:
-        return "no manoeuvre found: rudder and yaw rate were never there together"
+        return "no manoeuvre was found: no stretch has both rudder and yaw rate"
     return (
-        "no manoeuvre found: the rudder never moved on its own for long enough, in the air and at "
-        "a steady airspeed"
+        "no manoeuvre was found: the rudder never moved by itself for long enough, in the air and "
+        "at a steady airspeed"
     )
 
 
@@ -235,7 +235,7 @@ def flight_rows(summary: RunSummary) -> Iterator[Row]:
         yield Row("", f"this is {loop_of(flight.loop).whose}")
     if slope := kappa(flight):
         kind = flight.airspeed_kind if flight.airspeed_kind in _AS_GIVEN else "equivalent"
-        yield Row("", f"wn = {slope}, V the {kind} airspeed")
+        yield Row("", f"wn = {slope}, where V is the {kind} airspeed")
     yield Row("flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle)))
 
 

@@ -59,7 +59,7 @@ class ReadOptions:
         """Return a note on signed frames whose signatures were not checked, None without any."""
         if self.key is not None or not link.signed:
             return None
-        return "signed frames are read without a look at their signatures: --signing-key-file FILE"
+        return "signatures were not checked: give --signing-key-file FILE to check them"
 
 
 class Source(Protocol):

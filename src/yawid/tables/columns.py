@@ -77,7 +77,7 @@ def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     """Yield the remaining columns of a record, and the notes of each sample."""
     for name in (each for each in CHANNELS if CHANNELS[each].kept and each not in _FIRST):
         yield _channel(name, samples, known.grid)
-    yield Column("noted", texts(samples.noted, _noted), says="what is to be known of it beside")
+    yield Column("noted", texts(samples.noted, _noted), says="further notes on the sample")
 
 
 def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:

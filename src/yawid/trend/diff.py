@@ -269,10 +269,10 @@ def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None
         return "another loop"
     if quantity == "wn_rad_s":
         if "kappa_rad_m" in both:
-            return "goes with the airspeed: see ωn/V"
+            return "varies with the airspeed: see ωn/V"
         one, other = _airspeed(a.row), _airspeed(b.row)
         if one is None or other is None:
-            return "goes with the airspeed, which is unknown"
+            return "varies with the airspeed, which is unknown"
         if abs(other / one - 1.0) > SAME_SPEED:
             return "another airspeed"
     return None

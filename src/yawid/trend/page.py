@@ -59,12 +59,12 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         yield note(
             "",
             "Bars are 2 sigma of each flight, the line is the level and what changed, the band 2 "
-            "sigma with the scatter between flights. Grey: too far off to have weight; a "
-            "triangle: off the picture."
-            + (f" {more} more vehicles stand in the table alone." if more else ""),
+            "sigma with the scatter between flights. Grey: too far off to count; a triangle: "
+            "outside the picture."
+            + (f" {more} more vehicles are only in the table." if more else ""),
         )
         if len(by_vehicle) > 1:
-            yield pictures("The vehicles beside each other", list(_beside(studied)))
+            yield pictures("The vehicles next to each other", list(_beside(studied)))
     heading = (
         "vehicle", "", "flights", "now", "a year", "season", "a flight",
         "between flights", "next to others", "result",
@@ -74,7 +74,8 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         "",
         "± is one sigma. Now: the level after the last change. A year, a flight: slope of a "
         "straight line. Between flights: their scatter beyond their own sigmas. Next to others: "
-        f"sigmas off the median of the vehicles of its type. {words.rate_line(told)}.",
+        "its distance in sigmas from the median of the vehicles of its type. "
+        f"{words.rate_line(told)}.",
     )
     yield note("What this cannot do", " ".join(words.LIMITS))
 
@@ -84,7 +85,7 @@ def _changes(told: Trend) -> Iterator[tuple[str, str, str, str]]:
     for each in told.followed:
         if each.change is not None:
             otherwise = "; ".join(each.change.measured_otherwise)
-            advice = f"Measured otherwise there too: {otherwise}." if otherwise else (
+            advice = f"The measurement changed there too: {otherwise}." if otherwise else (
                 "Look at the flights on both sides of it, and at what was done to the aircraft."
             )  # fmt: skip
             yield "fatal", _whose(each), words.change_line(each.change), advice
@@ -192,6 +193,6 @@ def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
         ax.axvline(float(np.median([each.level.value for each in some])), color=NEUTRAL, zorder=0)
         ax.set_xlabel(f"{words.name_of(quantity)} {QUANTITIES[quantity].unit_for()}".rstrip())
 
-    look = "Levels as they stand now with 2 sigma; red: changed; the line is the median."
+    look = "Present levels with 2 sigma; red: changed; the line is the median."
     size_in = 5.6, 1.0 + 0.17 * max(len(some), 6)
     return Picture(f"beside-{quantity}", words.name_of(quantity), look, draw, size_in)

@@ -31,7 +31,7 @@ def print_trend(told: Trend, stream: TextIO) -> None:
         _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
              f"{words.change_line(each.change)}", "red")  # fmt: skip
         for line in each.change.measured_otherwise:
-            _say(console, f"measured otherwise there too: {line}", "yellow")
+            _say(console, f"the measurement changed there too: {line}", "yellow")
     for each in told.followed:
         if each.may_be_season is not None:
             _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
@@ -55,7 +55,7 @@ def print_trend(told: Trend, stream: TextIO) -> None:
     left = len(told.followed) - len(rows), len(outliers) - MOST_OUTLIERS
     for count, what in zip(left, ("histories", "outliers"), strict=True):
         if count > 0:
-            notes.append(f"{count} more {what} stand in --json")
+            notes.append(f"{count} more {what} are in --json")
     console.print(Text(fill("; ".join(notes), console.width, break_on_hyphens=False), "dim"))
 
 

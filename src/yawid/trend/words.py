@@ -38,7 +38,7 @@ def change_line(change: Changed) -> str:
 
 def season_line(change: Changed) -> str:
     """Return in words what may be a change or a season."""
-    return f"{change_line(change)}; a season may do as much: two years of flights show which"
+    return f"{change_line(change)}; a season may do the same: two years of flights show which it is"
 
 
 def outlier_line(outlier: Outlier) -> str:
@@ -69,7 +69,10 @@ def flights_line(told: Trend) -> str:
     left = ", ".join(f"{count} {why}" for why, count in told.left_out.items())
     text = f"{told.flights} flights" + (f", left out: {left}" if left else "")
     if any(each.vehicle.startswith("sysid:") for each in told.followed):
-        text += "; sysid:N is a MAVLink id that several aircraft may share: no serial number known"
+        text += (
+            "; sysid:N is a MAVLink id, used where no serial number is known; several aircraft may "
+            "share it"
+        )
     return text
 
 
@@ -88,9 +91,9 @@ LIMITS: Final = (
     "flights of one day count as one.",
     f"A season may swing a number by {100.0 * SEASON:g} % either way: with less than two years, a "
     "change that is no clearer than that is called a season, and is no alarm. With two years the "
-    "season is estimated. A larger one in the first two years is taken for a change.",
+    "season is estimated. A larger season in the first two years is reported as a change.",
     "What all flights of several days have in common (a campaign, a pilot, a load, an airspeed "
-    "sensor's calibration) is not told from a change: it is one, of something.",
+    "sensor's calibration) cannot be distinguished from a change of the aircraft.",
     "Vehicles that change together are each judged by themselves.",
     "The rate holds for up to 5 % of outliers; with 10 % it is about twice as high.",
 )

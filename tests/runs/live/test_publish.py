@@ -131,7 +131,9 @@ def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tm
         link.settimeout(0.2)
         send([*one, *two], session.port, link)
         beats = receive(link, lambda found: sum(m.get_type() == "HEARTBEAT" for m in found) >= 4)
-        session.screen.wait_for("2 vehicles share what may be published: each is sent every 2 s")
+        session.screen.wait_for(
+            "2 vehicles share the publisher: the answer of each is sent every 2 s"
+        )
     senders = [m.get_srcSystem() for m in beats if m.get_type() == "HEARTBEAT"]
     assert {*senders[:2]} == {*senders[2:4]} == {1, 2}
     assert {m.get_srcComponent() for m in beats} == {77}

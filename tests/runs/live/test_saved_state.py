@@ -81,7 +81,10 @@ def test_another_vehicle_starts_anew_with_the_reason_and_the_old_state_is_kept(t
     old = state.read_bytes()
     ended, said = fly(tmp_path, state, "two", frames(20.0, sysid=7))
 
-    assert "does not fit, starting again: vehicle is 7/1, type 1, in the state 1/1" in said
+    assert (
+        "does not fit this session, so estimation starts again: vehicle is 7/1, type 1, in the "
+        "state 1/1" in said
+    )
     assert (tmp_path / "state.old").read_bytes() == old
     assert state.read_bytes() != old
     assert ended.summary.estimates["els"].updates < 400
@@ -109,7 +112,7 @@ NO_SIZES = json.dumps(
 def test_a_file_that_is_no_state_is_refused_and_left_alone(content: bytes, tmp_path: Path):
     path = tmp_path / "notes.txt"
     path.write_bytes(content)
-    with pytest.raises(ConfigError, match="no saved state"):
+    with pytest.raises(ConfigError, match="not a saved state"):
         StateFile(path, CONFIG, print)
     assert path.read_bytes() == content
 
@@ -118,7 +121,7 @@ def test_a_state_cut_short_is_refused(tmp_path: Path):
     state = tmp_path / "state"
     fly(tmp_path, state, "one", frames(15.0))
     state.write_bytes(state.read_bytes()[:-1])
-    with pytest.raises(ConfigError, match="cut short"):
+    with pytest.raises(ConfigError, match="is incomplete"):
         StateFile(state, CONFIG, print)
 
 
@@ -177,7 +180,9 @@ def test_a_state_of_another_version_is_refused_before_anything_is_received(
         f"udpin:127.0.0.1:{free_port()}", seconds=0.1, state=state, every_vehicle=every_vehicle
     )
     screen = Screen()
-    with pytest.raises(ConfigError, match="remove it or take another file") as refused:
+    with pytest.raises(
+        ConfigError, match="to start again, remove it or give another file"
+    ) as refused:
         live(options, CONFIG, Outputs(state.parent / "out", "x"), StopFlag(), Console(screen))
     assert "\n" not in str(refused.value)
     assert "listening" not in screen.getvalue()

@@ -121,13 +121,15 @@ def test_what_has_no_room_is_counted_and_said_and_nothing_else_is_missing(
     sent = frames(10.0)
     with listening(tmp_path) as session:
         send(sent, session.port)
-        session.screen.wait_for("datagrams dropped so far")
+        session.screen.wait_for("datagrams were dropped so far")
     [ended] = session.ended
     dropped = sum(ended.summary.live.dropped.values())
     assert dropped > 0
     assert ended.summary.link.frames + dropped == len(sent)
     assert any("in no file and no estimate" in line for line in ended.summary.live.events)
-    assert f"not everything could be taken: {dropped} dropped here" in session.screen.getvalue()
+    assert (
+        f"some datagrams were lost on this machine: {dropped} dropped" in session.screen.getvalue()
+    )
 
 
 def test_a_stop_skips_what_waits_in_the_tlog_and_in_the_estimates_alike(
@@ -199,10 +201,12 @@ def test_who_is_no_vehicle_fills_no_tlog_and_made_up_vehicles_open_no_more_than_
     ]
     with listening(tmp_path, every_vehicle=True, most_vehicles=3) as session:
         send([*vehicle, *chatter, *made_up, *chatter], session.port)
-        session.screen.wait_for("system 12: no session, there are 3 already and --most-vehicles")
+        session.screen.wait_for(
+            "system 12: no session is opened, as there are 3 already: --most-vehicles"
+        )
         wait_for_size(session.part("tlog", "live-9"), tlog_size(vehicle))
 
-    assert session.screen.getvalue().count("no session, there are") == 1
+    assert session.screen.getvalue().count("no session is opened, as there are") == 1
     sizes = {path.stem: path.stat().st_size for path in tmp_path.glob("*.tlog")}
     assert sizes == {
         "live-9": tlog_size(vehicle),
@@ -211,7 +215,7 @@ def test_who_is_no_vehicle_fills_no_tlog_and_made_up_vehicles_open_no_more_than_
     }
     assert LiveOptions("udpin:127.0.0.1:14560").most_vehicles == 64
     for wrong in ({"most_vehicles": 0}, {"most_vehicles": 256}, {"record_others": True}):
-        with pytest.raises(ConfigError, match=r"must be 1 to 255|is for --sysid all"):
+        with pytest.raises(ConfigError, match=r"must be 1 to 255|goes with --sysid all"):
             LiveOptions("udpin:127.0.0.1:14560", **wrong)
 
 
@@ -249,7 +253,9 @@ def test_a_second_vehicle_that_is_not_estimated_is_said_one_time(tmp_path: Path)
         send(mixed(frames(10.0, sysid=1), frames(10.0, sysid=2)), session.port)
         session.screen.wait_for("tracking")
 
-    assert session.screen.getvalue().count("system 2 is received too, estimated is 1") == 1
+    assert (
+        session.screen.getvalue().count("system 2 is received too, but system 1 is estimated") == 1
+    )
 
 
 def test_a_link_without_any_vehicle_is_one_summary_that_says_so(tmp_path: Path):
@@ -281,8 +287,8 @@ def test_a_state_that_goes_bad_while_a_session_runs_costs_no_vehicle_its_record(
     ended = {e.summary.vehicle.sysid: e for e in session.ended}
     assert {sysid: e.exit_code == 6 for sysid, e in ended.items()} == {1: False, 2: True}
     assert all(e.summary.estimates["els"].updates > 100 for e in ended.values())
-    assert session.screen.getvalue().count("is no saved state") == 1
-    assert "no saved state" in ended[2].summary.live.failed[0]
+    assert session.screen.getvalue().count("is not a saved state") == 1
+    assert "not a saved state" in ended[2].summary.live.failed[0]
     assert (tmp_path / "state-2").read_text() == "hello"
     assert (tmp_path / "state-1").exists()
 
@@ -297,7 +303,7 @@ def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Pat
         for i in range(0, len(sent), 2):
             send(sent[i : i + 1], session.port, vehicle)
             send(sent[i + 1 : i + 2], session.port, forger)
-        session.screen.wait_for("system 1 is sent from two addresses")
+        session.screen.wait_for("system 1 is received from two addresses")
         ports = {s.getsockname()[1] for s in (vehicle, forger)}
     said = [text for text in session.screen.getvalue().splitlines() if "two addresses" in text]
     assert len(said) == 1

@@ -176,7 +176,7 @@ def test_a_sample_that_no_aircraft_gave_is_refused(
         assert main([name, str(forged), option, out.replace("OUT", str(tmp_path / "out"))]) == 6
         said = capsys.readouterr().err
         assert said.count("\n") == 1
-        assert f"{field} of a sample is absurd" in said
+        assert f"{field} of a sample is impossible" in said
 
 
 def test_log_lines_without_a_time_are_refused(
@@ -253,5 +253,5 @@ def test_a_reason_that_this_version_does_not_know_is_shown_and_not_judged_again(
 ) -> None:
     forged = forge(run, tmp_path / "f.mcap", summary=with_("verdict.reasons.0.id", "too_hot"))
     assert main(["replay", str(forged), "--out", str(tmp_path / "out")]) == 6
-    assert "unknown to this version: too_hot" in capsys.readouterr().err
+    assert "that this version does not know: too_hot" in capsys.readouterr().err
     assert main(["view", str(forged), "--save", str(tmp_path / "v.rrd")]) == 0

@@ -115,7 +115,7 @@ def test_a_file_cut_anywhere_gives_all_its_complete_chunks(
     (folder / "torn.mcap").write_bytes(data[:size])
     complete = sum(end <= size for _, end in chunk_places(whole))
     if complete == 0:
-        with pytest.raises(SinkError, match="nothing recovered"):
+        with pytest.raises(SinkError, match="nothing was recovered"):
             recover(folder / "torn.mcap", folder / "out.mcap")
         assert not (folder / "out.mcap").exists()
         return
@@ -233,7 +233,7 @@ def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
 def test_a_torn_file_of_another_version_gives_nothing_and_says_why(tmp_path: Path) -> None:
     data = write_file(tmp_path / "whole.mcap").read_bytes()
     (tmp_path / "old.mcap").write_bytes(data[:-100].replace(b"boot_time", b"long_time"))
-    with pytest.raises(SinkError, match=r"schema of another version of yawid.*nothing recovered"):
+    with pytest.raises(SinkError, match=r"of another version of yawid.*nothing was recovered"):
         recover(tmp_path / "old.mcap", tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
 
@@ -245,7 +245,9 @@ def test_a_run_of_an_older_version_is_recovered_by_its_summary_or_refused_by_nam
     assert whole.counts["/yawid/sample"] > 200
     assert not whole.left_out
     (tmp_path / "torn.mcap").write_bytes(OLD_RUN.read_bytes()[:-20])
-    with pytest.raises(SinkError, match=r"[0-9] x schema of another version of yawid"):
+    with pytest.raises(
+        SinkError, match=r"[0-9] x schema that is damaged or of another version of yawid"
+    ):
         recover(tmp_path / "torn.mcap", tmp_path / "out.mcap")
 
 
@@ -311,7 +313,7 @@ def test_a_sound_file_is_copied_whole(tmp_path: Path) -> None:
 )
 def test_what_was_never_an_mcap_is_one_line(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad").write_bytes(content)
-    with pytest.raises(SinkError, match="nothing recovered") as caught:
+    with pytest.raises(SinkError, match="nothing was recovered") as caught:
         recover(tmp_path / "bad", tmp_path / "out.mcap")
     assert "\n" not in str(caught.value)
     assert [p.name for p in tmp_path.iterdir()] == ["bad"]

@@ -121,7 +121,7 @@ def test_what_lost_its_estimates_is_replayed_and_the_others_say_how(
 
     capsys.readouterr()
     assert main(["view", str(out), "--save", str(tmp_path / "v.rrd")]) == 6
-    assert "yawid replay of it estimates them again" in capsys.readouterr().err
+    assert "yawid replay of this file estimates them again" in capsys.readouterr().err
     again = replayed(out, tmp_path / "again")
     assert set(summary_of(again)["estimates"]) == {"els", "rml"}
     assert main(["view", str(again), "--save", str(tmp_path / "v.rrd")]) == 0

@@ -289,7 +289,7 @@ def test_the_bar_of_a_manoeuvre_that_is_not_usable_is_of_one_colour_and_has_no_b
 def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     [table] = statics(flown, "/manoeuvres", "TextDocument:text")[-1]
     flight = (
-        "The flight: **ωn 10.10 ± 0.15 rad/s, ζ 0.630 ± 0.020** (of it noise: ωn ± 0.02, "
+        "The flight: **ωn 10.10 ± 0.15 rad/s, ζ 0.630 ± 0.020** (noise alone: ωn ± 0.02, "
         "ζ ± 0.003), at 20.5 m/s, the airframe, of manoeuvre 1, 3; 2 disagree: usable."
     )
     assert table.splitlines() == [
@@ -326,7 +326,7 @@ def test_numbers_of_an_unusable_run_are_said_not_to_be_used_and_are_not_bold() -
     shown = msgspec.structs.replace(SUMMARY, estimates={"rml": found.answer})
     text = verdict_markdown(shown)
     assert text.startswith("# Not usable\nThe stream, RML: ωn 10.20 ± 0.20 rad/s, ζ 0.620 ± 0.030.")
-    assert "The numbers are not to be used: they are shown to find out why." in text
+    assert "Do not use the numbers: they are shown only to find out why." in text
     assert "| RML | 10.20 ± 0.20 | 0.620 ± 0.030 | 87 % |" in text
     assert text.endswith("± is one sigma: noise, scatter over the record, structure.\n")
 

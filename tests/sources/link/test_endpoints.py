@@ -47,7 +47,7 @@ def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(t
 
 @pytest.mark.parametrize("text", ["/dev/ttyUSB0,0", "/dev/ttyUSB0,99999999999"])
 def test_a_baud_rate_no_port_has_is_refused_with_the_usual_one(text: str) -> None:
-    with pytest.raises(ConfigError, match="no baud rate, write /dev/ttyUSB0,57600"):
+    with pytest.raises(ConfigError, match="not a baud rate: write /dev/ttyUSB0,57600"):
         parse_endpoint(text)
 
 

@@ -99,7 +99,7 @@ def test_all_addresses_of_ipv6_leave_the_port_free_for_ipv4() -> None:
 
 
 def test_an_address_of_another_machine_is_one_line_with_the_remedy() -> None:
-    with pytest.raises(SourceError, match=r"no address of this machine, use ::1 or ::$"):
+    with pytest.raises(SourceError, match=r"not an address of this machine: use ::1 or ::$"):
         UdpTap(Endpoint("2001:db8::7", 14560))
 
 

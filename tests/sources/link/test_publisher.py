@@ -210,7 +210,7 @@ def test_that_nobody_takes_it_is_said_once_and_who_comes_later_gets_it() -> None
     for second in range(3):
         publisher.send_round(1, 0, VALUES, float(second))
     [line] = publisher.news
-    assert "nobody takes what is published to there" in line
+    assert "nothing receives what is published to there" in line
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as back:
         back.bind(address)
         back.settimeout(0.0)
@@ -254,7 +254,7 @@ def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() 
         ("udpin:10.0.0.7:14560", "udpin:0.0.0.0:14560", "write --publish tap"),
         ("udpin:[::]:14560", "udpin:[::1]:14560", "write --publish tap"),
         ("udpin:0.0.0.0:14550", "mcast:", "write --publish tap"),
-        ("tap", "mcast:", "nobody answers to a group"),
+        ("tap", "mcast:", "a group cannot be answered"),
     ],
 )
 def test_what_cannot_be_published_to_is_refused_in_one_line(

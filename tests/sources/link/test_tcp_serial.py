@@ -72,14 +72,14 @@ def test_a_connection_that_is_lost_is_sought_again_and_both_are_said() -> None:
             with again:
                 again.sendall(FRAMES[1])
                 assert read_all(tap, 1)[8:] == FRAMES[1]
-                news = [("gone" in line, "back" in line) for line in tap.news]
+                news = [("lost" in line, "back" in line) for line in tap.news]
                 assert news == [(True, False), (False, True)]
 
 
 def test_a_peer_that_is_not_there_is_one_line_with_the_remedy() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = server.getsockname()
-    with pytest.raises(SourceError, match="nobody listens there"):
+    with pytest.raises(SourceError, match="nothing listens there"):
         StreamTap(Endpoint(*address, "tcp"))
 
 
@@ -145,7 +145,7 @@ def test_a_serial_device_that_is_pulled_out_is_sought_again_and_both_are_said(
             time.sleep(0.05)
         os.write(vehicle, FRAMES[1])
         assert read_all(tap, 1)[8:] == FRAMES[1]
-        news = [("gone" in line, "back" in line) for line in tap.news]
+        news = [("lost" in line, "back" in line) for line in tap.news]
         assert news == [(True, False), (False, True)]
 
 

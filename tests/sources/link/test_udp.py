@@ -200,7 +200,7 @@ def test_closing_ends_the_thread_and_frees_the_port(vehicle: socket.socket) -> N
 
 def test_a_port_in_use_is_refused_with_a_remedy(tap: UdpTap) -> None:
     port = tap.address[1]
-    with pytest.raises(SourceError, match=f"port {port} is in use, end the program"):
+    with pytest.raises(SourceError, match=f"port {port} is in use: end the program"):
         UdpTap(Endpoint("127.0.0.1", port))
 
 

@@ -90,7 +90,7 @@ def test_a_missing_file_and_a_directory_are_refused_in_one_line(tmp_path: Path) 
 def test_a_pipe_is_refused_and_does_not_block(tmp_path: Path) -> None:
     path = tmp_path / "pipe.tlog"
     os.mkfifo(path)
-    with pytest.raises(SourceError, match="no regular file"):
+    with pytest.raises(SourceError, match="not a regular file"):
         check_readable(path)
 
 

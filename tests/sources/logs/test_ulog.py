@@ -337,7 +337,7 @@ def test_flipped_bytes_are_read_or_refused_in_silence(tmp_path: Path, seed: int)
 def test_a_log_of_other_topics_is_refused_in_one_line(tmp_path: Path):
     log = ULogFile({})
     log.add("unrelated_topic", 5)
-    for data, text in ((log.data, "without any of the topics"), (log.data[:9], "cannot be read")):
+    for data, text in ((log.data, "none of the topics"), (log.data[:9], "cannot be read")):
         with pytest.raises(SourceError, match=text) as caught:
             open_log(written(tmp_path, data))
         assert "\n" not in str(caught.value)

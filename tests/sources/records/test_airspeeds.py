@@ -147,5 +147,5 @@ def test_an_exports_words_for_the_kind_are_read_and_others_refused(tmp_path: Pat
     np.testing.assert_array_equal(found.by_ground, 1.0)
     assert np.isnan(found.airspeed_kind).all()
 
-    with pytest.raises(SourceError, match="'guessed' is no kind of airspeed"):
+    with pytest.raises(SourceError, match="'guessed' is not a kind of airspeed"):
         rows_of(tmp_path / "a.csv", head, "30,31,guessed")

@@ -148,7 +148,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         HEAD + BODY,
         IN_RAD,
         ConfigError,
-        "it is in deg, and --rudder-unit says rad",
+        "it is in deg, but --rudder-unit is rad",
     ),
     "a rudder of 40 rad": (
         "t,rudder,r_deg_s\n" + BODY.replace(",4,", ",40,"),
@@ -178,7 +178,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         "t,rudder_deg,gyro\n" + BODY,
         Asked(("r=gyro",), rudder_sign="nose-left"),
         ConfigError,
-        "column gyro: nothing says the unit of this r: .*--units deg",
+        "column gyro: the unit of this r is not given: .*--units deg",
     ),
     "another unit than can be": (
         "t,rudder_deg,r [m]\n" + BODY,
@@ -214,7 +214,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         HEAD + BODY.replace("-30", "fast"),
         RIGHT,
         SourceError,
-        r"line 4, column 3 \(r_deg_s\): 'fast' is no number",
+        r"line 4, column 3 \(r_deg_s\): 'fast' is not a number",
     ),
     "a line that was cut short": (
         HEAD + BODY.removesuffix(",5\n"),
@@ -228,7 +228,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         SourceError,
         "line 4: a row without a time",
     ),
-    "a clock that stands": (HEAD + "1,1,1\n" * 4, RIGHT, SourceError, "time does not go on"),
+    "a clock that stands": (HEAD + "1,1,1\n" * 4, RIGHT, SourceError, "time does not advance"),
     "a clock in other units": (
         HEAD + "0,1,10\n20,-2,20\n40,3,-30\n60,4,5\n",
         RIGHT,
@@ -239,7 +239,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         HEAD + "12:00:01.5,1,10\n12:00:02,1,10\n12:00:03,1,10\n",
         RIGHT,
         SourceError,
-        "line 2: '12:00:01.5' is no time",
+        "line 2: '12:00:01.5' is not a time",
     ),
     "points and commas": (
         "t;rudder_deg;r_deg_s\n0,5;1;1\n0,6;1.5;1\n0,7;1,5;1\n",
@@ -251,7 +251,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         "t,rudder_deg,r_deg_s,held\n" + BODY.replace("\n", ",tired\n"),
         RIGHT,
         SourceError,
-        "line 2: 'tired' is no reason",
+        "line 2: 'tired' is not a reason",
     ),
     "a channel that is empty": (
         HEAD + "0,1,\n0.1,1,\n0.2,2,\n",

@@ -75,7 +75,7 @@ def test_a_csv_of_too_many_lines_is_refused_before_they_are_read(
     with path.open("a") as file:
         file.write("this line would be refused\n")
     monkeypatch.setattr(records, "MOST_NUMBERS", 3000)
-    with pytest.raises(SourceError, match=r"100[0-9] rows of 3 columns are more .*cut it into"):
+    with pytest.raises(SourceError, match=r"100[0-9] rows of 3 columns are more .*split it into"):
         Record(path).settle(Asked(rudder_sign="nose-right"))
     monkeypatch.setattr(records, "MOST_NUMBERS", 4000)
     with pytest.raises(SourceError, match="line 1002: 1 cells, the header has 3"):
@@ -93,7 +93,7 @@ def test_a_line_without_an_end_takes_no_memory(tmp_path: Path) -> None:
         150,
         tmp_path / "a.csv",
     )
-    assert "this is no CSV" in done.stderr
+    assert "is not a CSV" in done.stderr
 
 
 @pytest.mark.parametrize("rows", [8191, 8192, 8193, 20_000])

@@ -43,7 +43,7 @@ def passed_by() -> str | None:
     """Return in words why NUMBA_CACHE_DIR is not used; None where it is used, or not set."""
     first, is_given = _first()
     why = why_not(first) if is_given else None
-    return why and f"NUMBA_CACHE_DIR is passed by: {why}"
+    return why and f"NUMBA_CACHE_DIR is not used: {why}"
 
 
 def _first() -> tuple[Path, bool]:
@@ -105,7 +105,7 @@ def _open(path: Path, flags: int, mode: int = 0) -> int:
     is_safe = about.st_uid in (0, os.geteuid()) and not about.st_mode & _FOR_OTHERS
     if not (stat.S_ISREG(about.st_mode) and is_safe):
         os.close(opened)
-        raise PermissionError(f"{path} can be changed by others, or is no file")
+        raise PermissionError(f"{path} can be changed by others, or is not a file")
     return opened
 
 

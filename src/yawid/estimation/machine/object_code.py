@@ -80,5 +80,5 @@ def loaded(code: bytes, *names: str) -> list[int]:
         engine.finalize_object()
         found = [engine.get_function_address(name) for name in names]
     if not all(found):
-        raise RuntimeError(f"the object code has not all of {', '.join(names)}")
+        raise RuntimeError(f"the object code lacks some of {', '.join(names)}")
     return found

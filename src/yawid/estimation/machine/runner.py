@@ -218,7 +218,6 @@ def _why(error: Exception) -> str:
     shown = "".join(each if each.isprintable() else "?" for each in line)
     text = f"{type(error).__name__}: {shown}".removesuffix(": ")
     return (
-        f"the estimators cannot be compiled ({text}): "
-        f"they run as plain Python, some {TIMES_SLOWER} times slower; "
-        "install numba and llvmlite as yawid requires them"
+        f"the estimators cannot be compiled ({text}): they run as plain Python, about "
+        f"{TIMES_SLOWER} times slower; install the numba and llvmlite that yawid requires"
     )

@@ -92,12 +92,12 @@ class LiveOptions:
         if self.request_hz is not None and not 0.1 <= self.request_hz <= 1000.0:
             raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
         if self.request_hz is not None and self.every_vehicle:
-            raise ConfigError("--request-rates asks one vehicle: name it by --sysid N")
+            raise ConfigError("--request-rates asks one vehicle only: name it by --sysid N")
         if not 1 <= self.most_vehicles <= 255:
             raise ConfigError(f"--most-vehicles must be 1 to 255, got {self.most_vehicles}")
         if self.record_others and not self.every_vehicle:
             raise ConfigError(
-                "--record-others is for --sysid all: one session records all it hears"
+                "--record-others goes with --sysid all: a single session records everything anyway"
             )
         if not 1 <= self.request_sysid <= 255:
             raise ConfigError(f"--request-sysid must be 1 to 255, got {self.request_sysid}")
@@ -112,8 +112,9 @@ class LiveOptions:
         kind = endpoint.kind
         if kind == "udpout" and self.request_hz is None:
             raise ConfigError(
-                f"{self.endpoint}: who listens there answers only those who send first, and a tap "
-                "is passive: add --request-rates, or let it send to a udpin of yours"
+                f"{self.endpoint}: a program that listens there answers only those who send first, "
+                "and a tap is passive: add --request-rates, or let the program send to a udpin "
+                "endpoint of yours"
             )
 
 
@@ -251,8 +252,8 @@ class _Loop:
             )
         self._publish = publish
         self._publishing = Bulkhead("publishing", "nothing more is published", self._tell)
-        self._asking = Bulkhead("asking for rates", "nothing more is asked", self._tell)
-        self._drawing = Bulkhead("the screen", "lines take its place", self._tell)
+        self._asking = Bulkhead("asking for rates", "no more rates are asked for", self._tell)
+        self._drawing = Bulkhead("the screen", "lines are written instead", self._tell)
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until asked to stop, the time is up, or the endpoint fails."""
@@ -313,13 +314,13 @@ class _Loop:
         if len(inbox):
             skipped_bytes = inbox.skip()
             self._tell(
-                f"stopped while {inbox.skipped} datagrams of {skipped_bytes} bytes waited to be "
-                "estimated: they are in no file and no estimate"
+                f"stopped while {inbox.skipped} datagrams of {skipped_bytes} bytes were waiting to "
+                "be estimated: they are in no file and no estimate"
             )
         for line in self._tap.news:
             self._tell(line)
         if inbox.dropped or inbox.too_long or self._tap.socket_dropped:
-            self._tell(f"not everything could be taken: {self._dropped()} dropped here")
+            self._tell(f"some datagrams were lost on this machine: {self._dropped()} dropped")
         parts = (self._publishing, self._asking, self._drawing)
         failed = [part for part in parts if part.failure is not None]
         dropped = {
@@ -378,7 +379,8 @@ class _Loop:
         jump_s = self._tap.stamps.jump()
         if jump_s is not None:
             self._tell(
-                f"this machine's clock jumped by {jump_s:+.1f} s: receive stamps go on evenly"
+                f"this machine's clock jumped by {jump_s:+.1f} s: the receive stamps continue "
+                "without the jump"
             )
         silent_us = self._tap.stamps.now() - max(self._tap.inbox.last_us, self._begun_us)
         if (silent_us > SILENT_US) is not self._is_silent:

@@ -29,7 +29,7 @@ class Overload:
             self._is_behind = True
             yield (
                 f"the estimates are {behind_s:.0f} s behind the link: {len(inbox)} datagrams wait, "
-                "and what the queue has no room for will be dropped"
+                "and those for which the queue has no room will be dropped"
             )
         elif behind_s < CAUGHT_UP_S and self._is_behind:
             self._is_behind = False
@@ -37,13 +37,14 @@ class Overload:
         if inbox.too_long and not self._too_long_said:
             self._too_long_said = True
             yield (
-                f"datagrams of more than {LONGEST} bytes come, which no MAVLink link sends: they "
+                f"datagrams of more than {LONGEST} bytes arrive, which no MAVLink link sends: they "
                 "are dropped and counted"
             )
         queue, system = inbox.dropped, self._tap.socket_dropped or 0
         if queue + system > self._said and self._again.due():
             self._said = queue + system
             yield (
-                f"more comes than can be read: {queue + system} datagrams dropped so far ({queue} "
-                f"by the queue, {system} by the operating system), in no file and no estimate"
+                f"more data arrive than can be read: {queue + system} datagrams were dropped so "
+                f"far ({queue} by the queue, {system} by the operating system), in no file and no "
+                "estimate"
             )

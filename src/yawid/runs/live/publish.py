@@ -82,8 +82,8 @@ class Publish:
             if vehicle not in self._refused:
                 self._refused.add(vehicle)
                 self._publisher.news.append(
-                    f"nothing is published of system {vehicle[0]}: component {vehicle[1]} is its "
-                    "autopilot, take another number for --publish-compid"
+                    f"nothing is published for system {vehicle[0]}, as component {vehicle[1]} is "
+                    "its autopilot: choose another --publish-compid"
                 )
             return False
         received_us = max(session.pipeline.channels.segmenter.received_us)
@@ -93,7 +93,7 @@ class Publish:
         if count > 1 and not self._shared_said:
             self._shared_said = True
             self._publisher.news.append(
-                f"{count} vehicles share what may be published: each is sent every "
+                f"{count} vehicles share the publisher: the answer of each is sent every "
                 f"{count * ROUND_S:.0f} s"
             )
 

@@ -24,7 +24,7 @@ from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0
-_REMEDY = "remove it or take another file for --state to start again"
+_REMEDY = "to start again, remove it or give another file to --state"
 # These settings choose the samples, or what is derived from the model; they do not change it.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "given")
 _OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad", "least_stroke_deg")
@@ -44,7 +44,7 @@ class StateFile(Bulkhead):
     """
 
     def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
-        super().__init__("the state", "the state is not kept", tell)
+        super().__init__("the state", "the state is no longer saved", tell)
         self._path = path
         self._pace = Pace(SAVE_S)
         self._keep_old = False
@@ -54,7 +54,7 @@ class StateFile(Bulkhead):
         if self._head is not None:
             reason = _difference({"configuration": _settings(config)}, self._head["key"])
             if reason:
-                raise ConfigError(f"the state in {path} does not fit: {reason}")
+                raise ConfigError(f"the state in {path} does not fit this session: {reason}")
 
     def resume(self, bank: Bank, pipeline: Pipeline) -> None:
         """Put the saved estimators into a new bank if they fit; report whether they do."""
@@ -69,7 +69,10 @@ class StateFile(Bulkhead):
             reason = "the estimators are set up differently"
         if reason:
             self._keep_old = True
-            self._tell(f"the state in {self._path} does not fit, starting again: {reason}")
+            self._tell(
+                f"the state in {self._path} does not fit this session, so estimation starts again: "
+                f"{reason}"
+            )
             return
         for method, estimator in estimators.items():
             # The time between the sessions is a gap: the lags must not reach across it.
@@ -175,11 +178,11 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]
         version, sizes = head["version"], dict(head["sizes"])
         head["key"]["configuration"], head["saved_s"] + 0.0, sum(sizes.values())
     except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} is no saved state: take another file for --state") from error
+        raise ConfigError(f"{path} is not a saved state: give another file to --state") from error
     if version != VERSION:
         raise ConfigError(f"{path} was saved as {version!r}, this is {VERSION!r}: {_REMEDY}")
     if sum(sizes.values()) != len(body):
-        raise ConfigError(f"{path} is cut short: {_REMEDY}")
+        raise ConfigError(f"{path} is incomplete: {_REMEDY}")
     saved, at = {}, 0
     for method, size in sizes.items():
         try:

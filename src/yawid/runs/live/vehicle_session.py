@@ -108,10 +108,13 @@ class LiveSession:
         # With several vehicles the streams are not judged for the screen during the flight.
         self._gatherer = Gatherer(None if label else setting.fits)
         self._estimating = Bulkhead(
-            "the estimation", "no longer estimated, recorded as before", self.tell, self._misfit
+            "the estimation",
+            "it is no longer estimated, but recorded as before",
+            self.tell,
+            self._misfit,
         )
-        self._showing = Bulkhead("the status", "no longer shown", self.tell)
-        self.publishing = Bulkhead("publishing", "nothing more of it is published", self.tell)
+        self._showing = Bulkhead("the status", "it is no longer shown", self.tell)
+        self.publishing = Bulkhead("publishing", "nothing more is published for it", self.tell)
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -257,7 +260,7 @@ class LiveSession:
                 self._estimating.give_up(error)
         if self._estimating.failure is None:
             return summary, verdict
-        text = f"{self._estimating.failure}: what came afterwards is in no estimate"
+        text = f"{self._estimating.failure}: what arrived afterwards is in no estimate"
         return refused(summary, verdict, Reason("interrupted", text))
 
     def abort(self) -> None:
@@ -302,8 +305,8 @@ class LiveSession:
         for sysid in sorted(flying - self._others - {lock.vehicle.sysid}):
             self._others.add(sysid)
             self.tell(
-                f"system {sysid} is received too, estimated is {lock.vehicle.sysid}: "
-                "--sysid N takes another, --sysid all takes each"
+                f"system {sysid} is received too, but system {lock.vehicle.sysid} is estimated: "
+                "choose another by --sysid N, or each by --sysid all"
             )
 
     def _look_for_signatures(self) -> None:

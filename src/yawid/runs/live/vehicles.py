@@ -167,9 +167,9 @@ class Fleet:
         if not self._too_many_said:
             self._too_many_said = True
             self._setting.say(
-                f"system {sysid_of(frame)}: no session, there are {self._most} already and "
-                "--most-vehicles N allows no more; without --signing-key-file anybody can claim "
-                "to be a vehicle"
+                f"system {sysid_of(frame)}: no session is opened, as there are {self._most} "
+                "already: --most-vehicles N allows more; without --signing-key-file anybody can "
+                "claim to be a vehicle"
             )
         return False
 
@@ -183,7 +183,7 @@ class Fleet:
         if sysid not in self._unsigned:
             self._unsigned.add(sysid)
             self._setting.say(
-                f"system {sysid}: its HEARTBEAT is not signed with the key: no session"
+                f"system {sysid}: its HEARTBEAT is not signed with the key, so no session is opened"
             )
         return False
 
@@ -194,7 +194,7 @@ class Fleet:
         except Exception as error:
             session = for_vehicle(self._setting._replace(state=None), sysid)
             session.failures["state"] = cause_of(error)
-            session.tell(f"{cause_of(error)}: estimated from the start, the state is not kept")
+            session.tell(f"{cause_of(error)}: estimated from the start; the state is not saved")
             self._sessions[sysid] = session
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:

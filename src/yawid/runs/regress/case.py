@@ -92,7 +92,8 @@ class Case:
         wrong = []
         if replayed.summary["sha256"] != self.sha256:
             wrong.append(
-                f"{self.log.name} is not the log of the case: sha256 {replayed.summary['sha256']}"
+                f"{self.log.name} is not the log of the case: its sha256 is "
+                f"{replayed.summary['sha256']}"
             )
         if replayed.updates < self.floor:
             wrong.append(f"{replayed.updates} updates, below the floor of {self.floor}")
@@ -125,5 +126,5 @@ def find_cases(folder: Path, names: Sequence[str]) -> list[Case]:
     else:
         paths = sorted(path.parent for path in folder.glob("*/case.toml"))
     if not paths:
-        raise ConfigError(f"{folder}: no case there (a case is a folder with a case.toml)")
+        raise ConfigError(f"{folder} holds no case: a case is a folder with a case.toml")
     return [Case.read(path) for path in paths]

@@ -160,7 +160,7 @@ def check_junit(path: Path) -> None:
     except (OSError, ET.ParseError):
         is_result = False
     if not is_result:
-        raise SinkError(f"{path} exists and holds no test results: choose another --junit")
+        raise SinkError(f"{path} exists and does not hold test results: choose another --junit")
 
 
 def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:

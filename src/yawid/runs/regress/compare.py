@@ -25,8 +25,8 @@ different values."""
 TOTALS = (".wn_std", ".zeta_std", ".std")
 MOST_SAID = 300
 """The largest number of characters of a value that a message shows."""
-NOT_COMPARED = frozenset({"log", "files", "text"})
-"""Keys that are not compared: paths on the disk and the words of a reason are not results."""
+NOT_COMPARED = frozenset({"log", "files", "text", "next"})
+"""Keys that are not compared: paths on the disk and the words of a verdict are not results."""
 
 
 def tolerance_of(column: str, tolerances: Mapping[str, float]) -> float:
@@ -61,7 +61,7 @@ def compare_tables(
         ConfigError: a tolerance is given for a column that does not exist.
     """
     if unused := sorted(set(tolerances) - set(columns)):
-        raise ConfigError(f"tolerance for no such column: {', '.join(unused)}")
+        raise ConfigError(f"a tolerance names a column that is not there: {', '.join(unused)}")
     if columns != actual_columns:
         return [Mismatch("", math.inf, f"columns: expected {columns}, got {actual_columns}")]
     if expected.shape != actual.shape:
@@ -114,7 +114,9 @@ def split_tolerances(
     leaves = [name for name, *_ in _side_by_side(reference, reference)]
     unused = [name for name in sorted(by_key) if not any(_below(leaf, name) for leaf in leaves)]
     if unused:
-        raise ConfigError(f"tolerance for no such column or key: {', '.join(unused)}")
+        raise ConfigError(
+            f"a tolerance names a column or key that is not there: {', '.join(unused)}"
+        )
     return by_column, by_key
 
 
@@ -141,7 +143,7 @@ def compare_summaries(
     """Yield a message for each key that differs; a tolerance holds for all keys below its own."""
     for name, a, b in _side_by_side(expected, actual):
         if a is None or b is None:
-            yield f"summary.{name}: {'there' if a is None else 'not there'}, unlike the reference"
+            yield f"summary.{name}: {'not' if a is None else 'only'} in the reference"
         elif not _same_value(a, b, name, tolerances or {}):
             yield f"summary.{name}: expected {_short(a)}, got {_short(b)}"
 

@@ -53,7 +53,7 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
     config = RunConfig(**check_settings(dict(options), "the command line"))
     kind = format_of(log)
     if kind.opener is None or kind.has_columns:
-        raise SourceError(f"{log} is {kind.called}: a case is made of a log")
+        raise SourceError(f"{log} is {kind.called}: a case is made from a log")
     data = b"".join(read_tlog(log)) if kind is TLOG else _on_board(log)
     kept = data
     whole = len(data) < MOST_BYTES and config.from_s is None and config.to_s is None
@@ -61,7 +61,7 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
         kept = _trimmed(data, config)
     if len(kept) >= MOST_BYTES:
         raise ConfigError(
-            f"{log}: {len(kept)} bytes of what yawid reads, a case has less than {MOST_BYTES}: "
+            f"{log}: {len(kept)} bytes that yawid reads, but a case has less than {MOST_BYTES}: "
             "choose a stretch by --from and --to"
         )
     # A file's name may hold bytes that are not text.
@@ -81,7 +81,7 @@ def _on_board(log: Path) -> bytes:
     try:
         size = log.stat().st_size
         if size >= MOST_BYTES:
-            raise ConfigError(f"{log}: {size} bytes, a case has less than {MOST_BYTES}")
+            raise ConfigError(f"{log}: {size} bytes, but a case has less than {MOST_BYTES}")
         return log.read_bytes()
     except OSError as error:
         raise SourceError(f"cannot read {log}: {error.strerror}") from error

@@ -62,7 +62,7 @@ def _recorded(case: Case, why: str) -> bytes:
         tomllib.loads(text)
         return text.encode()
     except UnicodeEncodeError as error:
-        raise ConfigError(f"--why is no text: {error.reason}") from error
+        raise ConfigError(f"--why is not a text: {error.reason}") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path} cannot take another [[updates]]: {error}") from error
     except OSError as error:

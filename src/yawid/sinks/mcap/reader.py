@@ -163,12 +163,14 @@ def open_run(path: Path) -> McapRun:
     """
     with _opened(path) as stream:
         if stream.read(len(MAGIC)) != MAGIC:
-            raise SourceError(f"{path} is no MCAP file: yawid replay makes one of a log")
+            raise SourceError(f"{path} is not an MCAP file: yawid replay makes one from a log")
         stream.seek(0)
         with _damage_reported(path):
             for record in StreamReader(stream, emit_chunks=True).records:
                 if isinstance(record, Chunk) and is_bomb(record):
-                    raise SourceError(f"{path}: a chunk of it unpacks to too much: not read")
+                    raise SourceError(
+                        f"{path}: one of its chunks unpacks to too much data, so it is not read"
+                    )
             stream.seek(0)
             reader = make_reader(stream, validate_crcs=True)
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
@@ -179,14 +181,15 @@ def open_run(path: Path) -> McapRun:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     if "summary.json" not in attachments:
         raise SourceError(
-            f"{path} holds no summary: its run was cut off; replay the log itself, or yawid recover"
+            f"{path} holds no summary, as its run was cut off: replay the log itself, or use yawid "
+            "recover"
         )
     try:
         summary = RunSummary.from_json(attachments["summary.json"])
         config = read_config(attachments.get("configuration.toml"))
         grid = read_grid(metadata.get("grid"), config)
     except ValueError as error:
-        raise SourceError(f"{path} is not as yawid writes it: {error}") from error
+        raise SourceError(f"{path} is not a file as yawid writes it: {error}") from error
     return McapRun(path, summary, metadata, attachments, config, grid, log, rows, has_flight_state)
 
 
@@ -196,12 +199,14 @@ def _damage_reported(path: Path) -> Iterator[None]:
     try:
         yield
     except Incomplete as error:
-        raise SourceError(f"{path}: {error}: yawid replay of it estimates them again") from error
+        raise SourceError(
+            f"{path}: {error}: yawid replay of this file estimates them again"
+        ) from error
     except _DAMAGE as error:
         reason = str(error).partition("\n")[0] or "it ends too early"
         raise SourceError(
-            f"{path} is damaged or was never finished ({reason}): "
-            "yawid recover makes a whole file of what there is"
+            f"{path} is damaged or was never finished ({reason}): yawid recover makes a whole file "
+            "from what is left"
         ) from error
 
 
@@ -222,7 +227,9 @@ def _layout(schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLay
     """
     written = descriptor_in(schema.name, schema.data)
     if not is_older(written, descriptor(schema.name, parameters)):
-        raise ValueError(f"{schema.name} is of another version of yawid: replay the log again")
+        raise ValueError(
+            f"{schema.name} was written by another version of yawid: replay the log again"
+        )
     message: Any = GetMessageClass(written)().FromString(first)
     lengths = {
         known.name: len(getattr(message, known.name))
@@ -315,7 +322,7 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
     if (parameters, inputs, methods) != (names, config.inputs, config.bank_methods()):
         raise ValueError("its grid is not that of its configuration")
     if not 1e-6 < grid.sample_time_s < math.inf:
-        raise ValueError(f"a sample time of {grid.sample_time_s!r} s makes no sense")
+        raise ValueError(f"its sample time of {grid.sample_time_s!r} s is impossible")
     return grid
 
 
@@ -332,13 +339,13 @@ def checked(found: list[Rows], grid: Grid) -> list[Rows]:
         if any(rows[name].shape[1] != widths[name] for name in widths.keys() & names):
             raise ValueError("a message has other columns than the grid says")
         if "status" in names and rows["status"].max() > max(Status):
-            raise ValueError("an estimator has a status that there is not")
+            raise ValueError("an estimator has an unknown status")
     samples = found[0]
     for name in samples.dtype.names or ():
         if samples[name].dtype.kind == "f":
             sound = np.abs(samples[name]) < LARGEST_SAMPLE
             if not np.all(sound if name.endswith("_time") else sound | np.isnan(samples[name])):
-                raise ValueError(f"{name} of a sample is absurd")
+                raise ValueError(f"{name} of a sample is impossible")
     return found
 
 

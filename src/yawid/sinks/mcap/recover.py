@@ -30,7 +30,7 @@ from yawid.version import __version__
 
 LIBRARY: Final = f"yawid {__version__} (recovered)"
 CHUNK: Final = "damaged chunk"
-SCHEMA: Final = "schema of another version of yawid, which alone can recover it, or damaged"
+SCHEMA: Final = "schema that is damaged or of another version of yawid, which alone can recover it"
 CHANNEL: Final = "unknown or damaged channel record"
 MESSAGE: Final = "message of no known channel"
 ATTACHMENT: Final = "damaged attachment"
@@ -70,7 +70,7 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
         raise SinkError(f"cannot read {path_in}: {error.strerror}") from error
     with stream:
         if not stream.seekable():
-            raise SinkError(f"cannot read {path_in}: it is read twice and must be a file")
+            raise SinkError(f"cannot read {path_in}: it must be a file, as it is read twice")
         # The suffix is not ".part": the file to be recovered may have that name.
         with written_whole(path_out, force=force, suffix=".recovered.part") as out:
             recovered = _Copy(out, stream, path_in).run()
@@ -79,7 +79,7 @@ def recover(path_in: Path, path_out: Path, *, force: bool = False) -> Recovered:
             if only_log or not recovered.counts:
                 why = f" ({recovered.left_out})" if recovered.left_out else ""
                 raise SinkError(
-                    f"{path_in} holds no message of a run to be trusted{why}: nothing recovered"
+                    f"{path_in} holds no intact message of a run{why}: nothing was recovered"
                 )
     return recovered
 

@@ -96,7 +96,11 @@ class Remains:
     def _missing(self, path: Path, left_out: str) -> str:
         found = f"recovered from {path.name}, {self.rows} samples"
         found += f" without {left_out}" if left_out else ""
-        ends = "" if SUMMARY in self.attachments else "; its run was cut off, the link unjudged"
+        ends = (
+            ""
+            if SUMMARY in self.attachments
+            else "; its run was cut off, and the link was not judged"
+        )
         return f"{found}{ends}: replay the log itself for an answer"
 
     def _config(self) -> RunConfig:

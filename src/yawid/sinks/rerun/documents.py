@@ -29,7 +29,7 @@ from yawid.sinks.words import (
     sigma_means,
 )
 
-_UNUSABLE = "The numbers are not to be used: they are shown to find out why."
+_UNUSABLE = "Do not use the numbers: they are shown only to find out why."
 
 _DERIVATIVES = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", "K", "T_theta_s")
 """The yaw channel's numbers that are shown; wn and zeta are shown above them."""

@@ -79,7 +79,7 @@ class RerunView(Sink):
             self._recording.connect_grpc(address, default_blueprint=first)
         self._recording.send_recording_name(name)
         log_furniture(self._recording)
-        self._show("verdict", "No verdict yet: the run goes on.\n")
+        self._show("verdict", "There is no verdict yet: the run goes on.\n")
         self._show("manoeuvres", manoeuvres_markdown([]))
 
     def start(self, grid: Grid) -> None:

@@ -48,7 +48,7 @@ class RerunSink(Relay):
         self._part: Path | None = None
         if target == "save":
             if path is None:
-                raise SinkError("a recording to be saved needs a file name")
+                raise SinkError("a recording that is saved needs a file name")
             self._part, stream = open_part(path, force=force)
             stream.close()  # the file exists and can be written; rerun opens it again
         try:
@@ -103,7 +103,7 @@ class RerunSink(Relay):
         if self._part is not None:
             raise SinkError(f"cannot write {self._part}: {reason}") from error
         if self._needed:
-            advice = "--save X.rrd writes a recording to open elsewhere"
+            advice = "write a recording with --save X.rrd and open it elsewhere"
             raise SinkError(f"no Rerun viewer: {reason}; {advice}") from error
         self._warn(f"no Rerun viewer: {reason}; the run goes on without it")
 

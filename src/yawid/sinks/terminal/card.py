@@ -123,7 +123,7 @@ def _flight(card: FlightTestCard) -> Iterator[Row]:
         text = f"flown: {flown.airspeed_low_m_s:.1f} to {flown.airspeed_high_m_s:.1f} m/s{what}"
         if flown.airspeed_least_m_s is not None and flown.airspeed_most_m_s is not None:
             text += f"; limits {flown.airspeed_least_m_s:g} to {flown.airspeed_most_m_s:g}"
-        yield "", text + "; two or three tell wn over V"
+        yield "", text + "; two or three show wn over V"
     height = f"not below {BLANK} m above ground"
     low, high = flown.altitude_low_m, flown.altitude_high_m
     if low is not None and high is not None and (low, high) != (0.0, 0.0):
@@ -144,7 +144,7 @@ def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:
     side, unit, pause = (f"{s:.2g} s" for s in (asked.side_s, asked.unit_s, asked.pause_s))
     yield "doublet", f"left {side}, right {side}, neutral {pause}; the next one right first"
     if asked.side_s < HAND_S:
-        yield "", "too fast for a hand: by script, or as fast as it goes"
+        yield "", "too fast for a hand: by script, or as fast as you can"
     total_s = asked.manoeuvre_s + asked.rest_s
     text = (
         f"{asked.doublets} doublets, then {asked.rest_s:g} s neutral (5 s end it): {total_s:.0f} s"
@@ -154,7 +154,7 @@ def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:
         pieces = ", ".join(f"{n * asked.unit_s:.2g}" for n in (3, 2, 1, 1))
         yield "or 3-2-1-1", f"left, right, left, right for {pieces} s, three times with pauses"
     else:
-        yield "", f"(a 3-2-1-1, its 1 lasting {unit}, is for a script alone)"
+        yield "", f"(a 3-2-1-1, its 1 lasting {unit}, is only for a script)"
     minutes = f"{math.ceil(asked.total_s / 60.0)} min"
     length = minutes if len(card.conditions.airspeeds_m_s) > 1 else f"{minutes} an airspeed"
     yield (

@@ -34,7 +34,7 @@ def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> 
         table.add_column(name, no_wrap=True)
     for name in ("V m/s", "alt m", "wn rad/s", "zeta"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("came of it", overflow="fold")
+    table.add_column("result", overflow="fold")
     half = MOST_ROWS // 2
     left_out = len(manoeuvres) - MOST_ROWS
     shown = list(manoeuvres) if left_out <= 0 else [*manoeuvres[:half], *manoeuvres[-half:]]
@@ -90,7 +90,7 @@ def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
     notes.append(f"loop: {', '.join(f'{loop.short} is {loop.whose}' for loop in loops)}")
     notes += _since(manoeuvres)
     if len(manoeuvres) > MOST_ROWS:
-        notes.append(f"{len(manoeuvres) - MOST_ROWS} more stand in --json")
+        notes.append(f"{len(manoeuvres) - MOST_ROWS} more are in --json")
     return "; ".join(notes)
 
 

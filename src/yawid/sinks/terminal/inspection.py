@@ -58,7 +58,10 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         yield from _flight(report.flight, report.manoeuvres or [])
     if report.answerable is not None:
         most, well = report.answerable.wn_max_rad_s, report.answerable.wn_well_rad_s
-        yield "answers", f"Dutch rolls of wn up to {most:.3g} rad/s, well up to {well:.3g}"
+        yield (
+            "answers",
+            f"Dutch rolls with wn up to {most:.3g} rad/s, and well up to {well:.3g} rad/s",
+        )
     for line in report.recommend.get("record", ()):
         yield "record", line
 
@@ -105,7 +108,7 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[s
         yield "flight", f"{count(len(manoeuvres))}, none usable: {why}"
         return
     said = f"{dutch_roll(flight.dutch_roll)} (± is one sigma)"
-    yield "flight", f"{said} by {count(len(flight.used))}"
+    yield "flight", f"{said} from {count(len(flight.used))}"
     for each in manoeuvres[:MOST_MANOEUVRES]:
         yield f"#{each.n}", f"{flown(each)}: {says(each)}"
     if len(manoeuvres) > MOST_MANOEUVRES:

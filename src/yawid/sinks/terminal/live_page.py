@@ -69,28 +69,28 @@ class Page:
 def what_to_do(vehicle: VehicleFacts) -> tuple[str, str]:
     """Return what the pilot should do next, in words, and the style of these words in rich."""
     if vehicle.quiet:
-        return "wait: while nothing comes nothing is recorded", "red"
+        return "wait: nothing is received, so nothing is recorded", "red"
     if not vehicle.rudder or not vehicle.yaw:
         missing = [name for name in ("rudder", "yaw") if not getattr(vehicle, name)]
         return f"wait: no {' and no '.join(missing)} yet", "yellow"
     if not vehicle.state:
-        return "wait: the first five seconds tell the message rates", "yellow"
+        return "wait: the message rates are measured for five seconds", "yellow"
     if vehicle.held:
         return f"wait: no sample is used now: {vehicle.held}", "yellow"
     if not vehicle.finds:
-        return "move the rudder: no manoeuvres are looked for, the stream alone answers", ""
+        return "move the rudder: only the stream answers, as --manoeuvres is off", ""
     if vehicle.from_s is None:
         if vehicle.unanswered:
-            return "wait: being estimated; or fly the next one", "cyan"
+            return "wait: a manoeuvre is being estimated; or fly the next one", "cyan"
         if vehicle.stroke is None:
-            return "move the rudder; how it follows the aileron takes some seconds to find", ""
+            return "move the rudder; it takes some seconds to find how it follows the aileron", ""
         return f"move the rudder: a doublet of more than {_NEEDED} of half travel", ""
     if not vehicle.is_excited:
         return "move the rudder more", "yellow"
     if vehicle.rests_s < MOVING_S:
-        return f"enough: back to neutral, now let go: {WINDOW_S:.0f} s of rest end it", "green"
+        return f"enough: rudder to neutral, then let go: {WINDOW_S:.0f} s of rest end it", "green"
     left_s = max(WINDOW_S - vehicle.rests_s, 0.0)
-    return f"let go: {left_s:.0f} s more of rest end the manoeuvre", "green"
+    return f"let go: the manoeuvre ends after {left_s:.0f} s more of rest", "green"
 
 
 def _one(facts: LiveFacts, width: int, room: int) -> Group:
@@ -254,7 +254,7 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
         yield _row("VERDICT", Text("none yet"))
         return
     word = Text("usable", "bold green") if vehicle.verdict else Text("NOT USABLE", "bold red")
-    of = "" if flight else " (the stream by itself: no manoeuvre has been answered)"
+    of = "" if flight else " (of the stream: no manoeuvre has been answered yet)"
     said = "; ".join((f"{word.plain}{of}", *vehicle.why))
     why = wrap(said, width - NAME_WIDTH, max_lines=MOST_WHY)
     yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :]))

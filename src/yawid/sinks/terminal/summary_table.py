@@ -96,7 +96,7 @@ def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]
 def _estimate_rows(estimate: MethodSummary, *, has_total: bool) -> list[Row]:
     mode, fit = estimate.dutch_roll, estimate.fit
     wn, zeta = numbers(mode)
-    noise = Row("  of it noise, wn; zeta", "; ".join(noise_spreads(mode) or ("-",)), "dim")
+    noise = Row("  of noise alone: wn; zeta", "; ".join(noise_spreads(mode) or ("-",)), "dim")
     return [
         Row("Dutch roll wn, rad/s", wn),
         Row("Dutch roll zeta", zeta),
@@ -104,7 +104,7 @@ def _estimate_rows(estimate: MethodSummary, *, has_total: bool) -> list[Row]:
         Row("fit one step, %", _percent(fit.one_step_pct)),
         Row("fit simulated, %", _percent(fit.simulation_pct)),
         Row("fit on held-back data, %", _percent(fit.simulation_held_back_pct)),
-        Row("samples learnt from / others", f"{estimate.updates} / {estimate.held}"),
+        Row("samples used / not used", f"{estimate.updates} / {estimate.held}"),
         Row("na,nb,nc,nk at rate", f"{estimate.orders} at {1.0 / estimate.sample_time_s:.3g} Hz"),
     ]
 
@@ -129,7 +129,7 @@ def origin(summary: Origin) -> Iterator[str]:
         for name, count in link.to_json().items()
         if count or name == "frames"
     )
-    leapt = f"; the vehicle's clock leapt by {leap_s:.0f} s" if leap_s else ""
+    leapt = f"; the vehicle's clock jumped by {leap_s:.0f} s" if leap_s else ""
     if counts or leapt:  # a recovered run has neither
         yield f"    link  {counts}{leapt}"
     if summary.vehicles is not None:
@@ -172,7 +172,9 @@ def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
     if report.recommended is not None:
         console.print(Text(f"recommended  --orders {report.recommended}", style="bold"))
         return
-    console.print(Text("none is recommended: no replay of this log can be used", style="bold red"))
+    console.print(
+        Text("no orders are recommended: no replay of this log can be used", style="bold red")
+    )
     for reason in report.verdict.fatal:
         console.print(Text(f"  {reason}"))
     if (step := next_step(report.verdict)) is not None:

@@ -55,7 +55,7 @@ def parse_endpoint(text: str) -> Endpoint:
     if match := _SERIAL.fullmatch(text):
         baud = int(match[2] or BAUD)
         if not 0 < baud < 1 << 31:
-            raise ConfigError(f"{text!r}: {baud} is no baud rate, write {match[1]},{BAUD}")
+            raise ConfigError(f"{text!r}: {baud} is not a baud rate: write {match[1]},{BAUD}")
         return Endpoint(match[1], baud, "serial")
     if match := _HOST_PORT.fullmatch(text) or _HOST6_PORT.fullmatch(text):
         return _checked(Endpoint(match[2], int(match[3]), cast("EndpointKind", match[1])), text)
@@ -64,7 +64,7 @@ def parse_endpoint(text: str) -> Endpoint:
         raise ConfigError(f"{text!r}: {named} is not supported, {_spellings(text)}")
     if text.count(":") > 2:
         raise ConfigError(
-            f"{text!r}: an IPv6 address stands in brackets, after udpin, udpout or tcp: write "
+            f"{text!r}: an IPv6 address is written in brackets, after udpin, udpout or tcp: write "
             "udpin:[::1]:14560 (from this machine) or udpin:[::]:14560 (from the network)"
         )
     raise ConfigError(f"{text!r} does not say where to listen, {_spellings(text)}")
@@ -72,7 +72,7 @@ def parse_endpoint(text: str) -> Endpoint:
 
 def _checked(endpoint: Endpoint, text: str) -> Endpoint:
     if not 0 < endpoint.port < 65536:
-        raise ConfigError(f"{text!r}: {endpoint.port} is no port, {_spellings('')}")
+        raise ConfigError(f"{text!r}: {endpoint.port} is not a port, {_spellings('')}")
     return endpoint
 
 

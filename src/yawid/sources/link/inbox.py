@@ -194,8 +194,9 @@ class Addresses:
                 del self._received_us[sysid]
                 places = " and ".join(written(*place) for place in known)
                 news.append(
-                    f"system {sysid} is sent from two addresses, {places}: a forged or doubled "
-                    "stream, or two vehicles with one id; both are recorded and estimated"
+                    f"system {sysid} is received from two addresses, {places}: its stream is "
+                    "forged or doubled, or two vehicles have one id; both are recorded and "
+                    "estimated"
                 )
         return news
 

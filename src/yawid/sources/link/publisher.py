@@ -218,8 +218,8 @@ class Publisher:
                 if not self._has_failed:
                     self._has_failed = True
                     self.news.append(
-                        f"nobody takes what is published to {self.name} "
-                        f"({error.strerror or error}): it goes on, for when somebody does"
+                        f"nothing receives what is published to {self.name} "
+                        f"({error.strerror or error}): publishing goes on"
                     )
 
 
@@ -237,13 +237,13 @@ def parse_publish(text: str, tapped: Endpoint) -> Endpoint | None:
     is_own_link = endpoint == tapped and tapped.kind != "udpin"
     if endpoint is None or is_own_link:
         if tapped.kind == "mcast":
-            raise ConfigError(f"--publish {text}: nobody answers to a group, write {what}")
+            raise ConfigError(f"--publish {text}: a group cannot be answered: write {what}")
         return None
     if endpoint.kind not in ("udpout", "udpin"):
         raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)")
     if _is_at_tap(endpoint, tapped):
         raise ConfigError(
-            f"--publish {text}: there the tap itself listens, write --publish tap or another port"
+            f"--publish {text}: the tap itself listens there: write --publish tap or another port"
         )
     return endpoint
 

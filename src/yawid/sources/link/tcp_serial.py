@@ -36,7 +36,7 @@ class StreamTap(Tap):
             try:
                 data = self._take()
             except OSError as error:
-                self.news.append(f"{self.endpoint} is gone ({_remedy(error)}): trying again")
+                self.news.append(f"lost {self.endpoint} ({_remedy(error)}): trying again")
                 self._reopen()
                 tail = b""
                 continue
@@ -71,7 +71,7 @@ class StreamTap(Tap):
         """Send without waiting; a frame sent in part is completed before the next one."""
         self._unsent = self._unsent[self._write(self._unsent) :]
         if self._unsent:
-            raise BlockingIOError(errno.EAGAIN, "the line takes no more")
+            raise BlockingIOError(errno.EAGAIN, "the line accepts no more data")
         self._unsent = frame[self._write(frame) :]
 
     def _write(self, data: bytes) -> int:
@@ -132,7 +132,7 @@ def complete_until(data: bytes) -> int:
 
 def _remedy(error: OSError) -> str:
     if error.errno == errno.ECONNREFUSED:
-        return "nobody listens there, start the vehicle or the router first"
+        return "nothing listens there: start the vehicle or the router first"
     if error.errno == errno.ENOENT:
         return "there is no such device"
     return error.strerror or str(error)

@@ -133,7 +133,7 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
     except OSError as error:
         if tap is not None:
             tap.close()
-        text = f"{endpoint} cannot be listened on: {_remedy(endpoint, error)}"
+        text = f"cannot listen on {endpoint}: {_remedy(endpoint, error)}"
         raise SourceError(text) from error
     return tap
 
@@ -142,11 +142,11 @@ def _remedy(endpoint: Endpoint, error: OSError) -> str:
     unknown = isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL
     if unknown and endpoint.kind == "udpin":
         own = "::1 or ::" if endpoint.is_ipv6 else "127.0.0.1 or 0.0.0.0"
-        return f"{endpoint.host} is no address of this machine, use {own}"
+        return f"{endpoint.host} is not an address of this machine: use {own}"
     if error.errno == errno.EADDRINUSE:
-        return f"port {endpoint.port} is in use, end the program that has it or take another port"
+        return f"port {endpoint.port} is in use: end the program that has it, or use another port"
     if error.errno == errno.EAFNOSUPPORT:
-        return "this machine has no IPv6, use an address such as 127.0.0.1"
+        return "this machine has no IPv6: use an address such as 127.0.0.1"
     if error.errno == errno.EACCES:
-        return f"port {endpoint.port} needs privileges, use a port above 1023"
+        return f"port {endpoint.port} needs privileges: use a port above 1023"
     return error.strerror or str(error)

@@ -85,7 +85,7 @@ def read_tlog(
         SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
     """
     if not path.is_file() and path.exists():
-        kind = "is a directory" if path.is_dir() else "is no regular file"
+        kind = "is a directory" if path.is_dir() else "is not a regular file"
         raise SourceError(f"{path} {kind}: give the .tlog file itself")
     try:
         with path.open("rb") as file:
@@ -153,8 +153,8 @@ def _what_it_is(head: bytes) -> str:
         )
     if _has_bare_frames(head):
         return (
-            "holds MAVLink frames without time stamps (.rlog, .raw): "
-            "give the .tlog recorded beside it, or --format raw"
+            "holds MAVLink frames without time stamps (.rlog, .raw): give the .tlog recorded with "
+            "it, or --format raw"
         )
     return "holds no intact MAVLink record in its first MiB: give a telemetry log (.tlog)"
 

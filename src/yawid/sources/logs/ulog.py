@@ -351,7 +351,7 @@ def parsed(path: Path, topics: Iterable[str]) -> Any:
     except Exception as error:  # whatever pyulog raises at a damaged byte
         raise SourceError(f"{path} cannot be read as a ULog ({error}): copy it again") from error
     if not log.data_list:
-        raise SourceError(f"{path} is a ULog without any of the topics needed: nothing to read")
+        raise SourceError(f"{path} is a ULog that holds none of the topics needed")
     return log
 
 

@@ -86,8 +86,8 @@ def _equivalent(
         ratio = density_ratio(height, newest(have.get("air_density", nothing)))
         if not np.isfinite(ratio).any():
             raise ConfigError(
-                f"{place_of(table, found)}: it is a true airspeed, and no altitude or density of "
-                "the air says how it compares with the equivalent one: name a column by --columns "
+                f"{place_of(table, found)}: it is a true airspeed, and neither altitude nor air "
+                "density is known, which are needed to convert it: name a column by --columns "
                 "'altitude=COLUMN[m]' or 'air_density=COLUMN[kg/m^3]'"
             )
         return equivalent_of_true(air, ratio)
@@ -98,8 +98,8 @@ def _equivalent(
     if (fast & np.isnan(converted)).any():
         raise ConfigError(
             f"{place_of(table, found)}: it is a {name_of(kind)} airspeed of up to "
-            f"{np.nanmax(known(air)):.0f} m/s, where the air's compression counts, and no altitude "
-            "says by how much: name a column by --columns 'altitude=COLUMN[m]'"
+            f"{np.nanmax(known(air)):.0f} m/s, where the air's compression matters, and the "
+            "altitude is not known: name a column by --columns 'altitude=COLUMN[m]'"
         )
     return np.where(np.isfinite(converted), converted, air)
 
@@ -112,7 +112,7 @@ def _named(
     codes = {str(name_of(kind)): float(kind) for kind in Kind} | {"": np.nan, BY_GROUND: np.nan}
     if strange := set(texts) - codes.keys():
         raise SourceError(
-            f"{place_of(table, found)}: {min(strange)!r} is no kind of airspeed that yawid export "
-            "gives: leave the column out"
+            f"{place_of(table, found)}: {min(strange)!r} is not a kind of airspeed that yawid "
+            "export writes: leave the column out"
         )
     return np.array([codes[text] for text in texts]), np.array([t == BY_GROUND for t in texts])

@@ -76,21 +76,21 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
     own = CHANNELS[name].unit
     option = f"--columns '{name}={header.name}[UNIT]'"
     if own in ANGLES:
-        option = f"--units deg or --units rad, or of it alone by {option}"
+        option = f"--units deg or --units rad, or only for it by {option}"
     if is_column(header.name) != name and name != "on_ground":
         raise ConfigError(
-            f"{place_of(table, found)}: nothing says the unit of this {name}: say it by {option}"
+            f"{place_of(table, found)}: the unit of this {name} is not given: give it by {option}"
         )
     most = largest(values)
     if most > MOST.get(name, np.inf):
         raise ConfigError(
             f"{place_of(table, found)}: it goes up to {most:.4g}, which is too much in {own}, and "
-            f"nothing says another unit: say it by {option}"
+            f"no other unit is given: give it by {option}"
         )
     if name == "r" and most >= EITHER:
         raise ConfigError(
             f"{place_of(table, found)}: it goes up to {most:.4g}, which may be rad/s or deg/s, and "
-            f"nothing says which: say it by --columns 'r={header.name}[deg/s]' or "
+            f"the unit is not given: give it by --columns 'r={header.name}[deg/s]' or "
             f"'r={header.name}[rad/s]'"
         )
     return possible(name, values)
@@ -120,11 +120,11 @@ def rudder_of(
     """
     where, option = place_of(table, found), asked.rudder_unit
     if found.unit is not None and option is not None and unit_of(option) != found.unit:
-        raise ConfigError(f"{where}: it is in {found.spelt}, and --rudder-unit says {option}")
+        raise ConfigError(f"{where}: it is in {found.spelt}, but --rudder-unit is {option}")
     if found.unit is None and option is None:
         raise ConfigError(
-            f"{where}: nothing says its unit: --rudder-unit half-travel, rad or deg is needed, and "
-            "--rudder-sign of the latter two"
+            f"{where}: its unit is not given: give --rudder-unit half-travel, rad or deg, and for "
+            "rad or deg also --rudder-sign"
         )
     unit = found.unit or UNITS[option or HALF_TRAVEL]
     name = next(each for each in MOST_RUDDER if UNITS[each] == unit)
@@ -133,15 +133,15 @@ def rudder_of(
     if most > MOST_RUDDER[name]:
         other = f"--columns 'rudder={found.header.name}[UNIT]'" if found.unit else "--rudder-unit"
         raise ConfigError(
-            f"{where}: it goes up to {most:.4g}, which is too much in {name}: say another unit by "
-            f"{other}, or leave empty what is missing"
+            f"{where}: it goes up to {most:.4g}, which is too much in {name}: give another unit by "
+            f"{other}, or leave missing values empty"
         )
     sign = asked.rudder_sign or found.header.sign or own.get("rudder_sign")
     if sign is None and unit.symbol == "rad":
         raise ConfigError(
-            f"{where}: where does positive rudder turn the nose? Flight test often has the "
-            "trailing edge left positive, which is nose-left: say --rudder-sign nose-right or "
-            "nose-left"
+            f"{where}: its sign is not given: give --rudder-sign nose-right or nose-left, the side "
+            "to which positive rudder turns the nose (flight test often has trailing edge left "
+            "positive, which is nose-left)"
         )
     max_deg, said = asked.rudder_max_deg, own.get("rudder_max_deg")
     if max_deg is None and said is not None:
@@ -177,8 +177,8 @@ def held_of(table: Table, found: Found) -> Ints:
     if texts is None:
         if np.isfinite(table.numbers(found.place)).any():
             raise SourceError(
-                f"{place_of(table, found)}: numbers, where yawid export gives reasons by their "
-                "names: leave the column out"
+                f"{place_of(table, found)}: it holds numbers, but yawid export writes names of "
+                "reasons: leave the column out"
             )
         texts = [""] * table.rows
     bits: dict[str, int] = {}
@@ -188,8 +188,8 @@ def held_of(table: Table, found: Found) -> Ints:
                 bits[text] = sum(Held[word.upper()].value for word in set(text.split()))
             except KeyError as error:
                 raise SourceError(
-                    f"{place_of(table, found)}, {table.line(row)}: {text!r} is no reason to hold a "
-                    "sample that yawid export gives: leave the column out or empty"
+                    f"{place_of(table, found)}, {table.line(row)}: {text!r} is not a reason to "
+                    "hold a sample that yawid export writes: leave the column out or empty"
                 ) from error
     return np.array([bits[text] for text in texts], np.int64)
 
@@ -232,12 +232,13 @@ def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
         t_us = (unix_ns - unix_ns[0]) // 1000
     step_s, back = usual_interval_us(t_us) / 1e6, int((np.diff(t_us) <= -BACK_US).sum())
     if step_s == 0.0:
-        raise SourceError(f"{where}: the time does not go on in it")
+        raise SourceError(f"{where}: the time does not advance in it")
     if t.unit is None and not LEAST_STEP_S <= step_s <= MOST_STEP_S:
         raise ConfigError(f"{where}: its median step is {step_s:g} s{_say_unit(t)}")
     if back > max(MOST_BACK, MOST_BACK_SHARE * len(t_us)):
         raise SourceError(
-            f"{where}: the time falls back at {back} of {len(t_us)} rows: they must be in its order"
+            f"{where}: the time falls back at {back} of {len(t_us)} rows: the rows must be in the "
+            "order of time"
         )
     if unix_ns is None and "time" in found and found["time"].place != t.place:
         unix_ns = dates_of(table, found["time"])
@@ -253,4 +254,4 @@ def _must_have_all(
 
 
 def _say_unit(t: Found) -> str:
-    return f"; say another unit by --columns 't={t.header.name}[ms]'"
+    return f"; give another unit by --columns 't={t.header.name}[ms]'"

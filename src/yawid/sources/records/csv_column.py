@@ -121,7 +121,7 @@ class CsvColumn:
         if len(known) > MOST_TEXTS:
             row, cell = self.wrong or (self._rows, texts[0])
             raise NotUnderstoodError(
-                f"{cell!r} is no number, and there are more than {MOST_TEXTS} such texts", row
+                f"{cell!r} is not a number, and there are more than {MOST_TEXTS} such texts", row
             )
 
     def numbers(self) -> Floats:

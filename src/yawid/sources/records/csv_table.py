@@ -93,7 +93,7 @@ class CsvTable:
         found = _layout(rows)
         if found is None or found[1] >= len(rows):
             raise SourceError(
-                f"{self.path}: no line with numbers below a line with the names of columns"
+                f"{self.path}: it has no line of numbers below a line with the names of columns"
             )
         names, self._first = found
         heads, line = rows[names : self._first], used[self._first][0]
@@ -144,8 +144,8 @@ class CsvTable:
             if len(row) != width:
                 raise SourceError(
                     f"{self.path}, read as CSV, line {at[0] + 1}: {len(row)} cells, the "
-                    f"header has {width}: a line was cut short, or the separator "
-                    f"{self._separator!r} stands in a number"
+                    f"header has {width}: a line was cut off, or the separator "
+                    f"{self._separator!r} is part of a number"
                 )
             rows.append(row)
             if len(rows) == PIECE:
@@ -166,12 +166,12 @@ class CsvTable:
         """Return the numbers of a column (n,), NaN where a cell is empty.
 
         Raises:
-            SourceError: a cell is no number; the error names it.
+            SourceError: a cell is not a number; the error names it.
         """
         found = self._loaded(column)
         if found.wrong is not None:
             row, cell = found.wrong
-            raise SourceError(f"{self._place(column, row)}: {cell!r} is no number")
+            raise SourceError(f"{self._place(column, row)}: {cell!r} is not a number")
         del self._columns[column]  # the table need not keep them
         return found.numbers()
 
@@ -199,9 +199,9 @@ class CsvTable:
         except OSError as error:
             raise SourceError(f"cannot read {self.path}: {error.strerror}") from error
         except UnicodeError as error:
-            raise SourceError(f"{self.path}: no text in UTF-8 or UTF-16: {error}") from error
+            raise SourceError(f"{self.path}: it is not text in UTF-8 or UTF-16: {error}") from error
         except csv.Error as error:
-            raise SourceError(f"{self.path}: no table of texts: {error}") from error
+            raise SourceError(f"{self.path}: it is not a table of texts: {error}") from error
 
 
 def _surveyed(path: Path) -> tuple[str, int]:
@@ -225,7 +225,9 @@ def _surveyed(path: Path) -> tuple[str, int]:
             ends = max(data.count(b"\n"), data.count(b"\r"))
             lines, since = lines + ends, 0 if ends else since + len(data)
             if since > MOST_LINE:
-                raise SourceError(f"{path}: a line of more than {MOST_LINE} bytes: this is no CSV")
+                raise SourceError(
+                    f"{path}: it has a line of more than {MOST_LINE} bytes, so it is not a CSV"
+                )
     return encoding, lines + 1
 
 

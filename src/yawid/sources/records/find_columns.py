@@ -140,7 +140,7 @@ def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, s
         wanted, spelt = parts.groups()
         places = _called(table, headers, wanted)
         if unit_of(spelt) is None:
-            raise ConfigError(f"--columns {said}: {spelt!r} is no unit that is known here")
+            raise ConfigError(f"--columns {said}: {spelt!r} is not a known unit")
     if len(places) != 1:
         what = f"{len(places)} columns are" if places else "no column is"
         raise ConfigError(
@@ -173,7 +173,7 @@ def _with_unit(
         wanted = ["half-travel", "rad", "deg"] if own == HALF_TRAVEL else likely
         raise SourceError(
             f"{table.path}, column {header.name}: its unit is {said!r}, and {name} needs one of "
-            f"{', '.join(wanted)}: say which by --columns '{name}={header.name}[{own}]'"
+            f"{', '.join(wanted)}: give it by --columns '{name}={header.name}[{own}]'"
         )
     return Found(place, header, unit, said)
 
@@ -192,6 +192,6 @@ def _missing(table: Table, names: list[str], headers: list[Header], taken: set[i
         options.append(f"{name}={'COLUMN' if near is None else headers[near].name}")
     means = ", ".join(f"{name} ({CHANNELS[name].words})" for name in names)
     return (
-        f"{table.path}: no column is {means}: say which by --columns '{','.join(options)}'; there "
+        f"{table.path}: no column is {means}: name it by --columns '{','.join(options)}'; there "
         f"are {', '.join(table.names)}"
     )

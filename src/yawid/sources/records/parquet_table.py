@@ -71,7 +71,7 @@ class ParquetTable:
             return _with_nan(values)
         except (self._arrow.ArrowException, ValueError, TypeError) as error:
             raise SourceError(
-                f"{self.path}, column {self.names[column]}: {values.type} is no number"
+                f"{self.path}, column {self.names[column]}: {values.type} is not a number"
             ) from error
 
     def dates_ns(self, column: int) -> Ints | None:
@@ -91,8 +91,8 @@ class ParquetTable:
         if wrong.any():
             row = int(np.argmax(wrong))
             raise SourceError(
-                f"{self.path}, column {self.names[column]}, {self.line(row)}: {values[row]} is no "
-                f"time of a flight: a date from {FIRST_YEAR} to {LAST_YEAR} is needed"
+                f"{self.path}, column {self.names[column]}, {self.line(row)}: {values[row]} is not "
+                f"a time of a flight: a date from {FIRST_YEAR} to {LAST_YEAR} is needed"
             )
         return np.where(found == NO_DATE, NO_DATE, found * scale)
 

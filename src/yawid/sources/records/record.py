@@ -137,7 +137,7 @@ class Record:
             raise SourceError(
                 f"{self.path}: {rows} rows of {columns} columns are more than the "
                 f"{MOST_NUMBERS:.0e} numbers that are read at a time, {MOST_NUMBERS / 1.25e8:.1f} "
-                "GB of them: cut it into flights"
+                "GB of them: split it into flights"
             )
 
     def read(self, digest: Digest) -> Iterator[tuple[int, RecordBlock | None]]:

@@ -16,8 +16,8 @@ LATEST_S: Final = 4.2e9
 NO_DATE: Final = np.iinfo(np.int64).min
 """The Unix time in ns that stands for an unknown date."""
 FIRST_YEAR, LAST_YEAR = 1970, 2199
-NO_TIME: Final = "is no time: seconds, Unix time or ISO 8601 with a date is needed"
-"""The end of the error about a text that is no time."""
+NO_TIME: Final = "is not a time: seconds, Unix time or ISO 8601 with a date is needed"
+"""The end of the error about a text that is not a time."""
 _ISO_UTC: Final = re.compile(
     r"((?:19[789]|20\d|21\d)\d-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)"
     r"(?:[Zz]|\+00:?00| UTC)?",
