@@ -76,7 +76,8 @@ def parts_of(whole: argparse.ArgumentParser) -> Parts:
     """Return all parts; the commands and options are those of the whole parser."""
     facts = {
         "reasons": _reasons(), "exit codes": _exit_codes(), "commands": _commands(whole),
-        "options": _options(whole), "quantities": _quantities(),
+        "options": _options(whole), "quantities": _keys(quantities=True),
+        "keys of --json": _keys(quantities=False),
     }  # fmt: skip
     manual = {path.name: path.read_text(encoding="utf-8") for path in sorted(MANUAL.glob("*.md"))}
     sections = dict(_settings(manual["settings.md"]))
@@ -150,11 +151,13 @@ def _options(whole: argparse.ArgumentParser) -> Iterator[tuple[str, str, str]]:
         yield option, "\n".join(chain.from_iterable(lines)), ""
 
 
-def _quantities() -> Iterator[tuple[str, str, str]]:
+def _keys(*, quantities: bool) -> Iterator[tuple[str, str, str]]:
     from yawid.cli.json_schema import key_words
+    from yawid.quantities.table import QUANTITIES
 
     for name, said in key_words():
-        yield name, "\n".join(_filled(each) for each in said), ""
+        if (name in QUANTITIES) is quantities:
+            yield name, "\n".join(_filled(each) for each in said), ""
 
 
 def _plain(word: str) -> str:
