@@ -143,4 +143,7 @@ def test_a_record_has_its_truth_and_one_that_cannot_be_read_its_error(tmp_path: 
 
     assert lines[2].startswith("| c172p_3211 (replay_logs) | 2.4")
     assert abs(flight["wn_error_pct"]) < 3.0
+    # The truth of this one says in words what was flown, and no airspeeds.
+    *_, sitl = bench.record_rows(ROOT / "replay_logs" / "sitl_fbwa_manoeuvres" / "log.tlog")
+    assert sitl["wn_true"] is not None
     assert lines[3] == "| empty (records) | unknown |  |  |  | refused: SourceError |"

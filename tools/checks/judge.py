@@ -149,7 +149,7 @@ def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None)
         missed.pop(of, None)
         rows += _manoeuvre_rows(found, known[found.n], truth, of)
     rows += [{"kind": "missed", "of": n, "leg": kind} for n, kind in missed.items()]
-    end_s = truth["flown"][-1][0] if "flown" in truth else None
+    end_s = truth["flown"][-1][0] if "lines" in truth else None  # a case says in words what flew
     memory_s = math.inf if config.forgetting == 1.0 else MEMORY_S
     at_end = None if end_s is None else true_at(truth, end_s - memory_s, end_s, config.inputs)
     rows.append(_flight_row(summary, truth, known, at_end))
