@@ -219,12 +219,13 @@ class RecordBlock(Columns):
 
     Common to all rows: ``called`` has the record's names of the channels, ``modes_of`` the
     autopilot and vehicle type that name the flight modes, ``assumed`` the columns with an assumed
-    unit.
+    unit, ``measured`` the surfaces that follow straight lines between rows; the others are held.
     """
 
     called: Mapping[str, str]
     modes_of: tuple[int, int]
     assumed: tuple[str, ...]
+    measured: tuple[str, ...]
     order: Ints
     received_us: Ints
     t_us: Ints

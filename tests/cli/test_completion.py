@@ -47,7 +47,7 @@ def test_bash_takes_the_script_and_offers_every_command(script: Path):
     assert offered(script, "") >= COMMANDS >= {"replay", "live", "completion"}
 
 
-RUDDER = {"--rudder-sign", "--rudder-max-deg", "--rudder-unit"}
+RUDDER = {"--rudder-sign", "--rudder-max-deg", "--rudder-unit", "--rudder-is"}
 
 
 def test_bash_offers_options_choices_and_files(script: Path):

@@ -82,6 +82,7 @@ def channels_fed(blocks: list[RecordBlock]) -> list[SampleBlock]:
 @given(
     rows=ROWS,
     told=st.booleans(),
+    rudder_is=st.sampled_from(["measured", "commanded"]),
     back=st.sets(st.integers(0, 150), max_size=4),
     cuts=st.sets(st.integers(1, 200)),
 )
@@ -89,6 +90,7 @@ def test_no_sample_depends_on_how_a_record_was_cut(
     tmp_path_factory: pytest.TempPathFactory,
     rows: list[tuple[float, float | None, float | None, str]],
     told: bool,
+    rudder_is: str,
     back: set[int],
     cuts: set[int],
 ) -> None:
@@ -104,7 +106,7 @@ def test_no_sample_depends_on_how_a_record_was_cut(
         lines.append(f"{t:.3f},{','.join(cells)},{0.01 * (i % 7)},{held}")
     path.write_text("\n".join(lines) + "\n")
     record = Record(path)
-    record.settle(Asked())
+    record.settle(Asked(rudder_is=rudder_is))
     assert record._rows is not None
     whole = RecordBlock.joined(list(record._rows.pieces()))
 
@@ -153,6 +155,25 @@ def test_any_flight_test_is_answered_as_a_log_is(
     run = replayed(tmp_path / "flight.mcap", tmp_path / "again")
     assert open_run(run).summary.manoeuvres == open_run(tmp_path / "flight.mcap").summary.manoeuvres
     assert open_run(run).grid.rudder_unit == "rad"
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_measured_deflections_are_exported_as_held_means_and_give_the_same_answer_again(
+    flight: Path, tmp_path: Path, suffix: str
+) -> None:
+    options = "--also", "none"
+    first = replayed(flight, tmp_path, *NAMES, *options)
+    exported = tmp_path / f"means{suffix}"
+    assert main(["export", str(first), "-o", str(exported)]) == 0
+    again = replayed(exported, tmp_path, *options)
+
+    ours, theirs = open_run(again), open_run(first)
+    assert (ours.config.rudder_is, theirs.config.rudder_is) == ("commanded", "measured")
+    assert ours.summary.channels["rudder"].measured is False
+    assert theirs.summary.channels["rudder"].measured is True
+    np.testing.assert_array_equal(samples_of(ours).u[:-1], samples_of(theirs).u[:-1])
+    wn = [run.summary.manoeuvres[0].answer.dutch_roll.wn_rad_s for run in (ours, theirs)]
+    assert wn[0] == pytest.approx(wn[1], rel=1e-9)
 
 
 def test_its_sign_is_the_options_and_inspect_says_the_command(

@@ -91,6 +91,8 @@ class ChannelFound(Part, frozen=True):
 
     ``rate_hz`` is the rate of the first seconds, which chose the grid. If ``first_rate_hz`` is
     given, then that is the rate of the first seconds, and ``rate_hz`` that of the whole run.
+    ``measured`` is there for a surface of a record: whether it is a measured deflection, on
+    straight lines between rows, or a command, held from row to row.
     """
 
     source: str
@@ -99,6 +101,7 @@ class ChannelFound(Part, frozen=True):
     trim_us: Number | None = None
     max_us: Number | None = None
     reversed: bool | None = None
+    measured: bool | None = None
     rate_hz: Positive | None = None
     first_rate_hz: Positive | None = None
 

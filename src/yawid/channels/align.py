@@ -1,13 +1,15 @@
 """Two channels on one uniform grid of vehicle time: t_k = k * Ts.
 
 y(k) is the yaw rate at the instant t_k, interpolated between the two messages around it; u(k) is
-the mean over [t_k, t_k+1) of the deflection, which is held from message to message. With these
+the mean over [t_k, t_k+1) of the deflection. A command is held from message to message: with these
 definitions a plant without dead time has nk = 1, and the estimator finds its zero-order-hold
-discretisation. A gap is a break: of the instants within it only the first becomes a sample, a held
-one, and nothing is filled in.
+discretisation. A measured deflection follows a straight line between two messages. A gap is a
+break: of the instants within it only the first becomes a sample, a held one, and nothing is filled
+in.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,11 +44,13 @@ class AlignedRows(Columns):
 class Aligner:
     """The alignment of one segment after another.
 
-    ``gaps_us`` holds the longest message intervals that are bridged (yaw, surface), in us.
+    ``gaps_us`` holds the longest message intervals that are bridged (yaw, surface), in us;
+    ``lines`` the columns of the surfaces that were measured and not commanded.
     """
 
     sample_time_s: float
     gaps_us: tuple[float, float]
+    lines: Sequence[int] = ()
     gaps: int = 0
     _yaw: Series = field(default_factory=lambda: Series.empty(len(ROW)))
     _surface: Series = field(default_factory=lambda: Series.empty(0))
@@ -142,12 +146,17 @@ class Aligner:
         cuts = np.union1d(edges, inside)
         starts = np.searchsorted(cuts, edges[:-1])
         holds = np.searchsorted(times, cuts[:-1], side="right") - 1
-        area = self._surface.values[holds] * np.diff(cuts)[:, None]
+        value = self._surface.values[holds]
+        interval = (times[holds + 1] - times[holds]).astype(float)
+        if self.lines:  # the mean of a straight line is its value in the middle
+            weight = (0.5 * (cuts[:-1] + cuts[1:]) - times[holds]) / interval
+            step = self._surface.values[holds + 1] - value
+            value[:, self.lines] += (weight[:, None] * step)[:, self.lines]
+        area = value * np.diff(cuts)[:, None]
         mean = np.add.reduceat(area, starts, axis=0) / self._ts_us
         # The mean of a constant is its value to the bit, which the export of a run relies on.
         alone = np.diff(starts, append=len(holds)) == 1
-        mean[alone] = self._surface.values[holds[starts[alone]]]
-        interval = (times[holds + 1] - times[holds]).astype(float)
+        mean[alone] = value[starts[alone]]
         closing = np.searchsorted(times, edges[1:], side="left")
         return mean, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]
 

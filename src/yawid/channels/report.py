@@ -72,7 +72,8 @@ def _rate(first_hz: float, whole_hz: float) -> ChannelFound:
 
 
 def _source_of(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFound:
-    found = replace(rate, source=surface.source, how=twins.how(surface))
+    how, measured = twins.how(surface), surface.measured
+    found = replace(rate, source=surface.source, how=how, measured=measured)
     first = surface.parts[0]
     if first.travel_us is None:
         return found

@@ -67,6 +67,8 @@ class Channels:
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
         self.is_record = False
+        self.measured: tuple[str, ...] = ()
+        """The surfaces of a record that are measured deflections, not commands."""
         self.units_assumed: tuple[str, ...] = ()
         """The columns of a record whose units are not given and therefore assumed."""
         self._modes_of: tuple[int, int] | None = None
@@ -97,7 +99,7 @@ class Channels:
     def feed_record(self, block: RecordBlock) -> list[SampleBlock]:
         """Take rows of a record in; return the samples that they complete, in order."""
         self.is_record, self._modes_of = True, block.modes_of
-        self.units_assumed = block.assumed
+        self.units_assumed, self.measured = block.assumed, block.measured
         self.command.armed = self.command.moved = True  # a record needs no check of its commands
         self.surfaces = record_surfaces(block, self.config)
         changes = np.flatnonzero(~(block.has_yaw | block.has_surfaces))
@@ -244,7 +246,10 @@ class Channels:
         # The difference quotient of the yaw angle is taken on the grid itself.
         finer = self.config.band is not None and self.config.output != "yaw"
         count = finer_by(sample_time_s, min(startup.intervals_us)) if finer else 1
-        self.startup, self.aligner = None, Aligner(sample_time_s / count, gaps_us)
+        lines = [
+            i for i, name in enumerate((*self.config.inputs, "aileron")) if name in self.measured
+        ]
+        self.startup, self.aligner = None, Aligner(sample_time_s / count, gaps_us, lines)
         self.conditioner = Conditioner(self.config, sample_time_s, count)
         return [block for piece in startup.pieces for block in self._align(piece)]
 

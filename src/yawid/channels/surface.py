@@ -51,7 +51,8 @@ class Surface:
 
     ``how`` says how it was found (parameter, option, assumed, ...). ``scale`` converts half travels
     to the unit wanted, with its sign. ``twins`` are further outputs of the same function, which
-    should move alike and are only compared. ``column`` is its name in a record without messages.
+    should move alike and are only compared. ``column`` is its name in a record without messages;
+    ``measured`` tells whether it is a measured deflection there, or a command.
     """
 
     message: str
@@ -60,6 +61,7 @@ class Surface:
     scale: float = 1.0
     twins: tuple[SurfacePart, ...] = ()
     column: str = ""
+    measured: bool | None = None
 
     @property
     def source(self) -> str:

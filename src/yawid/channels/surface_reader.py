@@ -150,15 +150,24 @@ def record_surfaces(block: RecordBlock, config: RunConfig) -> tuple[Surface, ...
         raise ConfigError(
             f"--inputs asks for a column that the record does not have: {' and '.join(missing)}"
         )
-    how = "column"
+    hows = {
+        name: "column, measured: straight lines between its rows"
+        if name in block.measured
+        else "column, commanded: held from row to row"
+        for name in config.inputs
+    }
     if not config.travel_is_known:
         stroke_deg = float(np.rad2deg(config.half_travel))
-        how += f"; its travel is not known, its largest stroke within 5 s is {stroke_deg:.3g} deg"
-    hows = {"rudder": how, "aileron": "column"}
+        hows["rudder"] += (
+            f"; its travel is not known, its largest stroke within 5 s is {stroke_deg:.3g} deg"
+        )
     return tuple(
-        Surface("", hows[name], (SurfacePart(0, None),), column=block.called[name])
+        Surface(
+            "", hows[name], (SurfacePart(0, None),),
+            column=block.called[name], measured=name in block.measured,
+        )
         for name in config.inputs
-    )
+    )  # fmt: skip
 
 
 def record_values(block: RecordBlock, config: RunConfig) -> Floats:

@@ -109,6 +109,8 @@ RECORD: tuple[Option, ...] = (
     ("--units", str, "rad|deg", "unit of angles and rates that give none (default: none)"),
     ("--rudder-unit", str, "half-travel|rad|deg",
      "unit of a rudder that gives none (default: none)"),
+    ("--rudder-is", str, "measured|commanded",
+     "straight lines between rows, or held from row to row (default: measured in rad and deg)"),
     ("--least-stroke-deg", float, "DEG",
      "rudder stroke needed, in deg, where its travel is unknown (default: 1)"),
 )  # fmt: skip

@@ -74,7 +74,8 @@ class RunConfig:
     ``units`` is the unit of its angles and ``rudder_unit`` that of its rudder, None where the
     record has them itself. ``rudder_stroke_rad`` is the rudder's largest stroke within 5 s, which
     replaces half of an unknown travel; there ``least_stroke_deg`` is the least stroke in deg for an
-    estimate (None: 1).
+    estimate (None: 1). ``rudder_is`` says whether the rudder is measured, on straight lines between
+    rows, or commanded, held from row to row (None: measured if in deg or rad).
 
     Raises:
         ConfigError: a value outside its limits.
@@ -99,6 +100,7 @@ class RunConfig:
     ) = None
     rudder_unit: Annotated[str, one_of("half-travel", "rad", "deg")] | None = None
     rudder_stroke_rad: Positive | None = None
+    rudder_is: Annotated[str, one_of("measured", "commanded")] | None = None
     least_stroke_deg: Positive | None = None
     columns: tuple[str, ...] = ()
     units: Annotated[str, one_of("rad", "deg")] | None = None

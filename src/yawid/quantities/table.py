@@ -39,7 +39,11 @@ class Quantity(NamedTuple):
 
 _CHANNELS: Final = (
     Quantity("t", "s", "time since boot, or since 1970: then the date is known", "", True),
-    Quantity("rudder", HALF_TRAVEL, "deflection from now on, positive nose right", "mean", True),
+    Quantity(
+        "rudder", HALF_TRAVEL,
+        "deflection, positive nose right, from now on; a measured one (deg, rad): now",
+        "mean", True,
+    ),
     Quantity("r", "rad/s", "yaw rate now, positive nose right", "linear", True),
     Quantity("roll", "rad", "bank, right wing down positive", "linear", True),
     Quantity("aileron", HALF_TRAVEL, "deflection, positive rolls right", "mean", True),

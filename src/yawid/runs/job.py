@@ -58,7 +58,7 @@ class RecordedLog(Log):
         """
         config, record = RunConfig(**settings), self.record
         if record is None:
-            for name in ("columns", "units", "rudder_unit", "least_stroke_deg"):
+            for name in ("columns", "units", "rudder_unit", "rudder_is", "least_stroke_deg"):
                 if getattr(config, name):
                     option = name.replace("_", "-")
                     raise ConfigError(
@@ -78,13 +78,14 @@ class RecordedLog(Log):
         said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
         from yawid.sources.records.find_columns import Asked  # only records need it
 
-        found = record.settle(Asked(*said, tuple(needs)))
+        found = record.settle(Asked(*said, tuple(needs), config.rudder_is))
         return replace(
             config,
             rudder_unit=found.rudder_unit,
             rudder_sign=found.rudder_sign,
             rudder_max_deg=found.rudder_max_deg,
             rudder_stroke_rad=found.stroke_rad,
+            rudder_is=found.rudder_is,
         )
 
     def rates_hz(self, rudder: str) -> None:

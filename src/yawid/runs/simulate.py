@@ -26,7 +26,7 @@ FULL_RUDDER_RAD = np.deg2rad(25.0)
 gives it in radians again."""
 COLUMNS = {
     "t": ("t", "s"),
-    "rudder": ("u", "rad nose-right"),
+    "rudder": ("u", "rad nose-right held"),
     "r": ("y", "rad/s"),
     "yaw": ("yaw", "rad"),
     "roll": ("roll", "rad"),

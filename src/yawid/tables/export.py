@@ -102,10 +102,7 @@ def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
 
 def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     first = next(tables)
-    # A record whose rudder is an angle has to say where it turns the nose: here with the unit.
-    signed = {("rudder", "rad"): "rad nose-right"}
-    units = [signed.get((column.name, column.unit), column.unit) for column in first]
-    heads = [column.name for column in first], units
+    heads = [column.name for column in first], [_unit_of(column) for column in first]
     stream.write("".join(f"{','.join(head)}\n" for head in heads).encode())
     for columns in chain([first], tables):
         pyarrow.csv.write_csv(_arrow(columns, facts), stream, _NO_HEADER)
@@ -126,10 +123,19 @@ def _arrow(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
     fields, arrays = [], []
     for column in columns:
         array = _array(column)
-        said = {"unit": column.unit, "says": column.says}
+        said = {"unit": _unit_of(column), "says": column.says}
         fields.append(pa.field(column.name, array.type, metadata=said))
         arrays.append(array)
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts))
+
+
+def _unit_of(column: Column) -> str:
+    """Return a column's unit; for a rudder in rad also its sign, and that it holds to the next row.
+
+    A record whose rudder is an angle must give its sign, and is taken as measured if it does not
+    say otherwise.
+    """
+    return "rad nose-right held" if (column.name, column.unit) == ("rudder", "rad") else column.unit
 
 
 def _array(column: Column) -> pa.Array:

@@ -27,7 +27,14 @@ SAVE_S = 60.0
 _REMEDY = "to start again, remove it or give another file to --state"
 # These settings choose the samples, or what is derived from the model; they do not change it.
 _NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "given")
-_OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_stroke_rad", "least_stroke_deg")
+_OF_RECORDS = (
+    "columns",
+    "units",
+    "rudder_unit",
+    "rudder_stroke_rad",
+    "rudder_is",
+    "least_stroke_deg",
+)
 
 
 class StateFile(Bulkhead):

@@ -8,9 +8,9 @@ import numpy as np
 from yawid.blocks import Floats, Held, Ints
 from yawid.errors import ConfigError, SourceError
 from yawid.quantities.table import CHANNELS
-from yawid.quantities.units import HALF_TRAVEL, UNITS, unit_of
+from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
 from yawid.sources.records.find_columns import Asked, Found, Table
-from yawid.sources.records.headers import ANGLES, is_column
+from yawid.sources.records.headers import ANGLES, KINDS, is_column
 from yawid.sources.records.rows import BACK_US, largest, largest_stroke, usual_interval_us
 from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of, is_unix
 
@@ -48,13 +48,15 @@ class Settled:
     """What is settled about a record's rudder.
 
     These are its unit by the names of ``--rudder-unit``, its sign, and its full deflection in deg,
-    or, if that is unknown and the unit is an angle, its largest stroke within 5 s in rad.
+    or, if that is unknown and the unit is an angle, its largest stroke within 5 s in rad; and
+    whether it is measured or commanded, as ``--rudder-is`` says.
     """
 
     rudder_unit: str
     rudder_sign: str
     rudder_max_deg: float | None
     stroke_rad: float | None
+    rudder_is: str
 
 
 def place_of(table: Table, found: Found) -> str:
@@ -149,8 +151,21 @@ def rudder_of(
     values = values if unit.factor == 1.0 else values * unit.factor
     stroke = None
     if unit.symbol == "rad" and max_deg is None:
-        stroke = max(largest_stroke(t_us, values), LEAST_STROKE_RAD)
-    return values, Settled(name, sign or "nose-right", max_deg, stroke)
+        told = own.get("rudder_stroke_rad")
+        stroke = float(told) if told else max(largest_stroke(t_us, values), LEAST_STROKE_RAD)
+    rudder_is = asked.rudder_is or kind_of(found, unit, own)
+    return values, Settled(name, sign or "nose-right", max_deg, stroke, rudder_is)
+
+
+def kind_of(found: Found, unit: Unit, own: dict[str, str]) -> str:
+    """Return whether a surface's column is ``measured`` or ``commanded``.
+
+    The word in its header decides, then whether yawid exported the file, then the unit: an angle
+    is measured.
+    """
+    if found.header.kind is not None:
+        return KINDS[found.header.kind]
+    return own.get("kind") or ("measured" if unit.symbol == "rad" else "commanded")
 
 
 def aileron_of(table: Table, found: Found, t_us: Ints) -> Floats:

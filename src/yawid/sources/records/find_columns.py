@@ -47,6 +47,7 @@ class Asked:
     rudder_sign: str | None = None
     rudder_max_deg: float | None = None
     needs: tuple[str, ...] = ()
+    rudder_is: str | None = None
 
 
 class Table(Protocol):

@@ -12,18 +12,22 @@ _BRACKETS: Final = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*
 ANGLES: Final = frozenset({"rad", "rad/s"})
 """The units of the table that ``--units`` is for."""
 SIGNS: Final = ("nose-right", "nose-left")
+KINDS: Final = {"held": "commanded", "measured": "measured"}
+"""The last word of a surface's unit, and what ``--rudder-is`` calls it."""
 
 
 class Header(NamedTuple):
     """A column's header: its name without the unit in brackets, and its unit.
 
     ``unit`` is None where none is given. ``sign``, one of ``SIGNS``, is the way a positive value
-    turns the nose, None where it is not given.
+    turns the nose, and ``kind``, one of ``KINDS``, what a deflection is between two rows; both are
+    None where they are not given.
     """
 
     name: str
     unit: str | None
     sign: str | None = None
+    kind: str | None = None
 
 
 def header_of(cell: str, unit_row: str = "") -> Header:
@@ -35,10 +39,13 @@ def header_of(cell: str, unit_row: str = "") -> Header:
         # f(x) is a name too: brackets must contain a unit, or a text for no unit.
         if unit_of(inside) is not None or inside.lower() in NOTHING or not unit:
             name, unit = found.group(1), unit or inside
+    kind = next((each for each in KINDS if unit.lower().split()[-1:] == [each]), None)
+    if kind is not None:
+        unit = unit[: -len(kind)].strip()
     sign = next((each for each in SIGNS if unit.lower().replace(" ", "-").endswith(each)), None)
     if sign is not None:
         unit = unit[: -len(sign)].strip()
-    return Header(name, None if unit.lower() in NOTHING else unit, sign)
+    return Header(name, None if unit.lower() in NOTHING else unit, sign, kind)
 
 
 def by_suffix(name: str, column: str) -> str | None:

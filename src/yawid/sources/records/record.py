@@ -16,6 +16,7 @@ from yawid.blocks import Floats, RecordBlock
 from yawid.errors import ChannelError, SourceError
 from yawid.quantities.link import LinkStats
 from yawid.quantities.table import CHANNELS
+from yawid.quantities.units import HALF_TRAVEL, UNITS
 from yawid.sources.logs.tlog import CHUNK, Digest
 from yawid.sources.records.airspeeds import airspeed_of
 from yawid.sources.records.column_values import (
@@ -24,6 +25,7 @@ from yawid.sources.records.column_values import (
     held_of,
     in_its_unit,
     is_assumed,
+    kind_of,
     place_of,
     possible,
     rudder_of,
@@ -84,6 +86,8 @@ class Record:
         found = self._find_columns(asked)
         t_us, unix_ns = times_of(table, found)
         own, nothing = _own_facts(table.facts), same(np.nan, table.rows)
+        if "held" in found:  # a run's export, whose deflections are means over a sample
+            own["kind"] = "commanded"
         rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
         held = held_of(table, found["held"]) if "held" in found else same(-1, table.rows)
         have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
@@ -96,6 +100,7 @@ class Record:
                 | {"rudder": f"{found['rudder'].header.name} [{settled.rudder_unit}]"},
                 modes_of=whose,
                 assumed=_assumed(found),
+                measured=_measured(found, settled, own),
                 order=same(0, table.rows),  # each row gets its own order in Rows.piece
                 received_us=t_us if unix_ns is None else t_us + offsets_us(t_us, unix_ns),
                 t_us=t_us,
@@ -158,6 +163,14 @@ def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
     return tuple(found[name].header.name for name in used if is_assumed(name, found[name]))
 
 
+def _measured(found: dict[str, Found], settled: Settled, own: dict[str, str]) -> tuple[str, ...]:
+    """Return the surfaces whose columns are measured deflections."""
+    kinds = {"rudder": settled.rudder_is}
+    if (aileron := found.get("aileron")) is not None:
+        kinds["aileron"] = kind_of(aileron, aileron.unit or UNITS[HALF_TRAVEL], own)
+    return tuple(name for name, kind in kinds.items() if kind == "measured")
+
+
 def _modes(
     table: Table, found: dict[str, Found], autopilot: str | None
 ) -> tuple[Floats, tuple[int, int]]:
@@ -171,11 +184,11 @@ def _modes(
 
 
 def _own_facts(facts: dict[str, str]) -> dict[str, str]:
-    """Return sign, travel and autopilot from the metadata of a file that yawid exported."""
+    """Return sign, travel or stroke, and autopilot from the metadata of an exported file."""
     try:
         settings = tomllib.loads(facts["configuration"])
     except (KeyError, tomllib.TOMLDecodeError):
         return {}
     own = {"rudder_sign": "nose-right", "autopilot": facts.get("autopilot", "")}
-    max_deg = settings.get("rudder_max_deg")
-    return own | ({"rudder_max_deg": repr(max_deg)} if isinstance(max_deg, float | int) else {})
+    sizes = {name: settings.get(name) for name in ("rudder_max_deg", "rudder_stroke_rad")}
+    return own | {name: repr(size) for name, size in sizes.items() if isinstance(size, float | int)}

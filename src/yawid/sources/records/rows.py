@@ -119,14 +119,15 @@ def _filled(block: RecordBlock) -> RecordBlock:
     edges = [0, *(np.flatnonzero(np.diff(block.t_us) <= -BACK_US) + 1).tolist(), len(block)]
     kinds = {name: CHANNELS[name].kind for name in RecordBlock.__slots__ if name in CHANNELS}
     # The yaw rate has rows of its own.
-    for name in (each for each, kind in kinds.items() if kind == "linear" and each != "r"):
+    linear = [each for each, kind in kinds.items() if kind == "linear" and each != "r"]
+    for name in [*linear, *(each for each in block.measured if each != "rudder")]:
         values = getattr(block, name)
         if np.isfinite(values).any() and not np.isfinite(values).all():
             parts = [_between(block.t_us[a:b], values[a:b], is_angle=name == "yaw")
                      for a, b in pairwise(edges)]  # fmt: skip
             columns[name] = np.concatenate(parts)
     for name in ("aileron", "by_ground", *(each for each in kinds if kinds[each] == "held")):
-        columns[name] = newest(getattr(block, name))
+        columns[name] = newest(columns.get(name, getattr(block, name)))
     return replace(block, **columns)
 
 
