@@ -125,8 +125,8 @@ def excitation_reasons(found: Movement, travel: str = "half its travel") -> Iter
         yield Reason(
             "mixed_rudder",
             f"the rudder follows the aileron: it moved by {100 * found.most_whole:.0f} % of "
-            f"{travel} within {WINDOW_S:g} s, of which no more than {100 * found.most_own:.1f} % "
-            f"are its own, and {needed}",
+            f"{travel} within {WINDOW_S:g} s, but at most {100 * found.most_own:.1f} % by itself, "
+            f"and {needed}",
         )
 
 
